@@ -1,0 +1,268 @@
+//! What travels: classic CAN frames with an 11-bit identifier, and what a controller reports about the bus.
+//!
+//! A serial bus uses the same [`Frame`]: its identifier is the address byte of the RS485 header.
+
+use crate::time::Instant;
+
+/// The arbitration id of a standard frame: 11 bits, the lower the more urgent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FrameId(u16);
+
+impl FrameId {
+    /// The largest id, 0x7FF.
+    pub const MAX: Self = Self(0x7FF);
+
+    /// `None` when `raw` has more than 11 bits.
+    #[must_use]
+    pub const fn new(raw: u16) -> Option<Self> {
+        if raw <= Self::MAX.0 { Some(Self(raw)) } else { None }
+    }
+
+    /// The id as a number, 0 to 0x7FF.
+    #[must_use]
+    pub const fn raw(self) -> u16 {
+        self.0
+    }
+}
+
+/// A data frame with 0 to 8 bytes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    id: FrameId,
+    len: u8,
+    data: [u8; 8],
+}
+
+impl Frame {
+    /// `None` when `payload` is longer than 8 bytes.
+    #[must_use]
+    pub fn new(id: FrameId, payload: &[u8]) -> Option<Self> {
+        let mut data = [0; 8];
+        data.get_mut(..payload.len())?.copy_from_slice(payload);
+        Some(Self { id, len: payload.len() as u8, data })
+    }
+
+    /// A frame with all 8 bytes, as every command to a motor is.
+    #[must_use]
+    pub const fn full(id: FrameId, data: [u8; 8]) -> Self {
+        Self { id, len: 8, data }
+    }
+
+    /// The arbitration id.
+    #[must_use]
+    pub const fn id(&self) -> FrameId {
+        self.id
+    }
+
+    /// The bytes, as many as the DLC says.
+    #[must_use]
+    pub fn payload(&self) -> &[u8] {
+        &self.data[..usize::from(self.len)]
+    }
+}
+
+impl core::fmt::Debug for Frame {
+    /// As `candump` prints it: `101#0180008008001E00`.
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:03X}#", self.id.raw())?;
+        self.payload().iter().try_for_each(|byte| write!(f, "{byte:02X}"))
+    }
+}
+
+/// Something that came from a bus, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Arrival {
+    /// When the frame was complete: the kernel's receive stamp, or the simulation's end of frame.
+    pub at: Instant,
+    /// What came.
+    pub content: Content,
+}
+
+/// What came from a bus. Only [`Content::Frame`] ever reaches a motor decoder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Content {
+    /// A data frame with an 11-bit id and at most 8 bytes.
+    Frame(Frame),
+    /// A frame that no SteadyWin motor sends.
+    Foreign(Foreign),
+    /// The controller's report on itself or on the bus.
+    Error(ErrorFrame),
+}
+
+/// Frames that are counted and dropped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Foreign {
+    /// 29-bit identifier.
+    Extended,
+    /// Remote transmission request.
+    Remote,
+    /// CAN FD.
+    Fd,
+    /// A length no classic frame has, or a raw DLC of 9 to 15.
+    Length,
+}
+
+/// An error message frame of Linux: the class bits of its id, and its 8 bytes (`linux/can/error.h`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ErrorFrame {
+    /// `CAN_ERR_*` class bits, without the error flag.
+    pub class: u32,
+    /// Details, by class.
+    pub data: [u8; 8],
+}
+
+/// How healthy a controller says it is (ISO 11898-1 fault confinement).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ControllerState {
+    /// Takes full part.
+    Active,
+    /// An error counter passed 96.
+    Warning,
+    /// An error counter passed 127: it may no longer interrupt others.
+    Passive,
+    /// The transmit error counter passed 255: it has left the bus.
+    Off,
+}
+
+impl ErrorFrame {
+    /// `CAN_ERR_TX_TIMEOUT`.
+    pub const TX_TIMEOUT: u32 = 0x001;
+    /// `CAN_ERR_LOSTARB`.
+    pub const LOST_ARBITRATION: u32 = 0x002;
+    /// `CAN_ERR_CRTL`: controller problems, details in byte 1.
+    pub const CONTROLLER: u32 = 0x004;
+    /// `CAN_ERR_PROT`: protocol violations, details in bytes 2 and 3.
+    pub const PROTOCOL: u32 = 0x008;
+    /// `CAN_ERR_ACK`: nobody acknowledged.
+    pub const NO_ACKNOWLEDGE: u32 = 0x020;
+    /// `CAN_ERR_BUSOFF`.
+    pub const BUS_OFF: u32 = 0x040;
+    /// `CAN_ERR_BUSERROR`.
+    pub const BUS_ERROR: u32 = 0x080;
+    /// `CAN_ERR_RESTARTED`.
+    pub const RESTARTED: u32 = 0x100;
+
+    const RX_OVERFLOW: u8 = 0x01;
+    const WARNING: u8 = 0x04 | 0x08;
+    const PASSIVE: u8 = 0x10 | 0x20;
+    const ACTIVE: u8 = 0x40;
+
+    /// The state this report announces, if it announces one.
+    #[must_use]
+    pub fn state(&self) -> Option<ControllerState> {
+        let controller = if self.class & Self::CONTROLLER == 0 { 0 } else { self.data[1] };
+        if self.class & Self::BUS_OFF != 0 {
+            Some(ControllerState::Off)
+        } else if controller & Self::PASSIVE != 0 {
+            Some(ControllerState::Passive)
+        } else if controller & Self::WARNING != 0 {
+            Some(ControllerState::Warning)
+        } else if controller & Self::ACTIVE != 0 || self.class & Self::RESTARTED != 0 {
+            Some(ControllerState::Active)
+        } else {
+            None
+        }
+    }
+
+    /// The controller lost received frames.
+    #[must_use]
+    pub fn receive_overflow(&self) -> bool {
+        self.class & Self::CONTROLLER != 0 && self.data[1] & Self::RX_OVERFLOW != 0
+    }
+}
+
+/// Where [`Bus::receive`](crate::Bus::receive) puts arrivals. Fixed size: whoever floods a bus fills an inbox, not the
+/// cycle.
+#[derive(Debug, Clone)]
+pub struct Inbox {
+    arrivals: [Arrival; Inbox::CAPACITY],
+    len: usize,
+    /// Frames that the kernel dropped before they could be read (`SO_RXQ_OVFL`), since the last [`clear`](Self::clear).
+    pub lost: u32,
+}
+
+impl Inbox {
+    /// The most arrivals one call can deliver.
+    pub const CAPACITY: usize = 64;
+
+    /// An empty inbox.
+    #[must_use]
+    pub const fn new() -> Self {
+        let nothing = Arrival { at: Instant::ZERO, content: Content::Foreign(Foreign::Length) };
+        Self { arrivals: [nothing; Self::CAPACITY], len: 0, lost: 0 }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.len = 0;
+        self.lost = 0;
+    }
+
+    /// Adds an arrival; gives it back when there is no room.
+    ///
+    /// # Errors
+    ///
+    /// The arrival itself, when the inbox is full.
+    pub fn push(&mut self, arrival: Arrival) -> Result<(), Arrival> {
+        let Some(slot) = self.arrivals.get_mut(self.len) else { return Err(arrival) };
+        *slot = arrival;
+        self.len += 1;
+        Ok(())
+    }
+
+    /// How many more arrivals fit.
+    #[must_use]
+    pub fn room(&self) -> usize {
+        Self::CAPACITY - self.len
+    }
+
+    /// What arrived, oldest first.
+    #[must_use]
+    pub fn arrivals(&self) -> &[Arrival] {
+        &self.arrivals[..self.len]
+    }
+}
+
+impl Default for Inbox {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frame_holds_at_most_eight_bytes_and_eleven_bits_of_id() {
+        let id = FrameId::new(0x7FF).unwrap();
+        assert_eq!(FrameId::new(0x800), None);
+        assert_eq!(Frame::new(id, &[0; 9]), None);
+        let frame = Frame::new(id, &[1, 2, 3]).unwrap();
+        assert_eq!(frame.payload(), [1, 2, 3]);
+        assert_eq!(format!("{frame:?}"), "7FF#010203");
+    }
+
+    #[test]
+    fn the_controller_state_is_the_worst_that_is_announced() {
+        let report = |class, detail| ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
+        assert_eq!(report(ErrorFrame::BUS_OFF, 0).state(), Some(ControllerState::Off));
+        assert_eq!(report(ErrorFrame::CONTROLLER, 0x20 | 0x08).state(), Some(ControllerState::Passive));
+        assert_eq!(report(ErrorFrame::CONTROLLER, 0x04).state(), Some(ControllerState::Warning));
+        assert_eq!(report(ErrorFrame::CONTROLLER, 0x40).state(), Some(ControllerState::Active));
+        assert_eq!(report(ErrorFrame::RESTARTED, 0).state(), Some(ControllerState::Active));
+        assert_eq!(report(ErrorFrame::PROTOCOL, 0x20).state(), None, "byte 1 counts for its class only");
+    }
+
+    #[test]
+    fn a_full_inbox_gives_the_arrival_back() {
+        let mut inbox = Inbox::new();
+        let arrival = Arrival { at: Instant::ZERO, content: Content::Foreign(Foreign::Fd) };
+        for _ in 0..Inbox::CAPACITY {
+            inbox.push(arrival).unwrap();
+        }
+        assert_eq!((inbox.room(), inbox.push(arrival)), (0, Err(arrival)));
+        inbox.clear();
+        assert_eq!(inbox.arrivals(), []);
+    }
+}

@@ -1,0 +1,77 @@
+//! The wire, as the rest of motord sees it.
+//!
+//! A [`Bus`] takes frames and gives back what arrived, stamped with the time it arrived at. It never blocks, and after
+//! it was opened it never allocates. Waiting is not its business: it tells what to wait for ([`Readiness`]), and the
+//! owner waits for all its buses in one system call.
+//!
+//! - [`time`]: the one clock of motord, as a value that is passed in.
+//! - [`frame`]: what a classic CAN frame can hold, and what a controller says about itself.
+//! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
+//!
+//! Wall time and system calls stop in this crate and in the daemon's `rt`.
+
+pub mod arithmetic;
+pub mod frame;
+pub mod time;
+
+pub use frame::{Arrival, Content, ErrorFrame, Foreign, Frame, FrameId, Inbox};
+pub use time::{Duration, Instant};
+
+use std::os::fd::RawFd;
+
+/// One bus: a CAN interface, a serial port, or a simulation of them.
+///
+/// Every method is called from the real-time thread: none allocates, blocks, or runs an unbounded loop.
+pub trait Bus: Send {
+    /// Hands `frames` over in this order. At most one system call. What was not accepted is dropped, never kept for
+    /// later: a late torque is worse than none.
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent;
+
+    /// Adds what has arrived by `now` to `inbox`, oldest first, until nothing is left or the inbox is full. At most
+    /// one system call.
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox);
+
+    /// What to wait for until [`receive`](Self::receive) has something.
+    fn readiness(&self) -> Readiness;
+}
+
+/// What became of the frames given to [`Bus::send`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sent {
+    /// How many of the frames were accepted, counted from the first.
+    pub accepted: usize,
+    /// Why the others were not. `None` exactly when all were accepted.
+    pub refusal: Option<Refusal>,
+}
+
+impl Sent {
+    /// All `count` frames were accepted.
+    #[must_use]
+    pub const fn all(count: usize) -> Self {
+        Self { accepted: count, refusal: None }
+    }
+}
+
+/// Why a bus did not take a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// The transmit queue is full (`ENOBUFS`, `EAGAIN`): nobody on the bus acknowledges, or it is overloaded.
+    Full,
+    /// The interface is down (`ENETDOWN`).
+    Down,
+    /// The interface is gone (`ENODEV`, `ENXIO`, `EIO` of an unplugged adapter). Only opening it again helps.
+    Gone,
+    /// Anything else, by its `errno`.
+    Error(i32),
+}
+
+/// What makes the next [`Bus::receive`] worth while.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Readiness {
+    /// This file descriptor becomes readable.
+    Readable(RawFd),
+    /// The clock reaches this instant (simulated buses know when the next frame ends).
+    At(Instant),
+    /// Nothing is under way.
+    Never,
+}

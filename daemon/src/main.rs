@@ -1,0 +1,2 @@
+//! motord.
+fn main() {}

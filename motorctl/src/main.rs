@@ -1,0 +1,2 @@
+//! motorctl.
+fn main() {}
