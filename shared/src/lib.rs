@@ -1,1 +1,25 @@
-//! Skeleton.
+//! What crosses the process boundary between motord and its clients, and nothing else.
+//!
+//! - [`message`]: the shared-memory layouts. Integers and floats only: another process may write any bytes there, so a
+//!   `bool` or an `enum` in them would be undefined behaviour waiting for a bad client.
+//! - [`vocabulary`]: what the integers mean. A code becomes a word by `TryFrom`, and every word has a sentence.
+//! - [`roster`]: names and limits of the joints, and what the tool asks for, as text.
+//! - [`limits`]: every bound, by name.
+//!
+//! Units are SI and joint side: rad, rad/s, N·m, N·m/rad, N·m·s/rad; temperatures in °C; times in nanoseconds of
+//! `CLOCK_MONOTONIC`.
+
+#![forbid(unsafe_code)]
+
+pub mod limits;
+pub mod message;
+pub mod roster;
+pub mod vocabulary;
+
+pub use message::{
+    AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState, SetpointMessage,
+    StateMessage,
+};
+pub use vocabulary::{
+    BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
+};

@@ -1,0 +1,261 @@
+//! The configuration once it is known to be good: every value present, in range, and in the units of the code.
+
+use motord_bus::{Duration, FrameId};
+use motord_protocol::TorqueScale;
+
+/// Everything the daemon was told.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// The instance's name: its services are `motord/<instance>/…`.
+    pub instance: String,
+    /// `[cycle]`.
+    pub cycle: CycleSettings,
+    /// `[exchange]`.
+    pub exchange: ExchangeSettings,
+    /// `[safety]`.
+    pub safety: SafetySettings,
+    /// `[[bus]]`, in the order of the file.
+    pub buses: Vec<BusSettings>,
+    /// `[[motor]]`, in the order of the file: motor and joint indices everywhere.
+    pub motors: Vec<MotorSettings>,
+    /// `[[group]]`, or one group `all`. Every motor is in exactly one.
+    pub groups: Vec<GroupSettings>,
+}
+
+/// `[cycle]`.
+#[derive(Debug, Clone)]
+pub struct CycleSettings {
+    /// Cycles per second.
+    pub rate_hz: f64,
+    /// Time from one cycle to the next.
+    pub period: Duration,
+    /// The processor the cycle is pinned to; `None` leaves it to the scheduler.
+    pub cpu: Option<usize>,
+    /// `SCHED_FIFO` priority, 1 to 98.
+    pub priority: u8,
+    /// Refuse to run without `SCHED_FIFO` and locked memory.
+    pub require_realtime: bool,
+    /// A cycle that begins later than this has lost its time base: safe stop.
+    pub max_lateness: Duration,
+    /// From the beginning of a cycle: replies that have not come by then are missed.
+    pub reply_deadline: Duration,
+    /// Poll for this long at the end of each wait instead of sleeping; zero sleeps only.
+    pub busy_poll: Duration,
+}
+
+/// How the exchange thread waits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExchangeMode {
+    /// Wakes when the states are ready, and `lead` before the next cycle to fetch setpoints.
+    Timed,
+    /// Polls. Needs a processor of its own.
+    Spin,
+}
+
+/// `[exchange]`.
+#[derive(Debug, Clone)]
+pub struct ExchangeSettings {
+    /// How it waits.
+    pub mode: ExchangeMode,
+    /// How long before a cycle the setpoints are fetched.
+    pub lead: Duration,
+    /// The processor it is pinned to.
+    pub cpu: Option<usize>,
+    /// `SCHED_FIFO` priority; `None` leaves it normal.
+    pub priority: Option<u8>,
+}
+
+/// What a group does when it is stopped for a cause.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SafeStop {
+    /// Damp (kp 0, kd of the motor, torque 0) until slow or for `damp`, then stop the motors. The default.
+    Damp,
+    /// Hold the position measured last with the last gains, damped, for `damp`; then damp and stop.
+    Hold,
+    /// Stop the motors at once: they go limp.
+    Stop,
+}
+
+/// Who stops when a motor reports a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FaultPolicy {
+    /// That motor only.
+    StopJoint,
+    /// Its group. The default.
+    StopGroup,
+    /// Every group.
+    StopAll,
+}
+
+/// `[safety]`.
+#[derive(Debug, Clone)]
+pub struct SafetySettings {
+    /// An owner that sends no valid setpoint for this long is dead.
+    pub setpoint_timeout: Duration,
+    /// What a group does when it is stopped for a cause, where the group says nothing else.
+    pub safe_stop: SafeStop,
+    /// The longest a group is damped before its motors are stopped.
+    pub damp: Duration,
+    /// A damped joint slower than this, rad/s, is at rest.
+    pub rest_velocity: f32,
+    /// A motor that missed this many cycles in a row is lost.
+    pub lost_cycles: u32,
+    /// Largest distance between a joint and its position setpoint when it is enabled, rad.
+    pub start_jump: f32,
+    /// The gains rise from zero over this time after a start.
+    pub start_ramp: Duration,
+    /// A motor that has not started after this time does not start.
+    pub start_timeout: Duration,
+    /// Each motor is asked for its faults this often, Hz; 0 never asks.
+    pub fault_poll_hz: f64,
+    /// The dead man's switch acts when the heartbeat stands still for this long.
+    pub deadman: Duration,
+    /// Carry the rounding error of the torque from cycle to cycle.
+    pub error_feedback: bool,
+}
+
+/// `[[bus]]`.
+#[derive(Debug, Clone)]
+pub struct BusSettings {
+    /// Its name.
+    pub name: String,
+    /// What it is.
+    pub kind: BusKind,
+}
+
+/// What a bus is made of.
+#[derive(Debug, Clone)]
+pub enum BusKind {
+    /// A CAN interface of Linux.
+    SocketCan {
+        /// The interface, `can0`.
+        interface: String,
+        /// Bit/s.
+        bitrate: u32,
+    },
+    /// RS485 or RS232.
+    Serial {
+        /// The device, `/dev/ttyUSB0`.
+        device: String,
+        /// Bit/s.
+        baud: u32,
+    },
+    /// Simulated motors on a simulated CAN bus, inside the daemon.
+    Simulated {
+        /// Bit/s.
+        bitrate: u32,
+        /// Seed of everything that is random in it.
+        seed: u64,
+    },
+}
+
+impl BusKind {
+    /// Bit/s on the wire.
+    #[must_use]
+    pub fn bitrate(&self) -> u32 {
+        match *self {
+            Self::SocketCan { bitrate, .. } | Self::Simulated { bitrate, .. } => bitrate,
+            Self::Serial { baud, .. } => baud,
+        }
+    }
+}
+
+/// Which of SteadyWin's protocols a motor speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MotorProtocol {
+    /// MIT over CAN.
+    Mit,
+    /// Native (GIM), over CAN, RS485 or RS232.
+    Gim,
+}
+
+/// What a motor does with a position beyond the ±12.5 rad that MIT can tell; the documents are silent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BeyondRange {
+    /// Not known: stop before the end of the range. The default.
+    Stop,
+    /// The code wraps round: unwrap it.
+    Wrap,
+}
+
+/// `[[motor]]`.
+#[derive(Debug, Clone)]
+pub struct MotorSettings {
+    /// The joint's name.
+    pub name: String,
+    /// Index of its bus.
+    pub bus: usize,
+    /// Its CAN id (ConfID 0x12), 1 to 0xFE.
+    pub id: u8,
+    /// The id its answers bear (ConfID 0x13).
+    pub host_id: FrameId,
+    /// Its protocol.
+    pub protocol: MotorProtocol,
+    /// Its model's name.
+    pub model: String,
+    /// Rotor torque constant and gear ratio, as the scale of its torque code.
+    pub torque_scale: TorqueScale,
+    /// Joint angle = `direction` · motor angle + `offset`; +1 or -1.
+    pub direction: f32,
+    /// rad.
+    pub offset: f32,
+    /// Damping of a safe stop, N·m·s/rad.
+    pub damping_kd: f32,
+    /// What happens at the end of the position range.
+    pub beyond_range: BeyondRange,
+    /// Who stops when this motor reports a fault.
+    pub fault_policy: FaultPolicy,
+    /// `[motor.limits]`.
+    pub limits: LimitSettings,
+    /// `[motor.simulation]`, for simulated buses.
+    pub simulation: MotorSimulation,
+}
+
+/// `[motor.limits]`, joint side.
+#[derive(Debug, Clone)]
+pub struct LimitSettings {
+    /// Lowest and highest position, rad.
+    pub position: [f32; 2],
+    /// Largest speed, rad/s: of setpoints, of the position setpoint's motion, and times 1.2 of the joint.
+    pub velocity: f32,
+    /// Largest torque, N·m: of setpoints, and of kp·Δp + kd·Δv + torque.
+    pub torque: f32,
+    /// Largest stiffness, N·m/rad.
+    pub kp: f32,
+    /// Largest damping, N·m·s/rad.
+    pub kd: f32,
+    /// Fastest change of torque, N·m/s.
+    pub torque_slew: f32,
+    /// Fastest change of stiffness, N·m/rad/s.
+    pub kp_slew: f32,
+    /// Fastest change of damping, N·m·s/rad/s.
+    pub kd_slew: f32,
+    /// Above it the torque is derated, °C.
+    pub temperature_derate: f32,
+    /// At it the torque is zero; sustained for a second it is a safe stop, °C.
+    pub temperature: f32,
+    /// Largest distance between joint and position setpoint, rad; `None` does not watch it.
+    pub following_error: Option<f32>,
+}
+
+/// `[motor.simulation]`: the physics of a simulated motor, output side.
+#[derive(Debug, Clone)]
+pub struct MotorSimulation {
+    /// Where it stands at the start, motor side, rad.
+    pub initial_position: f64,
+    /// Inertia of the load at the output, kg·m².
+    pub load_inertia: f64,
+    /// Time from a command to the answer's first bit.
+    pub reply_latency: Duration,
+}
+
+/// `[[group]]`.
+#[derive(Debug, Clone)]
+pub struct GroupSettings {
+    /// Its name.
+    pub name: String,
+    /// Motor indices, rising.
+    pub motors: Vec<usize>,
+    /// What it does when it is stopped for a cause.
+    pub safe_stop: SafeStop,
+}

@@ -1,0 +1,18 @@
+//! Every bound of the exchange, by name. Changing one changes a layout: give the message a new version with it.
+
+/// Most joints of one robot.
+pub const JOINTS_MAX: usize = 64;
+/// Most groups of joints.
+pub const GROUPS_MAX: usize = 8;
+/// Most buses.
+pub const BUSES_MAX: usize = 16;
+/// Most controller processes that may hold a group at one time, with one to spare for the next owner.
+pub const CONTROLLERS_MAX: usize = 16;
+/// Most processes that may watch the states.
+pub const WATCHERS_MAX: usize = 32;
+/// Most processes that may send administrative requests.
+pub const ADMINS_MAX: usize = 32;
+/// Most bytes of text in an answer to an administrative request.
+pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
+/// Most bytes of a joint, group, bus or instance name.
+pub const NAME_BYTES_MAX: usize = 32;

@@ -1,0 +1,297 @@
+//! The shared-memory layouts, version 1.
+//!
+//! Joints, groups and buses stand in the order of the configuration; entries past the count are zero. A message's
+//! type name carries its version, and the service is refused to a client whose layout differs.
+
+use crate::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
+use crate::vocabulary::Rejection;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// `StateMessage::flags`: the emergency stop is latched.
+pub const FLAG_EMERGENCY_STOP: u32 = 1 << 0;
+/// `StateMessage::flags`: the cycle has real-time scheduling and locked memory.
+pub const FLAG_REALTIME: u32 = 1 << 1;
+/// `StateMessage::flags`: this cycle began later than its place on the grid by a period or more.
+pub const FLAG_OVERRUN: u32 = 1 << 2;
+/// `StateMessage::flags`: the daemon is shutting down.
+pub const FLAG_SHUTDOWN: u32 = 1 << 3;
+
+/// `JointState::flags`: position, velocity and torque were received in this very cycle.
+pub const JOINT_FRESH: u32 = 1 << 0;
+/// `JointState::flags`: position, velocity and torque have been received at least once since the motor came online.
+pub const JOINT_VALID: u32 = 1 << 1;
+
+/// A group index that means every group.
+pub const ALL_GROUPS: u32 = u32::MAX;
+
+/// What really went to the motor in a cycle, joint side.
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
+#[type_name("motord.Applied.v1")]
+#[repr(C)]
+pub struct Applied {
+    /// rad.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// Stiffness, N·m/rad.
+    pub kp: f32,
+    /// Damping, N·m·s/rad.
+    pub kd: f32,
+    /// N·m.
+    pub torque: f32,
+}
+
+/// One joint in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
+#[type_name("motord.JointState.v1")]
+#[repr(C)]
+pub struct JointState {
+    /// rad. The last one received; see `age_cycles`.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// N·m, as the motor estimates it.
+    pub torque: f32,
+    /// °C, NaN when the protocol does not tell.
+    pub temperature: f32,
+    /// What was sent to the motor in this cycle.
+    pub applied: Applied,
+    /// `Limit` bits that acted on `applied`.
+    pub limits: u32,
+    /// `MotorMode` code.
+    pub mode: u32,
+    /// The motor's fault bits (GIM document, table 9), 0 for none.
+    pub fault: u32,
+    /// `JOINT_*` flags.
+    pub flags: u32,
+    /// Cycles since the last reply; 0 when it came in this cycle.
+    pub age_cycles: u32,
+    /// Cycles without a reply since the daemon started.
+    pub missed: u32,
+    /// Time from the command to its reply, ns; 0 before the first.
+    pub reply_latency_ns: u32,
+    /// Replies that came after their cycle was over.
+    pub late: u32,
+    /// When the last reply arrived, ns of `CLOCK_MONOTONIC`; 0 before the first.
+    pub receive_ns: u64,
+}
+
+/// One group in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[type_name("motord.GroupState.v1")]
+#[repr(C)]
+pub struct GroupState {
+    /// The owner's lease; 0 for none.
+    pub lease: u64,
+    /// Sequence number of the setpoint in use; 0 for none.
+    pub sequence: u64,
+    /// Age of the setpoint in use when the cycle began, ns.
+    pub setpoint_age_ns: u64,
+    /// `Phase` code.
+    pub phase: u32,
+    /// `Cause` code that is latched; 0 for none.
+    pub cause: u32,
+    /// Index of the joint that gave the cause; `u32::MAX` when it was none in particular.
+    pub cause_joint: u32,
+    /// Setpoint messages accepted, modulo 2³².
+    pub accepted: u32,
+    /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
+    pub rejected: [u32; Rejection::COUNT],
+}
+
+/// One bus in a cycle. All counters are modulo 2³².
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[type_name("motord.BusState.v1")]
+#[repr(C)]
+pub struct BusState {
+    /// `BusCondition` code.
+    pub condition: u32,
+    /// Frames that the bus accepted.
+    pub sent: u32,
+    /// Frames that it did not accept.
+    pub dropped: u32,
+    /// Frames received, of any kind.
+    pub received: u32,
+    /// Frames whose id or first byte belongs to no motor of this bus.
+    pub unknown: u32,
+    /// Replies that nobody had asked for, among them second answers to one request.
+    pub duplicate: u32,
+    /// Frames that no SteadyWin motor sends, or that do not decode.
+    pub malformed: u32,
+    /// Error frames.
+    pub errors: u32,
+    /// Frames that were lost before they could be read.
+    pub lost: u32,
+    /// Keeps the layout free of implicit padding.
+    pub reserved: u32,
+}
+
+/// Everything that is known after a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("motord.State.v1")]
+#[repr(C)]
+pub struct StateMessage {
+    /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
+    pub boot_id: u64,
+    /// Cycle number, from 1; it counts the places on the grid, so that skipped cycles leave a gap.
+    pub cycle: u64,
+    /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
+    pub tick_ns: u64,
+    /// How much later it began, ns.
+    pub wake_latency_ns: u64,
+    /// When the states were complete, ns of `CLOCK_MONOTONIC`.
+    pub publish_ns: u64,
+    /// Places on the grid that were skipped, since the start.
+    pub overruns: u64,
+    /// `FLAG_*`.
+    pub flags: u32,
+    /// Joints in use.
+    pub joint_count: u32,
+    /// Groups in use.
+    pub group_count: u32,
+    /// Buses in use.
+    pub bus_count: u32,
+    /// Joints, in the order of the configuration.
+    pub joints: [JointState; JOINTS_MAX],
+    /// Groups, in the order of the configuration.
+    pub groups: [GroupState; GROUPS_MAX],
+    /// Buses, in the order of the configuration.
+    pub buses: [BusState; BUSES_MAX],
+}
+
+impl Default for StateMessage {
+    fn default() -> Self {
+        Self {
+            boot_id: 0,
+            cycle: 0,
+            tick_ns: 0,
+            wake_latency_ns: 0,
+            publish_ns: 0,
+            overruns: 0,
+            flags: 0,
+            joint_count: 0,
+            group_count: 0,
+            bus_count: 0,
+            joints: [JointState::default(); JOINTS_MAX],
+            groups: [GroupState::default(); GROUPS_MAX],
+            buses: [BusState::default(); BUSES_MAX],
+        }
+    }
+}
+
+impl StateMessage {
+    /// The joints in use. A hostile count is cut to the array.
+    #[must_use]
+    pub fn joints(&self) -> &[JointState] {
+        &self.joints[..(self.joint_count as usize).min(JOINTS_MAX)]
+    }
+
+    /// The groups in use.
+    #[must_use]
+    pub fn groups(&self) -> &[GroupState] {
+        &self.groups[..(self.group_count as usize).min(GROUPS_MAX)]
+    }
+
+    /// The buses in use.
+    #[must_use]
+    pub fn buses(&self) -> &[BusState] {
+        &self.buses[..(self.bus_count as usize).min(BUSES_MAX)]
+    }
+}
+
+/// What a joint is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
+#[type_name("motord.JointSetpoint.v1")]
+#[repr(C)]
+pub struct JointSetpoint {
+    /// rad.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// Stiffness, N·m/rad, not negative.
+    pub kp: f32,
+    /// Damping, N·m·s/rad, not negative.
+    pub kd: f32,
+    /// N·m.
+    pub torque: f32,
+    /// `SetpointMode` code.
+    pub mode: u32,
+}
+
+/// One frame of setpoints for a whole group.
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("motord.Setpoint.v1")]
+#[repr(C)]
+pub struct SetpointMessage {
+    /// The lease that a claim was answered with.
+    pub lease: u64,
+    /// Must rise with every message of a lease; the first is 1 or more.
+    pub sequence: u64,
+    /// When it was sent, ns of `CLOCK_MONOTONIC`.
+    pub time_ns: u64,
+    /// The cycle whose states it answers; for measuring only.
+    pub cycle: u64,
+    /// Joints in use: exactly the joints of the group.
+    pub joint_count: u32,
+    /// Keeps the layout free of implicit padding.
+    pub reserved: u32,
+    /// Joints of the group, in the order of the configuration.
+    pub joints: [JointSetpoint; JOINTS_MAX],
+}
+
+impl Default for SetpointMessage {
+    fn default() -> Self {
+        Self {
+            lease: 0,
+            sequence: 0,
+            time_ns: 0,
+            cycle: 0,
+            joint_count: 0,
+            reserved: 0,
+            joints: [JointSetpoint::default(); JOINTS_MAX],
+        }
+    }
+}
+
+/// An administrative request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[type_name("motord.AdminRequest.v1")]
+#[repr(C)]
+pub struct AdminRequest {
+    /// The lease of the asking owner; 0 when an operator or a watcher asks.
+    pub lease: u64,
+    /// `Operation` code.
+    pub operation: u32,
+    /// Group index, or [`ALL_GROUPS`].
+    pub group: u32,
+    /// Joint index.
+    pub joint: u32,
+    /// Process id of the asker, told to others that are refused because of it.
+    pub pid: u32,
+}
+
+/// The head of an answer; for `roster` and `telemetry` JSON text follows it as the payload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
+#[type_name("motord.AdminReply.v1")]
+#[repr(C)]
+pub struct AdminReply {
+    /// The lease that was granted; 0 otherwise.
+    pub lease: u64,
+    /// 0 for success, else a `Refusal` code.
+    pub refusal: u32,
+    /// What the refusal is about: a joint index, the holder's process id, a `Cause` code; 0 when there is nothing.
+    pub detail: u32,
+}
+
+const _: () = {
+    use core::mem::{offset_of, size_of};
+    assert!(size_of::<Applied>() == 20);
+    assert!(size_of::<JointState>() == 80 && offset_of!(JointState, receive_ns) == 72);
+    assert!(size_of::<GroupState>() == 40 + 4 * Rejection::COUNT);
+    assert!(size_of::<BusState>() == 40);
+    assert!(offset_of!(StateMessage, joints) == 64);
+    assert!(size_of::<StateMessage>() == 64 + 64 * 80 + 8 * size_of::<GroupState>() + 16 * 40);
+    assert!(size_of::<JointSetpoint>() == 24);
+    assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
+    assert!(size_of::<AdminRequest>() == 24 && size_of::<AdminReply>() == 16);
+};

@@ -1,0 +1,104 @@
+//! What the daemon tells as text: who the joints are, and how it is doing. JSON in the answer to an administrative
+//! request, so that fields can be added without a new layout.
+
+use serde::{Deserialize, Serialize};
+
+/// Who is there: names and limits, in the order of the configuration.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Roster {
+    /// The instance's name.
+    pub instance: String,
+    /// The daemon's version.
+    pub version: String,
+    /// The daemon's process id.
+    pub pid: u32,
+    /// See `StateMessage::boot_id`.
+    pub boot_id: u64,
+    /// Cycles per second.
+    pub rate_hz: f64,
+    /// A group's owner must send setpoints at least this often, s.
+    pub setpoint_timeout: f64,
+    /// Joints.
+    pub joints: Vec<JointDescription>,
+    /// Groups.
+    pub groups: Vec<GroupDescription>,
+    /// Names of the buses.
+    pub buses: Vec<String>,
+}
+
+/// A joint and its limits, joint side.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct JointDescription {
+    /// Its name.
+    pub name: String,
+    /// The name of its bus.
+    pub bus: String,
+    /// `mit` or `gim`.
+    pub protocol: String,
+    /// The model of its motor.
+    pub model: String,
+    /// Lowest and highest position, rad.
+    pub position: [f32; 2],
+    /// Largest speed, rad/s.
+    pub velocity: f32,
+    /// Largest torque, N·m.
+    pub torque: f32,
+    /// Largest stiffness, N·m/rad.
+    pub kp: f32,
+    /// Largest damping, N·m·s/rad.
+    pub kd: f32,
+}
+
+/// A group and its joints.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GroupDescription {
+    /// Its name.
+    pub name: String,
+    /// Indices of its joints, rising.
+    pub joints: Vec<usize>,
+}
+
+/// Counters and latencies since the daemon started.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Telemetry {
+    /// Cycles that were run.
+    pub cycles: u64,
+    /// Places on the grid that were skipped.
+    pub overruns: u64,
+    /// From the first cycle to the last, s.
+    pub seconds: f64,
+    /// Replies that did not come in their cycle, over all motors that were online.
+    pub missed_replies: u64,
+    /// Records that telemetry could not keep up with.
+    pub dropped_records: u64,
+    /// From a cycle's place on the grid to its beginning.
+    pub wake_latency_us: Percentiles,
+    /// From a command to its reply, all motors.
+    pub reply_latency_us: Percentiles,
+    /// From the sending of a setpoint to the cycle that used it.
+    pub setpoint_age_us: Percentiles,
+    /// From the beginning of a cycle to the publication of its states.
+    pub cycle_us: Percentiles,
+    /// Reply latency by joint, in the order of the roster.
+    pub joints: Vec<Percentiles>,
+}
+
+/// A latency distribution, µs.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Percentiles {
+    /// How many values.
+    pub count: u64,
+    /// Half are below.
+    pub p50: f64,
+    /// 99 % are below.
+    pub p99: f64,
+    /// 99.9 % are below.
+    pub p99_9: f64,
+    /// The largest.
+    pub max: f64,
+}

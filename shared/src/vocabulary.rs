@@ -1,0 +1,237 @@
+//! What the integers in the messages mean.
+//!
+//! One table per kind of code: number, kebab-case name (for JSON and the command line), and a sentence for people.
+
+/// Declares an enum whose variants have a stable number, a name and a sentence.
+macro_rules! codes {
+    ($(#[$doc:meta])* $type:ident { $($variant:ident = $code:literal $name:literal $sentence:literal,)+ }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[repr(u32)]
+        pub enum $type {
+            $(#[doc = $sentence] $variant = $code,)+
+        }
+
+        impl $type {
+            /// Every word, by rising number.
+            pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
+
+            /// The number in the messages.
+            #[must_use]
+            pub const fn code(self) -> u32 {
+                self as u32
+            }
+
+            /// The kebab-case name, as in JSON and on the command line.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)+ }
+            }
+
+            /// A sentence for people.
+            #[must_use]
+            pub const fn sentence(self) -> &'static str {
+                match self { $(Self::$variant => $sentence,)+ }
+            }
+        }
+
+        impl TryFrom<u32> for $type {
+            type Error = UnknownCode;
+            fn try_from(code: u32) -> Result<Self, UnknownCode> {
+                match code { $($code => Ok(Self::$variant),)+ _ => Err(UnknownCode(code)) }
+            }
+        }
+
+        impl core::fmt::Display for $type {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+    };
+}
+
+/// A number that is no word of its table: the other side is newer, or hostile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("unknown code {0}")]
+pub struct UnknownCode(pub u32);
+
+codes! {
+    /// What the daemon knows of one motor.
+    MotorMode {
+        Offline = 0 "offline" "The motor has not answered, or stopped answering.",
+        Idle = 1 "idle" "The motor answers and is stopped.",
+        Starting = 2 "starting" "The motor hears neutral commands and is being started.",
+        Active = 3 "active" "The motor follows setpoints.",
+        Damping = 4 "damping" "The motor is being damped; it will be stopped.",
+        Fault = 5 "fault" "The motor reported a fault; it is stopped until the fault is cleared.",
+    }
+}
+
+codes! {
+    /// Where a group of joints is between standing still and following setpoints.
+    Phase {
+        Disarmed = 0 "disarmed" "Every motor of the group is stopped.",
+        Starting = 1 "starting" "The motors of the group are being started.",
+        Active = 2 "active" "The group follows its owner's setpoints.",
+        Damping = 3 "damping" "The group is being damped and will be stopped.",
+    }
+}
+
+codes! {
+    /// Why a group was stopped. It stays latched until a reset.
+    Cause {
+        SetpointTimeout = 1 "setpoint-timeout" "The owner sent no valid setpoint within the setpoint timeout.",
+        EmergencyStop = 2 "emergency-stop" "An emergency stop was requested.",
+        MotorLost = 3 "motor-lost" "A motor stopped answering.",
+        MotorFault = 4 "motor-fault" "A motor reported a fault.",
+        TimeBase = 5 "time-base" "The cycle woke up too late: the time base is broken.",
+        BusOff = 6 "bus-off" "A CAN controller left its bus after too many errors.",
+        BusGone = 7 "bus-gone" "A bus interface went down or was unplugged.",
+        TransmitStall = 8 "transmit-stall" "A bus did not accept frames for several cycles.",
+        Implausible = 9 "implausible" "A motor reported states that physics does not allow.",
+        EncoderStuck = 10 "encoder-stuck" "A motor reported speed while its position stood still.",
+        Overspeed = 11 "overspeed" "A joint turned faster than its limit allows.",
+        FollowingError = 12 "following-error" "A joint stayed too far from its position setpoint.",
+        DuplicateId = 13 "duplicate-id" "Two motors answered to one id.",
+        OverTemperature = 14 "over-temperature" "A motor stayed too hot.",
+        ExchangeLost = 15 "exchange-lost" "The exchange with the clients stood still.",
+        Overload = 16 "overload" "Too many cycles came too late.",
+        Shutdown = 17 "shutdown" "The daemon is shutting down.",
+        StartFailed = 18 "start-failed" "A motor did not start in time.",
+        PowerCycled = 19 "power-cycled" "A motor was silent and came back at another position.",
+        OwnerLost = 20 "owner-lost" "The owner gave the group up, or it was taken from it, while it was active.",
+        Suspended = 21 "suspended" "The computer was suspended.",
+        RangeEnd = 22 "range-end" "A motor came to the end of the positions its protocol can tell.",
+    }
+}
+
+codes! {
+    /// What an administrative request asks for.
+    Operation {
+        Claim = 1 "claim" "Become the owner of a group.",
+        Release = 2 "release" "Give a group up.",
+        ForceRelease = 3 "force-release" "Take a group from its owner.",
+        Enable = 4 "enable" "Start the motors of a group and follow its owner's setpoints.",
+        Disable = 5 "disable" "Damp and stop the motors of a group.",
+        Reset = 6 "reset" "Take back the latched cause of a stop.",
+        EmergencyStop = 7 "emergency-stop" "Damp and stop every motor, now.",
+        SetZero = 8 "set-zero" "Make a stopped motor's present position its zero.",
+        ClearFault = 9 "clear-fault" "Acknowledge a motor's fault.",
+        Roster = 10 "roster" "Tell names and limits of joints, groups and buses, as JSON.",
+        Telemetry = 11 "telemetry" "Tell counters and latency percentiles, as JSON.",
+    }
+}
+
+codes! {
+    /// Why an administrative request was refused. 0 is success.
+    Refusal {
+        UnknownOperation = 1 "unknown-operation" "The daemon does not know this request; is the client newer than the daemon?",
+        UnknownGroup = 2 "unknown-group" "There is no such group.",
+        UnknownJoint = 3 "unknown-joint" "There is no such joint.",
+        Owned = 4 "owned" "Another process owns this group.",
+        NotOwner = 5 "not-owner" "The lease is not, or no longer, the one that owns this group.",
+        NoOwner = 6 "no-owner" "Nobody owns this group: a controller must claim it and send setpoints first.",
+        Latched = 7 "latched" "The group was stopped for a cause that is still latched: reset it first.",
+        EmergencyStopActive = 8 "emergency-stop-active" "The emergency stop is latched: reset it first.",
+        MotorOffline = 9 "motor-offline" "A motor of the group does not answer.",
+        MotorFault = 10 "motor-fault" "A motor of the group reports a fault: clear it first.",
+        StateStale = 11 "state-stale" "The state of a motor of the group is not fresh.",
+        NoSetpoint = 12 "no-setpoint" "The owner sends no valid setpoints.",
+        SetpointTooFar = 13 "setpoint-too-far" "A position setpoint is too far from where its joint is: enabling would jump.",
+        NotDisarmed = 14 "not-disarmed" "This needs the group stopped.",
+        NotNeutral = 15 "not-neutral" "A reset needs every motor of the group stopped.",
+        BusDown = 16 "bus-down" "A bus of the group is not working.",
+        Busy = 17 "busy" "Too many requests are under way: try again.",
+        ShuttingDown = 18 "shutting-down" "The daemon is shutting down.",
+        CauseActive = 19 "cause-active" "The cause of the stop is still there.",
+        NoLease = 20 "no-lease" "The daemon ran out of leases.",
+        Malformed = 21 "malformed" "The request is not well formed.",
+    }
+}
+
+codes! {
+    /// Why a setpoint message was rejected, whole.
+    Rejection {
+        NotFinite = 0 "not-finite" "A value was not a finite number.",
+        WrongLease = 1 "wrong-lease" "The lease does not own the group.",
+        OldSequence = 2 "old-sequence" "The sequence number did not rise.",
+        FromFuture = 3 "from-future" "Its time lies in the future.",
+        Stale = 4 "stale" "It was older than the setpoint timeout when it came.",
+        JointCount = 5 "joint-count" "It had not exactly the joints of the group.",
+        Mode = 6 "mode" "A joint's mode is unknown, or not one its motor has.",
+        Negative = 7 "negative" "A stiffness or damping was negative.",
+    }
+}
+
+impl Rejection {
+    /// How many reasons there are.
+    pub const COUNT: usize = Self::ALL.len();
+}
+
+codes! {
+    /// How a joint's setpoint is meant.
+    SetpointMode {
+        Impedance = 0 "impedance" "Position, velocity, stiffness, damping and torque (MIT motors).",
+        Torque = 1 "torque" "Torque only (native motors).",
+        Speed = 2 "speed" "Velocity only (native motors).",
+        Position = 3 "position" "Position only (native motors).",
+    }
+}
+
+codes! {
+    /// A limit that changed a setpoint on its way to the wire; the number is its bit in `JointState::limits`.
+    Limit {
+        Position = 0 "position" "The position was clamped.",
+        Velocity = 1 "velocity" "The velocity was clamped.",
+        Kp = 2 "kp" "The stiffness was clamped.",
+        Kd = 3 "kd" "The damping was clamped.",
+        Torque = 4 "torque" "The torque was clamped.",
+        PositionSlew = 5 "position-slew" "The position changed too fast.",
+        KpSlew = 6 "kp-slew" "The stiffness changed too fast.",
+        KdSlew = 7 "kd-slew" "The damping changed too fast.",
+        TorqueSlew = 8 "torque-slew" "The torque changed too fast.",
+        TotalTorque = 9 "total-torque" "Stiffness, damping and torque together asked for too much torque.",
+        Temperature = 10 "temperature" "The motor is hot: its torque is derated.",
+        StartRamp = 11 "start-ramp" "The gains are still rising after the start.",
+    }
+}
+
+impl Limit {
+    /// The bit of this limit in `JointState::limits`.
+    #[must_use]
+    pub const fn bit(self) -> u32 {
+        1 << self.code()
+    }
+}
+
+codes! {
+    /// What the daemon knows of a bus.
+    BusCondition {
+        Active = 0 "active" "The controller takes full part in the bus.",
+        Warning = 1 "warning" "The controller counted many errors.",
+        Passive = 2 "passive" "The controller counted so many errors that it may no longer interrupt others.",
+        Off = 3 "off" "The controller left the bus.",
+        Down = 4 "down" "The interface is down.",
+        Gone = 5 "gone" "The interface is gone.",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_turns_into_its_word_and_back() {
+        for cause in Cause::ALL {
+            assert_eq!(Cause::try_from(cause.code()), Ok(*cause));
+        }
+        assert_eq!(Refusal::try_from(0), Err(UnknownCode(0)), "0 is success, never a refusal");
+        assert_eq!(MotorMode::try_from(u32::MAX), Err(UnknownCode(u32::MAX)));
+    }
+
+    #[test]
+    fn limit_bits_are_distinct_and_fit_their_word() {
+        let bits = Limit::ALL.iter().fold(0, |bits, limit| bits | limit.bit());
+        assert_eq!(bits.count_ones() as usize, Limit::ALL.len());
+    }
+}
