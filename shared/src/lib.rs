@@ -5,21 +5,32 @@
 //! - [`vocabulary`]: what the integers mean. A code becomes a word by `TryFrom`, and every word has a sentence.
 //! - [`roster`]: names and limits of the joints, and what the tool asks for, as text.
 //! - [`limits`]: every bound, by name.
+//! - [`instance`]: where daemon and clients meet, and who may.
+//! - [`service`]: the iceoryx2 services, with every limit of theirs.
+//! - [`ports`]: the two ends of the services.
+//! - [`clock`]: the clock of every time stamp.
 //!
 //! Units are SI and joint side: rad, rad/s, N·m, N·m/rad, N·m·s/rad; temperatures in °C; times in nanoseconds of
 //! `CLOCK_MONOTONIC`.
 
 #![forbid(unsafe_code)]
 
+pub mod clock;
+pub mod instance;
 pub mod limits;
 pub mod message;
+pub mod ports;
 pub mod roster;
+pub mod service;
 pub mod vocabulary;
 
+pub use instance::{DEFAULT_INSTANCE, Instance, InstanceError, InstanceLock};
 pub use message::{
-    AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState, SetpointMessage,
-    StateMessage,
+    AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState,
+    SetpointMessage, StateMessage,
 };
+pub use ports::{ClientPorts, DaemonPorts, Housekeeper, Request};
+pub use service::ServiceError;
 pub use vocabulary::{
     BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
 };

@@ -3,7 +3,7 @@
 //! Joints, groups and buses stand in the order of the configuration; entries past the count are zero. A message's
 //! type name carries its version, and the service is refused to a client whose layout differs.
 
-use crate::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
+use crate::limits::{ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
 use crate::vocabulary::Rejection;
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -270,7 +270,7 @@ pub struct AdminRequest {
     pub pid: u32,
 }
 
-/// The head of an answer; for `roster` and `telemetry` JSON text follows it as the payload.
+/// The head of an answer; for `roster` and `telemetry` JSON text follows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
 #[type_name("motord.AdminReply.v1")]
 #[repr(C)]
@@ -281,6 +281,35 @@ pub struct AdminReply {
     pub refusal: u32,
     /// What the refusal is about: a joint index, the holder's process id, a `Cause` code; 0 when there is nothing.
     pub detail: u32,
+}
+
+/// An answer. It has a fixed size because iceoryx2 takes the length of a slice from the other process unchecked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ZeroCopySend)]
+#[type_name("motord.AdminAnswer.v1")]
+#[repr(C)]
+pub struct AdminAnswer {
+    /// Its head.
+    pub reply: AdminReply,
+    /// Bytes of text in use.
+    pub length: u32,
+    /// Keeps the layout free of implicit padding.
+    pub reserved: u32,
+    /// JSON, UTF-8.
+    pub text: [u8; ANSWER_BYTES_MAX],
+}
+
+impl Default for AdminAnswer {
+    fn default() -> Self {
+        Self { reply: AdminReply::default(), length: 0, reserved: 0, text: [0; ANSWER_BYTES_MAX] }
+    }
+}
+
+impl AdminAnswer {
+    /// The text in use. A hostile length is cut to the array.
+    #[must_use]
+    pub fn text(&self) -> &[u8] {
+        &self.text[..(self.length as usize).min(ANSWER_BYTES_MAX)]
+    }
 }
 
 const _: () = {
@@ -294,4 +323,5 @@ const _: () = {
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
     assert!(size_of::<AdminRequest>() == 24 && size_of::<AdminReply>() == 16);
+    assert!(size_of::<AdminAnswer>() == 24 + ANSWER_BYTES_MAX);
 };

@@ -146,6 +146,7 @@ codes! {
         CauseActive = 19 "cause-active" "The cause of the stop is still there.",
         NoLease = 20 "no-lease" "The daemon ran out of leases.",
         Malformed = 21 "malformed" "The request is not well formed.",
+        NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
     }
 }
 
@@ -154,7 +155,7 @@ codes! {
     Rejection {
         NotFinite = 0 "not-finite" "A value was not a finite number.",
         WrongLease = 1 "wrong-lease" "The lease does not own the group.",
-        OldSequence = 2 "old-sequence" "The sequence number did not rise.",
+        Sequence = 2 "sequence" "The sequence number did not rise, or rose by more than 2^32.",
         FromFuture = 3 "from-future" "Its time lies in the future.",
         Stale = 4 "stale" "It was older than the setpoint timeout when it came.",
         JointCount = 5 "joint-count" "It had not exactly the joints of the group.",

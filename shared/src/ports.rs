@@ -1,0 +1,313 @@
+//! The two ends of the services: what the daemon holds, and what a client holds.
+//!
+//! No port can be sent to another thread: open them on the thread that uses them. None of the methods belongs into a
+//! real-time thread: iceoryx2 allocates with every message, and maps files when the other side comes or goes.
+
+use crate::instance::{Attachment, InstanceLock};
+use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX};
+use crate::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
+use crate::service::{self, Obstacle, Part, Service, ServiceError};
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::pending_response::PendingResponse;
+use iceoryx2::port::client::Client;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::server::Server;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2_cal::event::ListenerWaitError;
+use std::time::Duration;
+
+/// How long a starting daemon waits for others that are removing its dead predecessor.
+const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// Answers in memory: each client may have one waiting and one being read, and one is being written.
+const ANSWERS: usize = 2 * ADMINS_MAX + 1;
+
+/// The daemon's ends of the four services.
+#[derive(Debug)]
+pub struct DaemonPorts {
+    state: Publisher<Service, StateMessage, ()>,
+    setpoint: Subscriber<Service, SetpointMessage, ()>,
+    cycle: Notifier<Service>,
+    admin: Server<Service, AdminRequest, (), AdminAnswer, ()>,
+    _node: Node<Service>,
+}
+
+impl DaemonPorts {
+    /// Opens the services of the instance that is held by `lock`, or creates them. Clients that were attached to a dead
+    /// predecessor are attached to this daemon from now on. May take a second.
+    ///
+    /// # Errors
+    /// Which service could not be opened, and why.
+    pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
+        let instance = lock.instance();
+        let node = service::node(instance)?;
+        node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
+        let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
+        let setpoint =
+            service::setpoint(&node, instance).open_or_create().map_err(Part::Setpoint.failed())?;
+        let cycle = service::cycle(&node, instance).open_or_create().map_err(Part::Cycle.failed())?;
+        let admin = service::admin(&node, instance).open_or_create().map_err(Part::Admin.failed())?;
+        Ok(Self {
+            state: state
+                .publisher_builder()
+                .max_loaned_samples(1)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(Part::State.failed())?,
+            setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
+            cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
+            admin: admin
+                .server_builder()
+                .max_loaned_responses_per_request(1)
+                .override_response_preallocation(|_| ANSWERS)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(Part::Admin.failed())?,
+            _node: node,
+        })
+    }
+
+    /// Gives `state` to every watcher, in place of an older one that it has not read. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged; the other watchers have it.
+    pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
+        let sample = self.state.loan_uninit().map_err(Part::State.failed())?;
+        sample.write_payload(*state).send().map_err(Part::State.failed())?;
+        Ok(())
+    }
+
+    /// Wakes every client that sleeps until the next cycle. One system call for each of them.
+    ///
+    /// # Errors
+    /// When a connection is damaged; the other clients are awake.
+    pub fn notify(&self) -> Result<(), ServiceError> {
+        self.cycle.notify().map_err(Part::Cycle.failed())?;
+        Ok(())
+    }
+
+    /// Shows `accept` the newest setpoints of each controller, as copies: their sender may still write to the original.
+    /// Takes no more than twice as many messages as there may be controllers. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged; what came before it was shown.
+    pub fn take_setpoint(&self, mut accept: impl FnMut(&SetpointMessage)) -> Result<(), ServiceError> {
+        for _ in 0..2 * CONTROLLERS_MAX {
+            let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
+            let setpoint = *sample.payload();
+            accept(&setpoint);
+        }
+        Ok(())
+    }
+
+    /// The next administrative request, if one waits. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged.
+    pub fn next_request(&self) -> Result<Option<Request>, ServiceError> {
+        let request = self.admin.receive().map_err(Part::Admin.failed())?;
+        Ok(request.map(|active| Request { payload: *active.payload(), active }))
+    }
+}
+
+/// A request that waits for its answer. Dropping it tells the asker that none will come.
+#[derive(Debug)]
+pub struct Request {
+    payload: AdminRequest,
+    active: ActiveRequest<Service, AdminRequest, (), AdminAnswer, ()>,
+}
+
+impl Request {
+    /// What is asked for.
+    #[must_use]
+    pub fn payload(&self) -> &AdminRequest {
+        &self.payload
+    }
+
+    /// Answers with `reply` and `text`, which may have [`ANSWER_BYTES_MAX`] bytes; the rest is cut off. Never blocks.
+    ///
+    /// # Errors
+    /// When the asker is gone, or holds too many answers.
+    pub fn reply(self, reply: AdminReply, text: &[u8]) -> Result<(), ServiceError> {
+        let mut response = self.active.loan().map_err(Part::Admin.failed())?;
+        let length = text.len().min(ANSWER_BYTES_MAX);
+        let answer = response.payload_mut();
+        answer.reply = reply;
+        answer.length = length as u32;
+        answer.text[..length].copy_from_slice(&text[..length]);
+        response.send().map_err(Part::Admin.failed())
+    }
+}
+
+/// Removes what dead processes left behind, so that their places become free. It opens files: use it about once per
+/// second, on a thread where that does no harm.
+#[derive(Debug)]
+pub struct Housekeeper {
+    node: Node<Service>,
+}
+
+impl Housekeeper {
+    /// A housekeeper of the instance that is held by `lock`.
+    ///
+    /// # Errors
+    /// When this process cannot register itself.
+    pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
+        Ok(Self { node: service::node(lock.instance())? })
+    }
+
+    /// Cleans, and tells how many dead processes were removed.
+    #[must_use]
+    pub fn clean(&self) -> u64 {
+        self.node.try_cleanup_dead_nodes().cleanups
+    }
+}
+
+/// A client's ends of the four services. The ports of states and events take their place when they are first used: a
+/// process that only sends requests takes none, so that an emergency stop finds room on a crowded robot.
+#[derive(Debug)]
+pub struct ClientPorts {
+    watcher: Option<Subscriber<Service, StateMessage, ()>>,
+    sleeper: Option<Listener<Service>>,
+    admin: Client<Service, AdminRequest, (), AdminAnswer, ()>,
+    state: publish_subscribe::PortFactory<Service, StateMessage, ()>,
+    setpoint: publish_subscribe::PortFactory<Service, SetpointMessage, ()>,
+    cycle: event::PortFactory<Service>,
+    _node: Node<Service>,
+    // The last to go: a daemon that starts may wipe every file once nobody is attached.
+    _attachment: Attachment,
+}
+
+impl ClientPorts {
+    /// Opens the services of the instance that `attachment` belongs to.
+    ///
+    /// # Errors
+    /// [`Obstacle::Missing`] when there are none; else which could not be opened, and why.
+    pub fn open(attachment: Attachment) -> Result<Self, ServiceError> {
+        let instance = attachment.instance();
+        let node = service::node(instance)?;
+        let state = service::state(&node, instance).open().map_err(Part::State.failed())?;
+        let setpoint = service::setpoint(&node, instance).open().map_err(Part::Setpoint.failed())?;
+        let cycle = service::cycle(&node, instance).open().map_err(Part::Cycle.failed())?;
+        let admin = service::admin(&node, instance).open().map_err(Part::Admin.failed())?;
+        let admin = admin
+            .client_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(Part::Admin.failed())?;
+        Ok(Self {
+            watcher: None,
+            sleeper: None,
+            admin,
+            state,
+            setpoint,
+            cycle,
+            _node: node,
+            _attachment: attachment,
+        })
+    }
+
+    /// The newest state that was not taken yet. The first call only takes the place of a watcher. Never blocks.
+    ///
+    /// # Errors
+    /// When there is no place, or the connection is damaged.
+    pub fn newest_state(&mut self) -> Result<Option<StateMessage>, ServiceError> {
+        let watcher = match &self.watcher {
+            Some(watcher) => watcher,
+            None => {
+                let builder = self.state.subscriber_builder().buffer_size(1);
+                self.watcher.insert(builder.create().map_err(Part::State.failed())?)
+            }
+        };
+        let mut newest = None;
+        // One state of a dead daemon may come before those of its successor.
+        for _ in 0..3 {
+            let Some(sample) = watcher.receive().map_err(Part::State.failed())? else { break };
+            newest = Some(*sample.payload());
+        }
+        Ok(newest)
+    }
+
+    /// Sleeps until the daemon has completed a cycle, at most `timeout`. It may return early without reason.
+    ///
+    /// # Errors
+    /// When there is no place, or the connection is damaged.
+    pub fn sleep_until_cycle(&mut self, timeout: Duration) -> Result<(), ServiceError> {
+        let sleeper = match &self.sleeper {
+            Some(sleeper) => sleeper,
+            None => {
+                let builder = self.cycle.listener_builder();
+                self.sleeper.insert(builder.create().map_err(Part::Cycle.failed())?)
+            }
+        };
+        match sleeper.timed_wait(|_| (), timeout) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(error) => Err(Part::Cycle.failed()(error)),
+        }
+    }
+
+    /// A port for the setpoints of one group. A port holds one message: two groups need two.
+    ///
+    /// # Errors
+    /// When there is no place.
+    pub fn setpoint_port(&self) -> Result<SetpointPort, ServiceError> {
+        let builder = self.setpoint.publisher_builder().max_loaned_samples(1);
+        let port = builder.backpressure_strategy(BackpressureStrategy::DiscardData).create();
+        Ok(SetpointPort { port: port.map_err(Part::Setpoint.failed())? })
+    }
+
+    /// Sends an administrative request. Only one may be under way at a time.
+    ///
+    /// # Errors
+    /// [`Obstacle::Missing`] when there is no daemon; else that the connection is damaged.
+    pub fn ask(&self, request: AdminRequest) -> Result<Question, ServiceError> {
+        let pending = self.admin.send_copy(request).map_err(Part::Admin.failed())?;
+        if pending.number_of_server_connections() == 0 {
+            return Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing });
+        }
+        Ok(Question { pending })
+    }
+}
+
+/// Sends setpoints.
+#[derive(Debug)]
+pub struct SetpointPort {
+    port: Publisher<Service, SetpointMessage, ()>,
+}
+
+impl SetpointPort {
+    /// Sends `setpoint`, in place of an older one that the daemon has not read. Never blocks. That nobody listens is no
+    /// error: a dead daemon shows by the states that stop.
+    ///
+    /// # Errors
+    /// When the connection is damaged.
+    pub fn send(&self, setpoint: &SetpointMessage) -> Result<(), ServiceError> {
+        self.port.send_copy(*setpoint).map_err(Part::Setpoint.failed())?;
+        Ok(())
+    }
+}
+
+/// A request under way.
+#[derive(Debug)]
+pub struct Question {
+    pending: PendingResponse<Service, AdminRequest, (), AdminAnswer, ()>,
+}
+
+impl Question {
+    /// The answer with its text, if it has come. Never blocks.
+    ///
+    /// # Errors
+    /// [`Obstacle::Missing`] when the daemon dropped the request; else that the connection is damaged. That a daemon
+    /// died is no error: whoever waits needs a time limit.
+    pub fn answer(&self) -> Result<Option<(AdminReply, Vec<u8>)>, ServiceError> {
+        let dropped = !self.pending.is_connected();
+        match self.pending.receive().map_err(Part::Admin.failed())? {
+            Some(response) => Ok(Some((response.payload().reply, response.payload().text().to_vec()))),
+            None if dropped => Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }),
+            None => Ok(None),
+        }
+    }
+}

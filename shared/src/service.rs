@@ -1,0 +1,358 @@
+//! The four iceoryx2 services of an instance, with every limit of theirs.
+//!
+//! | service | pattern | daemon | client |
+//! |---|---|---|---|
+//! | `motord/<instance>/state` | publish-subscribe | publishes each cycle | reads the newest |
+//! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
+//! | `motord/<instance>/cycle` | event | notifies after each state | may sleep on it |
+//! | `motord/<instance>/admin` | request-response | answers | asks |
+//!
+//! Everything is a file below the instance's directory, nothing is in `/dev/shm`: who may enter the directory may
+//! connect, nobody else.
+
+use crate::instance::Instance;
+use crate::limits::{ADMINS_MAX, CONTROLLERS_MAX, WATCHERS_MAX};
+use crate::message::{AdminAnswer, AdminRequest, SetpointMessage, StateMessage};
+use iceoryx2::node::NodeCreationFailure;
+use iceoryx2::port::client::RequestSendError;
+use iceoryx2::port::listener::ListenerCreateError;
+use iceoryx2::port::notifier::{NotifierCreateError, NotifierNotifyError};
+use iceoryx2::port::publisher::PublisherCreateError;
+use iceoryx2::port::subscriber::SubscriberCreateError;
+use iceoryx2::port::{LoanError, ReceiveError, SendError};
+use iceoryx2::prelude::*;
+use iceoryx2::service::builder::{event, publish_subscribe, request_response};
+use iceoryx2::service::port_factory::client::ClientCreateError;
+use iceoryx2::service::port_factory::server::ServerCreateError;
+use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use iceoryx2_bb_lock_free::mpmc::counting_bit_set::RelocatableCountingBitSet;
+use iceoryx2_cal::dynamic_storage::file::Storage;
+use iceoryx2_cal::event::ListenerWaitError;
+use iceoryx2_cal::event::trigger::State;
+use iceoryx2_cal::event::trigger::unix_datagram_socket::GenericUnixDatagramSocketTrigger;
+use iceoryx2_cal::shared_memory::file::Memory;
+use iceoryx2_cal::shm_allocator::bump_allocator::BumpAllocator;
+use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
+use std::fmt::Debug;
+use std::os::unix::ffi::OsStrExt;
+
+/// Most processes of one instance: each client may send requests, the daemon is one, and the dead keep their place
+/// until the next cleaning.
+const NODES_MAX: usize = ADMINS_MAX + 8;
+
+/// States that a subscriber may keep: the newest is enough for a controller, a second serves a recorder.
+const STATE_BUFFER: usize = 2;
+
+/// iceoryx2 with files instead of POSIX shared memory: the latter has no directory, hence no group that guards it.
+#[derive(Debug, Clone)]
+pub struct FileService {}
+
+/// The kind of service that daemon and clients share. Both must be built with the same one.
+pub type Service = FileService;
+
+impl iceoryx2::service::Service for FileService {
+    type StaticStorage = iceoryx2_cal::static_storage::recommended::Ipc;
+    type ConfigSerializer = iceoryx2_cal::serialize::recommended::Recommended;
+    type PersistentDynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> = Storage<T>;
+    type Bag = iceoryx2_cal::bag::recommended::Recommended;
+    type DynamicStorage<T: Debug + Send + Sync + ZeroCopySend + 'static> = Storage<T>;
+    type ServiceNameHasher = iceoryx2_cal::hash::recommended::Recommended;
+    type SharedMemory = Memory<PoolAllocator>;
+    type ResizableSharedMemory =
+        iceoryx2_cal::resizable_shared_memory::dynamic::DynamicMemory<PoolAllocator, Memory<PoolAllocator>>;
+    type Connection = iceoryx2_cal::zero_copy_connection::file::Connection;
+    type Event = GenericUnixDatagramSocketTrigger<
+        RelocatableCountingBitSet,
+        Storage<State<RelocatableCountingBitSet, ()>>,
+    >;
+    type Monitoring = iceoryx2_cal::monitoring::recommended::Ipc;
+    type Reactor = iceoryx2_cal::reactor::recommended::Ipc;
+    type ArcThreadSafetyPolicy<T: Send + Debug + Abandonable> =
+        iceoryx2_cal::arc_sync_policy::single_threaded::SingleThreaded<T>;
+    type BlackboardMgmt<K: Send + Sync + Debug + ZeroCopySend + 'static> = Storage<K>;
+    type BlackboardPayload = Memory<BumpAllocator>;
+    type UniqueId = <ipc::Service as iceoryx2::service::Service>::UniqueId;
+}
+
+impl iceoryx2::service::internal::ServiceInternal<FileService> for FileService {}
+
+/// One of the four services, or what all of them need.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// What each process registers itself with.
+    Node,
+    /// `motord/<instance>/state`.
+    State,
+    /// `motord/<instance>/setpoint`.
+    Setpoint,
+    /// `motord/<instance>/cycle`.
+    Cycle,
+    /// `motord/<instance>/admin`.
+    Admin,
+}
+
+impl Part {
+    /// The last word of its service name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Node => "node",
+            Self::State => "state",
+            Self::Setpoint => "setpoint",
+            Self::Cycle => "cycle",
+            Self::Admin => "admin",
+        }
+    }
+}
+
+/// What stands between a process and a service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Obstacle {
+    /// Nobody offers it.
+    #[error("it does not exist: no daemon runs here")]
+    Missing,
+    /// The other side has another layout or another version of iceoryx2.
+    #[error(
+        "the other side has another version of it: install daemon and clients of one version, and restart both"
+    )]
+    Version,
+    /// Its files may not be opened.
+    #[error("no permission for its files: join the group that owns the runtime directory")]
+    Permission,
+    /// Every place is taken.
+    #[error("all {most} places are taken: end a process that uses it")]
+    Full {
+        /// How many there are.
+        most: usize,
+    },
+    /// Its files cannot be used, or the memory ran out.
+    #[error(
+        "its files are damaged or memory ran out: stop every client and the daemon, then start the daemon"
+    )]
+    Damaged,
+}
+
+/// What happened to which service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("service {}: {obstacle}", part.name())]
+pub struct ServiceError {
+    /// Which.
+    pub part: Part,
+    /// What.
+    pub obstacle: Obstacle,
+}
+
+impl Part {
+    /// An error of iceoryx2, as one of this part.
+    pub(crate) fn failed<E: Into<Obstacle>>(self) -> impl Fn(E) -> ServiceError {
+        move |error| ServiceError { part: self, obstacle: error.into() }
+    }
+}
+
+/// Which obstacle an error of iceoryx2 is. Everything that is not listed means damage.
+macro_rules! obstacles {
+    ($($error:path { $($variant:ident $(($inner:ident))? => $obstacle:expr,)* })+) => {
+        $(impl From<$error> for Obstacle {
+            fn from(error: $error) -> Self {
+                use $error as E;
+                match error {
+                    $(E::$variant $(($inner))? => $obstacle,)*
+                    _ => Self::Damaged,
+                }
+            }
+        })+
+    };
+}
+
+obstacles! {
+    NodeCreationFailure {
+        InsufficientPermissions => Self::Permission,
+    }
+    publish_subscribe::PublishSubscribeOpenError {
+        DoesNotExist => Self::Missing,
+        IsMarkedForDestruction => Self::Missing,
+        IncompatibleTypes => Self::Version,
+        IncompatibleAttributes => Self::Version,
+        IncompatibleOverflowBehavior => Self::Version,
+        DoesNotSupportRequestedMinBufferSize => Self::Version,
+        DoesNotSupportRequestedMinHistorySize => Self::Version,
+        DoesNotSupportRequestedMinSubscriberBorrowedSamples => Self::Version,
+        DoesNotSupportRequestedAmountOfPublishers => Self::Version,
+        DoesNotSupportRequestedAmountOfSubscribers => Self::Version,
+        DoesNotSupportRequestedAmountOfNodes => Self::Version,
+        VersionMismatch => Self::Version,
+        InsufficientPermissions => Self::Permission,
+        ExceedsMaxNumberOfNodes => Self::Full { most: NODES_MAX },
+    }
+    publish_subscribe::PublishSubscribeCreateError {
+        InsufficientPermissions => Self::Permission,
+    }
+    publish_subscribe::PublishSubscribeOpenOrCreateError {
+        PublishSubscribeOpenError(error) => error.into(),
+        PublishSubscribeCreateError(error) => error.into(),
+    }
+    event::EventOpenError {
+        DoesNotExist => Self::Missing,
+        IsMarkedForDestruction => Self::Missing,
+        DoesNotSupportRequestedAmountOfNotifiers => Self::Version,
+        DoesNotSupportRequestedAmountOfListeners => Self::Version,
+        DoesNotSupportRequestedAmountOfNodes => Self::Version,
+        VersionMismatch => Self::Version,
+        InsufficientPermissions => Self::Permission,
+        ExceedsMaxNumberOfNodes => Self::Full { most: NODES_MAX },
+    }
+    event::EventCreateError {
+        InsufficientPermissions => Self::Permission,
+    }
+    event::EventOpenOrCreateError {
+        EventOpenError(error) => error.into(),
+        EventCreateError(error) => error.into(),
+    }
+    request_response::RequestResponseOpenError {
+        DoesNotExist => Self::Missing,
+        IsMarkedForDestruction => Self::Missing,
+        IncompatibleRequestOrResponseType => Self::Version,
+        IncompatibleAttributes => Self::Version,
+        IncompatibleOverflowBehaviorForRequests => Self::Version,
+        IncompatibleOverflowBehaviorForResponses => Self::Version,
+        IncompatibleBehaviorForFireAndForgetRequests => Self::Version,
+        DoesNotSupportRequestedAmountOfServers => Self::Version,
+        DoesNotSupportRequestedAmountOfClients => Self::Version,
+        DoesNotSupportRequestedAmountOfNodes => Self::Version,
+        DoesNotSupportRequestedResponseBufferSize => Self::Version,
+        DoesNotSupportRequestedAmountOfActiveRequestsPerClient => Self::Version,
+        VersionMismatch => Self::Version,
+        InsufficientPermissions => Self::Permission,
+        ExceedsMaxNumberOfNodes => Self::Full { most: NODES_MAX },
+    }
+    request_response::RequestResponseCreateError {
+        InsufficientPermissions => Self::Permission,
+    }
+    request_response::RequestResponseOpenOrCreateError {
+        RequestResponseOpenError(error) => error.into(),
+        RequestResponseCreateError(error) => error.into(),
+    }
+    PublisherCreateError {
+        ExceedsMaxSupportedPublishers => Self::Full { most: CONTROLLERS_MAX },
+    }
+    SubscriberCreateError {
+        ExceedsMaxSupportedSubscribers => Self::Full { most: WATCHERS_MAX },
+    }
+    ListenerCreateError {
+        ExceedsMaxSupportedListeners => Self::Full { most: WATCHERS_MAX },
+    }
+    ClientCreateError {
+        ExceedsMaxSupportedClients => Self::Full { most: ADMINS_MAX },
+    }
+}
+
+/// Errors that always mean damage: nothing of theirs is left for a user to decide.
+macro_rules! damages {
+    ($($error:path,)+) => {
+        $(impl From<$error> for Obstacle {
+            fn from(_: $error) -> Self {
+                Self::Damaged
+            }
+        })+
+    };
+}
+
+damages! {
+    NotifierCreateError,
+    NotifierNotifyError,
+    ListenerWaitError,
+    ServerCreateError,
+    LoanError,
+    SendError,
+    ReceiveError,
+    RequestSendError,
+}
+
+/// Registers this process. iceoryx2 stays silent, unless `IOX2_LOG_LEVEL` asks for its messages: what concerns the user
+/// comes back as an error. It leaves signals alone.
+pub(crate) fn node(instance: &Instance) -> Result<Node<Service>, ServiceError> {
+    set_log_level_from_env_or(LogLevel::Fatal);
+    NodeBuilder::new()
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .config(&config(instance))
+        .create::<Service>()
+        .map_err(Part::Node.failed())
+}
+
+fn config(instance: &Instance) -> Config {
+    let mut config = Config::default();
+    let root = Path::new(instance.root().as_os_str().as_bytes());
+    config.global.set_root_path(&root.expect("an instance's root is shorter than a path of iceoryx2"));
+    config.global.prefix = FileName::new(b"md_").expect("this is a file name");
+    config
+}
+
+fn builder(
+    node: &Node<Service>,
+    instance: &Instance,
+    part: Part,
+) -> iceoryx2::service::builder::Builder<Service> {
+    let name = format!("motord/{}/{}", instance.name(), part.name());
+    node.service_builder(&ServiceName::new(&name).expect("an instance name makes a short service name"))
+}
+
+pub(crate) fn state(
+    node: &Node<Service>,
+    instance: &Instance,
+) -> publish_subscribe::Builder<StateMessage, (), Service> {
+    builder(node, instance, Part::State)
+        .publish_subscribe::<StateMessage>()
+        .enable_safe_overflow(true)
+        .history_size(1)
+        .subscriber_max_buffer_size(STATE_BUFFER)
+        .subscriber_max_borrowed_samples(1)
+        .max_publishers(1)
+        .max_subscribers(WATCHERS_MAX)
+        .max_nodes(NODES_MAX)
+}
+
+pub(crate) fn setpoint(
+    node: &Node<Service>,
+    instance: &Instance,
+) -> publish_subscribe::Builder<SetpointMessage, (), Service> {
+    builder(node, instance, Part::Setpoint)
+        .publish_subscribe::<SetpointMessage>()
+        .enable_safe_overflow(true)
+        .history_size(0)
+        .subscriber_max_buffer_size(1)
+        .subscriber_max_borrowed_samples(1)
+        .max_publishers(CONTROLLERS_MAX)
+        .max_subscribers(1)
+        .max_nodes(NODES_MAX)
+}
+
+pub(crate) fn cycle(node: &Node<Service>, instance: &Instance) -> event::Builder<Service> {
+    builder(node, instance, Part::Cycle)
+        .event()
+        .event_id_max_value(0)
+        .disable_deadline()
+        .disable_notifier_created_event()
+        .disable_notifier_dropped_event()
+        .disable_notifier_dead_event()
+        .max_notifiers(1)
+        .max_listeners(WATCHERS_MAX)
+        .max_nodes(NODES_MAX)
+}
+
+pub(crate) fn admin(
+    node: &Node<Service>,
+    instance: &Instance,
+) -> request_response::Builder<AdminRequest, (), AdminAnswer, (), Service> {
+    builder(node, instance, Part::Admin)
+        .request_response::<AdminRequest, AdminAnswer>()
+        .enable_safe_overflow_for_requests(false)
+        .enable_safe_overflow_for_responses(false)
+        .enable_fire_and_forget_requests(false)
+        .max_active_requests_per_client(1)
+        .max_loaned_requests(1)
+        .max_response_buffer_size(1)
+        .max_borrowed_responses_per_pending_response(1)
+        .max_servers(1)
+        .max_clients(ADMINS_MAX)
+        .max_nodes(NODES_MAX)
+}
