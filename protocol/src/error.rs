@@ -1,0 +1,99 @@
+//! Why a frame could not be made or understood.
+
+use core::fmt;
+
+/// The quantities of a control frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Quantity {
+    /// Position, rad.
+    Position,
+    /// Velocity, rad/s.
+    Velocity,
+    /// Stiffness, N·m/rad.
+    Kp,
+    /// Damping, N·m·s/rad.
+    Kd,
+    /// Torque, N·m.
+    Torque,
+}
+
+impl fmt::Display for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Position => "position",
+            Self::Velocity => "velocity",
+            Self::Kp => "kp",
+            Self::Kd => "kd",
+            Self::Torque => "torque",
+        })
+    }
+}
+
+/// Why a command cannot be put into bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum EncodeError {
+    /// NaN or infinity: the wire has no code for either, and any code in its place would move the motor.
+    NotFinite {
+        /// The first quantity that is not finite.
+        field: Quantity,
+    },
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite { field } => write!(f, "{field} is not a finite number"),
+        }
+    }
+}
+
+impl core::error::Error for EncodeError {}
+
+/// Why bytes have no meaning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DecodeError {
+    /// No frame of this kind has so many bytes.
+    Length {
+        /// The fewest bytes such a frame has.
+        least: usize,
+        /// The most bytes such a frame has.
+        most: usize,
+        /// The bytes this frame has.
+        received: usize,
+    },
+    /// A native frame whose first byte is not in Table 4 of the GIM document.
+    UnknownCommand {
+        /// The first byte.
+        received: u8,
+    },
+    /// A configuration value whose type is not in Table 6 of the GIM document (0 or 1).
+    UnknownType {
+        /// The ConfType byte.
+        received: u8,
+    },
+    /// A float that is NaN or infinite.
+    NotFinite {
+        /// The float's bits, IEEE 754 single precision.
+        received: u32,
+    },
+}
+
+impl fmt::Display for DecodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Length { least, most, received } if least == most => {
+                write!(f, "the frame has {received} bytes, expected {least}")
+            }
+            Self::Length { least, most, received } => {
+                write!(f, "the frame has {received} bytes, expected {least} to {most}")
+            }
+            Self::UnknownCommand { received } => write!(f, "no command begins with {received:#04X}"),
+            Self::UnknownType { received } => {
+                write!(f, "configuration type {received:#04X} is neither integer (0) nor float (1)")
+            }
+            Self::NotFinite { received } => write!(f, "the float {received:#010X} is not a finite number"),
+        }
+    }
+}
+
+impl core::error::Error for DecodeError {}

@@ -1,0 +1,190 @@
+//! The stored configuration of a motor. Source: GIM document Tables 6 and 7 and section 3.2.3.
+//!
+//! No scale is documented for the gains, nor a unit for the baud rate: those are read before they are written.
+
+use crate::gim::value::ValueType::{self, Float, Integer};
+
+/// Which item: integers and floats are numbered separately.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct ConfigurationKey {
+    /// The ConfType byte, see [`ValueType`]. Kept as received, so that a refusal of it can be understood.
+    pub conf_type: u8,
+    /// The ConfID byte.
+    pub conf_id: u8,
+}
+
+impl ConfigurationKey {
+    /// The key of item `conf_id` of this type.
+    #[must_use]
+    pub const fn new(value_type: ValueType, conf_id: u8) -> Self {
+        Self { conf_type: value_type as u8, conf_id }
+    }
+
+    /// The row of Table 7, if there is one.
+    #[must_use]
+    pub fn item(self) -> Option<&'static ConfigurationItem> {
+        CONFIGURATION.iter().find(|item| item.key() == self)
+    }
+
+    /// The item is a position within one turn, see [`single_turn_position`].
+    #[must_use]
+    pub fn is_position(self) -> bool {
+        matches!(self, ConfigurationItem::ZERO_POSITION | ConfigurationItem::POWER_OFF_POSITION)
+    }
+}
+
+/// The position of the output shaft within one turn, rad, 0 to 2π, that a zero or power-off position stands for. Sixteen
+/// bits in a field of 32 whose sign is not documented: the others are ignored.
+#[must_use]
+pub fn single_turn_position(value: i32) -> f64 {
+    f64::from(value & 0xFFFF) * core::f64::consts::TAU / 65536.0
+}
+
+/// Whether an item can be written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Access {
+    /// Read and write.
+    ReadWrite,
+    /// Read only.
+    ReadOnly,
+}
+
+/// When a written item takes effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Effective {
+    /// At once.
+    Immediately,
+    /// When the motor has been powered off and on.
+    AfterReboot,
+}
+
+/// A row of Table 7.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ConfigurationItem {
+    /// Integer or float.
+    pub value_type: ValueType,
+    /// The ConfID byte.
+    pub conf_id: u8,
+    /// A short name, fit for a key.
+    pub name: &'static str,
+    /// The unit; empty for plain numbers and where the document gives none.
+    pub unit: &'static str,
+    /// Whether it can be written.
+    pub access: Access,
+    /// When writing it takes effect.
+    pub effective: Effective,
+}
+
+const fn item(
+    value_type: ValueType,
+    conf_id: u8,
+    name: &'static str,
+    unit: &'static str,
+) -> ConfigurationItem {
+    let (access, effective) = (Access::ReadWrite, Effective::Immediately);
+    ConfigurationItem { value_type, conf_id, name, unit, access, effective }
+}
+
+impl ConfigurationItem {
+    /// The motor's CAN id.
+    pub const CAN_ID: ConfigurationKey = ConfigurationKey::new(Integer, 0x12);
+    /// The id its replies bear.
+    pub const HOST_ID: ConfigurationKey = ConfigurationKey::new(Integer, 0x13);
+    /// The position that is zero, see [`single_turn_position`].
+    pub const ZERO_POSITION: ConfigurationKey = ConfigurationKey::new(Integer, 0x14);
+    /// The position at the last power-off, see [`single_turn_position`].
+    pub const POWER_OFF_POSITION: ConfigurationKey = ConfigurationKey::new(Integer, 0x15);
+    /// 0 for the native protocol over CAN, 1 for MIT. Over CAN there is no way back from MIT.
+    pub const PROTOCOL: ConfigurationKey = ConfigurationKey::new(Integer, 0x1C);
+    /// Rotor turns per turn of the output shaft. An integer: other ratios cannot be stored.
+    pub const GEAR_RATIO: ConfigurationKey = ConfigurationKey::new(Integer, 0x11);
+    /// The rotor's torque constant, N·m/A.
+    pub const TORQUE_CONSTANT: ConfigurationKey = ConfigurationKey::new(Float, 0x03);
+
+    /// The item's key.
+    #[must_use]
+    pub const fn key(&self) -> ConfigurationKey {
+        ConfigurationKey::new(self.value_type, self.conf_id)
+    }
+
+    /// The row with this name, if there is one.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<&'static Self> {
+        CONFIGURATION.iter().find(|item| item.name == name)
+    }
+
+    const fn after_reboot(self) -> Self {
+        Self { effective: Effective::AfterReboot, ..self }
+    }
+
+    const fn read_only(self) -> Self {
+        Self { access: Access::ReadOnly, ..self }
+    }
+}
+
+/// Table 7. Resistance and inductance are from phase to phase, as the Chinese edition says.
+pub const CONFIGURATION: [ConfigurationItem; 30] = [
+    item(Integer, 0x00, "pole-pairs", ""),
+    item(Integer, 0x01, "rated-current", "A"),
+    item(Integer, 0x02, "max-speed", "rpm"),
+    item(Integer, 0x06, "rated-voltage", "V"),
+    item(Integer, 0x07, "pwm-frequency", "Hz").after_reboot(),
+    item(Integer, 0x08, "current-kp", ""),
+    item(Integer, 0x09, "current-ki", ""),
+    item(Integer, 0x0C, "speed-kp", ""),
+    item(Integer, 0x0D, "speed-ki", ""),
+    item(Integer, 0x0E, "position-kp", ""),
+    item(Integer, 0x0F, "position-ki", ""),
+    item(Integer, 0x10, "position-kd", ""),
+    item(Integer, 0x11, "gear-ratio", ""),
+    item(Integer, 0x12, "can-id", ""),
+    item(Integer, 0x13, "host-id", ""),
+    item(Integer, 0x14, "zero-position", "turn/65536"),
+    item(Integer, 0x15, "power-off-position", "turn/65536").read_only(),
+    item(Integer, 0x16, "over-voltage", "V"),
+    item(Integer, 0x17, "under-voltage", "V"),
+    item(Integer, 0x18, "can-baud-rate", ""),
+    item(Integer, 0x19, "flux-weakening-kp", ""),
+    item(Integer, 0x1A, "flux-weakening-ki", ""),
+    item(Integer, 0x20, "over-temperature", "°C"),
+    item(Integer, 0x1C, "can-protocol", ""),
+    item(Float, 0x00, "phase-resistance", "Ω"),
+    item(Float, 0x01, "phase-inductance", "H"),
+    item(Float, 0x02, "back-emf-constant", "Vrms/krpm"),
+    item(Float, 0x03, "torque-constant", "N·m/A"),
+    item(Float, 0x04, "sampling-resistance", "Ω"),
+    item(Float, 0x05, "amplification-gain", ""),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gim::{INDICATORS, Indicator, PARAMETERS, Parameter};
+
+    #[test]
+    fn every_row_of_the_tables_is_found_by_its_number_and_by_its_name() {
+        for item in &CONFIGURATION {
+            assert_eq!((item.key().item(), ConfigurationItem::by_name(item.name)), (Some(item), Some(item)));
+        }
+        for row in &PARAMETERS {
+            assert_eq!((Parameter::by_id(row.id), Parameter::by_name(row.name)), (Some(row), Some(row)));
+        }
+        for row in &INDICATORS {
+            assert_eq!((Indicator::by_id(row.id), Indicator::by_name(row.name)), (Some(row), Some(row)));
+        }
+    }
+
+    #[test]
+    fn only_the_power_off_position_cannot_be_written_and_only_the_pwm_frequency_waits_for_a_reboot() {
+        let read_only = |item: &&ConfigurationItem| item.access == Access::ReadOnly;
+        let late = |item: &&ConfigurationItem| item.effective == Effective::AfterReboot;
+        assert!(CONFIGURATION.iter().filter(read_only).map(|item| item.name).eq(["power-off-position"]));
+        assert!(CONFIGURATION.iter().filter(late).map(|item| item.name).eq(["pwm-frequency"]));
+    }
+
+    #[test]
+    fn a_quarter_turn_is_16384_whatever_the_upper_bits_hold() {
+        assert_eq!(single_turn_position(16384), core::f64::consts::FRAC_PI_2);
+        assert_eq!(single_turn_position(-49152), core::f64::consts::FRAC_PI_2);
+    }
+}

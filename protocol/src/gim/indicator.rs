@@ -1,0 +1,56 @@
+//! What a motor measures. Source: GIM document Table 10.
+
+/// A row of Table 10.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Indicator {
+    /// The IndID byte.
+    pub id: u8,
+    /// A short name, fit for a key.
+    pub name: &'static str,
+    /// The unit of its value.
+    pub unit: &'static str,
+}
+
+const fn indicator(id: u8, name: &'static str, unit: &'static str) -> Indicator {
+    Indicator { id, name, unit }
+}
+
+/// Table 10. It gives no unit for the temperatures; °C is what the replies to control commands have.
+pub const INDICATORS: [Indicator; 22] = [
+    indicator(0x00, "bus-voltage", "V"),
+    indicator(0x01, "board-temperature", "°C"),
+    indicator(0x02, "motor-temperature", "°C"),
+    indicator(0x03, "power", "W"),
+    indicator(0x04, "ia", "A"),
+    indicator(0x05, "ib", "A"),
+    indicator(0x06, "ic", "A"),
+    indicator(0x07, "ialpha", "A"),
+    indicator(0x08, "ibeta", "A"),
+    indicator(0x09, "iq", "A"),
+    indicator(0x0A, "id", "A"),
+    indicator(0x0B, "iq-target", "A"),
+    indicator(0x0C, "id-target", "A"),
+    indicator(0x0D, "vq", "V"),
+    indicator(0x0E, "vd", "V"),
+    indicator(0x0F, "valpha", "V"),
+    indicator(0x10, "vbeta", "V"),
+    indicator(0x11, "rotor-electrical-angle", "rad"),
+    indicator(0x12, "rotor-mechanical-angle", "rad"),
+    indicator(0x13, "shaft-angle", "rad"),
+    indicator(0x14, "shaft-speed", "rpm"),
+    indicator(0x15, "output-power", "W"),
+];
+
+impl Indicator {
+    /// The row with this id, if there is one.
+    #[must_use]
+    pub fn by_id(id: u8) -> Option<&'static Self> {
+        INDICATORS.iter().find(|indicator| indicator.id == id)
+    }
+
+    /// The row with this name, if there is one.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<&'static Self> {
+        INDICATORS.iter().find(|indicator| indicator.name == name)
+    }
+}

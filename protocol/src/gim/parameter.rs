@@ -1,0 +1,44 @@
+//! The parameters of the running control loops. Source: GIM document Table 8.
+//!
+//! All can be read and written, effective at once, lost at power-off. They are unsigned integers of 32 bits without a
+//! documented scale: a gain is changed relative to what was read, never set from a physical value.
+
+/// A row of Table 8.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parameter {
+    /// The ParaID byte.
+    pub id: u8,
+    /// A short name, fit for a key.
+    pub name: &'static str,
+}
+
+const fn parameter(id: u8, name: &'static str) -> Parameter {
+    Parameter { id, name }
+}
+
+/// Table 8.
+pub const PARAMETERS: [Parameter; 9] = [
+    parameter(0x00, "current-kp"),
+    parameter(0x01, "current-ki"),
+    parameter(0x02, "speed-kp"),
+    parameter(0x03, "speed-ki"),
+    parameter(0x04, "position-kp"),
+    parameter(0x05, "position-ki"),
+    parameter(0x06, "position-kd"),
+    parameter(0x07, "flux-weakening-kp"),
+    parameter(0x08, "flux-weakening-ki"),
+];
+
+impl Parameter {
+    /// The row with this id, if there is one.
+    #[must_use]
+    pub fn by_id(id: u8) -> Option<&'static Self> {
+        PARAMETERS.iter().find(|parameter| parameter.id == id)
+    }
+
+    /// The row with this name, if there is one.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<&'static Self> {
+        PARAMETERS.iter().find(|parameter| parameter.name == name)
+    }
+}

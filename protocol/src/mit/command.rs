@@ -1,0 +1,309 @@
+//! Host to motor. Source: MIT document 1.1.
+
+use crate::error::{DecodeError, EncodeError, Quantity};
+use crate::field::{self, Field};
+use crate::scale::{CURRENT, TorqueScale};
+use crate::state::{POSITION, VELOCITY};
+
+/// Stiffness, N·m/rad, 12 bits.
+pub const KP: Field = Field::new(12, 0.0, 500.0);
+/// Damping, N·m·s/rad, 12 bits.
+pub const KD: Field = Field::new(12, 0.0, 5.0);
+
+/// The control frame, most significant bit first. [`TorqueScale`] says what the current is worth as torque.
+const CONTROL: [Field; 5] = [POSITION, VELOCITY, KP, KD, CURRENT];
+
+const _: () = assert!(field::width(&CONTROL) == 64, "the codes of a control frame fill eight bytes");
+
+const FAULT: u8 = 0xFB;
+const START: u8 = 0xFC;
+const STOP: u8 = 0xFD;
+const SET_ZERO: u8 = 0xFE;
+
+/// The F_CMD byte that clears a fault; any other asks for it.
+const F_CMD_CLEAR: u8 = 0xFF;
+const F_CMD_GET: u8 = 0x00;
+
+/// What a motor is asked to do: torque = kp·(position - p) + kd·(velocity - v) + torque, with p and v its own.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Impedance {
+    /// Position of the output shaft, rad, -12.5 to 12.5.
+    pub position: f32,
+    /// Velocity of the output shaft, rad/s, -65 to 65.
+    pub velocity: f32,
+    /// Stiffness, N·m/rad, 0 to 500.
+    pub kp: f32,
+    /// Damping, N·m·s/rad, 0 to 5.
+    pub kd: f32,
+    /// Torque added at the output shaft, N·m, within the torque scale.
+    pub torque: f32,
+}
+
+/// A command of the MIT protocol, by meaning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Answer with the fault number.
+    GetFault,
+    /// Forget the fault.
+    ClearFault,
+    /// Enter the running state.
+    Start,
+    /// Leave the running state. The motor answers with its state.
+    Stop,
+    /// Make the present position zero.
+    SetZero,
+    /// Act as this impedance.
+    Control(Impedance),
+}
+
+impl Command {
+    /// The frame's bytes. Values beyond their range are clamped and take the nearest code; a control frame never
+    /// becomes a special frame or all zeros ([`ControlCodes::pack`]).
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    ///
+    /// # Errors
+    ///
+    /// When a value of the impedance is NaN or infinite.
+    pub fn encode(&self, scale: &TorqueScale) -> Result<[u8; 8], EncodeError> {
+        let codes = match self {
+            Self::GetFault => CommandCodes::GetFault { f_cmd: F_CMD_GET },
+            Self::ClearFault => CommandCodes::ClearFault,
+            Self::Start => CommandCodes::Start,
+            Self::Stop => CommandCodes::Stop,
+            Self::SetZero => CommandCodes::SetZero,
+            Self::Control(impedance) => CommandCodes::Control(ControlCodes::nearest(impedance, scale)?),
+        };
+        Ok(codes.encode())
+    }
+}
+
+/// What `bytes` mean to a motor with this torque scale. For tools, tests and logs: a host only sends commands.
+///
+/// # Errors
+///
+/// When there are not exactly 8 bytes. Every 8 bytes are a command.
+pub fn decode_command(bytes: &[u8], scale: &TorqueScale) -> Result<Command, DecodeError> {
+    Ok(match CommandCodes::decode(bytes)? {
+        CommandCodes::GetFault { .. } => Command::GetFault,
+        CommandCodes::ClearFault => Command::ClearFault,
+        CommandCodes::Start => Command::Start,
+        CommandCodes::Stop => Command::Stop,
+        CommandCodes::SetZero => Command::SetZero,
+        CommandCodes::Control(codes) => Command::Control(codes.scaled(scale)),
+    })
+}
+
+/// A command as the wire has it, before the torque scale gives it a meaning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CommandCodes {
+    /// Six 0xFF, then `f_cmd`, then 0xFB.
+    GetFault {
+        /// Any byte but 0xFF, which would clear the fault.
+        f_cmd: u8,
+    },
+    /// Seven 0xFF, then 0xFB.
+    ClearFault,
+    /// Seven 0xFF, then 0xFC.
+    Start,
+    /// Seven 0xFF, then 0xFD.
+    Stop,
+    /// Seven 0xFF, then 0xFE.
+    SetZero,
+    /// Everything else.
+    Control(ControlCodes),
+}
+
+impl CommandCodes {
+    /// The frame's bytes.
+    #[must_use]
+    pub fn encode(self) -> [u8; 8] {
+        let special = |f_cmd, last| [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, f_cmd, last];
+        match self {
+            Self::GetFault { f_cmd } => special(if f_cmd == F_CMD_CLEAR { F_CMD_GET } else { f_cmd }, FAULT),
+            Self::ClearFault => special(F_CMD_CLEAR, FAULT),
+            Self::Start => special(0xFF, START),
+            Self::Stop => special(0xFF, STOP),
+            Self::SetZero => special(0xFF, SET_ZERO),
+            Self::Control(codes) => codes.pack(),
+        }
+    }
+
+    /// What a motor sees in `bytes`.
+    ///
+    /// # Errors
+    ///
+    /// When there are not exactly 8 bytes.
+    pub fn decode(bytes: &[u8]) -> Result<Self, DecodeError> {
+        let bytes = <[u8; 8]>::try_from(bytes).map_err(|_| DecodeError::Length {
+            least: 8,
+            most: 8,
+            received: bytes.len(),
+        })?;
+        Ok(match bytes {
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, F_CMD_CLEAR, FAULT] => Self::ClearFault,
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, f_cmd, FAULT] => Self::GetFault { f_cmd },
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, START] => Self::Start,
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, STOP] => Self::Stop,
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, SET_ZERO] => Self::SetZero,
+            _ => Self::Control(ControlCodes::unpack(bytes)),
+        })
+    }
+}
+
+/// The five codes of a control frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct ControlCodes {
+    /// 16 bits, see [`POSITION`].
+    pub position: u16,
+    /// 12 bits, see [`VELOCITY`].
+    pub velocity: u16,
+    /// 12 bits, see [`KP`].
+    pub kp: u16,
+    /// 12 bits, see [`KD`].
+    pub kd: u16,
+    /// 12 bits, see [`TorqueScale::field`].
+    pub torque: u16,
+}
+
+impl ControlCodes {
+    /// The nearest codes, after clamping.
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    ///
+    /// # Errors
+    ///
+    /// When a value is NaN or infinite.
+    pub fn nearest(impedance: &Impedance, scale: &TorqueScale) -> Result<Self, EncodeError> {
+        let code = |quantity, field: Field, value: f32| {
+            field.encode(f64::from(value)).ok_or(EncodeError::NotFinite { field: quantity })
+        };
+        Ok(Self {
+            position: code(Quantity::Position, POSITION, impedance.position)?,
+            velocity: code(Quantity::Velocity, VELOCITY, impedance.velocity)?,
+            kp: code(Quantity::Kp, KP, impedance.kp)?,
+            kd: code(Quantity::Kd, KD, impedance.kd)?,
+            torque: code(Quantity::Torque, scale.field(), impedance.torque)?,
+        })
+    }
+
+    /// What the codes mean to a motor with this torque scale.
+    #[must_use]
+    pub fn scaled(&self, scale: &TorqueScale) -> Impedance {
+        Impedance {
+            position: POSITION.decode(self.position) as f32,
+            velocity: VELOCITY.decode(self.velocity) as f32,
+            kp: KP.decode(self.kp) as f32,
+            kd: KD.decode(self.kd) as f32,
+            torque: scale.field().decode(self.torque) as f32,
+        }
+    }
+
+    /// The frame's bytes, moved by one code where they would be something else than a control frame:
+    /// - six leading 0xFF begin every special frame: kp goes one code lower (0.12 N·m/rad);
+    /// - all zeros come from an empty buffer more often than from a decision: position goes one code higher (0.4 mrad).
+    ///
+    /// A code wider than its field saturates.
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    #[must_use]
+    pub fn pack(mut self) -> [u8; 8] {
+        match self.pack_unguarded() {
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, _, _] => self.kp = KP.code_max() - 1,
+            [0, 0, 0, 0, 0, 0, 0, 0] => self.position = 1,
+            bytes => return bytes,
+        }
+        self.pack_unguarded()
+    }
+
+    fn pack_unguarded(self) -> [u8; 8] {
+        field::pack(&CONTROL, [self.position, self.velocity, self.kp, self.kd, self.torque]).to_be_bytes()
+    }
+
+    /// The codes in a frame, whatever else the frame may be.
+    #[must_use]
+    pub fn unpack(bytes: [u8; 8]) -> Self {
+        let [position, velocity, kp, kd, torque] = field::unpack(&CONTROL, u64::from_be_bytes(bytes));
+        Self { position, velocity, kp, kd, torque }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The special frames of the MIT document 1.1: 256 with 0xFB, and one each with 0xFC, 0xFD and 0xFE.
+    fn special_frames() -> impl Iterator<Item = [u8; 8]> {
+        let with = |f_cmd, last| [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, f_cmd, last];
+        let faults = (0..=0xFF).map(move |f_cmd| with(f_cmd, 0xFB));
+        faults.chain([0xFC, 0xFD, 0xFE].map(|last| with(0xFF, last)))
+    }
+
+    #[test]
+    fn none_of_the_259_special_frames_comes_from_the_codes_that_spell_it() {
+        assert_eq!(special_frames().count(), 259);
+        for bytes in special_frames() {
+            let codes = ControlCodes::unpack(bytes);
+            assert_ne!(codes.pack(), bytes);
+            let guarded = ControlCodes { kp: codes.kp - 1, ..codes };
+            assert_eq!(CommandCodes::decode(&codes.pack()), Ok(CommandCodes::Control(guarded)));
+        }
+    }
+
+    #[test]
+    fn no_frame_with_six_leading_ff_is_ever_packed_from_any_gain_and_torque() {
+        for tail in 0..=u16::MAX {
+            let [a, b] = tail.to_be_bytes();
+            let codes = ControlCodes::unpack([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, a, b]);
+            assert_eq!(codes.pack(), [0xFF, 0xFF, 0xFF, 0xFF, 0xFE, 0xFF, a, b]);
+        }
+    }
+
+    #[test]
+    fn all_zero_codes_become_one_code_of_position() {
+        assert_eq!(ControlCodes::default().pack(), [0, 1, 0, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn saturating_codes_are_guarded_like_full_ones() {
+        let wide =
+            ControlCodes { position: 0xFFFF, velocity: 0xFFFF, kp: 0xFFFF, kd: 0xFFFF, torque: 0xFFFF };
+        assert_eq!(wide.pack(), [0xFF, 0xFF, 0xFF, 0xFF, 0xFE, 0xFF, 0xFF, 0xFF]);
+    }
+
+    #[test]
+    fn every_special_frame_is_read_as_its_command_and_written_back() {
+        for bytes in special_frames() {
+            let command = CommandCodes::decode(&bytes).unwrap();
+            assert!(!matches!(command, CommandCodes::Control(_)), "{bytes:02X?}");
+            assert_eq!(command.encode(), bytes);
+        }
+        assert_eq!(CommandCodes::GetFault { f_cmd: 0xFF }.encode()[6], 0, "asking never clears");
+    }
+
+    #[test]
+    fn every_truncated_and_oversized_command_is_refused() {
+        for received in (0..8).chain(9..=64) {
+            let refused = DecodeError::Length { least: 8, most: 8, received };
+            assert_eq!(CommandCodes::decode(&[0xFF; 64][..received]), Err(refused));
+        }
+    }
+
+    #[test]
+    fn each_value_that_is_not_finite_is_named() {
+        let scale = TorqueScale::new(0.1, 8.0).unwrap();
+        let zero = Impedance::default();
+        for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for (impedance, field) in [
+                (Impedance { position: value, ..zero }, Quantity::Position),
+                (Impedance { velocity: value, ..zero }, Quantity::Velocity),
+                (Impedance { kp: value, ..zero }, Quantity::Kp),
+                (Impedance { kd: value, ..zero }, Quantity::Kd),
+                (Impedance { torque: value, ..zero }, Quantity::Torque),
+            ] {
+                let refused = Err(EncodeError::NotFinite { field });
+                assert_eq!(Command::Control(impedance).encode(&scale), refused);
+            }
+        }
+    }
+}
