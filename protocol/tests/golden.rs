@@ -1,0 +1,269 @@
+//! Frames worked out from the vendor documents, held against the codec in both directions.
+//!
+//! The vectors know nothing of this crate. Their torques are for 0.1 N·m/A and a gear ratio of 8.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_protocol::gim::{self, ConfigurationKey, Pending};
+use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance, KD, KP, POSITION, VELOCITY};
+use motord_protocol::{StateCodes, TorqueScale, rs485};
+use serde_json::{Map, Value, json};
+
+struct Vector {
+    name: String,
+    bytes: Vec<u8>,
+    /// What our encoder sends instead, where the bytes themselves are forbidden.
+    encoded_as: Vec<u8>,
+    decoded: Value,
+}
+
+fn vectors(protocol: &str, direction: &str) -> Vec<Vector> {
+    let all: Vec<Value> = serde_json::from_str(include_str!("golden_vectors.json")).unwrap();
+    let wanted = |vector: &&Value| vector["protocol"] == protocol && vector["direction"] == direction;
+    let found: Vec<_> = all.iter().filter(wanted).map(vector).collect();
+    assert!(!found.is_empty(), "no vectors for {protocol} {direction}");
+    found
+}
+
+fn vector(raw: &Value) -> Vector {
+    let bytes = hex(raw["hex"].as_str().unwrap());
+    Vector {
+        name: raw["name"].as_str().unwrap().into(),
+        encoded_as: raw["encoded_as"].as_str().map_or_else(|| bytes.clone(), hex),
+        bytes,
+        decoded: raw["decoded"].clone(),
+    }
+}
+
+fn hex(digits: &str) -> Vec<u8> {
+    let pairs = digits.as_bytes().chunks(2);
+    pairs.map(|pair| u8::from_str_radix(core::str::from_utf8(pair).unwrap(), 16).unwrap()).collect()
+}
+
+fn scale() -> TorqueScale {
+    TorqueScale::new(0.1, 8.0).unwrap()
+}
+
+/// Every key we tell must be in the vector with this value; what else the vector has is commentary.
+fn assert_tells(vector: &Vector, told: &Value) {
+    let expected: Map<_, _> = vector.decoded.as_object().unwrap().clone();
+    for (key, value) in told.as_object().unwrap() {
+        let expected = &expected[key];
+        let same = match (value.as_f64(), expected.as_f64()) {
+            (Some(told), Some(expected)) => (told - expected).abs() < 1e-12,
+            _ => value == expected,
+        };
+        assert!(same, "{}: {key} is {value}, expected {expected}", vector.name);
+    }
+}
+
+fn told_mit_command(command: CommandCodes) -> Value {
+    match command {
+        CommandCodes::GetFault { f_cmd } => json!({ "kind": "get_fault", "f_cmd": f_cmd }),
+        CommandCodes::ClearFault => json!({ "kind": "clear_fault" }),
+        CommandCodes::Start => json!({ "kind": "start_motor" }),
+        CommandCodes::Stop => json!({ "kind": "stop_motor" }),
+        CommandCodes::SetZero => json!({ "kind": "set_zero" }),
+        CommandCodes::Control(ControlCodes { position, velocity, kp, kd, torque }) => json!({
+            "kind": "dynamic_control",
+            "pos_int": position, "pos_rad": POSITION.decode(position),
+            "vel_int": velocity, "vel_rad_s": VELOCITY.decode(velocity),
+            "kp_int": kp, "kp": KP.decode(kp),
+            "kd_int": kd, "kd": KD.decode(kd),
+            "torque_int": torque, "torque_nm": scale().field().decode(torque),
+        }),
+    }
+}
+
+#[test]
+fn every_mit_command_is_read_as_the_document_says_and_written_back() {
+    for vector in vectors("mit", "to_motor") {
+        let command = CommandCodes::decode(&vector.bytes).unwrap();
+        assert_tells(&vector, &told_mit_command(command));
+        assert_eq!(command.encode()[..], vector.encoded_as, "{}", vector.name);
+    }
+}
+
+#[test]
+fn every_request_in_physical_values_takes_the_nearest_codes() {
+    let mut held = 0;
+    for vector in vectors("mit", "to_motor") {
+        let request = &vector.decoded["request"];
+        // A truncating driver sends other codes than ours for the same request.
+        if request.is_null() || vector.name.ends_with("_trunc") {
+            continue;
+        }
+        let value = |key: &str| request[key].as_f64().unwrap() as f32;
+        let impedance = Impedance {
+            position: value("pos_rad"),
+            velocity: value("vel_rad_s"),
+            kp: value("kp"),
+            kd: value("kd"),
+            torque: value("torque_nm"),
+        };
+        let bytes = mit::Command::Control(impedance).encode(&scale()).unwrap();
+        assert_eq!(bytes[..], vector.encoded_as, "{}", vector.name);
+        held += 1;
+    }
+    assert!(held > 10);
+}
+
+fn told_mit_reply(reply: mit::Reply) -> Value {
+    match reply {
+        mit::Reply::State(state) => {
+            let StateCodes { position, velocity, torque } = state.codes;
+            json!({
+                "kind": "state", "can_id": state.id,
+                "pos_int": position, "pos_rad": POSITION.decode(position),
+                "vel_int": velocity, "vel_rad_s": VELOCITY.decode(velocity),
+                "torque_int": torque, "torque_nm": scale().field().decode(torque),
+            })
+        }
+        mit::Reply::Fault { id, fault } => json!({ "kind": "fault_reply", "can_id": id, "fault": fault.0 }),
+        mit::Reply::Cleared { id } => json!({ "kind": "clear_fault_reply", "can_id": id }),
+    }
+}
+
+#[test]
+fn every_mit_reply_is_read_as_what_was_asked_and_written_back() {
+    for vector in vectors("mit", "to_host") {
+        let asked = match vector.decoded["kind"].as_str().unwrap() {
+            "fault_reply" => Asked::Fault,
+            "clear_fault_reply" => Asked::Clear,
+            _ => Asked::State,
+        };
+        let reply = mit::decode_reply(&vector.bytes, asked, &scale()).unwrap();
+        assert_tells(&vector, &told_mit_reply(reply));
+        assert_eq!(reply.encode_over([0; 6])[..], vector.bytes[..6], "{}", vector.name);
+    }
+}
+
+/// The name the vectors give a command: that of the table, in snake case.
+fn kind(code: gim::CommandCode) -> String {
+    let mut name = String::new();
+    for letter in format!("{code:?}").chars() {
+        if letter.is_uppercase() && !name.is_empty() {
+            name.push('_');
+        }
+        name.extend(letter.to_lowercase());
+    }
+    name
+}
+
+fn told_gim_command(command: gim::Command) -> Value {
+    use gim::Command;
+    let mut told = match command {
+        Command::ModifyConfiguration { conf_id, value } => {
+            json!({ "conf_type": value.value_type() as u8, "conf_id": conf_id, "value": value.as_f64() })
+        }
+        Command::RetrieveConfiguration(ConfigurationKey { conf_type, conf_id }) => {
+            json!({ "conf_type": conf_type, "conf_id": conf_id })
+        }
+        Command::TorqueControl { torque, duration } => {
+            json!({ "torque_nm": torque.get(), "duration_ms": duration.as_millis() })
+        }
+        Command::SpeedControl { speed_rpm, duration } => {
+            json!({ "speed_rpm": speed_rpm.get(), "duration_ms": duration.as_millis() })
+        }
+        Command::PositionControl { position, duration } => {
+            json!({ "position_rad": position.get(), "duration_ms": duration.as_millis() })
+        }
+        Command::ModifyParameter { para_id, value } => json!({ "para_id": para_id, "value": value }),
+        Command::RetrieveParameter { para_id } => json!({ "para_id": para_id }),
+        Command::RetrieveIndicator { ind_id } => json!({ "ind_id": ind_id }),
+        Command::Calibration(gim::Calibration(cali_type)) if cali_type <= 1 => {
+            json!({ "cali_type": cali_type })
+        }
+        _ => json!({}),
+    };
+    told["kind"] = kind(command.code()).into();
+    told["cmd"] = (command.code() as u8).into();
+    told
+}
+
+#[test]
+fn every_native_command_is_read_as_the_document_says_and_written_back() {
+    for vector in vectors("gim-can", "to_motor") {
+        let command = gim::decode_command(&vector.bytes).unwrap();
+        assert_tells(&vector, &told_gim_command(command));
+        let filler = vector.bytes[..].try_into().unwrap();
+        assert_eq!(command.encode_over(filler)[..], vector.bytes, "{}", vector.name);
+        let padded = if vector.name.ends_with("_mit_safe") {
+            command.encode_mit_safe()
+        } else {
+            Some(command.encode())
+        };
+        if !vector.name.starts_with("hazard") {
+            assert_eq!(padded.unwrap()[..], vector.bytes, "{}", vector.name);
+        }
+    }
+}
+
+fn told_gim_reply(reply: gim::Reply) -> Value {
+    use gim::Reply;
+    let mut told = match reply {
+        Reply::State { outcome: Ok(state), .. } => {
+            let StateCodes { position, velocity, torque } = state.codes;
+            json!({
+                "temperature_c": state.temperature_celsius,
+                "pos_int": position, "pos_rad": POSITION.decode(position),
+                "vel_int": velocity, "vel_rad_s": VELOCITY.decode(velocity),
+                "torque_int": torque, "torque_nm": scale().field().decode(torque),
+            })
+        }
+        Reply::ConfigurationModified { key, .. } => {
+            json!({ "conf_type": key.conf_type, "conf_id": key.conf_id })
+        }
+        Reply::Configuration { key, outcome: Ok(value) } => {
+            json!({ "conf_type": key.conf_type, "conf_id": key.conf_id, "value": value.as_f64() })
+        }
+        Reply::Parameter { para_id, outcome: Ok(value) } => json!({ "para_id": para_id, "value": value }),
+        Reply::Version(Ok(version)) => json!({ "version": version }),
+        Reply::Fault(Ok(fault)) => json!({ "fault": fault.0 }),
+        Reply::Indicator { ind_id, outcome: Ok(value) } => json!({ "ind_id": ind_id, "value": value.get() }),
+        _ => json!({}),
+    };
+    let code = gim::CommandCode::from_byte(reply.code()).unwrap();
+    told["kind"] = kind(code).into();
+    told["cmd"] = reply.code().into();
+    told["res"] = reply.res().into();
+    told
+}
+
+#[test]
+fn every_native_reply_is_read_as_the_document_says_and_written_back() {
+    for vector in vectors("gim-can", "to_host") {
+        let reply = gim::decode_reply(&vector.bytes, Pending::Other, &scale()).unwrap();
+        assert_tells(&vector, &told_gim_reply(reply));
+        assert_eq!(reply.encode_over([0; 8])[..], vector.bytes, "{}", vector.name);
+    }
+}
+
+#[test]
+fn every_serial_frame_is_read_as_the_document_says_and_written_back() {
+    for direction in ["to_motor", "to_host"] {
+        for vector in vectors("gim-rs485", direction) {
+            let frame = rs485::Frame::decode(&vector.bytes).unwrap();
+            let [id, frame_type, len, crc] = frame.header();
+            let header = json!({ "id": id, "type": frame_type, "len": len, "crc": crc });
+            assert_eq!(header, vector.decoded["header"], "{}", vector.name);
+
+            let told = match (frame.frame_type(), direction) {
+                (rs485::FrameType::Ack, _) => json!("ack_error"),
+                (_, "to_motor") => {
+                    told_gim_command(gim::decode_command(frame.payload()).unwrap())["kind"].take()
+                }
+                (_, _) => {
+                    let reply = gim::decode_reply(frame.payload(), Pending::Other, &scale()).unwrap();
+                    told_gim_reply(reply)["kind"].take()
+                }
+            };
+            assert_eq!(told, vector.decoded["kind"], "{}", vector.name);
+
+            let mut decoder = rs485::Decoder::new();
+            let found = vector.bytes.iter().filter_map(|&byte| decoder.push(byte, |_| true));
+            assert!(found.eq([frame]), "{}", vector.name);
+            assert_eq!(frame.write(&mut [0; rs485::FRAME_LEN_MAX]), vector.bytes, "{}", vector.name);
+        }
+    }
+}
