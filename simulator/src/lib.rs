@@ -1,1 +1,36 @@
-//! Skeleton.
+//! Motors and buses that answer as the vendor documents say, without a motor or a bus.
+//!
+//! A [`SimulatedBus`] is a [`motord_bus::Bus`]: CAN with arbitration and exact frame lengths, or a serial line. Each
+//! of its [`Motor`]s has mechanics (rotor behind a gear, friction, a torque limit, a warm winding) and a drive that
+//! speaks MIT or native GIM. Where the documents are silent, [`Behaviour`] chooses. [`FaultVerb`]s break things.
+//!
+//! Time is what the caller passes in, chance comes from a seed: one seed and one sequence of calls is one run. The
+//! physics steps on a fixed grid of 50 µs, so that looking more often changes nothing; a gap of more than half a
+//! second takes longer steps.
+//!
+//! It shares no codec with the host side, which it is there to judge. It does not simulate: sensor noise, encoder
+//! offsets, backlash, the loops' gains (the documents give them no unit), error counters of the CAN controllers.
+//!
+//! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad, A, V, Ω, H, kg·m², s; temperatures in °C. Positions, velocities
+//! and torques are those of the output shaft.
+
+mod body;
+mod bus;
+mod fault;
+mod length;
+mod motor;
+mod random;
+mod record;
+mod settings;
+mod shared;
+mod wire;
+
+pub use bus::SimulatedBus;
+pub use fault::{Fault, FaultVerb, InjectError, VerbError};
+pub use length::frame_bits;
+pub use motor::{Mode, Motor};
+pub use record::{Direction, Recorded};
+pub use settings::{
+    Behaviour, BeyondRange, BusKind, BusSettings, Dialect, HostLoss, InFault, MotorSettings, ReplyTiming,
+};
+pub use shared::SharedBus;

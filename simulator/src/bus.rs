@@ -1,0 +1,486 @@
+//! One simulated bus: who sends when, how long it takes, and what reaches whom.
+
+use crate::fault::{Fault, FaultVerb, InjectError};
+use crate::length::frame_bits;
+use crate::motor::{Impairment, Motor, Reply};
+use crate::random::Random;
+use crate::record::{Direction, Record, Recorded};
+use crate::settings::{BusKind, BusSettings, MotorSettings};
+use motord_bus::arithmetic::{SERIAL_FRAME_BITS, unstuffed_bits, wire_time};
+use motord_bus::frame::ControllerState;
+use motord_bus::{Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, Instant};
+use motord_bus::{Readiness, Refusal, Sent};
+use std::collections::VecDeque;
+
+/// Frames that one call moves at most; a longer backlog of strangers is dropped.
+const TRANSFERS_MAX: usize = 4096;
+/// Answers that wait for the wire, per motor; what comes beyond is lost, as in a drive's few mailboxes.
+const ANSWERS_PER_MOTOR: usize = 8;
+/// A native answer has 8 bytes, an MIT answer 6, a shortened one 4.
+const ANSWER_BYTES_MIN: u32 = 4;
+/// Keeps the order of two answers that would be ready at once.
+const MOMENT: Duration = Duration::from_nanos(1);
+/// How long a serial host waits for an answer before it asks the next motor.
+const SERIAL_PATIENCE: Duration = Duration::from_millis(2);
+/// Strangers have ids from here to 0x7FF, which no motor should have.
+const STRANGER_ID: u16 = 0x7F0;
+
+/// A bus with its motors, in process. Everything that happens on it happens at a time of its own, derived from the
+/// times that are passed in and from the seed: the same calls give the same bytes, on virtual and on real time.
+///
+/// - The host's frames wait in a queue, first in first out. Whenever the wire is idle, the frame with the lowest id
+///   that waits anywhere goes next, and takes its exact length. It is delivered when it is complete.
+/// - Every motor hears every frame, so a motor whose id is another's host id obeys its answers.
+/// - Two motors that begin one id at once: equal bytes merge into one frame; different ones destroy each other:
+///   the wire is taken for the length of the frame, the host sees an error frame, and they try again one by one.
+///
+/// After construction no method of [`Bus`] allocates; each moves at most 4096 frames.
+#[derive(Debug, Clone)]
+pub struct SimulatedBus {
+    settings: BusSettings,
+    motors: Vec<Motor>,
+    random: Random,
+    now: Instant,
+    queue: VecDeque<Contender>,
+    answers: Vec<Answer>,
+    wire: Option<Transfer>,
+    host_ready: Instant,
+    arrivals: VecDeque<Arrival>,
+    lost: u32,
+    link: Link,
+    flood: Option<Flood>,
+    record: Record,
+}
+
+/// What the host's controller can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Link {
+    Up,
+    Full { room: usize },
+    Unacknowledged,
+    Off,
+    Down,
+    Gone,
+}
+
+/// A frame that wants the wire.
+#[derive(Debug, Clone, Copy)]
+struct Contender {
+    sender: Sender,
+    frame: Frame,
+    /// From when on it may begin.
+    ready: Instant,
+    /// On the wire.
+    duration: Duration,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Answer {
+    contender: Contender,
+    /// Until the motor's next answer.
+    held: bool,
+}
+
+/// A frame that has the wire.
+#[derive(Debug, Clone, Copy)]
+struct Transfer {
+    sender: Sender,
+    frame: Frame,
+    ends: Instant,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sender {
+    Host,
+    Motor(usize),
+    Stranger,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Flood {
+    period: Duration,
+    contender: Contender,
+}
+
+impl SimulatedBus {
+    /// A bus at rest, its motors stopped. `seed` decides jitter, garbage and losses.
+    #[must_use]
+    pub fn new(settings: BusSettings, motors: Vec<MotorSettings>, seed: u64) -> Self {
+        let motors: Vec<Motor> =
+            motors.into_iter().map(|motor| Motor::new(motor, settings.kind, settings.bitrate)).collect();
+        Self {
+            random: Random::new(seed),
+            now: Instant::ZERO,
+            queue: VecDeque::with_capacity(settings.tx_queue),
+            answers: Vec::with_capacity(ANSWERS_PER_MOTOR * motors.len()),
+            wire: None,
+            host_ready: Instant::ZERO,
+            arrivals: VecDeque::with_capacity(settings.rx_queue),
+            lost: 0,
+            link: Link::Up,
+            flood: None,
+            record: Record::new(settings.record),
+            motors,
+            settings,
+        }
+    }
+
+    /// As in the settings.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.settings.name
+    }
+
+    /// The motor of this name, as it was at the latest time that a call has passed in.
+    #[must_use]
+    pub fn motor(&self, name: &str) -> Option<&Motor> {
+        self.motors.iter().find(|motor| motor.name() == name)
+    }
+
+    /// All motors, in the order of their settings.
+    #[must_use]
+    pub fn motors(&self) -> &[Motor] {
+        &self.motors
+    }
+
+    /// Hands over, oldest first, the frames that were on the wire since the last call, as far as
+    /// [`BusSettings::record`] keeps them.
+    pub fn take_record(&mut self) -> impl Iterator<Item = Recorded> + '_ {
+        self.record.take()
+    }
+
+    /// Does `verb` to the bus or to one of its motors.
+    ///
+    /// # Errors
+    ///
+    /// The target is unknown, or is not of the kind that can have this fault. Nothing has changed then.
+    pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        self.advance(now);
+        if verb.target == self.settings.name {
+            return self.disturb(verb.fault);
+        }
+        let motor = self.motors.iter_mut().find(|motor| motor.name() == verb.target);
+        motor.ok_or(InjectError::NoSuchTarget)?.inject(now, verb.fault)
+    }
+
+    fn disturb(&mut self, fault: Fault) -> Result<(), InjectError> {
+        match fault {
+            Fault::Ok => self.recover(),
+            Fault::BusOff => {
+                self.cut(Link::Off);
+                self.report(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] });
+            }
+            Fault::TxFull(room) => self.link = Link::Full { room },
+            Fault::NoAck => {
+                self.link = Link::Unacknowledged;
+                self.report(ErrorFrame { class: ErrorFrame::NO_ACKNOWLEDGE, data: [0; 8] });
+            }
+            Fault::Down => self.cut(Link::Down),
+            Fault::Gone => self.cut(Link::Gone),
+            Fault::Flood(rate) => self.flood(rate),
+            Fault::Report(state) => self.report(controller_report(state)),
+            Fault::Stray(foreign) => self.arrive(self.now, Content::Foreign(foreign)),
+            Fault::Overflow(frames) => self.lost = self.lost.saturating_add(frames),
+            _ => return Err(InjectError::NotForBuses),
+        }
+        Ok(())
+    }
+
+    fn recover(&mut self) {
+        if self.link == Link::Off {
+            self.report(ErrorFrame { class: ErrorFrame::RESTARTED, data: [0; 8] });
+        }
+        self.link = Link::Up;
+        self.flood = None;
+    }
+
+    /// The host leaves the bus with all that it had queued; a frame of its own on the wire is lost.
+    fn cut(&mut self, link: Link) {
+        self.link = link;
+        self.queue.clear();
+        self.wire = self.wire.filter(|transfer| transfer.sender != Sender::Host);
+    }
+
+    fn report(&mut self, error: ErrorFrame) {
+        self.arrive(self.now, Content::Error(error));
+    }
+
+    fn flood(&mut self, rate: u32) {
+        let period = Duration::from_secs(1) / rate.max(1);
+        let frame = stranger(&mut self.random);
+        let duration = self.duration(&frame);
+        let contender = Contender { sender: Sender::Stranger, frame, ready: self.now, duration };
+        self.flood = Some(Flood { period, contender });
+    }
+
+    fn arrive(&mut self, at: Instant, content: Content) {
+        if self.arrivals.len() < self.settings.rx_queue {
+            self.arrivals.push_back(Arrival { at, content });
+        } else {
+            self.lost = self.lost.saturating_add(1);
+        }
+    }
+
+    /// Lets happen all that happens up to `to`.
+    fn advance(&mut self, to: Instant) {
+        for _ in 0..TRANSFERS_MAX {
+            if self.wire.is_none() {
+                self.arbitrate(to);
+            }
+            let Some(transfer) = self.wire.filter(|transfer| transfer.ends <= to) else { break };
+            self.wire = None;
+            self.now = self.now.max(transfer.ends);
+            self.complete(transfer);
+        }
+        self.now = self.now.max(to);
+    }
+
+    /// Gives the idle wire to the most urgent of the frames that are ready first, if one is by `to`.
+    fn arbitrate(&mut self, to: Instant) {
+        let Some(first) = self.contenders().map(|contender| contender.ready).min() else { return };
+        let start = self.now.max(first);
+        if start > to {
+            return;
+        }
+        let ready = self.contenders().filter(|contender| contender.ready <= start);
+        let Some(winner) = ready.min_by_key(|contender| (contender.frame.id(), contender.ready)) else {
+            return;
+        };
+        let ends = start + winner.duration;
+        if self.collides(&winner, start) {
+            self.now = ends;
+            self.report(ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] });
+        } else {
+            self.withdraw(&winner, start);
+            self.wire = Some(Transfer { sender: winner.sender, frame: winner.frame, ends });
+        }
+    }
+
+    fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
+        let host = self.queue.front().filter(|_| self.link != Link::Unacknowledged);
+        let host = host.map(|queued| Contender { ready: self.host_ready, ..*queued });
+        let answers = self.answers.iter().filter(|answer| !answer.held).map(|answer| answer.contender);
+        host.into_iter().chain(answers).chain(self.flood.map(|flood| flood.contender))
+    }
+
+    /// Another motor begins the same id with other bytes: it tries again a moment after the winner, whose own second
+    /// try begins as soon as the collision is over.
+    fn collides(&mut self, winner: &Contender, start: Instant) -> bool {
+        let Sender::Motor(_) = winner.sender else { return false };
+        let again = start + winner.duration + MOMENT;
+        let mut collided = false;
+        for answer in self.answers.iter_mut().filter(|answer| !answer.held) {
+            let rival = &mut answer.contender;
+            let together = rival.ready <= start && rival.sender != winner.sender;
+            if together && rival.frame.id() == winner.frame.id() && rival.frame != winner.frame {
+                collided = true;
+                rival.ready = again;
+            }
+        }
+        collided
+    }
+
+    /// The winner waits no more, nor do those who send the same bits with it.
+    fn withdraw(&mut self, winner: &Contender, start: Instant) {
+        match winner.sender {
+            Sender::Host => {
+                self.queue.pop_front();
+            }
+            Sender::Motor(_) => self.answers.retain(|Answer { contender, held }| {
+                let together = contender.sender != winner.sender && contender.ready <= start;
+                *held || contender.frame != winner.frame || !(together || contender.ready == winner.ready)
+            }),
+            Sender::Stranger => {
+                let frame = stranger(&mut self.random);
+                let duration = self.duration(&frame);
+                if let Some(Flood { period, contender }) = &mut self.flood {
+                    let ready = (contender.ready + *period).max(start);
+                    *contender = Contender { frame, duration, ready, ..*contender };
+                }
+            }
+        }
+    }
+
+    fn duration(&self, frame: &Frame) -> Duration {
+        let bits = match self.settings.kind {
+            BusKind::Can => frame_bits(frame),
+            BusKind::Serial => SERIAL_FRAME_BITS,
+        };
+        wire_time(bits, self.settings.bitrate)
+    }
+
+    /// Everybody but the sender hears a frame when it is complete.
+    fn complete(&mut self, Transfer { sender, frame, ends }: Transfer) {
+        let from_host = sender == Sender::Host;
+        let direction = if from_host { Direction::ToMotor } else { Direction::ToHost };
+        self.record.push(Recorded { at: ends, direction, frame });
+        if self.settings.kind == BusKind::Serial {
+            self.host_ready = if from_host { ends + SERIAL_PATIENCE } else { ends };
+        }
+        if !from_host && !self.link.is_cut() {
+            self.arrive(ends, Content::Frame(frame));
+        }
+        for index in 0..self.motors.len() {
+            if sender == Sender::Motor(index) {
+                continue;
+            }
+            if let Some(reply) = self.motors[index].hear(ends, &frame) {
+                self.answer(index, ends, reply);
+            }
+        }
+    }
+
+    /// Puts a motor's answer where it contends for the wire, with what its impairments do to it.
+    fn answer(&mut self, index: usize, at: Instant, reply: Reply) {
+        let motor = &self.motors[index];
+        let impairment = *motor.impairment();
+        let (latency, jitter) = (motor.settings().reply_latency, motor.settings().reply_jitter);
+        if impairment.loss > 0.0 && self.random.fraction() < impairment.loss {
+            return;
+        }
+        let early = at + latency + reply.after + impairment.delay - jitter;
+        let ready = early + (2 * jitter).mul_f64(self.random.fraction());
+        let frame = damaged(reply.frame, &impairment, &mut self.random);
+        let sender = Sender::Motor(index);
+        let contender = Contender { sender, frame, ready: ready.max(at), duration: self.duration(&frame) };
+        let overtaken = self.release(sender, contender.ready + MOMENT);
+        self.wait(Answer { contender, held: impairment.reorder && !overtaken });
+        if impairment.duplicate {
+            let contender = Contender { ready: contender.ready + MOMENT, ..contender };
+            self.wait(Answer { contender, held: false });
+        }
+    }
+
+    /// Lets go of the answer that `sender` held back, if it did.
+    fn release(&mut self, sender: Sender, ready: Instant) -> bool {
+        let held = self.answers.iter_mut().find(|answer| answer.held && answer.contender.sender == sender);
+        let found = held.is_some();
+        if let Some(answer) = held {
+            answer.held = false;
+            answer.contender.ready = ready;
+        }
+        found
+    }
+
+    fn wait(&mut self, answer: Answer) {
+        if self.answers.len() < ANSWERS_PER_MOTOR * self.motors.len() {
+            self.answers.push(answer);
+        }
+    }
+
+    /// When the next thing can arrive, if nothing else is sent: never later than it does.
+    fn next_arrival(&self) -> Option<Instant> {
+        if let Some(arrival) = self.arrivals.front() {
+            return Some(arrival.at);
+        }
+        if self.link.is_cut() {
+            return None;
+        }
+        let waiting = self.contenders().map(|contender| match contender.sender {
+            Sender::Host => self.idle_from().max(contender.ready) + contender.duration + self.answer_min(),
+            _ => self.wire_free_for(&contender).max(contender.ready) + contender.duration,
+        });
+        let sending = self.wire.map(|transfer| match transfer.sender {
+            Sender::Host => transfer.ends + self.answer_min(),
+            _ => transfer.ends,
+        });
+        waiting.chain(sending).min()
+    }
+
+    fn idle_from(&self) -> Instant {
+        self.wire.map_or(self.now, |transfer| transfer.ends)
+    }
+
+    /// After the host's frames that go before it.
+    fn wire_free_for(&self, contender: &Contender) -> Instant {
+        let blocked = self.settings.kind == BusKind::Serial || self.link == Link::Unacknowledged;
+        let urgent = self.queue.iter().take_while(|queued| queued.frame.id() < contender.frame.id());
+        let before = if blocked { Duration::ZERO } else { urgent.map(|queued| queued.duration).sum() };
+        self.idle_from() + before
+    }
+
+    /// From the end of a command to the end of its answer, at least.
+    fn answer_min(&self) -> Duration {
+        let latency =
+            |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);
+        let latency = self.motors.iter().map(latency).min().unwrap_or(Duration::ZERO);
+        latency + wire_time(unstuffed_bits(ANSWER_BYTES_MIN), self.settings.bitrate)
+    }
+}
+
+impl Bus for SimulatedBus {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.advance(now);
+        let refuse = |refusal| Sent { accepted: 0, refusal: Some(refusal) };
+        let room = self.settings.tx_queue - self.queue.len();
+        let room = match self.link {
+            Link::Down => return refuse(Refusal::Down),
+            Link::Gone => return refuse(Refusal::Gone),
+            Link::Off => return Sent::all(frames.len()),
+            Link::Full { room: left } => room.min(left),
+            Link::Up | Link::Unacknowledged => room,
+        };
+        let accepted = room.min(frames.len());
+        for frame in &frames[..accepted] {
+            let duration = self.duration(frame);
+            let contender = Contender { sender: Sender::Host, frame: *frame, ready: now, duration };
+            self.queue.push_back(contender);
+        }
+        Sent { accepted, refusal: (accepted < frames.len()).then_some(Refusal::Full) }
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        self.advance(now);
+        for motor in &mut self.motors {
+            motor.advance(now);
+        }
+        inbox.lost = inbox.lost.saturating_add(core::mem::take(&mut self.lost));
+        while inbox.room() > 0
+            && let Some(arrival) = self.arrivals.pop_front_if(|arrival| arrival.at <= now)
+        {
+            if inbox.push(arrival).is_err() {
+                break;
+            }
+        }
+    }
+
+    fn readiness(&self) -> Readiness {
+        self.next_arrival().map_or(Readiness::Never, Readiness::At)
+    }
+}
+
+impl Link {
+    /// The host takes no part in the bus.
+    fn is_cut(self) -> bool {
+        matches!(self, Self::Off | Self::Down | Self::Gone)
+    }
+}
+
+fn controller_report(state: ControllerState) -> ErrorFrame {
+    let (class, detail) = match state {
+        // Byte 1 of CAN_ERR_CRTL in linux/can/error.h: active, warning for TX, passive for TX.
+        ControllerState::Active => (ErrorFrame::CONTROLLER, 0x40),
+        ControllerState::Warning => (ErrorFrame::CONTROLLER, 0x08),
+        ControllerState::Passive => (ErrorFrame::CONTROLLER, 0x20),
+        ControllerState::Off => (ErrorFrame::BUS_OFF, 0x00),
+    };
+    ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] }
+}
+
+fn stranger(random: &mut Random) -> Frame {
+    let id = STRANGER_ID | (random.next() & 0xF) as u16;
+    Frame::full(FrameId::new(id).unwrap_or(FrameId::MAX), random.next().to_le_bytes())
+}
+
+fn damaged(frame: Frame, impairment: &Impairment, random: &mut Random) -> Frame {
+    let mut bytes = [0; 8];
+    let mut len = frame.payload().len();
+    bytes[..len].copy_from_slice(frame.payload());
+    if impairment.garbage {
+        bytes = random.next().to_le_bytes();
+    }
+    if impairment.short {
+        len = len.saturating_sub(2);
+    }
+    Frame::new(frame.id(), &bytes[..len]).unwrap_or(frame)
+}

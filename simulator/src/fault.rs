@@ -1,0 +1,310 @@
+//! What can be done to a bus or a motor from outside, and the lines that ask for it: `fl-hip delayed 2ms`.
+
+use core::str::FromStr;
+use motord_bus::frame::ControllerState;
+use motord_bus::{Duration, Foreign};
+
+/// One disturbance. Those of a motor add up until [`Fault::Ok`] lifts them all; a bus has one link state at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// `ok`, `on`: all is well again. What happened (a vendor fault, heat, a power cycle) stays.
+    Ok,
+    /// `off`: the motor is unplugged from the bus, neither hears nor answers, and goes on with what it did.
+    Off,
+    /// `stuck`: the reported position stands still.
+    Stuck,
+    /// `garbage`: answers have the right id and length, and random bytes.
+    Garbage,
+    /// `wrong`: answers are well formed and false: position 1 rad off, velocity and torque with the other sign.
+    Wrong,
+    /// `slow 10ms`: reported states are refreshed only that often.
+    Slow(Duration),
+    /// `delayed 2ms`: answers come that much later.
+    Delayed(Duration),
+    /// `intermittent 50%`: that fraction of the answers is lost, 0 to 1.
+    Intermittent(f64),
+    /// `duplicate`: every answer is sent twice.
+    Duplicate,
+    /// `reorder`: every other answer is sent after its successor.
+    Reorder,
+    /// `short`: answers lack their last two bytes.
+    Short,
+    /// `fault 0x02`: the drive raises these bits of the vendor's fault list (GIM document, table 9).
+    Raise(u8),
+    /// `power-cycle`: the motor restarts: silent while it boots, then stopped, its position within one turn.
+    PowerCycle,
+    /// `temperature 120`: the winding has this temperature now, °C.
+    Temperature(f64),
+    /// `voltage 60`: the supply, V.
+    Voltage(f64),
+    /// `load 5`: constant torque of the outside world on the output, N·m.
+    Load(f64),
+    /// `bus-off`: the controller has left the bus. Frames are accepted and lost, as Linux does without carrier.
+    BusOff,
+    /// `tx-full`, `tx-full 1`: each send accepts this many frames and refuses the rest; what waits is still sent.
+    TxFull(usize),
+    /// `no-ack`: nobody acknowledges: the queue fills, and what is old in it is sent when the fault is lifted.
+    NoAck,
+    /// `down`: the interface is down.
+    Down,
+    /// `gone`: the interface is unplugged.
+    Gone,
+    /// `flood 8000`: that many frames of strangers a second.
+    Flood(u32),
+    /// `warning`, `passive`, `active`: the controller reports this state once; nothing else changes.
+    Report(ControllerState),
+    /// `extended`, `remote`, `fd`: one frame that no motor sends.
+    Stray(Foreign),
+    /// `overflow 5`: that many received frames were lost.
+    Overflow(u32),
+}
+
+/// A fault and the name of the bus or motor it befalls, as in `front-left bus-off`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FaultVerb {
+    /// Name of a bus or motor.
+    pub target: String,
+    /// What happens to it.
+    pub fault: Fault,
+}
+
+/// Why a line is no [`FaultVerb`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum VerbError {
+    /// The line has no target, no verb, or more words than its verb takes.
+    Words {
+        /// How many words there are.
+        received: usize,
+    },
+    /// No such verb.
+    Verb,
+    /// The verb's argument is missing, malformed or out of range.
+    Argument {
+        /// What one looks like.
+        expected: &'static str,
+    },
+}
+
+impl core::fmt::Display for VerbError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Words { received } => {
+                write!(f, "{received} words; expected a target, a verb and at most one argument")
+            }
+            Self::Verb => write!(f, "no such verb"),
+            Self::Argument { expected } => write!(f, "bad argument; expected something like {expected}"),
+        }
+    }
+}
+
+impl core::error::Error for VerbError {}
+
+impl FromStr for FaultVerb {
+    type Err = VerbError;
+
+    fn from_str(line: &str) -> Result<Self, VerbError> {
+        let mut words = line.split_whitespace();
+        let (target, verb, argument) = (words.next(), words.next(), words.next());
+        let received = line.split_whitespace().count();
+        match (target, verb) {
+            (Some(target), Some(verb)) if received <= 3 => {
+                Ok(Self { target: target.to_owned(), fault: fault(verb, argument)? })
+            }
+            _ => Err(VerbError::Words { received }),
+        }
+    }
+}
+
+/// What follows a verb.
+#[derive(Clone, Copy)]
+enum Form {
+    /// Nothing.
+    Bare(Fault),
+    /// An argument.
+    With { example: &'static str, read: fn(&str) -> Option<Fault> },
+    /// An argument, or this instead.
+    Either { otherwise: Fault, example: &'static str, read: fn(&str) -> Option<Fault> },
+}
+
+/// All verbs; the documentation of [`Fault`] says what they do.
+const VERBS: [(&str, Form); 30] = {
+    use Form::{Bare, Either, With};
+    let slow = Fault::Slow(Duration::from_millis(10));
+    let delayed = Fault::Delayed(Duration::from_millis(2));
+    [
+        ("ok", Bare(Fault::Ok)),
+        ("on", Bare(Fault::Ok)),
+        ("off", Bare(Fault::Off)),
+        ("stuck", Bare(Fault::Stuck)),
+        ("garbage", Bare(Fault::Garbage)),
+        ("wrong", Bare(Fault::Wrong)),
+        ("slow", Either { otherwise: slow, example: "10ms", read: |text| duration(text).map(Fault::Slow) }),
+        (
+            "delayed",
+            Either { otherwise: delayed, example: "2ms", read: |text| duration(text).map(Fault::Delayed) },
+        ),
+        (
+            "intermittent",
+            Either {
+                otherwise: Fault::Intermittent(0.5),
+                example: "50%",
+                read: |text| percentage(text).map(Fault::Intermittent),
+            },
+        ),
+        ("duplicate", Bare(Fault::Duplicate)),
+        ("reorder", Bare(Fault::Reorder)),
+        ("short", Bare(Fault::Short)),
+        ("fault", With { example: "0x02", read: |text| byte(text).map(Fault::Raise) }),
+        ("power-cycle", Bare(Fault::PowerCycle)),
+        ("temperature", With { example: "120", read: |text| finite(text).map(Fault::Temperature) }),
+        ("voltage", With { example: "60", read: |text| finite(text).map(Fault::Voltage) }),
+        ("load", With { example: "5.0", read: |text| finite(text).map(Fault::Load) }),
+        ("bus-off", Bare(Fault::BusOff)),
+        (
+            "tx-full",
+            Either {
+                otherwise: Fault::TxFull(0),
+                example: "1",
+                read: |text| text.parse().ok().map(Fault::TxFull),
+            },
+        ),
+        ("no-ack", Bare(Fault::NoAck)),
+        ("down", Bare(Fault::Down)),
+        ("gone", Bare(Fault::Gone)),
+        (
+            "flood",
+            Either {
+                otherwise: Fault::Flood(8000),
+                example: "8000",
+                read: |text| rate(text).map(Fault::Flood),
+            },
+        ),
+        ("active", Bare(Fault::Report(ControllerState::Active))),
+        ("warning", Bare(Fault::Report(ControllerState::Warning))),
+        ("passive", Bare(Fault::Report(ControllerState::Passive))),
+        ("extended", Bare(Fault::Stray(Foreign::Extended))),
+        ("remote", Bare(Fault::Stray(Foreign::Remote))),
+        ("fd", Bare(Fault::Stray(Foreign::Fd))),
+        ("overflow", With { example: "5", read: |text| text.parse().ok().map(Fault::Overflow) }),
+    ]
+};
+
+fn fault(verb: &str, argument: Option<&str>) -> Result<Fault, VerbError> {
+    let (_, form) = VERBS.iter().find(|(name, _)| *name == verb).ok_or(VerbError::Verb)?;
+    match (*form, argument) {
+        (Form::Bare(fault), None) => Ok(fault),
+        (Form::Bare(_), Some(_)) => Err(VerbError::Words { received: 3 }),
+        (Form::Either { otherwise, .. }, None) => Ok(otherwise),
+        (Form::With { example, .. }, None) => Err(VerbError::Argument { expected: example }),
+        (Form::With { example, read } | Form::Either { example, read, .. }, Some(text)) => {
+            read(text).ok_or(VerbError::Argument { expected: example })
+        }
+    }
+}
+
+fn duration(text: &str) -> Option<Duration> {
+    let split = text.find(|letter: char| letter.is_ascii_alphabetic())?;
+    let (number, unit) = text.split_at(split);
+    let scale = match unit {
+        "s" => 1.0,
+        "ms" => 1e-3,
+        "us" => 1e-6,
+        _ => return None,
+    };
+    Duration::try_from_secs_f64(number.parse::<f64>().ok()? * scale).ok()
+}
+
+fn percentage(text: &str) -> Option<f64> {
+    let percent = finite(text.strip_suffix('%')?)?;
+    (0.0..=100.0).contains(&percent).then_some(percent / 100.0)
+}
+
+fn byte(text: &str) -> Option<u8> {
+    match text.strip_prefix("0x") {
+        Some(hex) => u8::from_str_radix(hex, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+fn rate(text: &str) -> Option<u32> {
+    text.parse().ok().filter(|rate| *rate > 0)
+}
+
+fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|number: &f64| number.is_finite())
+}
+
+/// Why a fault could not be injected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InjectError {
+    /// Neither the bus nor a motor on it has this name.
+    NoSuchTarget,
+    /// A fault of buses, asked for a motor.
+    NotForMotors,
+    /// A fault of motors, asked for a bus.
+    NotForBuses,
+}
+
+impl core::fmt::Display for InjectError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::NoSuchTarget => "no bus or motor of this name",
+            Self::NotForMotors => "only a bus can have this fault",
+            Self::NotForBuses => "only a motor can have this fault",
+        })
+    }
+}
+
+impl core::error::Error for InjectError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_verb_is_read_as_it_is_documented() {
+        let cases = [
+            ("fl-hip off", Fault::Off),
+            ("fl-hip on", Fault::Ok),
+            ("fl-hip delayed 2ms", Fault::Delayed(Duration::from_millis(2))),
+            ("fl-hip slow 500us", Fault::Slow(Duration::from_micros(500))),
+            ("fl-hip intermittent 50%", Fault::Intermittent(0.5)),
+            ("fl-hip fault 0x02", Fault::Raise(2)),
+            ("fl-hip fault 8", Fault::Raise(8)),
+            ("fl-hip  power-cycle", Fault::PowerCycle),
+            ("fl-hip load -2.5", Fault::Load(-2.5)),
+            ("fl-hip tx-full", Fault::TxFull(0)),
+            ("fl-hip tx-full 1", Fault::TxFull(1)),
+            ("fl-hip flood 100", Fault::Flood(100)),
+            ("fl-hip passive", Fault::Report(ControllerState::Passive)),
+            ("fl-hip remote", Fault::Stray(Foreign::Remote)),
+        ];
+        for (line, fault) in cases {
+            assert_eq!(line.parse(), Ok(FaultVerb { target: "fl-hip".into(), fault }), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_line_that_is_no_verb_says_what_is_expected() {
+        let expected = |text| VerbError::Argument { expected: text };
+        let cases = [
+            ("", VerbError::Words { received: 0 }),
+            ("fl-hip", VerbError::Words { received: 1 }),
+            ("fl-hip off now", VerbError::Words { received: 3 }),
+            ("fl-hip delayed 2 ms", VerbError::Words { received: 4 }),
+            ("fl-hip explode", VerbError::Verb),
+            ("fl-hip explode 2", VerbError::Verb),
+            ("fl-hip fault", expected("0x02")),
+            ("fl-hip fault 0x100", expected("0x02")),
+            ("fl-hip delayed -1ms", expected("2ms")),
+            ("fl-hip delayed 2", expected("2ms")),
+            ("fl-hip intermittent 101%", expected("50%")),
+            ("fl-hip intermittent nan%", expected("50%")),
+            ("fl-hip load inf", expected("5.0")),
+            ("fl-hip flood 0", expected("8000")),
+        ];
+        for (line, error) in cases {
+            assert_eq!(line.parse::<FaultVerb>(), Err(error), "{line}");
+        }
+    }
+}

@@ -1,0 +1,407 @@
+//! One simulated motor: its mechanics, its drive, and what it answers.
+
+mod configuration;
+mod indicator;
+mod mit;
+mod native;
+
+use crate::body::{Body, Law, STEP_NS};
+use crate::fault::{Fault, InjectError};
+use crate::settings::{BusKind, HostLoss, MotorSettings};
+use crate::wire::{Scale, State};
+use configuration::{Configuration, int};
+use core::f64::consts::TAU;
+use motord_bus::{Duration, Frame, FrameId, Instant};
+
+/// Steps that one call computes at most, half a second; a longer gap takes longer steps.
+const STEPS_MAX: u64 = 10_000;
+/// The shaft turns this fast while it is calibrated, rad/s.
+const CALIBRATION_VELOCITY: f64 = 1.0;
+
+/// Vendor faults that conditions raise (GIM document, table 9).
+mod fault_bit {
+    pub(super) const OVER_VOLTAGE: u8 = 0x02;
+    pub(super) const UNDER_VOLTAGE: u8 = 0x04;
+    pub(super) const OVER_TEMPERATURE: u8 = 0x08;
+}
+
+/// What a drive is doing.
+///
+/// ```text
+///             start                  a fault
+///  Stopped ----------> Running ------------------> Fault
+///   | ^ ^               | stop                     | fault acknowledged,
+///   | | +---------------+                          | its cause gone
+///   | | +------------------------------------------+
+///   | calibrate         end, stop                     (Calibrating and Stopped
+///   +------------> Calibrating ----> Stopped           fall into Fault, too)
+///
+///  any ---- update firmware ----> Firmware        any ---- power cycle ----> Stopped
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Limp; answers, and moves nothing.
+    Stopped,
+    /// Executes control commands.
+    Running,
+    /// Limp until the fault is acknowledged.
+    Fault,
+    /// Turns the shaft to measure itself.
+    Calibrating,
+    /// Waits for a firmware that never comes; has left the bus.
+    Firmware,
+}
+
+/// A motor with its ground truth, which a real one would not tell.
+#[derive(Debug, Clone)]
+pub struct Motor {
+    settings: MotorSettings,
+    kind: BusKind,
+    bitrate: u32,
+    configuration: Configuration,
+    body: Body,
+    /// In the body's coordinates; remembered while the drive is stopped.
+    law: Law,
+    /// Where on the body's scale the motor reports zero, rad.
+    origin: f64,
+    mode: Mode,
+    fault: u8,
+    supply: f64,
+    time: Instant,
+    control_until: Instant,
+    calibration_until: Instant,
+    silent_until: Instant,
+    impairment: Impairment,
+    last_executed: Option<(Instant, Frame)>,
+}
+
+/// What is wrong between the drive and the wire.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Impairment {
+    pub(crate) off: bool,
+    stuck: Option<f64>,
+    wrong: bool,
+    slow: Option<Slow>,
+    pub(crate) garbage: bool,
+    pub(crate) delay: Duration,
+    pub(crate) loss: f64,
+    pub(crate) duplicate: bool,
+    pub(crate) reorder: bool,
+    pub(crate) short: bool,
+}
+
+/// A state that is shown for a while.
+#[derive(Debug, Clone, Copy)]
+struct Slow {
+    period: Duration,
+    until: Instant,
+    shown: [f64; 3],
+}
+
+/// An answer, and how long the drive needs for it on top of its latency.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reply {
+    pub(crate) frame: Frame,
+    pub(crate) after: Duration,
+}
+
+impl Motor {
+    pub(crate) fn new(settings: MotorSettings, kind: BusKind, bitrate: u32) -> Self {
+        Self {
+            configuration: Configuration::new(&settings, bitrate),
+            body: Body::new(&settings),
+            law: Law::LIMP,
+            origin: 0.0,
+            mode: Mode::Stopped,
+            fault: 0,
+            supply: settings.supply_voltage,
+            time: Instant::ZERO,
+            control_until: Instant::FAR_FUTURE,
+            calibration_until: Instant::FAR_FUTURE,
+            silent_until: Instant::ZERO,
+            impairment: Impairment::default(),
+            last_executed: None,
+            settings,
+            kind,
+            bitrate,
+        }
+    }
+
+    /// As in the settings.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.settings.name
+    }
+
+    /// Position of the output shaft on the motor's own scale, unlimited, rad.
+    #[must_use]
+    pub fn position(&self) -> f64 {
+        self.body.position - self.origin
+    }
+
+    /// Velocity of the output shaft, rad/s.
+    #[must_use]
+    pub fn velocity(&self) -> f64 {
+        self.body.velocity
+    }
+
+    /// What the drive gives at the output shaft, N·m.
+    #[must_use]
+    pub fn torque(&self) -> f64 {
+        self.body.torque
+    }
+
+    /// Of the winding, °C.
+    #[must_use]
+    pub fn temperature(&self) -> f64 {
+        self.body.winding
+    }
+
+    /// What the drive is doing.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// The vendor's fault bits (GIM document, table 9).
+    #[must_use]
+    pub fn fault(&self) -> u8 {
+        self.fault
+    }
+
+    /// The last control frame that moved the motor, and when it was heard. Frames that a stopped motor merely
+    /// remembered are not among them.
+    #[must_use]
+    pub fn last_executed(&self) -> Option<(Instant, Frame)> {
+        self.last_executed
+    }
+
+    pub(crate) fn settings(&self) -> &MotorSettings {
+        &self.settings
+    }
+
+    pub(crate) fn impairment(&self) -> &Impairment {
+        &self.impairment
+    }
+
+    /// Moves the mechanics and the drive's own clocks up to `to`. At most [`STEPS_MAX`] steps for each of the three
+    /// spans that two expiring clocks can make of it.
+    pub(crate) fn advance(&mut self, to: Instant) {
+        for _ in 0..2 {
+            let due = self.control_until.min(self.calibration_until);
+            if due > to {
+                break;
+            }
+            self.integrate(due);
+            self.expire(due);
+        }
+        self.integrate(to);
+    }
+
+    fn integrate(&mut self, to: Instant) {
+        let steps = (to.as_nanos() / STEP_NS).saturating_sub(self.time.as_nanos() / STEP_NS);
+        self.time = self.time.max(to);
+        let count = steps.min(STEPS_MAX);
+        let seconds = (steps * STEP_NS) as f64 / count.max(1) as f64 / 1e9;
+        for _ in 0..count {
+            self.step(seconds);
+        }
+    }
+
+    fn step(&mut self, seconds: f64) {
+        let mut limp = Law::LIMP;
+        let driven = matches!(self.mode, Mode::Running | Mode::Calibrating);
+        self.body.step(if driven { &mut self.law } else { &mut limp }, seconds);
+        let conditions = self.conditions();
+        if conditions & !self.fault != 0 {
+            self.raise(conditions);
+        }
+    }
+
+    fn expire(&mut self, due: Instant) {
+        if self.calibration_until <= due && self.mode == Mode::Calibrating {
+            self.mode = Mode::Stopped;
+        }
+        self.end_control();
+    }
+
+    /// Limp, whatever was under way.
+    fn end_control(&mut self) {
+        self.law = Law::LIMP;
+        self.control_until = Instant::FAR_FUTURE;
+        self.calibration_until = Instant::FAR_FUTURE;
+    }
+
+    fn execute(&mut self, at: Instant, frame: &Frame, law: Law, until: Instant) {
+        self.law = law;
+        self.control_until = until;
+        self.body.apply(&law);
+        self.last_executed = Some((at, *frame));
+    }
+
+    /// Takes `frame` from the wire at `at`; the answer, if the motor gives one.
+    pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
+        if !self.is_addressed(at, frame.id()) {
+            return None;
+        }
+        let bytes = <[u8; 8]>::try_from(frame.payload()).ok()?;
+        self.advance(at);
+        // A change of id or protocol takes effect after its own answer.
+        let host_id = self.host_id();
+        if self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0 {
+            let (payload, after) = self.native(at, frame, bytes)?;
+            Some(Reply { frame: Frame::full(host_id, payload), after })
+        } else {
+            let frame = Frame::new(host_id, &self.mit(at, frame, bytes)?)?;
+            Some(Reply { frame, after: Duration::ZERO })
+        }
+    }
+
+    fn is_addressed(&self, at: Instant, id: FrameId) -> bool {
+        let listens = self.kind == BusKind::Serial || self.configuration.listens_at(self.bitrate);
+        listens
+            && !self.impairment.off
+            && self.mode != Mode::Firmware
+            && at >= self.silent_until
+            && id == self.line_id(int::CAN_ID)
+    }
+
+    fn host_id(&self) -> FrameId {
+        self.line_id(int::HOST_ID)
+    }
+
+    /// An id as the line can carry it: 11 bits on CAN, a byte in a serial header.
+    pub(crate) fn line_id(&self, item: u8) -> FrameId {
+        let mask = if self.kind == BusKind::Serial { 0xFF } else { 0x7FF };
+        FrameId::new((self.configuration.int(item) & mask) as u16).unwrap_or(FrameId::MAX)
+    }
+
+    fn conditions(&self) -> u8 {
+        let above = |value: f64, item| value > f64::from(self.configuration.int(item));
+        let below = |value: f64, item| value < f64::from(self.configuration.int(item));
+        let bit = |holds, bit| if holds { bit } else { 0 };
+        bit(above(self.supply, int::OVER_VOLTAGE), fault_bit::OVER_VOLTAGE)
+            | bit(below(self.supply, int::UNDER_VOLTAGE), fault_bit::UNDER_VOLTAGE)
+            | bit(above(self.body.winding, int::OVER_TEMPERATURE), fault_bit::OVER_TEMPERATURE)
+    }
+
+    fn raise(&mut self, bits: u8) {
+        self.fault |= bits;
+        if self.fault != 0 && self.mode != Mode::Firmware {
+            self.mode = Mode::Fault;
+            self.end_control();
+        }
+    }
+
+    /// A fault whose cause still holds comes back at once.
+    fn acknowledge(&mut self) {
+        self.fault = self.conditions();
+        if self.mode == Mode::Fault && self.fault == 0 {
+            self.mode = Mode::Stopped;
+        }
+    }
+
+    /// The present position becomes zero. The law keeps its numbers: they now mean another place.
+    fn set_zero(&mut self) {
+        self.configuration.set_int(int::ZERO_POSITION, i32::from(self.encoder()));
+        self.move_origin(self.body.position);
+    }
+
+    /// Forgets the turns: the position is within half a turn of the stored zero.
+    fn find_turn(&mut self) {
+        let zero = f64::from(self.configuration.int(int::ZERO_POSITION)) * TAU / 65536.0;
+        let angle = (self.body.position - zero + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
+        self.move_origin(self.body.position - angle);
+    }
+
+    fn move_origin(&mut self, origin: f64) {
+        self.law.reference += origin - self.origin;
+        self.law.target += origin - self.origin;
+        self.origin = origin;
+    }
+
+    /// The output shaft within its turn; 65536 codes a turn (GIM document 3.2.3).
+    fn encoder(&self) -> u16 {
+        (self.body.position.rem_euclid(TAU) * 65536.0 / TAU) as u32 as u16
+    }
+
+    fn power_cycle(&mut self, at: Instant) {
+        self.configuration.set_int(int::POWER_OFF_POSITION, i32::from(self.encoder()));
+        self.mode = Mode::Stopped;
+        self.fault = 0;
+        self.end_control();
+        self.find_turn();
+        self.silent_until = at + self.settings.boot_time;
+    }
+
+    fn q_current(&self) -> f64 {
+        self.body.torque / (self.settings.torque_constant * self.settings.gear_ratio)
+    }
+
+    /// The wire carries q current: its scale is the motor's real one, whatever is configured.
+    fn torque_scale(&self) -> Scale {
+        Scale::torque(self.settings.torque_constant, self.settings.gear_ratio)
+    }
+
+    /// When a control command that is heard at `at` ends without another.
+    fn host_loss(&self, at: Instant) -> Instant {
+        match self.settings.behaviour.host_loss {
+            HostLoss::KeepsCommand => Instant::FAR_FUTURE,
+            HostLoss::GoesLimp { after } => at + after,
+        }
+    }
+
+    /// The state as codes, with what the impairments make of it.
+    fn state(&mut self, at: Instant) -> State {
+        let behaviour = self.settings.behaviour;
+        State::encode(self.report(at), self.torque_scale(), behaviour.truncates, behaviour.beyond_range)
+    }
+
+    fn report(&mut self, at: Instant) -> [f64; 3] {
+        let position = self.impairment.stuck.unwrap_or(self.position());
+        let (velocity, torque) = (self.body.velocity, self.body.torque);
+        let now = if self.impairment.wrong {
+            [position + 1.0, -velocity, -torque]
+        } else {
+            [position, velocity, torque]
+        };
+        let Some(slow) = &mut self.impairment.slow else { return now };
+        if at >= slow.until {
+            *slow = Slow { until: at + slow.period, shown: now, ..*slow };
+        }
+        slow.shown
+    }
+
+    /// Does `fault` to this motor.
+    pub(crate) fn inject(&mut self, at: Instant, fault: Fault) -> Result<(), InjectError> {
+        self.advance(at);
+        let position = self.position();
+        let impairment = &mut self.impairment;
+        match fault {
+            Fault::Ok => self.recover(),
+            Fault::Off => impairment.off = true,
+            Fault::Stuck => impairment.stuck = Some(position),
+            Fault::Garbage => impairment.garbage = true,
+            Fault::Wrong => impairment.wrong = true,
+            Fault::Slow(period) => impairment.slow = Some(Slow { period, until: at, shown: [0.0; 3] }),
+            Fault::Delayed(delay) => impairment.delay = delay,
+            Fault::Intermittent(loss) => impairment.loss = loss,
+            Fault::Duplicate => impairment.duplicate = true,
+            Fault::Reorder => impairment.reorder = true,
+            Fault::Short => impairment.short = true,
+            Fault::Raise(bits) => self.raise(bits),
+            Fault::PowerCycle => self.power_cycle(at),
+            Fault::Temperature(celsius) => self.body.winding = celsius,
+            Fault::Voltage(volts) => self.supply = volts,
+            Fault::Load(torque) => self.body.load = torque,
+            _ => return Err(InjectError::NotForMotors),
+        }
+        Ok(())
+    }
+
+    fn recover(&mut self) {
+        self.impairment = Impairment::default();
+        self.supply = self.settings.supply_voltage;
+        self.body.load = self.settings.load_torque;
+    }
+}

@@ -1,0 +1,166 @@
+//! The native GIM protocol, from the motor's side (GIM document 3.2).
+
+use super::configuration::{int, rpm};
+use super::{CALIBRATION_VELOCITY, Mode, Motor};
+use crate::body::Law;
+use crate::settings::{InFault, ReplyTiming};
+use crate::wire::{self, command, result};
+use motord_bus::{Duration, Frame, Instant};
+
+/// Time constant of the speed loop, s. The document gives the gains no unit: the loops are fixed and well tuned.
+const SPEED_LOOP: f64 = 0.002;
+/// Corner of the critically damped position loop, rad/s.
+const POSITION_LOOP: f64 = 60.0;
+
+impl Motor {
+    /// The answer, and how long the motor is busy before it.
+    pub(super) fn native(
+        &mut self,
+        at: Instant,
+        frame: &Frame,
+        bytes: [u8; 8],
+    ) -> Option<([u8; 8], Duration)> {
+        let now = |payload| Some((payload, Duration::ZERO));
+        match (self.mode, bytes[0]) {
+            (_, command::GET_FAULT | command::ACKNOWLEDGE_FAULT) => now(self.status(bytes)),
+            (Mode::Fault, _) if self.settings.behaviour.in_fault == InFault::Silent => None,
+            (Mode::Fault, _) => now(wire::answer(bytes, result::FAILURE, [0; 4])),
+            (
+                Mode::Calibrating,
+                0x81..=0x91 | 0x93..=0xA1 | command::CALIBRATE | command::UPDATE_FIRMWARE,
+            ) => now(wire::answer(bytes, result::FAILURE, [0; 4])),
+            (_, command::TORQUE | command::SPEED | command::POSITION) => now(self.control(at, frame, bytes)),
+            (_, command::CALIBRATE) => Some(self.calibrate(at, bytes)),
+            (_, command::UPDATE_FIRMWARE) => {
+                self.end_control();
+                self.mode = Mode::Firmware;
+                None
+            }
+            _ => now(self.status(bytes)),
+        }
+    }
+
+    /// Commands whose answer is a result and perhaps data.
+    fn status(&mut self, bytes: [u8; 8]) -> [u8; 8] {
+        let (code, data) = match self.perform(bytes) {
+            Ok(data) => (result::SUCCESS, data),
+            Err(code) => (code, [0; 4]),
+        };
+        wire::answer(bytes, code, data)
+    }
+
+    fn perform(&mut self, [command, sub, id, _, data @ ..]: [u8; 8]) -> Result<[u8; 4], u8> {
+        const DONE: [u8; 4] = [0; 4];
+        match command {
+            command::RESET_CONFIGURATION => self.reset_configuration(),
+            command::REFRESH_CONFIGURATION => {}
+            command::MODIFY_CONFIGURATION => self.modify_configuration(sub, id, data)?,
+            command::RETRIEVE_CONFIGURATION => return self.configuration.retrieve(sub, id),
+            command::START => self.mode = Mode::Running,
+            command::STOP => {
+                self.end_control();
+                self.mode = Mode::Stopped;
+            }
+            command::STOP_CONTROL => self.end_control(),
+            command::MODIFY_PARAMETER => self.configuration.modify_parameter(sub, data)?,
+            command::RETRIEVE_PARAMETER => return self.configuration.parameter(sub),
+            command::GET_VERSION => return Ok(self.settings.version.to_le_bytes()),
+            command::GET_FAULT => return Ok([self.fault, 0, 0, 0]),
+            command::ACKNOWLEDGE_FAULT => self.acknowledge(),
+            command::RETRIEVE_INDICATOR => {
+                return self.indicator(sub).map(f32::to_le_bytes).ok_or(result::UNKNOWN_REGISTER);
+            }
+            _ => return Err(result::UNKNOWN_COMMAND),
+        }
+        Ok(DONE)
+    }
+
+    fn reset_configuration(&mut self) {
+        self.configuration = super::Configuration::factory(&self.settings);
+        self.find_turn();
+    }
+
+    fn modify_configuration(&mut self, kind: u8, id: u8, data: [u8; 4]) -> Result<(), u8> {
+        self.configuration.modify(kind, id, data)?;
+        if (kind, id) == (0x00, int::ZERO_POSITION) {
+            self.find_turn();
+        }
+        Ok(())
+    }
+
+    fn control(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> [u8; 8] {
+        let (value, duration_ms) = wire::native_control(bytes);
+        if !value.is_finite() {
+            return wire::answer(bytes, result::DATA_FORMAT, [0; 4]);
+        }
+        if self.mode != Mode::Running {
+            return wire::answer(bytes, result::FAILURE, [0; 4]);
+        }
+        let before = self.state(at);
+        let duration = Duration::from_millis(u64::from(duration_ms));
+        let (law, ends) = match bytes[0] {
+            command::TORQUE => (self.torque_law(value.into()), true),
+            command::SPEED => (self.speed_law(value.into()), true),
+            _ => (self.position_law(value.into(), duration), false),
+        };
+        let until = if ends && duration_ms > 0 { at + duration } else { Instant::FAR_FUTURE };
+        self.execute(at, frame, law, until);
+        let state = match self.settings.behaviour.reply_timing {
+            ReplyTiming::BeforeCommand => before,
+            ReplyTiming::AfterCommand => self.state(at),
+        };
+        state.native(bytes[0], self.temperature_byte())
+    }
+
+    /// The driver divides N·m by what it is configured for, and the motor multiplies by what it is.
+    fn torque_law(&self, torque: f64) -> Law {
+        let real = self.settings.torque_constant * self.settings.gear_ratio;
+        let configured =
+            self.configuration.torque_constant() * f64::from(self.configuration.int(int::GEAR_RATIO));
+        Law { torque: torque * real / configured, ..Law::LIMP }
+    }
+
+    fn speed_law(&self, speed_rpm: f64) -> Law {
+        let velocity = (speed_rpm / rpm(1.0)).clamp(-self.speed_max(), self.speed_max());
+        Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
+    }
+
+    /// Arrives after `duration` and stays; without one, as fast as it may.
+    fn position_law(&self, position: f64, duration: Duration) -> Law {
+        let target = position + self.origin;
+        let distance = (target - self.body.position).abs();
+        let inertia = self.body.inertia();
+        Law {
+            reference: self.body.position,
+            target,
+            rate: (distance / duration.as_secs_f64()).min(self.speed_max()),
+            kp: inertia * POSITION_LOOP * POSITION_LOOP,
+            kd: 2.0 * inertia * POSITION_LOOP,
+            ..Law::LIMP
+        }
+    }
+
+    /// As configured, rad/s.
+    fn speed_max(&self) -> f64 {
+        f64::from(self.configuration.int(int::SPEED_MAX_RPM)) / rpm(1.0)
+    }
+
+    fn calibrate(&mut self, at: Instant, bytes: [u8; 8]) -> ([u8; 8], Duration) {
+        if bytes[1] > 0x01 {
+            return (wire::answer(bytes, result::UNKNOWN_REGISTER, [0; 4]), Duration::ZERO);
+        }
+        if self.mode != Mode::Stopped {
+            return (wire::answer(bytes, result::FAILURE, [0; 4]), Duration::ZERO);
+        }
+        let duration = self.settings.calibration_time;
+        self.mode = Mode::Calibrating;
+        self.calibration_until = at + duration;
+        self.law = Law { velocity: CALIBRATION_VELOCITY, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP };
+        (wire::answer(bytes, result::SUCCESS, [0; 4]), duration)
+    }
+
+    /// The winding is the hottest place, °C.
+    fn temperature_byte(&self) -> i8 {
+        self.body.winding.floor() as i8
+    }
+}

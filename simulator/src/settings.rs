@@ -1,0 +1,218 @@
+//! What a simulated bus and its motors are: physical properties, and the choices the vendor documents leave open.
+
+use motord_bus::Duration;
+
+/// One bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BusSettings {
+    /// The name that fault verbs address it by.
+    pub name: String,
+    /// CAN or a serial line.
+    pub kind: BusKind,
+    /// Bit/s on the wire.
+    pub bitrate: u32,
+    /// Frames that wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
+    pub tx_queue: usize,
+    /// Arrivals that wait to be received; what comes beyond is lost and counted, as in a socket's buffer.
+    pub rx_queue: usize,
+    /// Frames that [`SimulatedBus::take_record`](crate::SimulatedBus::take_record) remembers, the newest; 0: none.
+    pub record: usize,
+}
+
+impl Default for BusSettings {
+    fn default() -> Self {
+        Self {
+            name: "can0".into(),
+            kind: BusKind::Can,
+            bitrate: 1_000_000,
+            tx_queue: 10,
+            rx_queue: 256,
+            record: 0,
+        }
+    }
+}
+
+/// How frames share the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BusKind {
+    /// The lowest id goes first whenever the wire is idle.
+    Can,
+    /// RS485 or RS232 at 10 bits a byte: one request is open at a time, the next leaves when it is answered or has
+    /// been silent for 2 ms. A frame's id is the address byte of its header.
+    Serial,
+}
+
+/// Which protocol a motor speaks over CAN (GIM document, table 7, ConfID 0x1C). A serial line is always native.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dialect {
+    /// The MIT protocol.
+    Mit,
+    /// The native GIM protocol.
+    Gim,
+}
+
+/// One motor. The default is a GIM8108-8 on a light leg, by its published figures where there are any.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotorSettings {
+    /// The name that fault verbs and tests address it by.
+    pub name: String,
+    /// CAN ID (ConfID 0x12); above 0x7FF counts as 0x7FF.
+    pub id: u16,
+    /// The id its answers bear (ConfID 0x13); above 0x7FF counts as 0x7FF.
+    pub host_id: u16,
+    /// The protocol it speaks over CAN when it starts.
+    pub dialect: Dialect,
+    /// Rotor side, N·m/A.
+    pub torque_constant: f64,
+    /// Rotor turns per output turn.
+    pub gear_ratio: f64,
+    /// The most torque it can give, output side, N·m.
+    pub torque_peak: f64,
+    /// Speed without load, output side, rad/s: driving torque falls to zero on a straight line up to it.
+    pub velocity_max: f64,
+    /// Of the rotor alone, kg·m².
+    pub rotor_inertia: f64,
+    /// What hangs on the output, kg·m².
+    pub load_inertia: f64,
+    /// Constant torque of the outside world on the output, N·m.
+    pub load_torque: f64,
+    /// Output side, N·m·s/rad.
+    pub viscous_friction: f64,
+    /// Output side, N·m.
+    pub coulomb_friction: f64,
+    /// What the motor reports at the start, rad.
+    pub initial_position: f64,
+    /// Line to line, Ω.
+    pub winding_resistance: f64,
+    /// Line to line, H.
+    pub winding_inductance: f64,
+    /// Electrical turns per rotor turn.
+    pub pole_pairs: u8,
+    /// Winding to air, K/W.
+    pub thermal_resistance: f64,
+    /// Time constant of the winding's temperature, s.
+    pub thermal_time: f64,
+    /// Air, °C.
+    pub ambient_celsius: f64,
+    /// At the motor's power connector, V.
+    pub supply_voltage: f64,
+    /// What get-version answers.
+    pub version: u32,
+    /// From the end of a command to the moment its answer contends for the wire.
+    pub reply_latency: Duration,
+    /// The latency varies evenly between this much less and this much more.
+    pub reply_jitter: Duration,
+    /// How long a calibration turns the shaft; the answer comes at its end.
+    pub calibration_time: Duration,
+    /// How long a motor is silent after its power came back.
+    pub boot_time: Duration,
+    /// What the documents leave open.
+    pub behaviour: Behaviour,
+}
+
+impl Default for MotorSettings {
+    fn default() -> Self {
+        Self {
+            name: "motor".into(),
+            id: 1,
+            host_id: 0x101,
+            dialect: Dialect::Mit,
+            torque_constant: 0.125,
+            gear_ratio: 8.0,
+            torque_peak: 22.0,
+            velocity_max: 33.5,
+            rotor_inertia: 6e-5,
+            load_inertia: 0.01,
+            load_torque: 0.0,
+            viscous_friction: 0.02,
+            coulomb_friction: 0.15,
+            initial_position: 0.0,
+            winding_resistance: 0.67,
+            winding_inductance: 0.45e-3,
+            pole_pairs: 21,
+            thermal_resistance: 2.0,
+            thermal_time: 40.0,
+            ambient_celsius: 25.0,
+            supply_voltage: 48.0,
+            version: 0x0001_0203,
+            reply_latency: Duration::from_micros(50),
+            reply_jitter: Duration::ZERO,
+            calibration_time: Duration::from_secs(5),
+            boot_time: Duration::from_millis(300),
+            behaviour: Behaviour::default(),
+        }
+    }
+}
+
+/// Where the vendor documents are silent. Each default is the one that is harder on the host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Behaviour {
+    /// Which state an answer holds.
+    pub reply_timing: ReplyTiming,
+    /// Codes in answers are cut off instead of rounded, as a cast in C does.
+    pub truncates: bool,
+    /// What happens when the host falls silent.
+    pub host_loss: HostLoss,
+    /// How a motor in fault refuses.
+    pub in_fault: InFault,
+    /// What position is reported beyond ±12.5 rad.
+    pub beyond_range: BeyondRange,
+    /// An MIT motor that is stopped remembers control frames, and the start command executes the last.
+    pub remembers_control: bool,
+    /// How long an MIT motor is silent after set zero.
+    pub zeroing_silence: Duration,
+}
+
+impl Default for Behaviour {
+    fn default() -> Self {
+        Self {
+            reply_timing: ReplyTiming::BeforeCommand,
+            truncates: true,
+            host_loss: HostLoss::KeepsCommand,
+            in_fault: InFault::Silent,
+            beyond_range: BeyondRange::Wraps,
+            remembers_control: true,
+            zeroing_silence: Duration::ZERO,
+        }
+    }
+}
+
+/// Which state the answer to a control frame holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReplyTiming {
+    /// The state the command found.
+    BeforeCommand,
+    /// The state with the new command's torque.
+    AfterCommand,
+}
+
+/// What an MIT motor does when no control frame comes any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HostLoss {
+    /// It executes the last one for ever.
+    KeepsCommand,
+    /// It goes limp and stays started.
+    GoesLimp {
+        /// Silence until then.
+        after: Duration,
+    },
+}
+
+/// How a motor with an unacknowledged fault answers what it does not execute. Get and clear fault always work.
+/// The English GIM document (3.2.16) says "decline", the Chinese one "refuse to respond".
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum InFault {
+    /// Natively with result 0x01, in MIT with its state.
+    Refuses,
+    /// Not at all.
+    Silent,
+}
+
+/// What an answer says of a position that its 16 bits cannot hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BeyondRange {
+    /// The code modulo 65536.
+    Wraps,
+    /// The code at the end of the range.
+    Clamps,
+}

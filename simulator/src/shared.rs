@@ -1,0 +1,37 @@
+//! One bus with two ends: the daemon drives it, a test disturbs it and looks at its motors.
+
+use crate::SimulatedBus;
+use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// A handle to a simulated bus; clones lead to the same bus. Its [`Bus`] waits while another clone is locked: for
+/// tests and demonstrations.
+#[derive(Debug, Clone)]
+pub struct SharedBus(Arc<Mutex<SimulatedBus>>);
+
+impl SharedBus {
+    /// Shares `bus`.
+    #[must_use]
+    pub fn new(bus: SimulatedBus) -> Self {
+        Self(Arc::new(Mutex::new(bus)))
+    }
+
+    /// The bus, alone until the guard is dropped. A test that panicked with the guard leaves a bus as good as any.
+    pub fn lock(&self) -> MutexGuard<'_, SimulatedBus> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Bus for SharedBus {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.lock().send(now, frames)
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        self.lock().receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness {
+        self.lock().readiness()
+    }
+}
