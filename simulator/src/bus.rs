@@ -94,6 +94,8 @@ enum Sender {
     Host,
     Motor(usize),
     Stranger,
+    /// A collision: nobody gets the frame.
+    Several,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -247,13 +249,13 @@ impl SimulatedBus {
             return;
         };
         let ends = start + winner.duration;
-        if self.collides(&winner, start) {
-            self.now = ends;
-            self.report(ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] });
+        let sender = if self.collides(&winner, start) {
+            Sender::Several
         } else {
             self.withdraw(&winner, start);
-            self.wire = Some(Transfer { sender: winner.sender, frame: winner.frame, ends });
-        }
+            winner.sender
+        };
+        self.wire = Some(Transfer { sender, frame: winner.frame, ends });
     }
 
     fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
@@ -290,6 +292,7 @@ impl SimulatedBus {
                 let together = contender.sender != winner.sender && contender.ready <= start;
                 *held || contender.frame != winner.frame || !(together || contender.ready == winner.ready)
             }),
+            Sender::Several => {}
             Sender::Stranger => {
                 let frame = stranger(&mut self.random);
                 let duration = self.duration(&frame);
@@ -311,6 +314,10 @@ impl SimulatedBus {
 
     /// Everybody but the sender hears a frame when it is complete.
     fn complete(&mut self, Transfer { sender, frame, ends }: Transfer) {
+        if sender == Sender::Several {
+            let error = ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] };
+            return self.arrive(ends, Content::Error(error));
+        }
         let from_host = sender == Sender::Host;
         let direction = if from_host { Direction::ToMotor } else { Direction::ToHost };
         self.record.push(Recorded { at: ends, direction, frame });

@@ -1,0 +1,204 @@
+//! The bus as an experiment: who goes first, how long it takes, and that nothing but time and seed decide.
+
+use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal};
+use motord_simulator::{BusKind, BusSettings, Direction, FaultVerb, MotorSettings, SimulatedBus, frame_bits};
+
+const NEUTRAL: [u8; 8] = [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF];
+
+fn at(micros: u64) -> Instant {
+    Instant::from_nanos(micros * 1000)
+}
+
+fn to(id: u16, bytes: [u8; 8]) -> Frame {
+    Frame::full(FrameId::new(id).unwrap(), bytes)
+}
+
+fn motor(id: u16) -> MotorSettings {
+    MotorSettings { name: format!("m{id}"), id, host_id: 0x100 + id, ..MotorSettings::default() }
+}
+
+fn bus(motors: Vec<MotorSettings>) -> SimulatedBus {
+    SimulatedBus::new(BusSettings { record: 4096, ..BusSettings::default() }, motors, 7)
+}
+
+fn received(bus: &mut SimulatedBus, now: Instant) -> Vec<Arrival> {
+    let mut inbox = Inbox::new();
+    bus.receive(now, &mut inbox);
+    inbox.arrivals().to_vec()
+}
+
+fn frames(arrivals: &[Arrival]) -> Vec<Frame> {
+    let frame = |arrival: &Arrival| match arrival.content {
+        Content::Frame(frame) => Some(frame),
+        _ => None,
+    };
+    arrivals.iter().filter_map(frame).collect()
+}
+
+fn inject(bus: &mut SimulatedBus, now: Instant, line: &str) {
+    bus.inject(now, &line.parse::<FaultVerb>().unwrap()).unwrap();
+}
+
+#[test]
+fn an_answer_arrives_after_both_frames_and_the_latency() {
+    let mut bus = bus(vec![motor(1)]);
+    assert_eq!(bus.readiness(), Readiness::Never);
+    let command = to(1, NEUTRAL);
+    assert!(bus.send(at(1000), &[command]).refusal.is_none());
+    let arrivals = received(&mut bus, at(2000));
+    let [arrival] = arrivals[..] else { panic!("{arrivals:?}") };
+    let reply = frames(&arrivals)[0];
+    let micros = frame_bits(&command) + 50 + frame_bits(&reply);
+    assert_eq!(arrival.at, at(1000 + u64::from(micros)));
+    assert_eq!((reply.id().raw(), reply.payload().len(), reply.payload()[0]), (0x101, 6, 1));
+}
+
+#[test]
+fn nothing_is_handed_over_before_its_time() {
+    let mut bus = bus(vec![motor(1)]);
+    bus.send(at(0), &[to(1, NEUTRAL)]);
+    let end = received(&mut bus.clone(), at(1000))[0].at;
+    assert_eq!(received(&mut bus, end - Duration::from_nanos(1)), []);
+    assert_eq!(received(&mut bus, end).len(), 1);
+}
+
+#[test]
+fn the_lowest_id_that_waits_goes_first() {
+    let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
+    bus.send(at(0), &[to(3, NEUTRAL), to(2, NEUTRAL), to(1, NEUTRAL)]);
+    received(&mut bus, at(2000));
+    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    // The host's queue is first in first out, and its ids beat every answer that waits meanwhile. When it is empty
+    // 0x103 and 0x102 wait, and while 0x102 is sent 0x101 becomes ready and overtakes 0x103.
+    assert_eq!(ids, [3, 2, 1, 0x102, 0x101, 0x103]);
+}
+
+#[test]
+fn an_answer_with_a_low_id_outranks_the_hosts_commands() {
+    let mut bus = bus(vec![MotorSettings { host_id: 0, ..motor(1) }, motor(2), motor(3)]);
+    bus.send(at(0), &[to(1, NEUTRAL), to(2, NEUTRAL), to(3, NEUTRAL)]);
+    received(&mut bus, at(2000));
+    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    assert_eq!(ids, [1, 2, 0, 3, 0x102, 0x103]);
+}
+
+#[test]
+fn readiness_is_never_later_than_the_next_arrival_and_leads_there_in_few_steps() {
+    let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
+    bus.send(at(0), &[to(1, NEUTRAL), to(2, NEUTRAL), to(3, NEUTRAL)]);
+    let truth: Vec<Instant> = received(&mut bus.clone(), at(5000)).iter().map(|arrival| arrival.at).collect();
+    let (mut seen, mut looks) = (Vec::new(), 0);
+    while let Readiness::At(next) = bus.readiness() {
+        let pending = truth[seen.len()];
+        assert!(next <= pending, "{next:?} is later than {pending:?}");
+        seen.extend(received(&mut bus, next).iter().map(|arrival| arrival.at));
+        looks += 1;
+    }
+    assert_eq!(seen, truth);
+    assert!(looks <= 5, "{looks} looks for three answers");
+}
+
+#[test]
+fn the_queue_is_as_long_as_it_is_set_and_refuses_the_rest() {
+    let mut bus = bus(vec![motor(1)]);
+    let sent = bus.send(at(0), &[to(1, NEUTRAL); 12]);
+    assert_eq!((sent.accepted, sent.refusal), (10, Some(Refusal::Full)));
+    let sent = bus.send(at(1), &[to(1, NEUTRAL)]);
+    assert_eq!((sent.accepted, sent.refusal), (1, None), "one frame has left for the wire");
+}
+
+#[test]
+fn two_motors_of_one_id_that_say_the_same_are_one_on_the_wire() {
+    let twin = MotorSettings { name: "twin".into(), ..motor(1) };
+    let mut bus = bus(vec![motor(1), twin]);
+    bus.send(at(0), &[to(1, NEUTRAL)]);
+    assert_eq!(received(&mut bus, at(2000)).len(), 1);
+}
+
+#[test]
+fn two_motors_of_one_id_that_differ_collide_and_then_both_answer() {
+    let twin = MotorSettings { name: "twin".into(), initial_position: 1.0, ..motor(1) };
+    let mut bus = bus(vec![motor(1), twin]);
+    bus.send(at(0), &[to(1, NEUTRAL)]);
+    let arrivals = received(&mut bus, at(2000));
+    assert!(matches!(arrivals[0].content, Content::Error(_)), "{arrivals:?}");
+    assert_eq!(frames(&arrivals).len(), 2);
+}
+
+#[test]
+fn a_motor_obeys_the_answers_that_bear_its_id() {
+    // Motor 1 answers on motor 2's id: 6 bytes are no command, but a native answer of 8 bytes is one.
+    let gim = |id, host_id| MotorSettings { dialect: motord_simulator::Dialect::Gim, host_id, ..motor(id) };
+    let mut bus = bus(vec![gim(1, 2), gim(2, 0x102)]);
+    bus.send(at(0), &[to(1, [0x91, 0, 0, 0, 0, 0, 0, 0])]);
+    received(&mut bus, at(2000));
+    assert_eq!(bus.motor("m2").unwrap().mode(), motord_simulator::Mode::Running);
+}
+
+#[test]
+fn the_record_keeps_the_newest_frames_with_their_direction() {
+    let mut bus = SimulatedBus::new(BusSettings { record: 3, ..BusSettings::default() }, vec![motor(1)], 0);
+    for cycle in 0..5 {
+        bus.send(at(1000 * cycle), &[to(1, NEUTRAL)]);
+    }
+    received(&mut bus, at(6000));
+    let directions: Vec<Direction> = bus.take_record().map(|recorded| recorded.direction).collect();
+    assert_eq!(directions, [Direction::ToHost, Direction::ToMotor, Direction::ToHost]);
+    assert_eq!(bus.take_record().count(), 0);
+}
+
+#[test]
+fn a_serial_line_has_one_request_open_at_a_time() {
+    let settings =
+        BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
+    let mut bus = SimulatedBus::new(settings, vec![motor(1), motor(2)], 0);
+    let get_fault = [0xB2, 0, 0, 0, 0, 0, 0, 0];
+    // Nobody has the address 9: the line stays taken until the host gives up.
+    bus.send(at(0), &[to(1, get_fault), to(9, get_fault), to(2, get_fault)]);
+    received(&mut bus, at(10_000));
+    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    assert_eq!(ids, [1, 0x01, 9, 2, 0x02], "answers bear the low byte of the host id");
+}
+
+/// 300 cycles of three motors with every kind of chance, looked at every `look` microseconds.
+fn life(seed: u64, look: usize) -> Vec<String> {
+    let jitter = Duration::from_micros(20);
+    let motors = (1..=3).map(|id| MotorSettings { reply_jitter: jitter, ..motor(id) }).collect();
+    let mut bus = SimulatedBus::new(BusSettings { record: 10_000, ..BusSettings::default() }, motors, seed);
+    for line in ["m1 intermittent 30%", "m2 garbage", "m3 reorder", "can0 flood 500"] {
+        inject(&mut bus, at(0), line);
+    }
+    bus.send(at(0), &[1, 2, 3].map(|id| to(id, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC])));
+    for cycle in 1..=300 {
+        let torque = [0x80, 0x80, 0x80, 0x08, 0x00, 0x80, 0x08, cycle as u8];
+        bus.send(at(1000 * cycle), &[1, 2, 3].map(|id| to(id, torque)));
+        for offset in (0..1000).step_by(look) {
+            received(&mut bus, at(1000 * cycle + offset));
+        }
+    }
+    received(&mut bus, at(400_000));
+    bus.take_record().map(|recorded| format!("{recorded:?}")).collect()
+}
+
+#[test]
+fn one_seed_is_one_run_however_often_it_is_looked_at() {
+    let run = life(1, 1000);
+    assert!(run.len() > 1500, "{}", run.len());
+    assert!(run == life(1, 1000), "the same calls");
+    assert!(run == life(1, 37), "more looks");
+    assert!(run != life(2, 1000), "another seed");
+}
+
+#[test]
+fn an_hour_without_a_look_is_over_at_once_and_leaves_every_motor_at_a_finite_place() {
+    let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
+    inject(&mut bus, at(0), "can0 flood 8000");
+    bus.send(at(0), &[to(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC])]);
+    bus.send(at(500), &[to(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF])]);
+    let later = at(3_600_000_000);
+    let mut inbox = Inbox::new();
+    bus.receive(later, &mut inbox);
+    assert_eq!((inbox.arrivals().len(), inbox.lost > 3000), (Inbox::CAPACITY, true));
+    assert!(bus.motor("m1").unwrap().position().is_finite());
+    bus.receive(Instant::ZERO, &mut inbox);
+}
