@@ -1,0 +1,199 @@
+//! An MIT motor as the host sees it.
+
+mod common;
+
+use common::{Bench, CLEAR_FAULT, GET_FAULT, NEUTRAL, PUSH, SET_ZERO, START, STOP, position};
+use motord_bus::Duration;
+use motord_simulator::{Behaviour, BeyondRange, HostLoss, InFault, Mode, MotorSettings, ReplyTiming};
+
+fn with(behaviour: Behaviour) -> Bench {
+    Bench::new(MotorSettings { behaviour, ..MotorSettings::default() })
+}
+
+fn bench() -> Bench {
+    with(Behaviour::default())
+}
+
+/// kp 40 (code 328), kd 0.8 (code 655), no velocity, no torque.
+fn hold(position: f64) -> [u8; 8] {
+    let [p1, p0] = (((position + 12.5) * 65535.0 / 25.0).round() as u16).to_be_bytes();
+    [p1, p0, 0x80, 0x01, 0x48, 0x28, 0xF8, 0x00]
+}
+
+#[test]
+fn a_motor_moves_only_between_start_and_stop() {
+    let mut bench = bench();
+    bench.ask(PUSH);
+    assert_eq!((bench.motor().velocity(), bench.motor().mode()), (0.0, Mode::Stopped));
+    bench.ask(NEUTRAL);
+    bench.ask(START);
+    bench.ask(PUSH);
+    assert!(bench.motor().velocity() > 0.5 && bench.motor().mode() == Mode::Running);
+    bench.ask(STOP);
+    assert_eq!((bench.motor().torque(), bench.motor().mode()), (0.0, Mode::Stopped));
+}
+
+#[test]
+fn a_remembered_control_frame_kicks_at_the_start() {
+    let mut bench = bench();
+    bench.ask(PUSH);
+    assert!(bench.motor().last_executed().is_none());
+    bench.ask(START);
+    assert!(bench.motor().velocity() > 0.5);
+
+    let mut forgetful = with(Behaviour { remembers_control: false, ..Behaviour::default() });
+    forgetful.ask(PUSH);
+    forgetful.ask(START);
+    assert_eq!(forgetful.motor().velocity(), 0.0);
+}
+
+#[test]
+fn a_held_position_is_reached() {
+    let mut bench = bench();
+    bench.ask(START);
+    let mut state = bench.ask(NEUTRAL);
+    for _ in 0..500 {
+        state = bench.ask(hold(0.5));
+    }
+    assert!((position(&state) - 0.5).abs() < 0.005, "{}", position(&state));
+    assert_eq!(bench.motor().last_executed().unwrap().1.payload(), hold(0.5));
+}
+
+#[test]
+fn an_answer_holds_the_state_before_or_after_its_command() {
+    let torque = |timing| {
+        let mut bench = with(Behaviour { reply_timing: timing, ..Behaviour::default() });
+        bench.ask(START);
+        let state = bench.ask(PUSH);
+        u16::from(state[4] & 0x0F) << 8 | u16::from(state[5])
+    };
+    assert_eq!((torque(ReplyTiming::BeforeCommand), torque(ReplyTiming::AfterCommand)), (2047, 2148));
+}
+
+#[test]
+fn codes_are_truncated_or_rounded() {
+    let mut rounding = with(Behaviour { truncates: false, ..Behaviour::default() });
+    assert_eq!(rounding.ask(STOP), [1, 0x80, 0x00, 0x80, 0x08, 0x00]);
+    assert_eq!(bench().ask(STOP), [1, 0x7F, 0xFF, 0x7F, 0xF7, 0xFF]);
+}
+
+#[test]
+fn set_zero_makes_the_place_zero() {
+    let mut bench = Bench::new(MotorSettings { initial_position: 2.0, ..MotorSettings::default() });
+    assert!((position(&bench.ask(STOP)) - 2.0).abs() < 1e-3);
+    bench.ask(SET_ZERO);
+    assert!(position(&bench.ask(STOP)).abs() < 1e-3);
+}
+
+#[test]
+fn set_zero_while_running_moves_the_target_along() {
+    let mut bench = Bench::new(MotorSettings { initial_position: 1.0, ..MotorSettings::default() });
+    bench.ask(hold(1.0));
+    bench.ask(START);
+    bench.ask(SET_ZERO);
+    bench.pass(Duration::from_secs(2));
+    assert!((bench.motor().position() - 1.0).abs() < 0.01, "the shaft has turned by a radian");
+}
+
+#[test]
+fn a_motor_may_be_silent_after_set_zero() {
+    let silence = Duration::from_millis(1500);
+    let mut bench = with(Behaviour { zeroing_silence: silence, ..Behaviour::default() });
+    bench.ask(SET_ZERO);
+    assert!(bench.is_silent(STOP));
+    bench.pass(silence);
+    assert!(position(&bench.ask(STOP)).abs() < 1e-3);
+}
+
+#[test]
+fn a_position_beyond_the_range_wraps_or_clamps() {
+    let reported = |beyond_range| {
+        let behaviour = Behaviour { beyond_range, ..Behaviour::default() };
+        let mut bench =
+            Bench::new(MotorSettings { initial_position: 13.0, behaviour, ..MotorSettings::default() });
+        position(&bench.ask(STOP))
+    };
+    assert_eq!(reported(BeyondRange::Clamps), 12.5);
+    assert!((reported(BeyondRange::Wraps) - (13.0 - 25.0)).abs() < 1e-3);
+}
+
+#[test]
+fn a_fault_stops_the_motor_until_it_is_cleared() {
+    let behaviour = Behaviour { in_fault: InFault::Refuses, ..Behaviour::default() };
+    let mut bench = with(behaviour);
+    bench.ask(START);
+    bench.ask(PUSH);
+    bench.inject("fault 0x40");
+    assert_eq!(bench.ask(GET_FAULT), [1, 0x40, 0, 0, 0, 0]);
+    assert_eq!(bench.ask(PUSH).len(), 6, "it answers with its state");
+    bench.ask(START);
+    assert_eq!((bench.motor().mode(), bench.motor().torque()), (Mode::Fault, 0.0));
+    assert_eq!(bench.ask(CLEAR_FAULT)[0], 1);
+    assert_eq!(bench.ask(GET_FAULT), [1, 0, 0, 0, 0, 0]);
+    assert_eq!(bench.motor().mode(), Mode::Stopped);
+}
+
+#[test]
+fn a_silent_motor_in_fault_still_tells_its_fault() {
+    let mut bench = bench();
+    bench.inject("fault 0x06");
+    assert!(bench.is_silent(NEUTRAL) && bench.is_silent(START));
+    assert_eq!(bench.ask(GET_FAULT), [1, 0x06, 0, 0, 0, 0]);
+}
+
+#[test]
+fn a_fault_whose_cause_remains_comes_back() {
+    let mut bench = bench();
+    for (cause, bit) in [("voltage 60", 0x02), ("voltage 8", 0x04)] {
+        bench.inject(cause);
+        bench.pass(Duration::from_millis(1));
+        bench.ask(CLEAR_FAULT);
+        assert_eq!(bench.ask(GET_FAULT)[1], bit, "{cause}");
+        bench.inject("ok");
+        bench.ask(CLEAR_FAULT);
+        assert_eq!(bench.ask(GET_FAULT)[1], 0);
+    }
+}
+
+#[test]
+fn full_torque_against_a_stop_overheats_the_winding() {
+    let blocked = MotorSettings { viscous_friction: 1e6, ..MotorSettings::default() };
+    let mut bench = Bench::new(blocked);
+    bench.ask(START);
+    bench.ask([0xFF, 0xFF, 0x80, 0x00, 0x00, 0x00, 0x0F, 0xFF]);
+    bench.pass(Duration::from_secs(20));
+    assert_eq!((bench.motor().mode(), bench.motor().fault()), (Mode::Fault, 0x08));
+}
+
+#[test]
+fn a_lost_host_leaves_the_last_command_or_a_limp_motor() {
+    let torque = |host_loss| {
+        let mut bench = with(Behaviour { host_loss, ..Behaviour::default() });
+        bench.ask(START);
+        bench.ask(PUSH);
+        bench.pass(Duration::from_millis(50));
+        bench.motor().torque()
+    };
+    assert!(torque(HostLoss::KeepsCommand) > 1.0);
+    assert_eq!(torque(HostLoss::GoesLimp { after: Duration::from_millis(25) }), 0.0);
+}
+
+#[test]
+fn a_native_frame_with_zeros_is_full_negative_torque() {
+    let mut bench = bench();
+    bench.ask(START);
+    // The native stop command.
+    bench.ask([0x92, 0, 0, 0, 0, 0, 0, 0]);
+    assert!(bench.motor().torque() < -20.0, "{}", bench.motor().torque());
+}
+
+#[test]
+fn a_host_that_stalls_for_two_seconds_finds_a_stable_motor() {
+    let mut bench = bench();
+    bench.ask(START);
+    // kp 500, kd 5 at 1 rad, from 0.
+    bench.ask([0x8A, 0x3D, 0x80, 0x0F, 0xFF, 0xFF, 0xF8, 0x00]);
+    bench.pass(Duration::from_secs(2));
+    assert!((bench.motor().position() - 1.0).abs() < 1e-2, "{}", bench.motor().position());
+    assert!(bench.motor().velocity().abs() < 1e-3, "{}", bench.motor().velocity());
+}
