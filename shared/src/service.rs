@@ -21,6 +21,7 @@ use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::{LoanError, ReceiveError, SendError};
 use iceoryx2::prelude::*;
+use iceoryx2::service::Service as _;
 use iceoryx2::service::builder::{event, publish_subscribe, request_response};
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::server::ServerCreateError;
@@ -292,8 +293,12 @@ fn builder(
     instance: &Instance,
     part: Part,
 ) -> iceoryx2::service::builder::Builder<Service> {
+    node.service_builder(&service_name(instance, part))
+}
+
+fn service_name(instance: &Instance, part: Part) -> ServiceName {
     let name = format!("motord/{}/{}", instance.name(), part.name());
-    node.service_builder(&ServiceName::new(&name).expect("an instance name makes a short service name"))
+    ServiceName::new(&name).expect("an instance name makes a short service name")
 }
 
 pub(crate) fn state(
@@ -355,4 +360,24 @@ pub(crate) fn admin(
         .max_servers(1)
         .max_clients(ADMINS_MAX)
         .max_nodes(NODES_MAX)
+}
+
+/// The layout that the other side of `part` uses, for telling a mismatch. `None` when it cannot be told.
+#[must_use]
+pub fn layout(instance: &Instance, part: Part) -> Option<String> {
+    let pattern = match part {
+        Part::State | Part::Setpoint => MessagingPattern::PublishSubscribe,
+        Part::Admin => MessagingPattern::RequestResponse,
+        Part::Node | Part::Cycle => return None,
+    };
+    let details =
+        Service::details(&service_name(instance, part), &config(instance), pattern).ok()??.static_details;
+    Some(match part {
+        Part::Admin => {
+            let service = details.request_response();
+            let request = service.request_message_type_details().payload.type_name();
+            format!("{request} and {}", service.response_message_type_details().payload.type_name())
+        }
+        _ => details.publish_subscribe().message_type_details().payload.type_name().to_string(),
+    })
 }

@@ -1,0 +1,208 @@
+//! What can go wrong between a controller and the daemon, as sentences that say what to do next.
+
+use motord_shared::roster::Roster;
+use motord_shared::service::{self, Obstacle, Part};
+use motord_shared::vocabulary::UnknownCode;
+use motord_shared::{Cause, Instance, InstanceError, Operation, Refusal, ServiceError};
+use std::fmt;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Why a call to the daemon failed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// No daemon runs this instance. Calls work again once one does.
+    #[error(
+        "no motord runs instance {instance:?} in {}: start it with `motord run`, or name its directory in \
+         MOTORD_RUNTIME_DIR",
+        runtime.display()
+    )]
+    NotRunning {
+        /// The instance.
+        instance: String,
+        /// Its runtime directory.
+        runtime: PathBuf,
+    },
+    /// The daemon lives but publishes no states. Calls work again once it does.
+    #[error("motord published no state for {silent_for:?}: it is stopped or overloaded, look at its log")]
+    Silent {
+        /// Time since its last state.
+        silent_for: Duration,
+    },
+    /// No new state came in the time given to the call; the daemon is not overdue yet.
+    #[error("no new state within {waited:?}: allow at least two cycles")]
+    Timeout {
+        /// The time given.
+        waited: Duration,
+    },
+    /// Another daemon runs this instance now. Every claim is void, and joints and groups may have changed: look names
+    /// up again, then claim again. Told once to each client and always to a void claim.
+    #[error("motord was restarted: claim the group again")]
+    Restarted,
+    /// Client and daemon do not have the same layouts.
+    #[error(
+        "this client (motord {client}) does not speak what the daemon's service {service:?} speaks ({daemon}): \
+         install both from one version, and restart every process of the older one"
+    )]
+    Version {
+        /// Which service.
+        service: &'static str,
+        /// The client's version.
+        client: &'static str,
+        /// The daemon's layout.
+        daemon: String,
+    },
+    /// The user may not use the instance.
+    #[error("no permission for {}: join the group that owns it", path.display())]
+    Permission {
+        /// What may not be used.
+        path: PathBuf,
+    },
+    /// The daemon said no.
+    #[error("motord refused to {operation}: {}{about}", refusal.sentence())]
+    Refused {
+        /// What was asked for.
+        operation: Operation,
+        /// Why not.
+        refusal: Refusal,
+        /// What the refusal is about.
+        about: About,
+    },
+    /// There is no group of this name.
+    #[error("there is no group {name:?}; there are {known}")]
+    UnknownGroup {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: String,
+    },
+    /// There is no joint of this name.
+    #[error("there is no joint {name:?}; there are {known}")]
+    UnknownJoint {
+        /// The name.
+        name: String,
+        /// Those that there are.
+        known: String,
+    },
+    /// A group needs exactly one setpoint for each of its joints.
+    #[error(
+        "{received} setpoints for a group of {expected} joints: send one per joint, in the order of the group"
+    )]
+    SetpointCount {
+        /// Joints of the group.
+        expected: usize,
+        /// Setpoints given.
+        received: usize,
+    },
+    /// The daemon did not answer a request in time. Whether it was carried out is unknown.
+    #[error("motord did not answer {operation} within {waited:?}: look at the states for what became of it")]
+    NoAnswer {
+        /// What was asked for.
+        operation: Operation,
+        /// The time given.
+        waited: Duration,
+    },
+    /// The daemon's answer makes no sense to this client.
+    #[error("motord's answer to {operation} is not understood: install client and daemon from one version")]
+    NotUnderstood {
+        /// What was asked for.
+        operation: Operation,
+    },
+    /// The instance's name or directory cannot be used.
+    #[error(transparent)]
+    Instance(#[from] InstanceError),
+    /// A service cannot be used.
+    #[error(transparent)]
+    Service(#[from] ServiceError),
+}
+
+impl Error {
+    /// The exit status for a process that ends because of this, after `sysexits.h`: 64 usage, 69 unavailable,
+    /// 76 protocol, 77 permission.
+    #[must_use]
+    pub const fn exit_status(&self) -> u8 {
+        match self {
+            Self::UnknownGroup { .. } | Self::UnknownJoint { .. } | Self::SetpointCount { .. } => 64,
+            Self::Instance(InstanceError::Name { .. } | InstanceError::PathLength { .. }) => 64,
+            Self::Permission { .. } | Self::Instance(InstanceError::NotPrivate { .. }) => 77,
+            Self::Version { .. } | Self::NotUnderstood { .. } => 76,
+            _ => 69,
+        }
+    }
+
+    pub(crate) fn not_running(instance: &Instance) -> Self {
+        Self::NotRunning { instance: instance.name().to_owned(), runtime: instance.runtime().to_owned() }
+    }
+
+    pub(crate) fn of_instance(error: InstanceError) -> Self {
+        match error {
+            InstanceError::Permission { path } => Self::Permission { path },
+            error => Self::Instance(error),
+        }
+    }
+
+    pub(crate) fn of_service(error: ServiceError, instance: &Instance) -> Self {
+        match error.obstacle {
+            Obstacle::Missing => Self::not_running(instance),
+            Obstacle::Permission => Self::Permission { path: instance.runtime().to_owned() },
+            Obstacle::Version => Self::version(error.part, instance),
+            Obstacle::Full { .. } | Obstacle::Damaged => Self::Service(error),
+        }
+    }
+
+    fn version(part: Part, instance: &Instance) -> Self {
+        let daemon = service::layout(instance, part).unwrap_or_else(|| "another version".to_owned());
+        Self::Version { service: part.name(), client: env!("CARGO_PKG_VERSION"), daemon }
+    }
+
+    /// The refusal that `code` stands for.
+    pub(crate) fn refused(operation: Operation, code: u32, detail: u32, roster: &Roster) -> Self {
+        match Refusal::try_from(code) {
+            Ok(refusal) => Self::Refused { operation, refusal, about: About::of(refusal, detail, roster) },
+            Err(UnknownCode(_)) => Self::NotUnderstood { operation },
+        }
+    }
+}
+
+/// What a refusal is about.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum About {
+    /// Nothing in particular.
+    Nothing,
+    /// The process that owns the group.
+    Process(u32),
+    /// A joint, by name.
+    Joint(String),
+    /// The cause that is latched.
+    Cause(Cause),
+}
+
+impl About {
+    fn of(refusal: Refusal, detail: u32, roster: &Roster) -> Self {
+        match refusal {
+            Refusal::Owned if detail != 0 => Self::Process(detail),
+            Refusal::Latched | Refusal::CauseActive => {
+                Cause::try_from(detail).map_or(Self::Nothing, Self::Cause)
+            }
+            Refusal::MotorOffline | Refusal::MotorFault | Refusal::StateStale | Refusal::SetpointTooFar => {
+                roster
+                    .joints
+                    .get(detail as usize)
+                    .map_or(Self::Nothing, |joint| Self::Joint(joint.name.clone()))
+            }
+            _ => Self::Nothing,
+        }
+    }
+}
+
+impl fmt::Display for About {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nothing => Ok(()),
+            Self::Process(pid) => write!(f, " (process {pid})"),
+            Self::Joint(name) => write!(f, " (joint {name})"),
+            Self::Cause(cause) => write!(f, " ({cause}: {})", cause.sentence()),
+        }
+    }
+}

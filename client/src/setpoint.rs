@@ -1,0 +1,66 @@
+//! What a controller asks of a joint.
+
+use motord_shared::{JointSetpoint, SetpointMode};
+
+/// What a joint is asked for in one cycle. The motor's torque is `kp · (position - p) + kd · (velocity - v) + torque`,
+/// within the limits of the joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setpoint {
+    /// rad.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// Stiffness, N·m/rad, not negative.
+    pub kp: f32,
+    /// Damping, N·m·s/rad, not negative.
+    pub kd: f32,
+    /// N·m.
+    pub torque: f32,
+    /// How it is meant. Everything but impedance is for motors with the native protocol.
+    pub mode: SetpointMode,
+}
+
+impl Setpoint {
+    /// Follow `position` and `velocity` with a stiffness and a damping, and add `torque`.
+    #[must_use]
+    pub const fn impedance(position: f32, velocity: f32, kp: f32, kd: f32, torque: f32) -> Self {
+        Self { position, velocity, kp, kd, torque, mode: SetpointMode::Impedance }
+    }
+
+    /// Torque alone, N·m, without stiffness or damping.
+    #[must_use]
+    pub const fn torque(torque: f32) -> Self {
+        Self::impedance(0.0, 0.0, 0.0, 0.0, torque)
+    }
+
+    /// Resist every motion with a damping, N·m·s/rad.
+    #[must_use]
+    pub const fn damping(kd: f32) -> Self {
+        Self::impedance(0.0, 0.0, 0.0, kd, 0.0)
+    }
+
+    /// Torque alone, N·m, of a motor with the native protocol.
+    #[must_use]
+    pub const fn native_torque(torque: f32) -> Self {
+        Self { torque, mode: SetpointMode::Torque, ..Self::torque(0.0) }
+    }
+
+    /// Speed, rad/s, of a motor with the native protocol.
+    #[must_use]
+    pub const fn native_speed(velocity: f32) -> Self {
+        Self { velocity, mode: SetpointMode::Speed, ..Self::torque(0.0) }
+    }
+
+    /// Position, rad, of a motor with the native protocol.
+    #[must_use]
+    pub const fn native_position(position: f32) -> Self {
+        Self { position, mode: SetpointMode::Position, ..Self::torque(0.0) }
+    }
+}
+
+impl From<Setpoint> for JointSetpoint {
+    fn from(setpoint: Setpoint) -> Self {
+        let Setpoint { position, velocity, kp, kd, torque, mode } = setpoint;
+        Self { position, velocity, kp, kd, torque, mode: mode.code() }
+    }
+}

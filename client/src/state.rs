@@ -1,0 +1,324 @@
+//! The states of a cycle, as words instead of numbers.
+//!
+//! What comes through shared memory is checked here: a number that is no word of its table becomes `None`, an index
+//! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
+
+use motord_shared::message::{
+    FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH, JOINT_VALID,
+};
+use motord_shared::{
+    Applied, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Phase, Rejection,
+    StateMessage, clock,
+};
+use std::time::Duration;
+
+/// Everything that the daemon knew after a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    message: StateMessage,
+}
+
+impl From<StateMessage> for State {
+    fn from(message: StateMessage) -> Self {
+        Self { message }
+    }
+}
+
+impl State {
+    /// Number of the cycle, from 1. A gap means that the daemon skipped cycles, or that this client was slow.
+    #[must_use]
+    pub fn cycle(&self) -> u64 {
+        self.message.cycle
+    }
+
+    /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
+    #[must_use]
+    pub fn tick_ns(&self) -> u64 {
+        self.message.tick_ns
+    }
+
+    /// When the states were complete, ns of `CLOCK_MONOTONIC`.
+    #[must_use]
+    pub fn publish_ns(&self) -> u64 {
+        self.message.publish_ns
+    }
+
+    /// Time since the states were complete.
+    #[must_use]
+    pub fn age(&self) -> Duration {
+        Duration::from_nanos(clock::now_ns().saturating_sub(self.message.publish_ns))
+    }
+
+    /// How much later than its place on the grid the cycle began.
+    #[must_use]
+    pub fn wake_latency(&self) -> Duration {
+        Duration::from_nanos(self.message.wake_latency_ns)
+    }
+
+    /// Places on the grid that were skipped since the daemon started.
+    #[must_use]
+    pub fn overruns(&self) -> u64 {
+        self.message.overruns
+    }
+
+    /// The emergency stop is latched.
+    #[must_use]
+    pub fn emergency_stop(&self) -> bool {
+        self.has(FLAG_EMERGENCY_STOP)
+    }
+
+    /// The cycle has real-time scheduling and locked memory.
+    #[must_use]
+    pub fn realtime(&self) -> bool {
+        self.has(FLAG_REALTIME)
+    }
+
+    /// The cycle began a period or more too late.
+    #[must_use]
+    pub fn overrun(&self) -> bool {
+        self.has(FLAG_OVERRUN)
+    }
+
+    /// The daemon is shutting down.
+    #[must_use]
+    pub fn shutting_down(&self) -> bool {
+        self.has(FLAG_SHUTDOWN)
+    }
+
+    /// The joints, in the order of the roster.
+    pub fn joints(&self) -> impl ExactSizeIterator<Item = Joint> + '_ {
+        self.message.joints().iter().map(Joint::from)
+    }
+
+    /// The joint with this index in the roster.
+    #[must_use]
+    pub fn joint(&self, index: usize) -> Option<Joint> {
+        self.message.joints().get(index).map(Joint::from)
+    }
+
+    /// The groups, in the order of the roster.
+    pub fn groups(&self) -> impl ExactSizeIterator<Item = Group> + '_ {
+        self.message.groups().iter().map(|group| self.checked(group))
+    }
+
+    /// The group with this index in the roster.
+    #[must_use]
+    pub fn group(&self, index: usize) -> Option<Group> {
+        self.message.groups().get(index).map(|group| self.checked(group))
+    }
+
+    /// The buses, in the order of the roster.
+    pub fn buses(&self) -> impl ExactSizeIterator<Item = Bus> + '_ {
+        self.message.buses().iter().map(Bus::from)
+    }
+
+    /// The bus with this index in the roster.
+    #[must_use]
+    pub fn bus(&self, index: usize) -> Option<Bus> {
+        self.message.buses().get(index).map(Bus::from)
+    }
+
+    pub(crate) fn boot_id(&self) -> u64 {
+        self.message.boot_id
+    }
+
+    fn has(&self, flag: u32) -> bool {
+        self.message.flags & flag != 0
+    }
+
+    fn checked(&self, group: &GroupState) -> Group {
+        let joint = group.cause_joint as usize;
+        Group {
+            owned: group.lease != 0,
+            lease: group.lease,
+            phase: Phase::try_from(group.phase).ok(),
+            latched: group.cause != 0,
+            cause: Cause::try_from(group.cause).ok(),
+            cause_joint: (joint < self.message.joints().len() && group.cause != 0).then_some(joint),
+            sequence: group.sequence,
+            setpoint_age: (group.sequence != 0).then(|| Duration::from_nanos(group.setpoint_age_ns)),
+            accepted: group.accepted,
+            rejected: group.rejected,
+        }
+    }
+}
+
+/// One joint after a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Joint {
+    /// rad. The last one that was received: see `fresh`, `valid` and `age_cycles`.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// N·m, as the motor estimates it.
+    pub torque: f32,
+    /// °C, where the motor tells it.
+    pub temperature: Option<f32>,
+    /// What was sent to the motor in this cycle, after all limits.
+    pub applied: Applied,
+    /// The limits that made `applied` differ from the setpoint.
+    pub limits: Limits,
+    /// What the motor does. `None` for a word that this client does not know.
+    pub mode: Option<MotorMode>,
+    /// The motor's fault bits (GIM document, table 9), 0 for none.
+    pub fault: u32,
+    /// Position, velocity and torque came in this very cycle.
+    pub fresh: bool,
+    /// Position, velocity and torque came at least once since the motor is online.
+    pub valid: bool,
+    /// Cycles since the last reply.
+    pub age_cycles: u32,
+    /// Cycles without a reply since the daemon started.
+    pub missed: u32,
+    /// Replies that came after their cycle was over.
+    pub late: u32,
+    /// Time from the command to its reply; zero before the first.
+    pub reply_latency: Duration,
+    /// When the last reply came, ns of `CLOCK_MONOTONIC`; 0 before the first.
+    pub receive_ns: u64,
+}
+
+impl From<&JointState> for Joint {
+    fn from(joint: &JointState) -> Self {
+        Self {
+            position: joint.position,
+            velocity: joint.velocity,
+            torque: joint.torque,
+            temperature: Some(joint.temperature).filter(|temperature| temperature.is_finite()),
+            applied: joint.applied,
+            limits: Limits(joint.limits),
+            mode: MotorMode::try_from(joint.mode).ok(),
+            fault: joint.fault,
+            fresh: joint.flags & JOINT_FRESH != 0,
+            valid: joint.flags & JOINT_VALID != 0,
+            age_cycles: joint.age_cycles,
+            missed: joint.missed,
+            late: joint.late,
+            reply_latency: Duration::from_nanos(joint.reply_latency_ns.into()),
+            receive_ns: joint.receive_ns,
+        }
+    }
+}
+
+/// A set of limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Limits(u32);
+
+impl Limits {
+    /// No limit acted.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether `limit` acted.
+    #[must_use]
+    pub const fn contains(self, limit: Limit) -> bool {
+        self.0 & limit.bit() != 0
+    }
+
+    /// The limits that acted.
+    pub fn iter(self) -> impl Iterator<Item = Limit> {
+        Limit::ALL.iter().copied().filter(move |limit| self.contains(*limit))
+    }
+}
+
+/// One group after a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Group {
+    /// A controller owns it.
+    pub owned: bool,
+    /// The owner's lease; 0 for none.
+    pub lease: u64,
+    /// Where it is between standing still and following setpoints. `None` for a word that this client does not know.
+    pub phase: Option<Phase>,
+    /// It was stopped, and a reset is needed.
+    pub latched: bool,
+    /// Why it was stopped. `None` when it was not, and for a word that this client does not know.
+    pub cause: Option<Cause>,
+    /// The joint that gave the cause, by index in the roster.
+    pub cause_joint: Option<usize>,
+    /// Sequence number of the setpoint in use; 0 for none.
+    pub sequence: u64,
+    /// Age of the setpoint in use when the cycle began.
+    pub setpoint_age: Option<Duration>,
+    /// Setpoint messages that were accepted, modulo 2³².
+    pub accepted: u32,
+    rejected: [u32; Rejection::COUNT],
+}
+
+impl Group {
+    /// Setpoint messages that were rejected for `reason`, modulo 2³².
+    #[must_use]
+    pub fn rejected(&self, reason: Rejection) -> u32 {
+        self.rejected[reason as usize]
+    }
+}
+
+/// One bus after a cycle. All counters are modulo 2³².
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bus {
+    /// What the controller is able to do. `None` for a word that this client does not know.
+    pub condition: Option<BusCondition>,
+    /// Frames that the bus accepted.
+    pub sent: u32,
+    /// Frames that it did not accept.
+    pub dropped: u32,
+    /// Frames received, of any kind.
+    pub received: u32,
+    /// Frames whose id or first byte belongs to no motor of this bus.
+    pub unknown: u32,
+    /// Replies that nobody had asked for.
+    pub duplicate: u32,
+    /// Frames that no SteadyWin motor sends.
+    pub malformed: u32,
+    /// Error frames.
+    pub errors: u32,
+    /// Frames that were lost before they could be read.
+    pub lost: u32,
+}
+
+impl From<&BusState> for Bus {
+    fn from(bus: &BusState) -> Self {
+        let BusState {
+            condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost, ..
+        } = *bus;
+        let condition = BusCondition::try_from(condition).ok();
+        Self { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lying_daemon_cannot_make_a_client_panic() {
+        let mut message = StateMessage {
+            flags: u32::MAX,
+            joint_count: u32::MAX,
+            group_count: u32::MAX,
+            bus_count: u32::MAX,
+            publish_ns: u64::MAX,
+            ..StateMessage::default()
+        };
+        for joint in &mut message.joints {
+            *joint = JointState { limits: u32::MAX, mode: 77, temperature: f32::NAN, ..*joint };
+        }
+        for group in &mut message.groups {
+            *group = GroupState { phase: 77, cause: 77, cause_joint: 64, ..*group };
+        }
+        for bus in &mut message.buses {
+            bus.condition = 77;
+        }
+        let state = State::from(message);
+        assert_eq!((state.joints().len(), state.groups().len(), state.buses().len()), (64, 8, 16));
+        assert!(state.joints().all(|joint| joint.mode.is_none() && joint.temperature.is_none()));
+        assert!(state.joints().all(|joint| joint.limits.iter().count() == Limit::ALL.len()));
+        assert!(
+            state.groups().all(|group| group.latched && group.cause.is_none() && group.cause_joint.is_none())
+        );
+        assert!(state.buses().all(|bus| bus.condition.is_none()));
+        assert_eq!((state.joint(64), state.age()), (None, Duration::ZERO));
+    }
+}

@@ -1,0 +1,455 @@
+//! The client against a daemon that is only its ports: what it says, what it survives.
+
+use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName};
+use motord_client::{Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
+use motord_shared::limits::CONTROLLERS_MAX;
+use motord_shared::message::{AdminReply, SetpointMessage, StateMessage};
+use motord_shared::ports::{DaemonPorts, Housekeeper};
+use motord_shared::roster::{GroupDescription, JointDescription, Roster, Telemetry};
+use motord_shared::{Instance, Operation, clock};
+use std::os::unix::ffi::OsStrExt as _;
+use std::path::Path;
+use std::process::{Child, Command};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const INSTANCE: &str = "robot";
+/// Long enough for a machine that stalls.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What the daemon of a test does and saw.
+struct FakeDaemon {
+    ports: DaemonPorts,
+    boot_id: u64,
+    cycle: u64,
+    owner: u64,
+    leases: u64,
+    seen: Arc<Mutex<Vec<SetpointMessage>>>,
+}
+
+impl FakeDaemon {
+    fn cycle(&mut self, joint_count: u32) {
+        self.cycle += 1;
+        self.ports.take_setpoint(|setpoint| self.seen.lock().unwrap().push(*setpoint)).unwrap();
+        while let Some(request) = self.ports.next_request().unwrap() {
+            let (reply, text) = self.answer(request.payload().operation, request.payload().lease);
+            let _ = request.reply(reply, &text);
+        }
+        let state = StateMessage {
+            boot_id: self.boot_id,
+            cycle: self.cycle,
+            publish_ns: clock::now_ns(),
+            joint_count,
+            group_count: 1,
+            ..StateMessage::default()
+        };
+        self.ports.publish(&state).unwrap();
+        self.ports.notify().unwrap();
+    }
+
+    fn answer(&mut self, operation: u32, lease: u64) -> (AdminReply, Vec<u8>) {
+        let done = AdminReply::default();
+        match Operation::try_from(operation) {
+            Ok(Operation::Roster) => (done, serde_json::to_vec(&self.roster()).unwrap()),
+            Ok(Operation::Telemetry) => (done, serde_json::to_vec(&Telemetry::default()).unwrap()),
+            Ok(Operation::Claim) if self.owner == 0 => {
+                self.leases += 1;
+                self.owner = self.boot_id * 1000 + self.leases;
+                (AdminReply { lease: self.owner, ..done }, vec![])
+            }
+            Ok(Operation::Claim) => {
+                (AdminReply { refusal: Refusal::Owned.code(), detail: 4321, ..done }, vec![])
+            }
+            Ok(Operation::Release) if lease == self.owner => {
+                self.owner = 0;
+                (done, vec![])
+            }
+            Ok(Operation::ForceRelease) => {
+                self.owner = 0;
+                (done, vec![])
+            }
+            Ok(Operation::EmergencyStop) => (done, vec![]),
+            _ => (AdminReply { refusal: Refusal::Busy.code(), ..done }, vec![]),
+        }
+    }
+
+    fn roster(&self) -> Roster {
+        let joint = |name: &str| JointDescription { name: name.into(), ..JointDescription::default() };
+        Roster {
+            pid: std::process::id(),
+            boot_id: self.boot_id,
+            rate_hz: 1000.0,
+            joints: vec![joint("hip"), joint("knee")],
+            groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
+            ..Roster::default()
+        }
+    }
+}
+
+/// A fake daemon on a thread of its own, until it is dropped.
+struct Running {
+    stop: Arc<AtomicBool>,
+    seen: Arc<Mutex<Vec<SetpointMessage>>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Running {
+    fn start(runtime: &Path, boot_id: u64) -> Self {
+        Self::start_with(runtime, boot_id, 2)
+    }
+
+    fn start_with(runtime: &Path, boot_id: u64, joint_count: u32) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let seen = Arc::default();
+        let (running, runtime) = (Arc::new(AtomicBool::new(false)), runtime.to_owned());
+        let thread = std::thread::spawn({
+            let (stop, seen, running) = (Arc::clone(&stop), Arc::clone(&seen), Arc::clone(&running));
+            move || {
+                let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
+                let ports = DaemonPorts::open(&lock).unwrap();
+                let mut daemon = FakeDaemon { ports, boot_id, cycle: 0, owner: 0, leases: 0, seen };
+                while !stop.load(Ordering::Relaxed) {
+                    daemon.cycle(joint_count);
+                    running.store(true, Ordering::Relaxed);
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
+        });
+        while !running.load(Ordering::Relaxed) && !thread.is_finished() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Self { stop, seen, thread: Some(thread) }
+    }
+
+    fn setpoints(&self) -> Vec<SetpointMessage> {
+        self.seen.lock().unwrap().clone()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap();
+    }
+}
+
+fn place() -> TempDir {
+    tempfile::tempdir_in("/tmp").unwrap()
+}
+
+fn connect(place: &TempDir) -> Client {
+    let mut client = Client::connect_in(place.path(), INSTANCE).unwrap();
+    client.set_silence(Duration::from_millis(500));
+    client
+}
+
+/// Runs the ignored test `role` of this file in a process of its own.
+fn spawn(role: &str, place: &TempDir, boot_id: u64) -> Child {
+    Command::new(std::env::current_exe().unwrap())
+        .args(["--ignored", "--exact", role])
+        .env("MOTORD_TEST_RUNTIME", place.path())
+        .env("MOTORD_TEST_BOOT_ID", boot_id.to_string())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
+fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(done) = attempt() {
+            return done;
+        }
+        assert!(begun.elapsed() < 4 * PATIENCE, "{what} did not happen");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+#[ignore = "the body of a process that other tests kill"]
+fn killed_controller() {
+    let Some(runtime) = std::env::var_os("MOTORD_TEST_RUNTIME") else { return };
+    let mut client = Client::connect_in(Path::new(&runtime), INSTANCE).unwrap();
+    let mut claim = client.claim("leg").unwrap();
+    while let Ok(_) | Err(Error::Timeout { .. }) = client.wait(PATIENCE) {
+        let _ = claim.send(&[Setpoint::damping(1.0); 2]);
+    }
+}
+
+#[test]
+#[ignore = "the body of a process that other tests kill"]
+fn killed_daemon() {
+    let Some(runtime) = std::env::var_os("MOTORD_TEST_RUNTIME") else { return };
+    let boot_id = std::env::var("MOTORD_TEST_BOOT_ID").unwrap().parse().unwrap();
+    let _daemon = Running::start(Path::new(&runtime), boot_id);
+    std::thread::sleep(Duration::from_secs(60));
+}
+
+#[test]
+fn where_no_daemon_runs_connecting_says_so() {
+    let place = place();
+    for runtime in [place.path().to_owned(), place.path().join("missing")] {
+        let error = Client::connect_in(&runtime, INSTANCE).unwrap_err();
+        assert!(matches!(error, Error::NotRunning { .. }), "{error}");
+        assert!(error.to_string().contains(&runtime.display().to_string()), "{error}");
+        assert_eq!(error.exit_status(), 69);
+    }
+}
+
+#[test]
+fn where_a_daemon_ran_connecting_says_that_none_runs() {
+    let place = place();
+    drop(Running::start(place.path(), 1));
+    let error = Client::connect_in(place.path(), INSTANCE).unwrap_err();
+    assert!(matches!(error, Error::NotRunning { .. }), "{error}");
+}
+
+#[test]
+fn names_that_could_leave_the_directory_are_refused() {
+    let place = place();
+    for name in ["", "..", "a/b", "A", "a b", "a\n", "0123456789012345678901234567890123"] {
+        let error = Client::connect_in(place.path(), name).unwrap_err();
+        assert_eq!(error.exit_status(), 64, "{name:?}: {error}");
+    }
+}
+
+#[test]
+fn states_flow_to_one_who_sleeps_and_to_one_who_spins() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    assert_eq!((client.joint("knee"), client.group("leg"), client.joint("toe")), (Some(1), Some(0), None));
+    let mut last = 0;
+    for turn in 0..200 {
+        let state = if turn % 2 == 0 { client.wait(PATIENCE) } else { client.spin(PATIENCE) }.unwrap();
+        assert!(state.cycle() > last, "no state is given twice, none is older than the one before");
+        last = state.cycle();
+    }
+    assert_eq!(client.telemetry().unwrap(), Telemetry::default());
+}
+
+#[test]
+fn setpoints_arrive_whole_with_rising_sequence() {
+    let place = place();
+    let daemon = Running::start(place.path(), 7);
+    let mut client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    for turn in 0..50_u8 {
+        client.wait(PATIENCE).unwrap();
+        claim.send(&[Setpoint::torque(f32::from(turn)), Setpoint::damping(f32::from(turn))]).unwrap();
+    }
+    until("the last setpoint", || daemon.setpoints().last().filter(|last| last.sequence == 50).copied());
+    let seen = daemon.setpoints();
+    assert!(seen.windows(2).all(|pair| pair[0].sequence < pair[1].sequence));
+    assert!(seen.windows(2).all(|pair| pair[0].time_ns <= pair[1].time_ns));
+    for setpoint in &seen {
+        assert_eq!((setpoint.lease, setpoint.joint_count), (7001, 2));
+        assert_eq!(setpoint.joints[0].torque.to_bits(), setpoint.joints[1].kd.to_bits());
+        assert!(setpoint.cycle > 0);
+    }
+}
+
+#[test]
+fn a_setpoint_for_another_number_of_joints_is_not_sent() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    assert_eq!(claim.send(&[Setpoint::damping(1.0)]), Err(Error::SetpointCount { expected: 2, received: 1 }));
+    client.wait(PATIENCE).unwrap();
+    assert_eq!(daemon.setpoints(), []);
+}
+
+#[test]
+fn a_dropped_claim_leaves_the_group_to_others() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let (mut first, mut second) = (connect(&place), connect(&place));
+    let claim = first.claim("leg").unwrap();
+    let refused = second.claim("leg").unwrap_err();
+    assert!(matches!(refused, Error::Refused { refusal: Refusal::Owned, .. }), "{refused}");
+    assert!(refused.to_string().contains("process 4321"), "{refused}");
+    drop(claim);
+    second.claim("leg").unwrap().release().unwrap();
+    first.claim("leg").unwrap();
+    let unknown = first.claim("arm").unwrap_err();
+    assert!(unknown.to_string().contains("leg"), "{unknown}");
+}
+
+#[test]
+fn a_restart_is_told_once_and_survived() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let daemon = Running::start(place.path(), 2);
+    let error = until("the restart", || match client.wait(PATIENCE) {
+        Ok(_) | Err(Error::Silent { .. } | Error::Timeout { .. }) => None,
+        Err(error) => Some(error),
+    });
+    assert_eq!(error, Error::Restarted);
+    client.wait(PATIENCE).unwrap();
+    assert_eq!(client.roster().boot_id, 2);
+    for _ in 0..3 {
+        assert_eq!(
+            claim.send(&[Setpoint::damping(1.0); 2]),
+            Err(Error::Restarted),
+            "a void claim stays void"
+        );
+    }
+    assert_eq!(claim.enable(), Err(Error::Restarted));
+    assert_eq!(daemon.setpoints(), []);
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    until("the setpoint", || daemon.setpoints().first().filter(|first| first.lease == 2001).copied());
+}
+
+#[test]
+fn a_request_after_a_restart_tells_it_instead_of_acting() {
+    let place = place();
+    drop({
+        let daemon = Running::start(place.path(), 1);
+        let mut client = connect(&place);
+        client.wait(PATIENCE).unwrap();
+        drop(daemon);
+        let successor = Running::start(place.path(), 2);
+        until("the restart", || match client.enable("leg") {
+            Err(Error::Restarted) => Some(()),
+            _ => None,
+        });
+        assert!(matches!(client.enable("leg"), Err(Error::Refused { refusal: Refusal::Busy, .. })));
+        successor
+    });
+}
+
+#[test]
+fn a_daemon_that_stops_publishing_is_told_within_a_few_silence_times() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let begun = Instant::now();
+    let error = until("an error", || client.wait(PATIENCE).err());
+    assert!(
+        matches!(error, Error::Silent { .. }),
+        "this process lives, so its states are merely silent: {error}"
+    );
+    assert!(
+        begun.elapsed() < PATIENCE,
+        "waiting ends when the silence is noticed, not when its time is over"
+    );
+    assert!(claim.send(&[Setpoint::damping(1.0); 2]).is_err());
+}
+
+#[test]
+fn a_killed_daemon_is_noticed_and_its_successor_is_found() {
+    let place = place();
+    let mut daemon = spawn("killed_daemon", &place, 1);
+    let mut client = until("a daemon", || Client::connect_in(place.path(), INSTANCE).ok());
+    client.set_silence(Duration::from_millis(500));
+    client.wait(PATIENCE).unwrap();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    let error = until("an error", || client.wait(PATIENCE).err());
+    assert!(matches!(error, Error::NotRunning { .. }), "{error}");
+    let mut daemon = spawn("killed_daemon", &place, 2);
+    let error = until("the restart", || match client.wait(PATIENCE) {
+        Err(Error::NotRunning { .. } | Error::Timeout { .. }) => None,
+        other => Some(other),
+    });
+    assert_eq!(error.unwrap_err(), Error::Restarted);
+    assert!(client.wait(PATIENCE).is_ok());
+    client.claim("leg").unwrap().release().unwrap();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+}
+
+/// Goal: a process that is killed blocks nobody, and its places become free.
+/// Method: more kills, one after the other, than there are places for controllers.
+#[test]
+fn killed_controllers_neither_block_others_nor_keep_their_places() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    for _ in 0..=CONTROLLERS_MAX {
+        let before = daemon.setpoints().len();
+        let mut controller = spawn("killed_controller", &place, 0);
+        until("setpoints", || (daemon.setpoints().len() > before).then_some(()));
+        controller.kill().unwrap();
+        controller.wait().unwrap();
+        client.wait(PATIENCE).unwrap();
+        client.emergency_stop().unwrap();
+        client.force_release("leg").unwrap();
+    }
+    client.claim("leg").unwrap().send(&[Setpoint::damping(1.0); 2]).unwrap();
+}
+
+#[test]
+fn a_second_daemon_is_told_who_runs_the_instance() {
+    let place = place();
+    let instance = Instance::below(place.path(), INSTANCE).unwrap();
+    let lock = instance.lock().unwrap();
+    let error = instance.lock().unwrap_err();
+    assert!(
+        matches!(error, InstanceError::AlreadyRunning { pid, .. } if pid == std::process::id()),
+        "{error}"
+    );
+    Instance::below(place.path(), "other").unwrap().lock().unwrap();
+    drop(lock);
+    instance.lock().unwrap();
+}
+
+#[test]
+fn ten_thousand_cycles_with_a_watcher_that_never_reads_lose_no_memory() {
+    let place = place();
+    let lock = Instance::below(place.path(), INSTANCE).unwrap().lock().unwrap();
+    let ports = DaemonPorts::open(&lock).unwrap();
+    let housekeeper = Housekeeper::open(&lock).unwrap();
+    let attach = || motord_shared::ClientPorts::open(lock.instance().attach().unwrap().unwrap()).unwrap();
+    let (mut idle, mut reader) = (attach(), attach());
+    assert!(idle.newest_state().unwrap().is_none() && reader.newest_state().unwrap().is_none());
+    for cycle in 1..=10_000 {
+        ports.publish(&StateMessage { cycle, ..StateMessage::default() }).unwrap();
+        ports.notify().unwrap();
+        assert_eq!(reader.newest_state().unwrap().map(|state| state.cycle), Some(cycle));
+    }
+    assert_eq!(idle.newest_state().unwrap().map(|state| state.cycle), Some(10_000), "the newest wins");
+    assert_eq!(housekeeper.clean(), 0, "the living are left alone");
+}
+
+#[test]
+fn a_lying_joint_count_reaches_nobody() {
+    let place = place();
+    let _daemon = Running::start_with(place.path(), 1, u32::MAX);
+    let mut client = connect(&place);
+    assert_eq!(client.wait(PATIENCE).unwrap().joints().count(), 64);
+}
+
+#[test]
+fn another_layout_is_told_as_another_version() {
+    #[derive(Debug, Clone, Copy, iceoryx2::prelude::ZeroCopySend)]
+    #[type_name("motord.State.v9")]
+    #[repr(C)]
+    struct Newer(u64);
+
+    let place = place();
+    let lock = Instance::below(place.path(), INSTANCE).unwrap().lock().unwrap();
+    let mut config = Config::default();
+    let root = place.path().join("iox").join(INSTANCE);
+    config.global.set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_bytes()).unwrap());
+    config.global.prefix = FileName::new(b"md_").unwrap();
+    let node = NodeBuilder::new().config(&config).create::<motord_shared::service::Service>().unwrap();
+    let name = ServiceName::new("motord/robot/state").unwrap();
+    let _newer = node.service_builder(&name).publish_subscribe::<Newer>().create().unwrap();
+    let error = Client::connect_in(place.path(), INSTANCE).unwrap_err();
+    assert!(matches!(&error, Error::Version { daemon, .. } if daemon == "motord.State.v9"), "{error}");
+    let error = DaemonPorts::open(&lock).unwrap_err();
+    assert_eq!(error.obstacle, Obstacle::Version, "{error}");
+}
