@@ -1,6 +1,6 @@
 //! The client against a daemon that is only its ports: what it says, what it survives.
 
-use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName};
+use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
 use motord_client::{Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
 use motord_shared::limits::CONTROLLERS_MAX;
 use motord_shared::message::{AdminReply, SetpointMessage, StateMessage};
@@ -434,7 +434,7 @@ fn a_lying_joint_count_reaches_nobody() {
 
 #[test]
 fn another_layout_is_told_as_another_version() {
-    #[derive(Debug, Clone, Copy, iceoryx2::prelude::ZeroCopySend)]
+    #[derive(Debug, Clone, Copy, ZeroCopySend)]
     #[type_name("motord.State.v9")]
     #[repr(C)]
     struct Newer(u64);
