@@ -21,6 +21,7 @@ mod length;
 mod motor;
 mod random;
 mod record;
+mod serial;
 mod settings;
 mod shared;
 mod wire;
@@ -30,6 +31,7 @@ pub use fault::{Fault, FaultVerb, InjectError, VerbError};
 pub use length::frame_bits;
 pub use motor::{Mode, Motor};
 pub use record::{Direction, Recorded};
+pub use serial::SerialSlave;
 pub use settings::{
     Behaviour, BeyondRange, BusKind, BusSettings, Dialect, HostLoss, InFault, MotorSettings, ReplyTiming,
 };

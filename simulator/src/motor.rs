@@ -247,7 +247,7 @@ impl Motor {
         let bytes = <[u8; 8]>::try_from(frame.payload()).ok()?;
         self.advance(at);
         // A change of id or protocol takes effect after its own answer.
-        let host_id = self.host_id();
+        let host_id = self.host_address();
         if self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0 {
             let (payload, after) = self.native(at, frame, bytes)?;
             Some(Reply { frame: Frame::full(host_id, payload), after })
@@ -263,15 +263,19 @@ impl Motor {
             && !self.impairment.off
             && self.mode != Mode::Firmware
             && at >= self.silent_until
-            && id == self.line_id(int::CAN_ID)
+            && id == self.address()
     }
 
-    fn host_id(&self) -> FrameId {
+    pub(crate) fn address(&self) -> FrameId {
+        self.line_id(int::CAN_ID)
+    }
+
+    pub(crate) fn host_address(&self) -> FrameId {
         self.line_id(int::HOST_ID)
     }
 
     /// An id as the line can carry it: 11 bits on CAN, a byte in a serial header.
-    pub(crate) fn line_id(&self, item: u8) -> FrameId {
+    fn line_id(&self, item: u8) -> FrameId {
         let mask = if self.kind == BusKind::Serial { 0xFF } else { 0x7FF };
         FrameId::new((self.configuration.int(item) & mask) as u16).unwrap_or(FrameId::MAX)
     }

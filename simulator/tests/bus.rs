@@ -1,5 +1,7 @@
 //! The bus as an experiment: who goes first, how long it takes, and that nothing but time and seed decide.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
 use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal};
 use motord_simulator::{BusKind, BusSettings, Direction, FaultVerb, MotorSettings, SimulatedBus, frame_bits};
 

@@ -1,5 +1,7 @@
 //! Every fault verb does what its documentation says.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
 mod common;
 
 use common::{Bench, NEUTRAL, PUSH, START, frames, position};

@@ -1,5 +1,7 @@
 //! A native GIM motor as the host sees it: every command of the document.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
 mod common;
 
 use common::{Bench, GET_FAULT, NEUTRAL, STOP};
