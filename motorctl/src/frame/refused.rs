@@ -1,0 +1,42 @@
+//! Why a frame cannot be read or made.
+
+use motord_protocol::{DecodeError, ScaleError, rs485::FrameError};
+
+/// Why a frame cannot be read or made.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum Refused {
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    #[error(transparent)]
+    Serial(#[from] FrameError),
+    #[error(transparent)]
+    Scale(#[from] ScaleError),
+    #[error("'{received}' is not hexadecimal, two digits a byte")]
+    Hex { received: String },
+    #[error("not a JSON object: {0}")]
+    Json(serde_json::Error),
+    #[error("kind '{received}' is no frame of this protocol and direction")]
+    Kind { received: String },
+    #[error("'{key}' is missing")]
+    Missing { key: &'static str },
+    #[error("'{key}' is {received}, expected {expected}")]
+    Type { key: &'static str, expected: &'static str, received: String },
+    #[error("'{key}' is {received}, expected {least} to {most}")]
+    Range { key: &'static str, least: i64, most: i64, received: String },
+    #[error("'{raw}' is {code}, but '{physical}' is nearest to {nearest}")]
+    Disagree { raw: &'static str, code: u16, physical: &'static str, nearest: u16 },
+    #[error("'payload' says otherwise of '{key}'")]
+    Payload { key: String },
+    #[error("'{physical}' needs the torque constant and the gear ratio")]
+    NoScale { physical: &'static str },
+    #[error("'null_bytes' has {received} bytes, expected {least} to {most}")]
+    NullBytes { least: usize, most: usize, received: usize },
+    #[error("the values of this command leave no room to make it safe for a motor in MIT mode")]
+    NotMitSafe,
+    #[error("not a line of 'candump -L', which is (time) interface id#data")]
+    LogLine,
+    #[error("no data frame with an 11-bit id")]
+    Foreign,
+    #[error("no motor on {interface} has or answers to id {id:03X}")]
+    Stray { interface: String, id: u16 },
+}

@@ -1,0 +1,168 @@
+//! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
+
+use crate::frame::candump::LogLine;
+use crate::frame::decode;
+use crate::frame::object::Object;
+use crate::frame::refused::Refused;
+use crate::frame::scale::Scale;
+use crate::frame::{Asked, Direction, Protocol, Reading};
+use motord_protocol::{Model, ScaleError};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+/// Why a configuration is of no use here.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum RobotError {
+    /// The file cannot be read.
+    #[error("{}: {source}", .path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        source: io::Error,
+    },
+    /// It is not TOML, or a bus or motor lacks what is needed here.
+    #[error("{}: {source}", .path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        source: Box<toml::de::Error>,
+    },
+    /// A torque constant or gear ratio is no positive number.
+    #[error("motor {motor}: {source}")]
+    Scale {
+        /// Its name.
+        motor: String,
+        source: ScaleError,
+    },
+}
+
+/// The keys that matter here. The daemon checks the others.
+#[derive(Deserialize)]
+struct Config {
+    #[serde(default)]
+    bus: Vec<BusConfig>,
+    #[serde(default)]
+    motor: Vec<MotorConfig>,
+}
+
+#[derive(Deserialize)]
+struct BusConfig {
+    name: String,
+    interface: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct MotorConfig {
+    name: String,
+    bus: String,
+    id: u8,
+    host_id: Option<u16>,
+    protocol: ProtocolConfig,
+    #[serde(default)]
+    model: String,
+    torque_constant_nm_per_a: Option<f64>,
+    gear_ratio: Option<f64>,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ProtocolConfig {
+    Mit,
+    Gim,
+}
+
+/// The motors of a configuration.
+pub(super) struct Robot {
+    motors: Vec<Motor>,
+}
+
+struct Motor {
+    name: String,
+    interface: String,
+    id: u8,
+    host_id: u16,
+    protocol: Protocol,
+    scale: Option<Scale>,
+    /// What its next reply answers.
+    asked: Asked,
+}
+
+impl Robot {
+    pub(super) fn read(path: &Path) -> Result<Self, RobotError> {
+        let text = fs::read_to_string(path)
+            .map_err(|source| RobotError::Unreadable { path: path.into(), source })?;
+        let Config { bus, motor } = toml::from_str(&text)
+            .map_err(|source| RobotError::Malformed { path: path.into(), source: source.into() })?;
+        let motors = motor.into_iter().map(|motor| Motor::new(motor, &bus)).collect::<Result<_, _>>()?;
+        Ok(Self { motors })
+    }
+
+    /// What a line of a log means.
+    pub(super) fn decode(&mut self, line: &str) -> Result<Object, Refused> {
+        let log = LogLine::parse(line)?;
+        let (motor, direction) = self
+            .motor_of(&log)
+            .ok_or_else(|| Refused::Stray { interface: log.interface.into(), id: log.id })?;
+        let mut object = motor.decode(&log.payload, direction)?;
+        object.insert("time", log.time);
+        object.insert("interface", log.interface);
+        object.insert("motor", motor.name.as_str());
+        Ok(object)
+    }
+
+    fn motor_of(&mut self, log: &LogLine<'_>) -> Option<(&mut Motor, Direction)> {
+        let here = self.motors.iter_mut().filter(|motor| motor.interface == log.interface);
+        here.filter_map(|motor| motor.direction(log).map(|direction| (motor, direction))).next()
+    }
+}
+
+impl Motor {
+    fn new(config: MotorConfig, buses: &[BusConfig]) -> Result<Self, RobotError> {
+        let model = Model::by_name(&config.model);
+        let constant =
+            config.torque_constant_nm_per_a.or(model.map(|model| f64::from(model.torque_constant)));
+        let ratio = config.gear_ratio.or(model.map(|model| f64::from(model.gear_ratio)));
+        let scale = constant.zip(ratio).map(|(constant, ratio)| Scale::new(constant, ratio)).transpose();
+        let bus = buses.iter().find(|bus| bus.name == config.bus);
+        Ok(Self {
+            scale: scale.map_err(|source| RobotError::Scale { motor: config.name.clone(), source })?,
+            name: config.name,
+            interface: bus.and_then(|bus| bus.interface.clone()).unwrap_or(config.bus),
+            id: config.id,
+            host_id: config.host_id.unwrap_or(0x100 + u16::from(config.id)),
+            protocol: match config.protocol {
+                ProtocolConfig::Mit => Protocol::Mit,
+                ProtocolConfig::Gim => Protocol::GimCan,
+            },
+            asked: Asked::State,
+        })
+    }
+
+    /// Which way a frame goes if it is to or from this motor. MIT motors may share a host id: a reply names its sender.
+    fn direction(&self, log: &LogLine<'_>) -> Option<Direction> {
+        let names_this = self.protocol != Protocol::Mit || log.payload.first() == Some(&self.id);
+        if log.id == u16::from(self.id) {
+            Some(Direction::ToMotor)
+        } else if log.id == self.host_id && names_this {
+            Some(Direction::ToHost)
+        } else {
+            None
+        }
+    }
+
+    fn decode(&mut self, payload: &[u8], direction: Direction) -> Result<Object, Refused> {
+        let Self { protocol, asked, scale, .. } = *self;
+        let object = decode::decode(payload, &Reading { protocol, direction, asked, scale })?;
+        if direction == Direction::ToMotor {
+            self.asked = match object.kind()? {
+                "get_fault" => Asked::GetFault,
+                "clear_fault" => Asked::ClearFault,
+                "calibration" => Asked::Calibration,
+                _ => Asked::State,
+            };
+        }
+        Ok(object)
+    }
+}
