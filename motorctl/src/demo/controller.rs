@@ -1,0 +1,210 @@
+//! The controller process of the demo: what a robot's own controller looks like.
+//!
+//! ```text
+//! stand (answer states with where the joints stand) -> enable -> trot -> disable -> stopped
+//! ```
+//!
+//! It sleeps until the states of a cycle are there, answers them with setpoints, and tells its parent how it goes, one
+//! JSON object a line on standard output.
+
+use crate::demo::DemoError;
+use crate::demo::gait::{BLEND, Swing};
+use crate::demo::tracking::Tracking;
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use motord_client::{Claim, Client, Phase, Setpoint, State};
+use serde::{Deserialize, Serialize};
+use std::io::{self, Write};
+use std::time::Duration;
+
+/// The group that trots.
+pub(crate) const GROUP: &str = "legs";
+/// Stiffness, N·m/rad.
+const KP: f32 = 70.0;
+/// Damping, N·m·s/rad.
+const KD: f32 = 2.0;
+/// A daemon whose states do not come for this long is gone.
+const PATIENCE: Duration = Duration::from_millis(500);
+/// Motors must be found, started and stopped within this time each, s.
+const CHANGE_MAX: f64 = 8.0;
+/// Progress is told this often, s.
+const PROGRESS_PERIOD: f64 = 0.2;
+
+/// What the controller tells its parent.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Message {
+    /// The trot goes on.
+    Progress(Progress),
+    /// The trot is over: the tracking of every joint, in the order of the roster.
+    Outcome(Vec<Tracking>),
+}
+
+/// How the trot goes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Progress {
+    /// Time since the trot began, s.
+    pub(crate) time: f64,
+    /// Cycle number.
+    pub(crate) cycle: u64,
+    /// Replies that did not come in their cycle, over all motors.
+    pub(crate) missed: u64,
+    /// Largest tracking error up to now, rad.
+    pub(crate) tracking_max: f64,
+}
+
+/// Trots for `seconds`, beginning and ending with stopped motors.
+///
+/// # Errors
+///
+/// When the daemon goes away, refuses, or stops the group, when a signal comes, or when nobody listens.
+pub(crate) fn run(instance: &str, seconds: f64) -> Result<(), Failure> {
+    let mut controller = Controller::connect(instance)?;
+    controller.stand("found", Controller::is_found)?;
+    controller.claim.enable()?;
+    controller.stand("started", |controller, state| controller.phase(state) == Some(Phase::Active))?;
+    let trot = controller.trot(seconds);
+    // After a failure too: a robot is not left standing with nobody at the helm.
+    controller.claim.disable()?;
+    controller.stand("stopped", |controller, state| controller.phase(state) == Some(Phase::Disarmed))?;
+    trot?;
+    tell(&Message::Outcome(controller.tracking))
+}
+
+struct Controller {
+    client: Client,
+    claim: Claim,
+    /// How each joint of the group moves.
+    swings: Vec<Swing>,
+    /// Where each joint of the group stood before the start, rad.
+    origins: Vec<f32>,
+    /// Kept from cycle to cycle: a controller that allocates in its cycle is late now and then.
+    setpoints: Vec<Setpoint>,
+    /// Of every joint of the robot.
+    tracking: Vec<Tracking>,
+    interrupt: Interrupt,
+}
+
+impl Controller {
+    fn connect(instance: &str) -> Result<Self, Failure> {
+        let interrupt = Interrupt::register()?;
+        let mut client = Client::connect(instance)?;
+        client.set_silence(PATIENCE);
+        let claim = client.claim(GROUP)?;
+        let joints = &client.roster().joints;
+        let swings: Vec<Swing> = claim.joints().iter().map(|&joint| Swing::of(&joints[joint].name)).collect();
+        Ok(Self {
+            origins: vec![0.0; swings.len()],
+            setpoints: Vec::with_capacity(swings.len()),
+            tracking: vec![Tracking::default(); joints.len()],
+            swings,
+            claim,
+            client,
+            interrupt,
+        })
+    }
+
+    /// Answers every state with where the joints are, until `done`.
+    fn stand(&mut self, change: &'static str, done: fn(&Self, &State) -> bool) -> Result<(), Failure> {
+        let mut begun = None;
+        loop {
+            let state = self.next()?;
+            if done(self, &state) {
+                return Ok(());
+            }
+            if seconds_since(*begun.get_or_insert(state.tick_ns()), &state) > CHANGE_MAX {
+                return Err(DemoError::Slow { change, seconds: CHANGE_MAX }.into());
+            }
+            // Once the motors hold the robot, it stays where they took it over.
+            if self.phase(&state) == Some(Phase::Disarmed) {
+                self.measure_origins(&state);
+            }
+            self.send(0.0)?;
+        }
+    }
+
+    /// Answers every state with the trot.
+    fn trot(&mut self, seconds: f64) -> Result<(), Failure> {
+        let mut begun = None;
+        let mut progress_due = 0.0;
+        loop {
+            let state = self.next()?;
+            let time = seconds_since(*begun.get_or_insert(state.tick_ns()), &state);
+            if time >= seconds {
+                return Ok(());
+            }
+            if self.phase(&state) != Some(Phase::Active) {
+                let cause = state.group(self.claim.index()).and_then(|group| group.cause);
+                return Err(DemoError::Stopped(cause).into());
+            }
+            self.send(time)?;
+            self.track(time, &state);
+            if time >= progress_due {
+                progress_due += PROGRESS_PERIOD;
+                tell(&Message::Progress(self.progress(time, &state)))?;
+            }
+        }
+    }
+
+    fn next(&mut self) -> Result<State, Failure> {
+        if self.interrupt.came() {
+            return Err(Failure::Interrupted);
+        }
+        Ok(self.client.wait(PATIENCE)?)
+    }
+
+    fn phase(&self, state: &State) -> Option<Phase> {
+        state.group(self.claim.index())?.phase
+    }
+
+    /// Every joint of the group has told where it is.
+    fn is_found(&self, state: &State) -> bool {
+        self.claim.joints().iter().all(|&joint| state.joint(joint).is_some_and(|joint| joint.valid))
+    }
+
+    fn measure_origins(&mut self, state: &State) {
+        for (origin, &joint) in self.origins.iter_mut().zip(self.claim.joints()) {
+            *origin = state.joint(joint).map_or(*origin, |joint| joint.position);
+        }
+    }
+
+    fn send(&mut self, time: f64) -> Result<(), Failure> {
+        self.setpoints.clear();
+        self.setpoints.extend(self.origins.iter().zip(&self.swings).map(|(origin, swing)| {
+            let (distance, velocity) = swing.at(time);
+            Setpoint::impedance(origin + distance as f32, velocity as f32, KP, KD, 0.0)
+        }));
+        Ok(self.claim.send(&self.setpoints)?)
+    }
+
+    /// Compares what was measured in a cycle with what was sent to the motor in that same cycle.
+    fn track(&mut self, time: f64, state: &State) {
+        if time < BLEND {
+            return;
+        }
+        for &index in self.claim.joints() {
+            if let Some(joint) = state.joint(index).filter(|joint| joint.fresh) {
+                self.tracking[index].count(joint.position, joint.applied.position);
+            }
+        }
+    }
+
+    fn progress(&self, time: f64, state: &State) -> Progress {
+        Progress {
+            time,
+            cycle: state.cycle(),
+            missed: state.joints().map(|joint| u64::from(joint.missed)).sum(),
+            tracking_max: self.tracking.iter().map(|tracking| tracking.max).fold(0.0, f64::max),
+        }
+    }
+}
+
+fn seconds_since(begun_ns: u64, state: &State) -> f64 {
+    state.tick_ns().saturating_sub(begun_ns) as f64 * 1e-9
+}
+
+fn tell(message: &Message) -> Result<(), Failure> {
+    let out = &mut io::stdout().lock();
+    writeln!(out, "{}", serde_json::json!(message))?;
+    Ok(out.flush()?)
+}

@@ -1,0 +1,109 @@
+//! The daemon of a demo.
+
+use crate::demo::child::Child;
+use crate::demo::home::Home;
+use crate::demo::{DemoError, GLANCE, READY_MAX};
+use crate::interrupt::Interrupt;
+use motord_client::{Client, Error};
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// Names the directory where daemon and clients meet.
+const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
+
+/// A running daemon with simulated motors. Dropping it stops it.
+#[derive(Debug)]
+pub(crate) struct Daemon<'a> {
+    home: &'a Home,
+    child: Child,
+}
+
+impl<'a> Daemon<'a> {
+    /// Starts `motord run` in `home`.
+    ///
+    /// # Errors
+    ///
+    /// When the executable is missing or cannot be started.
+    pub(crate) fn start(home: &'a Home) -> Result<Self, DemoError> {
+        let mut command = Command::new(executable()?);
+        command.arg("run").arg("--config").arg(home.config());
+        command.env(RUNTIME_DIR_VARIABLE, home.runtime());
+        let log = home.log()?;
+        let child = Child::spawn(&command, Stdio::null(), log.into());
+        Ok(Self { home, child: child.map_err(DemoError::system("start motord"))? })
+    }
+
+    /// Connects as soon as it is ready.
+    ///
+    /// # Errors
+    ///
+    /// When it ends or does not get ready, or a signal comes.
+    pub(crate) fn connect(&mut self, interrupt: &Interrupt) -> Result<Client, DemoError> {
+        let deadline = Instant::now() + READY_MAX;
+        loop {
+            match Client::connect_in(self.home.runtime(), self.home.instance()) {
+                Ok(client) => return Ok(client),
+                // Its services appear one by one, and it answers when all are there.
+                Err(Error::NotRunning { .. } | Error::NoAnswer { .. }) => {}
+                Err(error) => return Err(error.into()),
+            }
+            self.check()?;
+            if Instant::now() > deadline {
+                return Err(DemoError::NotReady { log: self.home.last_words() });
+            }
+            interrupt.pause_until(Instant::now() + GLANCE);
+            if interrupt.came() {
+                return Err(DemoError::Interrupted);
+            }
+        }
+    }
+
+    /// Starts the controller process for it.
+    ///
+    /// # Errors
+    ///
+    /// When the process cannot be started.
+    pub(crate) fn start_controller(&self, seconds: f64) -> Result<Child, DemoError> {
+        let start = || {
+            let mut command = Command::new(std::env::current_exe()?);
+            command.args(["--instance", self.home.instance(), "demo-controller", &seconds.to_string()]);
+            command.env(RUNTIME_DIR_VARIABLE, self.home.runtime());
+            Child::spawn(&command, Stdio::piped(), Stdio::inherit())
+        };
+        start().map_err(DemoError::system("start the controller"))
+    }
+
+    /// Looks whether it still runs.
+    ///
+    /// # Errors
+    ///
+    /// When it does not.
+    pub(crate) fn check(&mut self) -> Result<(), DemoError> {
+        match self.child.ended().map_err(DemoError::system("look after motord"))? {
+            None => Ok(()),
+            Some(status) => Err(DemoError::DaemonEnded { status, log: self.home.last_words() }),
+        }
+    }
+
+    /// Stops it.
+    ///
+    /// # Errors
+    ///
+    /// When it does not end well.
+    pub(crate) fn stop(mut self) -> Result<(), DemoError> {
+        let status = self.child.stop().map_err(DemoError::system("stop motord"))?;
+        if status.success() {
+            Ok(())
+        } else {
+            Err(DemoError::DaemonStop { status, log: self.home.last_words() })
+        }
+    }
+}
+
+/// The daemon stands next to its tool, in a target directory as in /usr/bin.
+fn executable() -> Result<PathBuf, DemoError> {
+    let tool = std::env::current_exe().map_err(DemoError::system("find motord"))?;
+    let daemon = tool.with_file_name("motord");
+    if daemon.is_file() { Ok(daemon) } else { Err(DemoError::NoDaemon(daemon)) }
+}

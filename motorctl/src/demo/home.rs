@@ -1,0 +1,105 @@
+//! The private directory of a demo: where daemon, controller and demo meet, and where the daemon's log goes.
+
+use crate::demo::DemoError;
+use motord_client::DEFAULT_INSTANCE;
+use serde::Deserialize;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+/// The demo's configuration in a checkout.
+const CONFIG: &str = "config/quadruped-simulated.toml";
+/// The same, for an installed motorctl.
+const BUILT_IN_CONFIG: &str = include_str!("../../../config/quadruped-simulated.toml");
+/// Last words of the daemon that are shown when it failed, lines.
+const LAST_WORDS: usize = 20;
+
+/// A directory that goes with its owner, and the configuration that is used in it.
+#[derive(Debug)]
+pub(crate) struct Home {
+    directory: TempDir,
+    config: PathBuf,
+    instance: String,
+}
+
+/// The part of a configuration that the demo needs itself. What is wrong with the rest, the daemon says better.
+#[derive(Debug, Default, Deserialize)]
+struct Head {
+    #[serde(default)]
+    daemon: DaemonHead,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct DaemonHead {
+    instance: Option<String>,
+}
+
+impl Home {
+    /// Makes the directory, and takes `config`, else the checkout's configuration, else the built-in one.
+    ///
+    /// # Errors
+    ///
+    /// When the directory cannot be made, or the configuration cannot be read.
+    pub(crate) fn new(config: Option<&Path>) -> Result<Self, DemoError> {
+        let directory = temporary_directory().map_err(DemoError::system("make a private directory"))?;
+        let config = match config {
+            Some(config) => config.to_owned(),
+            None if Path::new(CONFIG).is_file() => PathBuf::from(CONFIG),
+            None => {
+                let copy = directory.path().join("quadruped-simulated.toml");
+                fs::write(&copy, BUILT_IN_CONFIG).map_err(DemoError::system("write the configuration"))?;
+                copy
+            }
+        };
+        let text = fs::read_to_string(&config).map_err(DemoError::system("read the configuration"))?;
+        let head: Head = toml::from_str(&text).unwrap_or_default();
+        let instance = head.daemon.instance.unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());
+        Ok(Self { directory, config, instance })
+    }
+
+    /// Where daemon and clients meet.
+    pub(crate) fn runtime(&self) -> &Path {
+        self.directory.path()
+    }
+
+    /// The daemon's configuration.
+    pub(crate) fn config(&self) -> &Path {
+        &self.config
+    }
+
+    /// The instance in that configuration.
+    pub(crate) fn instance(&self) -> &str {
+        &self.instance
+    }
+
+    /// A file for the daemon's log.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be made.
+    pub(crate) fn log(&self) -> Result<File, DemoError> {
+        File::create(self.log_path()).map_err(DemoError::system("write the daemon's log"))
+    }
+
+    /// The end of the daemon's log.
+    pub(crate) fn last_words(&self) -> String {
+        let log = fs::read(self.log_path()).unwrap_or_default();
+        let log = String::from_utf8_lossy(&log);
+        let lines: Vec<&str> = log.lines().collect();
+        lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+    }
+
+    fn log_path(&self) -> PathBuf {
+        self.directory.path().join("motord.log")
+    }
+}
+
+/// In memory where possible: the shared files are written a thousand times a second, and a disk would stall that.
+fn temporary_directory() -> std::io::Result<TempDir> {
+    let builder = || {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix("motord-demo-");
+        builder
+    };
+    builder().tempdir_in("/dev/shm").or_else(|_| builder().tempdir())
+}

@@ -1,0 +1,212 @@
+//! `motorctl demo`: the real daemon, simulated motors, and a controller in a process of its own.
+//!
+//! ```text
+//! motorctl demo ─┬─ motord run                  in a private runtime directory
+//!                └─ motorctl demo-controller    answers every state with setpoints
+//! ```
+//!
+//! However the demo ends, both processes and the directory go with it.
+
+mod child;
+mod controller;
+mod daemon;
+mod gait;
+mod home;
+mod progress;
+mod report;
+mod tracking;
+
+pub(crate) use child::tether;
+pub(crate) use controller::run as control;
+
+use crate::failure::{client_status, status};
+use crate::interrupt::Interrupt;
+use crate::table::Palette;
+use child::Child;
+use controller::{GROUP, Message};
+use daemon::Daemon;
+use home::Home;
+use motord_client::{Cause, Error};
+use progress::ProgressLine;
+use report::{Report, Shortfall};
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitStatus;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+use tracking::Tracking;
+
+/// The daemon must have its services open within this time.
+const READY_MAX: Duration = Duration::from_secs(10);
+/// The controller must say something at least this often; finding and starting the motors takes the longest.
+const SILENCE_MAX: Duration = Duration::from_secs(20);
+/// How often the demo looks whether everybody still runs.
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// Why there was no good demo.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum DemoError {
+    /// The daemon's executable is missing.
+    #[error("{} is missing: build it with `cargo build --release --workspace`", .0.display())]
+    NoDaemon(PathBuf),
+    /// A file or process could not be used.
+    #[error("cannot {doing}: {source}")]
+    System {
+        /// What was tried.
+        doing: &'static str,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// The daemon ended although nobody had asked it to.
+    #[error("motord ended with {status}; its last words:\n{log}")]
+    DaemonEnded {
+        /// How.
+        status: ExitStatus,
+        /// The end of its log.
+        log: String,
+    },
+    /// The daemon runs, but offers no services.
+    #[error("motord was not ready after {} s; its last words:\n{log}", READY_MAX.as_secs())]
+    NotReady {
+        /// The end of its log.
+        log: String,
+    },
+    /// The daemon was asked to end, and failed at it.
+    #[error("motord ended with {status} when it was stopped; its last words:\n{log}")]
+    DaemonStop {
+        /// How.
+        status: ExitStatus,
+        /// The end of its log.
+        log: String,
+    },
+    /// The daemon stopped the group in mid-trot.
+    #[error("the group {GROUP} was stopped: {}", .0.map_or("no cause is latched", Cause::sentence))]
+    Stopped(Option<Cause>),
+    /// Motors were not found, started or stopped in time.
+    #[error("the group {GROUP} was not {change} within {seconds} s")]
+    Slow {
+        /// What should have become of it.
+        change: &'static str,
+        /// The time it had, s.
+        seconds: f64,
+    },
+    /// The controller failed; it has said why.
+    #[error("the controller ended with {0}")]
+    Controller(ExitStatus),
+    /// The controller hangs.
+    #[error("the controller said nothing for {} s", SILENCE_MAX.as_secs())]
+    ControllerSilent,
+    /// The daemon cannot be reached.
+    #[error(transparent)]
+    Client(#[from] Error),
+    /// All went through, but not well enough.
+    #[error("the run was not good enough: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    Shortfalls(Vec<Shortfall>),
+    /// Ctrl-C.
+    #[error("interrupted; everything is stopped")]
+    Interrupted,
+}
+
+impl DemoError {
+    /// The exit status.
+    pub(crate) fn status(&self) -> u8 {
+        match self {
+            Self::NoDaemon(_) => status::UNAVAILABLE,
+            Self::Interrupted => status::INTERRUPTED,
+            Self::Client(error) => client_status(error),
+            _ => 1,
+        }
+    }
+
+    fn system(doing: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::System { doing, source }
+    }
+}
+
+/// Reads a duration.
+///
+/// # Errors
+///
+/// A sentence, when the text is no number of seconds from 2 to 3600: in the first second the trot is only growing.
+pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds: f64 = text.parse().map_err(|_| "expected a number of seconds".to_owned())?;
+    if (2.0..=3600.0).contains(&seconds) { Ok(seconds) } else { Err("expected 2 to 3600 seconds".to_owned()) }
+}
+
+/// Runs the demo and judges it.
+///
+/// # Errors
+///
+/// When anything failed, or the run was not good enough.
+pub(crate) fn run(seconds: f64, config: Option<&Path>, json: bool) -> Result<(), DemoError> {
+    let interrupt = Interrupt::register().map_err(DemoError::system("listen for signals"))?;
+    let home = Home::new(config)?;
+    let mut daemon = Daemon::start(&home)?;
+    let mut client = daemon.connect(&interrupt)?;
+    let tracking = trot(&mut daemon, seconds, &interrupt)?;
+    let telemetry = client.telemetry()?;
+    let report = Report::new(client.roster(), &telemetry, &tracking);
+    let shortfalls = report.shortfalls(client.roster());
+    drop(client);
+    daemon.stop()?;
+
+    print(&report, json).map_err(DemoError::system("write the output"))?;
+    if shortfalls.is_empty() { Ok(()) } else { Err(DemoError::Shortfalls(shortfalls)) }
+}
+
+/// Runs the controller, and shows what it tells.
+fn trot(daemon: &mut Daemon<'_>, seconds: f64, interrupt: &Interrupt) -> Result<Vec<Tracking>, DemoError> {
+    let mut controller = daemon.start_controller(seconds)?;
+    let messages = messages(&mut controller);
+    let mut line = ProgressLine::new(seconds);
+    let mut heard = Instant::now();
+    let mut tracking = None;
+    loop {
+        match messages.recv_timeout(GLANCE) {
+            Ok(message) => {
+                heard = Instant::now();
+                match message {
+                    Message::Progress(progress) => line.show(&progress),
+                    Message::Outcome(outcome) => tracking = Some(outcome),
+                }
+            }
+            Err(RecvTimeoutError::Disconnected) => break,
+            Err(RecvTimeoutError::Timeout) => {}
+        }
+        if interrupt.came() {
+            return Err(DemoError::Interrupted);
+        }
+        daemon.check()?;
+        if heard.elapsed() > SILENCE_MAX {
+            return Err(DemoError::ControllerSilent);
+        }
+    }
+    line.clear();
+    let status = controller.wait(SILENCE_MAX).map_err(DemoError::system("wait for the controller"))?;
+    tracking.filter(|_| status.success()).ok_or(DemoError::Controller(status))
+}
+
+/// The controller's messages; they end with it. A line that is none ends them too.
+fn messages(controller: &mut Child) -> Receiver<Message> {
+    let (sender, receiver) = mpsc::channel();
+    let output = controller.output();
+    std::thread::spawn(move || {
+        let lines = output.into_iter().flat_map(|output| BufReader::new(output).lines());
+        let messages = lines.map_while(|line| serde_json::from_str(&line.ok()?).ok());
+        for message in messages {
+            if sender.send(message).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
+}
+
+fn print(report: &Report, json: bool) -> io::Result<()> {
+    let out = &mut io::stdout().lock();
+    if json {
+        writeln!(out, "{}", serde_json::json!(report))
+    } else {
+        report.write(out, Palette::of_stdout())
+    }
+}

@@ -1,0 +1,231 @@
+//! What a demo run was like, and whether that is good enough.
+
+use crate::demo::tracking::Tracking;
+use crate::latency;
+use crate::table::{Cell, Colour, Palette, Table};
+use motord_client::{Percentiles, Roster, Telemetry};
+use serde::Serialize;
+use std::io::{self, Write};
+
+/// Largest difference between the rate that was run and the one that was asked for, as a fraction.
+const RATE_TOLERANCE: f64 = 0.01;
+/// Largest tracking error of the trot, rad RMS, of the worst joint.
+const TRACKING_RMS_MAX: f64 = 0.05;
+
+/// The run, as `--json` prints it.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Report {
+    /// Motors that were moved and answered.
+    pub(crate) motors: usize,
+    /// From the daemon's first cycle to its last, s.
+    pub(crate) seconds: f64,
+    /// Cycles that were run.
+    pub(crate) cycles: u64,
+    /// Cycles per second that were run.
+    pub(crate) rate_hz: f64,
+    /// Replies that did not come in their cycle.
+    pub(crate) missed_replies: u64,
+    /// Places on the grid of cycles that were skipped.
+    pub(crate) overruns: u64,
+    /// Tracking error of the worst joint, rad RMS.
+    pub(crate) tracking_rms_rad: f64,
+    /// Largest tracking error of any joint, rad.
+    pub(crate) tracking_max_rad: f64,
+    /// From the beginning of a cycle to the publication of its states.
+    pub(crate) cycle_us: Percentiles,
+    /// From a cycle's place on the grid to its beginning.
+    pub(crate) wake_latency_us: Percentiles,
+    /// From a command to its reply.
+    pub(crate) reply_latency_us: Percentiles,
+    /// From the sending of a setpoint to the cycle that used it.
+    pub(crate) setpoint_age_us: Percentiles,
+    /// Joint by joint.
+    pub(crate) joints: Vec<JointReport>,
+}
+
+/// One joint's part in the run.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct JointReport {
+    /// Its name.
+    pub(crate) name: String,
+    /// Tracking error, rad RMS.
+    pub(crate) tracking_rms_rad: f64,
+    /// Largest tracking error, rad.
+    pub(crate) tracking_max_rad: f64,
+    /// From a command to its reply.
+    pub(crate) reply_latency_us: Percentiles,
+}
+
+/// In what a run was not good enough.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub(crate) enum Shortfall {
+    /// A motor did not take part.
+    #[error("{received} of {expected} motors took part")]
+    Motors { expected: usize, received: usize },
+    /// The rate is off.
+    #[error("the cycle ran at {received:.1} Hz instead of {expected:.1} Hz: is the computer overloaded?")]
+    Rate { expected: f64, received: f64 },
+    /// Replies are missing.
+    #[error("{0} replies did not come in their cycle")]
+    MissedReplies(u64),
+    /// A joint was too far from where it was sent.
+    #[error("the tracking error is {received:.3} rad RMS, at most {expected:.3} rad is good")]
+    Tracking { expected: f64, received: f64 },
+}
+
+impl Report {
+    /// Sums up what the controller saw and what the daemon counted.
+    pub(crate) fn new(roster: &Roster, telemetry: &Telemetry, tracking: &[Tracking]) -> Self {
+        let joint = |(index, tracking): (usize, &Tracking)| JointReport {
+            name: roster.joints.get(index).map_or_else(String::new, |joint| joint.name.clone()),
+            tracking_rms_rad: tracking.rms(),
+            tracking_max_rad: tracking.max,
+            reply_latency_us: telemetry.joints.get(index).copied().unwrap_or_default(),
+        };
+        let worst = |error: fn(&Tracking) -> f64| tracking.iter().map(error).fold(0.0, worse);
+        Self {
+            motors: tracking.iter().filter(|tracking| tracking.samples > 0).count(),
+            seconds: telemetry.seconds,
+            cycles: telemetry.cycles,
+            rate_hz: telemetry.cycles.saturating_sub(1) as f64 / telemetry.seconds,
+            missed_replies: telemetry.missed_replies,
+            overruns: telemetry.overruns,
+            tracking_rms_rad: worst(Tracking::rms),
+            tracking_max_rad: worst(|tracking| tracking.max),
+            cycle_us: telemetry.cycle_us,
+            wake_latency_us: telemetry.wake_latency_us,
+            reply_latency_us: telemetry.reply_latency_us,
+            setpoint_age_us: telemetry.setpoint_age_us,
+            joints: tracking.iter().enumerate().map(joint).collect(),
+        }
+    }
+
+    /// In what the run was not good enough for `roster`; empty when it was.
+    pub(crate) fn shortfalls(&self, roster: &Roster) -> Vec<Shortfall> {
+        let (motors, rate) = (roster.joints.len(), roster.rate_hz);
+        // Asked this way round, a rate or an error that is not a number falls short.
+        let on_time = (self.rate_hz - rate).abs() <= RATE_TOLERANCE * rate;
+        let on_track = self.tracking_rms_rad < TRACKING_RMS_MAX;
+        let checks = [
+            (self.motors == motors, Shortfall::Motors { expected: motors, received: self.motors }),
+            (on_time, Shortfall::Rate { expected: rate, received: self.rate_hz }),
+            (self.missed_replies == 0, Shortfall::MissedReplies(self.missed_replies)),
+            (on_track, Shortfall::Tracking { expected: TRACKING_RMS_MAX, received: self.tracking_rms_rad }),
+        ];
+        checks.into_iter().filter(|(good, _)| !good).map(|(_, shortfall)| shortfall).collect()
+    }
+
+    /// Writes the run for people.
+    ///
+    /// # Errors
+    ///
+    /// When `out` cannot be written.
+    pub(crate) fn write(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+        let mut table = Table::new(&["joint", "tracking RMS rad", "max rad", "reply p50 µs", "p99.9 µs"]);
+        for joint in &self.joints {
+            let late = joint.tracking_rms_rad >= TRACKING_RMS_MAX;
+            table.row(vec![
+                Cell::new(&joint.name, if late { Colour::Red } else { Colour::Plain }),
+                Cell::number(Some(joint.tracking_rms_rad), 4),
+                Cell::number(Some(joint.tracking_max_rad), 4),
+                Cell::number(Some(joint.reply_latency_us.p50), 0),
+                Cell::number(Some(joint.reply_latency_us.p99_9), 0),
+            ]);
+        }
+        table.write(out, palette)?;
+        writeln!(out)?;
+        let rows = [
+            ("cycle", self.cycle_us),
+            ("wake latency", self.wake_latency_us),
+            ("reply latency", self.reply_latency_us),
+            ("setpoint age", self.setpoint_age_us),
+        ];
+        latency::table(&rows).write(out, palette)?;
+        let Self { motors, seconds, cycles, rate_hz, missed_replies, overruns, .. } = self;
+        writeln!(
+            out,
+            "\n{motors} motors, {cycles} cycles in {seconds:.1} s: {rate_hz:.1} Hz, {overruns} overruns, \
+             {missed_replies} missed replies"
+        )
+    }
+}
+
+/// The larger of two errors; NaN, which is no measurement at all, is the worst.
+fn worse(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_client::JointDescription;
+
+    fn roster() -> Roster {
+        let joints =
+            ["fl-hip", "fl-thigh"].map(|name| JointDescription { name: name.into(), ..Default::default() });
+        Roster { rate_hz: 1000.0, joints: joints.into(), ..Roster::default() }
+    }
+
+    fn telemetry() -> Telemetry {
+        Telemetry { cycles: 3001, seconds: 3.0, ..Telemetry::default() }
+    }
+
+    fn tracked(error: f32) -> Tracking {
+        let mut tracking = Tracking::default();
+        tracking.count(error, 0.0);
+        tracking
+    }
+
+    fn shortfalls(telemetry: &Telemetry, tracking: &[Tracking]) -> Vec<Shortfall> {
+        Report::new(&roster(), telemetry, tracking).shortfalls(&roster())
+    }
+
+    #[test]
+    fn a_good_run_has_no_shortfall() {
+        assert_eq!(shortfalls(&telemetry(), &[tracked(0.01), tracked(-0.04)]), []);
+    }
+
+    #[test]
+    fn the_worst_joint_judges_the_tracking() {
+        let report = Report::new(&roster(), &telemetry(), &[tracked(0.01), tracked(-0.06)]);
+        assert!((report.tracking_rms_rad - 0.06).abs() < 1e-6);
+        assert!(matches!(report.shortfalls(&roster())[..], [Shortfall::Tracking { .. }]));
+    }
+
+    #[test]
+    fn a_motor_that_was_never_seen_falls_short() {
+        let shortfalls = shortfalls(&telemetry(), &[tracked(0.01), Tracking::default()]);
+        assert_eq!(shortfalls[0], Shortfall::Motors { expected: 2, received: 1 });
+    }
+
+    #[test]
+    fn one_missed_reply_falls_short() {
+        let telemetry = Telemetry { missed_replies: 1, ..telemetry() };
+        assert_eq!(shortfalls(&telemetry, &[tracked(0.0), tracked(0.0)]), [Shortfall::MissedReplies(1)]);
+    }
+
+    #[test]
+    fn a_rate_that_is_off_or_unknown_falls_short() {
+        for seconds in [2.9, 3.1, 0.0] {
+            let telemetry = Telemetry { seconds, ..telemetry() };
+            let shortfalls = shortfalls(&telemetry, &[tracked(0.0), tracked(0.0)]);
+            assert!(matches!(shortfalls[..], [Shortfall::Rate { .. }]), "{seconds} s");
+        }
+    }
+
+    #[test]
+    fn the_json_has_the_agreed_keys() {
+        let report = Report::new(&roster(), &telemetry(), &[tracked(0.01), tracked(0.02)]);
+        let json = serde_json::to_value(report).unwrap();
+        for key in
+            ["motors", "seconds", "cycles", "rate_hz", "missed_replies", "overruns", "tracking_rms_rad"]
+        {
+            assert!(json[key].is_number(), "{key}");
+        }
+        for key in ["wake_latency_us", "reply_latency_us", "setpoint_age_us", "cycle_us"] {
+            for percentile in ["p50", "p99", "p99_9", "max"] {
+                assert!(json[key][percentile].is_number(), "{key}.{percentile}");
+            }
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! How far a joint was from where it was sent.
+
+use serde::{Deserialize, Serialize};
+
+/// Sums up the tracking error of one joint.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Tracking {
+    /// How many errors were counted.
+    pub(crate) samples: u64,
+    /// Sum of the squared errors, rad².
+    squares: f64,
+    /// Largest distance, rad.
+    pub(crate) max: f64,
+}
+
+impl Tracking {
+    /// Counts a cycle in which the joint stood at `measured` while `applied` was sent, rad.
+    pub(crate) fn count(&mut self, measured: f32, applied: f32) {
+        let error = f64::from(measured) - f64::from(applied);
+        self.samples += 1;
+        self.squares += error * error;
+        self.max = self.max.max(error.abs());
+    }
+
+    /// Root of the mean squared error, rad; NaN before the first.
+    pub(crate) fn rms(&self) -> f64 {
+        (self.squares / self.samples as f64).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sine_of_error_has_its_amplitude_over_the_root_of_two() {
+        let mut tracking = Tracking::default();
+        for step in 0..1000_u16 {
+            tracking.count((f32::from(step) * std::f32::consts::TAU / 1000.0).sin(), 0.0);
+        }
+        assert!((tracking.rms() - 0.5_f64.sqrt()).abs() < 1e-6);
+        assert!((tracking.max - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_joint_that_was_never_seen_has_no_error_to_be_proud_of() {
+        assert!(Tracking::default().rms().is_nan());
+    }
+}
