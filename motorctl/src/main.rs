@@ -1,2 +1,195 @@
-//! motorctl.
-fn main() {}
+//! `motorctl`: the tool for people and scripts. It talks to a running motord through the client crate.
+//!
+//! Exit statuses follow sysexits(3): 64 for a wrong call, 69 when no daemon answers, 77 when it may not be reached, 1
+//! when it refused or the demo fell short.
+
+#![forbid(unsafe_code)]
+
+mod advice;
+mod demo;
+mod failure;
+mod frame;
+mod interrupt;
+mod latency;
+mod operate;
+mod report;
+mod status;
+mod table;
+mod watch;
+
+use clap::{Parser, Subcommand};
+use failure::{Failure, status::USAGE};
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Watches and operates motord, the motor control daemon.
+#[derive(Debug, Parser)]
+#[command(name = "motorctl", version, max_term_width = 100, after_help = EXAMPLES)]
+struct Arguments {
+    /// The daemon's instance: `instance` in its configuration.
+    #[arg(long, global = true, value_name = "NAME", env = "MOTORD_INSTANCE", default_value = motord_client::DEFAULT_INSTANCE)]
+    instance: String,
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  motorctl demo                     see 12 simulated motors trot, without a robot
+  motorctl status                   how the robot is, and what to do about a stop
+  motorctl estop                    stop every motor now
+  motorctl --instance arm watch     watch another daemon of this computer";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Start a daemon with simulated motors, make them trot, and judge how well that went.
+    ///
+    /// Exit status 0 means: all motors took part, the rate was within 1 % of the configured one, no reply was missed,
+    /// and no joint was more than 0.05 rad RMS from where it was sent.
+    #[command(
+        after_help = "Examples:\n  motorctl demo\n  motorctl demo --seconds 60 --json | tail -n 1 | jq .wake_latency_us"
+    )]
+    Demo {
+        /// How long to trot, s.
+        #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = demo::parse_seconds)]
+        seconds: f64,
+        /// Another configuration, with a group `legs` of joints named `fl-hip`, `fl-thigh`, `fl-knee`, `fr-hip` …
+        ///
+        /// Without it config/quadruped-simulated.toml is taken when it exists here, else the same as it was when motorctl
+        /// was built.
+        #[arg(long, value_name = "FILE")]
+        config: Option<PathBuf>,
+        /// Print the result as one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Tell once how the daemon, its groups, joints and buses are.
+    #[command(
+        after_help = "Examples:\n  motorctl status\n  motorctl status --json | jq '.groups[] | {name, phase, cause}'"
+    )]
+    Status {
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Tell it again and again, through restarts of the daemon, until Ctrl-C.
+    #[command(
+        after_help = "Examples:\n  motorctl watch --hz 2\n  motorctl watch --json | jq -c '.joints[0].position_rad'"
+    )]
+    Watch {
+        /// Refreshes per second, 0.1 to 100.
+        #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = watch::parse_hz)]
+        hz: f64,
+        /// Print one JSON object per refresh.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Tell the percentiles of all latencies since the daemon started.
+    #[command(
+        after_help = "Examples:\n  motorctl latency\n  motorctl latency --json | jq .setpoint_age_us.p99_9"
+    )]
+    Latency {
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Start the motors of a group; they follow the setpoints of its owner.
+    #[command(after_help = "Example:\n  motorctl enable legs")]
+    Enable(Group),
+    /// Damp the motors of a group and stop them once they are slow.
+    #[command(after_help = "Example:\n  motorctl disable legs")]
+    Disable(Group),
+    /// Take back the cause that stopped a group. Moves nothing.
+    #[command(after_help = "Example:\n  motorctl reset legs && motorctl enable legs")]
+    Reset(Group),
+    /// Damp and stop every motor of every group, now. Stays latched until a reset.
+    ///
+    /// This is software: it does not replace a switch that cuts the power.
+    #[command(after_help = "Example:\n  motorctl estop")]
+    Estop,
+    /// Take a group from its owner, which stops its motors.
+    #[command(after_help = "Example:\n  motorctl release legs --force")]
+    Release {
+        /// The group.
+        group: String,
+        /// Take it although the owner has not given it up.
+        #[arg(long, required = true)]
+        force: bool,
+    },
+    /// Faults that motors reported.
+    #[command(subcommand)]
+    Fault(Fault),
+    /// Make the position where a stopped joint stands its zero, in the motor itself.
+    #[command(after_help = "Example:\n  motorctl zero fl-knee --yes")]
+    Zero {
+        /// The joint.
+        joint: String,
+        /// Really do it.
+        #[arg(long)]
+        yes: bool,
+    },
+    /// Decode and encode motor frames, without a daemon.
+    #[command(subcommand)]
+    Frame(frame::Frame),
+    #[command(hide = true)]
+    DemoController { seconds: f64 },
+    #[command(hide = true)]
+    Tether { parent: u32, program: OsString, arguments: Vec<OsString> },
+}
+
+#[derive(Debug, clap::Args)]
+struct Group {
+    /// The group; all of them when it is left out.
+    group: Option<String>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Fault {
+    /// Acknowledge the fault of a motor. It comes back when its cause is still there.
+    #[command(after_help = "Example:\n  motorctl fault clear fl-knee")]
+    Clear {
+        /// The joint.
+        joint: String,
+    },
+}
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Help and version come this way too, and go to standard output. A closed pipe is no failure of theirs.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { USAGE } else { 0 });
+        }
+    };
+    match run(&arguments.instance, arguments.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("motorctl: {failure}");
+            ExitCode::from(failure.status())
+        }
+    }
+}
+
+fn run(instance: &str, command: Command) -> Result<(), Failure> {
+    match command {
+        Command::Demo { seconds, config, json } => Ok(demo::run(seconds, config.as_deref(), json)?),
+        Command::Status { json } => status::run(instance, json),
+        Command::Watch { hz, json } => watch::run(instance, hz, json),
+        Command::Latency { json } => latency::run(instance, json),
+        Command::Enable(Group { group }) => operate::enable(instance, group.as_deref()),
+        Command::Disable(Group { group }) => operate::disable(instance, group.as_deref()),
+        Command::Reset(Group { group }) => operate::reset(instance, group.as_deref()),
+        Command::Estop => operate::estop(instance),
+        Command::Release { group, .. } => operate::release(instance, &group),
+        Command::Fault(Fault::Clear { joint }) => operate::clear_fault(instance, &joint),
+        Command::Zero { joint, yes } => operate::zero(instance, &joint, yes),
+        Command::Frame(frame) => Ok(frame::run(frame)?),
+        Command::DemoController { seconds } => demo::control(instance, seconds),
+        Command::Tether { parent, program, arguments } => {
+            Err(demo::tether(parent, &program, &arguments).into())
+        }
+    }
+}

@@ -1,0 +1,78 @@
+//! `motorctl latency`: how long things take, since the daemon started.
+
+use crate::failure::Failure;
+use crate::table::{Cell, Palette, Table};
+use motord_client::{Client, Percentiles, Roster, Telemetry};
+use serde_json::{Value, json};
+use std::io::{self, Write};
+
+/// Prints the percentiles.
+///
+/// # Errors
+///
+/// When no daemon answers, or the output cannot be written.
+pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
+    let mut client = Client::connect(instance)?;
+    let telemetry = client.telemetry()?;
+    let out = &mut io::stdout().lock();
+    if as_json {
+        writeln!(out, "{}", object(client.roster(), &telemetry))?;
+    } else {
+        write(out, client.roster(), &telemetry)?;
+    }
+    Ok(())
+}
+
+/// Percentiles of latencies under a name each, µs.
+pub(crate) fn table(rows: &[(&str, Percentiles)]) -> Table {
+    let mut table = Table::new(&["µs", "p50", "p99", "p99.9", "max", "count"]);
+    for (name, latency) in rows {
+        let values = [latency.p50, latency.p99, latency.p99_9, latency.max];
+        let mut cells = vec![Cell::plain(name)];
+        // Percentiles of nothing are not 0 µs.
+        cells.extend(values.map(|value| Cell::number((latency.count > 0).then_some(value), 1)));
+        cells.push(Cell::plain(latency.count));
+        table.row(cells);
+    }
+    table
+}
+
+fn named<'a>(roster: &'a Roster, telemetry: &'a Telemetry) -> impl Iterator<Item = (&'a str, Percentiles)> {
+    roster.joints.iter().map(|joint| joint.name.as_str()).zip(telemetry.joints.iter().copied())
+}
+
+fn object(roster: &Roster, telemetry: &Telemetry) -> Value {
+    let joints: Vec<Value> = named(roster, telemetry)
+        .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
+        .collect();
+    let mut object = json!(telemetry);
+    object["instance"] = json!(roster.instance);
+    object["joints"] = json!(joints);
+    object
+}
+
+fn write(out: &mut dyn Write, roster: &Roster, telemetry: &Telemetry) -> io::Result<()> {
+    let palette = Palette::of_stdout();
+    let rows = [
+        ("cycle", telemetry.cycle_us),
+        ("wake latency", telemetry.wake_latency_us),
+        ("reply latency", telemetry.reply_latency_us),
+        ("setpoint age", telemetry.setpoint_age_us),
+    ];
+    table(&rows).write(out, palette)?;
+    writeln!(out, "\nreply latency by joint")?;
+    let joints: Vec<_> = named(roster, telemetry).collect();
+    table(&joints).write(out, palette)?;
+    let Telemetry { cycles, seconds, overruns, missed_replies, dropped_records, .. } = telemetry;
+    writeln!(
+        out,
+        "\n{cycles} cycles in {seconds:.1} s, {overruns} overruns, {missed_replies} missed replies"
+    )?;
+    if *dropped_records > 0 {
+        writeln!(
+            out,
+            "{dropped_records} records were lost before they were counted: the daemon is overloaded"
+        )?;
+    }
+    Ok(())
+}

@@ -1,0 +1,322 @@
+//! How the robot is: what `status` and `watch` say, for scripts and for people.
+
+use crate::advice::advice;
+use crate::table::{Cell, Colour, Palette, Table};
+use motord_client::{
+    Bus, BusCondition, Cause, Group, Joint, JointDescription, MotorMode, Phase, Rejection, Roster, State,
+};
+use motord_protocol::FaultBits;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+/// A word that this version does not know: the daemon is newer.
+const UNKNOWN: &str = "unknown";
+
+/// The robot after one cycle, as `--json` prints it.
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    instance: String,
+    version: String,
+    pid: u32,
+    rate_hz: f64,
+    cycle: u64,
+    /// The cycle has real-time scheduling and locked memory.
+    realtime: bool,
+    emergency_stop: bool,
+    shutting_down: bool,
+    /// Places on the grid of cycles that were skipped since the daemon started.
+    overruns: u64,
+    groups: Vec<GroupReport>,
+    joints: Vec<JointReport>,
+    buses: Vec<BusReport>,
+}
+
+/// A group of joints.
+#[derive(Debug, Serialize)]
+struct GroupReport {
+    name: String,
+    phase: &'static str,
+    /// The owner's lease; `null` when nobody owns the group.
+    lease: Option<u64>,
+    /// Age of the setpoint in use when the cycle began; `null` when there is none.
+    setpoint_age_us: Option<f64>,
+    accepted: u32,
+    /// Rejected setpoint messages by reason; only reasons that occurred.
+    rejected: BTreeMap<&'static str, u32>,
+    /// What is latched; `null` when nothing is.
+    stop: Option<Stop>,
+}
+
+/// Why a group was stopped, and what helps.
+#[derive(Debug, Serialize)]
+struct Stop {
+    cause: &'static str,
+    sentence: &'static str,
+    /// The joint that gave the cause.
+    joint: Option<String>,
+    advice: String,
+}
+
+/// A joint.
+#[derive(Debug, Serialize)]
+struct JointReport {
+    name: String,
+    bus: String,
+    mode: &'static str,
+    position_rad: f32,
+    velocity_rad_s: f32,
+    torque_nm: f32,
+    /// `null` when the protocol does not tell.
+    temperature_celsius: Option<f32>,
+    faults: Vec<String>,
+    /// Limits that acted on the applied setpoint.
+    limits: Vec<&'static str>,
+    /// Position, velocity and torque were told at least once since the motor is online.
+    valid: bool,
+    /// Cycles since the last reply.
+    age_cycles: u32,
+    /// Cycles without a reply.
+    missed: u32,
+    /// Replies that came after their cycle was over.
+    late: u32,
+    reply_latency_us: f64,
+}
+
+/// A bus and its counters.
+#[derive(Debug, Serialize)]
+struct BusReport {
+    name: String,
+    condition: &'static str,
+    sent: u32,
+    dropped: u32,
+    received: u32,
+    unknown: u32,
+    duplicate: u32,
+    malformed: u32,
+    errors: u32,
+    lost: u32,
+}
+
+impl Report {
+    /// `state` with the names of `roster`.
+    pub(crate) fn new(roster: &Roster, state: &State) -> Self {
+        let groups = roster.groups.iter().map(|group| group.name.as_str()).zip(state.groups());
+        Self {
+            instance: roster.instance.clone(),
+            version: roster.version.clone(),
+            pid: roster.pid,
+            rate_hz: roster.rate_hz,
+            cycle: state.cycle(),
+            realtime: state.realtime(),
+            emergency_stop: state.emergency_stop(),
+            shutting_down: state.shutting_down(),
+            overruns: state.overruns(),
+            groups: groups.map(|(name, group)| GroupReport::new(name, &group, roster)).collect(),
+            joints: roster.joints.iter().zip(state.joints()).map(JointReport::from).collect(),
+            buses: roster.buses.iter().zip(state.buses()).map(BusReport::from).collect(),
+        }
+    }
+
+    /// Writes it for people.
+    ///
+    /// # Errors
+    ///
+    /// When `out` cannot be written.
+    pub(crate) fn write(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+        let Self { instance, version, pid, rate_hz, cycle, overruns, .. } = self;
+        let realtime = match self.realtime {
+            true => Cell::plain("real-time"),
+            false => Cell::new("not real-time", Colour::Yellow),
+        };
+        writeln!(
+            out,
+            "{instance}: motord {version}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, {overruns} overruns",
+            palette.paint(&realtime)
+        )?;
+        for (alarm, sentence) in [
+            (self.emergency_stop, "The emergency stop is latched."),
+            (self.shutting_down, "The daemon is shutting down."),
+        ] {
+            if alarm {
+                writeln!(out, "{}", palette.paint(&Cell::new(sentence, Colour::Red)))?;
+            }
+        }
+        writeln!(out)?;
+        write_groups(&self.groups, out, palette)?;
+        writeln!(out)?;
+        joint_table(&self.joints).write(out, palette)?;
+        writeln!(out)?;
+        bus_table(&self.buses).write(out, palette)
+    }
+}
+
+impl GroupReport {
+    fn new(name: &str, group: &Group, roster: &Roster) -> Self {
+        let rejected = Rejection::ALL.iter().map(|reason| (reason.name(), group.rejected(*reason)));
+        Self {
+            name: name.to_owned(),
+            phase: group.phase.map_or(UNKNOWN, Phase::name),
+            lease: group.owned.then_some(group.lease),
+            setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
+            accepted: group.accepted,
+            rejected: rejected.filter(|(_, count)| *count > 0).collect(),
+            stop: group.latched.then(|| Stop::new(name, group, roster)),
+        }
+    }
+}
+
+impl Stop {
+    fn new(name: &str, group: &Group, roster: &Roster) -> Self {
+        let joint = group.cause_joint.and_then(|joint| roster.joints.get(joint));
+        Self {
+            cause: group.cause.map_or(UNKNOWN, Cause::name),
+            sentence: group.cause.map_or("For a cause that this motorctl does not know.", Cause::sentence),
+            joint: joint.map(|joint| joint.name.clone()),
+            advice: advice(group.cause, name),
+        }
+    }
+}
+
+impl From<(&JointDescription, Joint)> for JointReport {
+    fn from((description, joint): (&JointDescription, Joint)) -> Self {
+        Self {
+            name: description.name.clone(),
+            bus: description.bus.clone(),
+            mode: joint.mode.map_or(UNKNOWN, MotorMode::name),
+            position_rad: joint.position,
+            velocity_rad_s: joint.velocity,
+            torque_nm: joint.torque,
+            temperature_celsius: joint.temperature,
+            faults: fault_names(joint.fault),
+            limits: joint.limits.iter().map(motord_client::Limit::name).collect(),
+            valid: joint.valid,
+            age_cycles: joint.age_cycles,
+            missed: joint.missed,
+            late: joint.late,
+            reply_latency_us: joint.reply_latency.as_secs_f64() * 1e6,
+        }
+    }
+}
+
+impl From<(&String, Bus)> for BusReport {
+    fn from((name, bus): (&String, Bus)) -> Self {
+        let Bus { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost } = bus;
+        let condition = condition.map_or(UNKNOWN, BusCondition::name);
+        Self {
+            name: name.clone(),
+            condition,
+            sent,
+            dropped,
+            received,
+            unknown,
+            duplicate,
+            malformed,
+            errors,
+            lost,
+        }
+    }
+}
+
+/// The names of a motor's fault bits; bits that no document names as a number.
+fn fault_names(bits: u32) -> Vec<String> {
+    let named = FaultBits((bits & 0xFF) as u8);
+    let unknown = bits & !0xFF | u32::from(named.unknown());
+    let names = named.named().map(|fault| fault.name.to_owned());
+    names.chain((unknown != 0).then(|| format!("{unknown:#x}"))).collect()
+}
+
+fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+    let mut table = Table::new(&["group", "phase", "owner", "setpoint age µs", "accepted", "rejected"]);
+    for group in groups {
+        let rejected: Vec<String> =
+            group.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
+        table.row(vec![
+            Cell::plain(&group.name),
+            Cell::plain(group.phase),
+            group.lease.map_or_else(|| Cell::plain("none"), |lease| Cell::plain(format!("lease {lease}"))),
+            Cell::number(group.setpoint_age_us, 0),
+            Cell::plain(group.accepted),
+            Cell::new(if rejected.is_empty() { "0".into() } else { rejected.join(", ") }, Colour::Plain),
+        ]);
+    }
+    table.write(out, palette)?;
+    for (group, stop) in groups.iter().filter_map(|group| Some((group, group.stop.as_ref()?))) {
+        let at = stop.joint.as_ref().map_or_else(String::new, |joint| format!(" ({joint})"));
+        let sentence = format!("{} is stopped: {}{at}", group.name, stop.sentence);
+        writeln!(out, "{}\n  {}", palette.paint(&Cell::new(sentence, Colour::Red)), stop.advice)?;
+    }
+    Ok(())
+}
+
+fn joint_table(joints: &[JointReport]) -> Table {
+    let mut table = Table::new(&[
+        "joint", "mode", "rad", "rad/s", "N·m", "°C", "age", "missed", "late", "faults", "limits",
+    ]);
+    for joint in joints {
+        // What was never told is not 0 rad.
+        let told = |value: f32, digits| Cell::number(joint.valid.then_some(f64::from(value)), digits);
+        table.row(vec![
+            Cell::plain(&joint.name),
+            Cell::new(joint.mode, mode_colour(joint.mode)),
+            told(joint.position_rad, 3),
+            told(joint.velocity_rad_s, 2),
+            told(joint.torque_nm, 2),
+            Cell::number(joint.temperature_celsius.map(f64::from), 0),
+            Cell::counter(joint.age_cycles),
+            Cell::counter(joint.missed),
+            Cell::counter(joint.late),
+            Cell::new(joint.faults.join(","), Colour::Red),
+            Cell::new(joint.limits.join(","), Colour::Yellow),
+        ]);
+    }
+    table
+}
+
+fn mode_colour(mode: &str) -> Colour {
+    if mode == MotorMode::Fault.name() || mode == MotorMode::Offline.name() {
+        Colour::Red
+    } else {
+        Colour::Plain
+    }
+}
+
+fn bus_table(buses: &[BusReport]) -> Table {
+    let mut table = Table::new(&[
+        "bus",
+        "condition",
+        "sent",
+        "dropped",
+        "received",
+        "unknown",
+        "duplicate",
+        "malformed",
+        "errors",
+        "lost",
+    ]);
+    for bus in buses {
+        let good = bus.condition == BusCondition::Active.name();
+        let mut row = vec![
+            Cell::plain(&bus.name),
+            Cell::new(bus.condition, if good { Colour::Plain } else { Colour::Red }),
+            Cell::plain(bus.sent),
+            Cell::counter(bus.dropped),
+            Cell::plain(bus.received),
+        ];
+        row.extend([bus.unknown, bus.duplicate, bus.malformed, bus.errors, bus.lost].map(Cell::counter));
+        table.row(row);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_bit_is_told_by_name_or_by_number() {
+        assert_eq!(fault_names(0), Vec::<String>::new());
+        assert_eq!(fault_names(0x0A), ["over-voltage", "over-temperature"]);
+        assert_eq!(fault_names(0x1_0021), ["foc-frequency", "0x10020"]);
+    }
+}

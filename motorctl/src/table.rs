@@ -1,0 +1,176 @@
+//! Text in columns, and colour where it is wanted.
+
+use std::io::{self, IsTerminal, Write};
+
+/// Colour of a piece of text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Colour {
+    /// As the terminal shows it.
+    Plain,
+    /// Something to know.
+    Yellow,
+    /// Something to act on.
+    Red,
+    /// A heading.
+    Bold,
+}
+
+impl Colour {
+    fn code(self) -> &'static str {
+        match self {
+            Self::Plain => "0",
+            Self::Yellow => "33",
+            Self::Red => "31",
+            Self::Bold => "1",
+        }
+    }
+}
+
+/// Whether text is coloured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Palette {
+    coloured: bool,
+}
+
+impl Palette {
+    /// Colour only for a person at a terminal who has not refused it (<https://no-color.org>).
+    pub(crate) fn of_stdout() -> Self {
+        let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+        let dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
+        Self { coloured: io::stdout().is_terminal() && !refused && !dumb }
+    }
+
+    /// The text of `cell` in its colour.
+    pub(crate) fn paint(self, cell: &Cell) -> String {
+        let Cell { text, colour } = cell;
+        if self.coloured && *colour != Colour::Plain {
+            format!("\x1b[{}m{text}\x1b[0m", colour.code())
+        } else {
+            text.clone()
+        }
+    }
+}
+
+/// One entry of a [`Table`].
+#[derive(Debug, Clone)]
+pub(crate) struct Cell {
+    text: String,
+    colour: Colour,
+}
+
+impl Cell {
+    /// Text in a colour.
+    pub(crate) fn new(text: impl ToString, colour: Colour) -> Self {
+        Self { text: text.to_string(), colour }
+    }
+
+    /// Text as it is.
+    pub(crate) fn plain(text: impl ToString) -> Self {
+        Self::new(text, Colour::Plain)
+    }
+
+    /// A number with `digits` decimals, or a dash for one that is not known.
+    pub(crate) fn number(value: Option<f64>, digits: usize) -> Self {
+        match value.filter(|value| value.is_finite()) {
+            Some(value) => Self::plain(format!("{value:.digits$}")),
+            None => Self::plain("-"),
+        }
+    }
+
+    /// A counter that should be 0.
+    pub(crate) fn counter(count: u32) -> Self {
+        Self::new(count, if count == 0 { Colour::Plain } else { Colour::Yellow })
+    }
+}
+
+/// Rows of cells under headings; the first column stands left, the others right.
+#[derive(Debug, Clone)]
+pub(crate) struct Table {
+    headings: Vec<&'static str>,
+    rows: Vec<Vec<Cell>>,
+}
+
+impl Table {
+    /// No row yet.
+    pub(crate) fn new(headings: &[&'static str]) -> Self {
+        Self { headings: headings.to_vec(), rows: Vec::new() }
+    }
+
+    /// Adds a row, one cell per heading.
+    pub(crate) fn row(&mut self, cells: Vec<Cell>) {
+        debug_assert_eq!(cells.len(), self.headings.len(), "one cell per heading");
+        self.rows.push(cells);
+    }
+
+    /// Writes the table, or nothing when it has no row.
+    ///
+    /// # Errors
+    ///
+    /// When `out` cannot be written.
+    pub(crate) fn write(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+        if self.rows.is_empty() {
+            return Ok(());
+        }
+        let widths = self.widths();
+        let headings = self.headings.iter().map(|heading| Cell::new(heading, Colour::Bold)).collect();
+        for row in std::iter::once(&headings).chain(&self.rows) {
+            writeln!(out, "{}", line(row, &widths, palette))?;
+        }
+        Ok(())
+    }
+
+    fn widths(&self) -> Vec<usize> {
+        let width = |column: usize, heading: &str| {
+            let cells = self.rows.iter().filter_map(|row| row.get(column));
+            cells.map(|cell| cell.text.chars().count()).fold(heading.chars().count(), usize::max)
+        };
+        self.headings.iter().enumerate().map(|(column, heading)| width(column, heading)).collect()
+    }
+}
+
+fn line(row: &[Cell], widths: &[usize], palette: Palette) -> String {
+    let mut line = String::new();
+    for (column, (cell, &width)) in row.iter().zip(widths).enumerate() {
+        // Padding is outside of the colour codes, which have no width on the screen.
+        let padding = " ".repeat(width.saturating_sub(cell.text.chars().count()));
+        let text = palette.paint(cell);
+        if column == 0 {
+            line.push_str(&text);
+            line.push_str(&padding);
+        } else {
+            line.push_str("  ");
+            line.push_str(&padding);
+            line.push_str(&text);
+        }
+    }
+    line.truncate(line.trim_end().len());
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(palette: Palette) -> String {
+        let mut table = Table::new(&["joint", "rad"]);
+        table.row(vec![Cell::plain("fl-hip"), Cell::number(Some(-1.5), 2)]);
+        table.row(vec![Cell::new("knee", Colour::Red), Cell::number(Some(f64::NAN), 2)]);
+        let mut out = Vec::new();
+        table.write(&mut out, palette).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn columns_line_up() {
+        assert_eq!(written(Palette { coloured: false }), "joint     rad\nfl-hip  -1.50\nknee        -\n");
+    }
+
+    #[test]
+    fn colour_does_not_move_the_columns() {
+        let plain = written(Palette { coloured: true })
+            .replace("\x1b[1m", "")
+            .replace("\x1b[31m", "")
+            .replace("\x1b[0m", "");
+        assert_eq!(plain, written(Palette { coloured: false }));
+    }
+}

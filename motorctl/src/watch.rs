@@ -1,0 +1,90 @@
+//! `motorctl watch`: how the robot is, again and again, through restarts of the daemon.
+
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::report::Report;
+use crate::status::PATIENCE;
+use crate::table::Palette;
+use motord_client::{Client, Error, State};
+use std::io::{self, IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Reads refreshes per second.
+///
+/// # Errors
+///
+/// A sentence, when the text is no number from 0.1 to 100.
+pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
+    let hz: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
+    if (0.1..=100.0).contains(&hz) { Ok(hz) } else { Err("expected 0.1 to 100".to_owned()) }
+}
+
+/// Prints the newest state `hz` times a second until a signal comes.
+///
+/// # Errors
+///
+/// When there is no daemon to begin with, or the output cannot be written. Later the daemon may come and go.
+pub(crate) fn run(instance: &str, hz: f64, json: bool) -> Result<(), Failure> {
+    let interrupt = Interrupt::register()?;
+    let mut client = Client::connect(instance)?;
+    let period = Duration::from_secs_f64(1.0 / hz);
+    let mut screen = Screen::new(json);
+    let mut next = Instant::now();
+    while !interrupt.came() {
+        match client.wait(PATIENCE) {
+            Ok(state) => screen.show(&client, &state)?,
+            Err(error) => screen.lose(&error)?,
+        }
+        next = (next + period).max(Instant::now());
+        interrupt.pause_until(next);
+    }
+    Ok(())
+}
+
+/// Where the refreshes go.
+struct Screen {
+    json: bool,
+    /// A terminal shows one table; elsewhere they follow each other.
+    clears: bool,
+    palette: Palette,
+    /// The daemon is away, and that has been said.
+    lost: bool,
+}
+
+impl Screen {
+    fn new(json: bool) -> Self {
+        let clears = !json && io::stdout().is_terminal();
+        Self { json, clears, palette: Palette::of_stdout(), lost: false }
+    }
+
+    fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
+        self.lost = false;
+        let report = Report::new(client.roster(), state);
+        let mut text = Vec::new();
+        if self.json {
+            writeln!(text, "{}", serde_json::json!(report))?;
+        } else {
+            report.write(&mut text, self.palette)?;
+            writeln!(text)?;
+        }
+        self.refresh(&text)
+    }
+
+    /// Says once that the daemon is away; other words would only scroll.
+    fn lose(&mut self, error: &Error) -> Result<(), Failure> {
+        if !std::mem::replace(&mut self.lost, true) {
+            eprintln!("motorctl: {error}");
+            eprintln!("motorctl: waiting for it to come back");
+        }
+        Ok(())
+    }
+
+    fn refresh(&self, text: &[u8]) -> Result<(), Failure> {
+        let out = &mut io::stdout().lock();
+        if self.clears {
+            out.write_all(b"\x1b[H\x1b[2J")?;
+        }
+        out.write_all(text)?;
+        Ok(out.flush()?)
+    }
+}

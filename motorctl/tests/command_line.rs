@@ -1,0 +1,115 @@
+//! What `motorctl` says and how it exits when there is no daemon to talk to.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// Every command a person sees, with arguments that are complete.
+const COMMANDS: [&[&str]; 11] = [
+    &["demo"],
+    &["status"],
+    &["watch"],
+    &["latency"],
+    &["enable", "legs"],
+    &["disable", "legs"],
+    &["reset", "legs"],
+    &["estop"],
+    &["release", "legs", "--force"],
+    &["fault", "clear", "fl-knee"],
+    &["zero", "fl-knee", "--yes"],
+];
+
+/// Runs motorctl in an empty runtime directory.
+fn motorctl(arguments: &[&str]) -> Output {
+    let runtime = TempDir::new().unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+    command.args(arguments).env("MOTORD_RUNTIME_DIR", runtime.path()).env_remove("MOTORD_INSTANCE");
+    command.output().unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+#[test]
+fn every_command_has_help_with_an_example() {
+    for command in COMMANDS {
+        let name = command.iter().take(if command[0] == "fault" { 2 } else { 1 });
+        let arguments: Vec<&str> = name.copied().chain(["--help"]).collect();
+        let output = motorctl(&arguments);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}");
+        assert!(text.contains(&format!("  motorctl {}", command[0])), "{arguments:?}: {text}");
+    }
+}
+
+#[test]
+fn help_lists_every_command_and_hides_the_inner_ones() {
+    let text = String::from_utf8(motorctl(&["--help"]).stdout).unwrap();
+    for command in COMMANDS {
+        assert!(text.contains(&format!("\n  {}", command[0])), "{}", command[0]);
+    }
+    assert!(!text.contains("tether") && !text.contains("demo-controller"));
+}
+
+#[test]
+fn a_wrong_call_is_a_usage_error() {
+    let wrong: [&[&str]; 9] = [
+        &[],
+        &["dance"],
+        &["status", "--colour"],
+        &["demo", "--seconds", "0"],
+        &["demo", "--seconds", "NaN"],
+        &["watch", "--hz", "1000000"],
+        &["zero", "fl-knee"],
+        &["release", "legs"],
+        &["fault"],
+    ];
+    for arguments in wrong {
+        let output = motorctl(arguments);
+        assert_eq!(output.status.code(), Some(64), "{arguments:?}: {}", stderr(&output));
+        assert!(output.stdout.is_empty() && !output.stderr.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn without_a_daemon_every_command_says_so_and_how_to_start_one() {
+    for arguments in COMMANDS.iter().filter(|command| command[0] != "demo") {
+        let output = motorctl(arguments);
+        assert_eq!(output.status.code(), Some(69), "{arguments:?}: {}", stderr(&output));
+        let text = stderr(&output);
+        assert!(text.starts_with("motorctl: no motord runs instance \"robot\""), "{arguments:?}: {text}");
+        assert!(text.contains("motord run"), "{arguments:?}: {text}");
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn the_instance_can_be_named_by_option_and_by_environment() {
+    assert!(stderr(&motorctl(&["--instance", "arm", "status"])).contains("\"arm\""));
+    assert!(stderr(&motorctl(&["status", "--instance", "arm"])).contains("\"arm\""));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+    let runtime = TempDir::new().unwrap();
+    command.arg("status").env("MOTORD_RUNTIME_DIR", runtime.path()).env("MOTORD_INSTANCE", "leg");
+    assert!(stderr(&command.output().unwrap()).contains("\"leg\""));
+}
+
+#[test]
+fn a_hostile_instance_name_is_a_usage_error() {
+    for name in ["", "../robot", "ROBOT", "a/b", &"x".repeat(33)] {
+        let output = motorctl(&["--instance", name, "status"]);
+        assert_eq!(output.status.code(), Some(64), "{name:?}: {}", stderr(&output));
+    }
+}
+
+#[test]
+fn a_pipeline_that_has_read_enough_is_no_failure() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_motorctl"))
+        .arg("--help")
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert!(child.wait().unwrap().success());
+}

@@ -1,0 +1,324 @@
+//! `motorctl frame`, run as a user runs it, against frames worked out from the vendor documents.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use serde_json::{Value, json};
+use std::io::Write;
+use std::process::{Command, Output, Stdio};
+
+struct Vector {
+    name: String,
+    protocol: String,
+    direction: String,
+    hex: String,
+    /// What an encoder must send in its place, where these bytes are forbidden.
+    encoded_as: String,
+    decoded: Value,
+}
+
+fn vectors() -> Vec<Vector> {
+    let text = include_str!("../../protocol/tests/golden_vectors.json");
+    let vectors: Vec<Value> = serde_json::from_str(text).unwrap();
+    let text = |vector: &Value, key: &str| vector[key].as_str().map(str::to_owned);
+    vectors
+        .iter()
+        .map(|vector| Vector {
+            name: text(vector, "name").unwrap(),
+            protocol: text(vector, "protocol").unwrap(),
+            direction: text(vector, "direction").unwrap().replace('_', "-"),
+            hex: text(vector, "hex").unwrap(),
+            encoded_as: text(vector, "encoded_as").or_else(|| text(vector, "hex")).unwrap(),
+            decoded: vector["decoded"].clone(),
+        })
+        .collect()
+}
+
+impl Vector {
+    fn layout(&self) -> [&str; 8] {
+        let (protocol, direction) = (self.protocol.as_str(), self.direction.as_str());
+        ["--protocol", protocol, "--direction", direction, "--torque-constant", "0.1", "--gear-ratio", "8"]
+    }
+
+    fn decode(&self) -> Value {
+        let asked = match self.decoded["kind"].as_str().unwrap() {
+            "fault_reply" => "get_fault",
+            "clear_fault_reply" => "clear_fault",
+            _ => "state",
+        };
+        let output = frame("decode", &[&self.layout()[..], &["--asked", asked, &self.hex]].concat(), "");
+        assert!(output.status.success(), "{}: {output:?}", self.name);
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    fn encode(&self, object: &Value) -> String {
+        let output = frame("encode", &[&self.layout()[..], &[&object.to_string()]].concat(), "");
+        assert!(output.status.success(), "{}: {output:?}", self.name);
+        text(&output).trim().into()
+    }
+}
+
+fn frame(verb: &str, arguments: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_motorctl"))
+        .args(["frame", verb])
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
+    child.wait_with_output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn objects(output: &Output) -> Vec<Value> {
+    text(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn is_same(told: &Value, expected: &Value) -> bool {
+    match (told.as_f64(), expected.as_f64()) {
+        (Some(told), Some(expected)) => (told - expected).abs() <= 1e-12 * expected.abs().max(1.0),
+        _ => told == expected,
+    }
+}
+
+/// Keys of the vectors that explain a frame and are not told of it.
+fn is_commentary(key: &str) -> bool {
+    ["as_state", "as_mit", "meaning", "request", "would_be_control", "value_by_literal_EN_formula"]
+        .contains(&key)
+}
+
+#[test]
+fn decode_tells_every_key_of_every_golden_vector() {
+    for vector in vectors() {
+        let told = vector.decode();
+        for (key, expected) in vector.decoded.as_object().unwrap() {
+            let agrees = is_commentary(key) || is_same(&told[key], expected);
+            assert!(agrees, "{}: {key} is {}, expected {expected}", vector.name, told[key]);
+        }
+    }
+}
+
+#[test]
+fn encode_makes_every_golden_vector_of_what_decode_tells_of_it() {
+    for vector in vectors().iter().filter(|vector| !vector.name.contains("ALIAS")) {
+        assert_eq!(vector.encode(&vector.decode()), vector.encoded_as, "{}", vector.name);
+    }
+}
+
+#[test]
+fn encode_makes_every_golden_vector_of_its_own_keys() {
+    // A truncating driver's choice of codes, a danger to avoid, and a reply that is longer than the document's.
+    let is_ours =
+        |name: &str| !["_trunc", "ALIAS", "hazard", "dlc8"].iter().any(|variant| name.contains(variant));
+    for vector in vectors().iter().filter(|vector| is_ours(&vector.name)) {
+        assert_eq!(vector.encode(&vector.decoded), vector.encoded_as, "{}", vector.name);
+    }
+}
+
+#[test]
+fn encode_makes_the_same_of_physical_values_alone_and_of_raw_codes_alone() {
+    let physical = ["pos_rad", "vel_rad_s", "kp", "kd", "torque_nm"];
+    let raw = ["pos_int", "vel_int", "kp_int", "kd_int", "torque_int"];
+    for vector in vectors().iter().filter(|vector| vector.decoded.get("torque_int").is_some()) {
+        let whole = vector.decode();
+        let without = |keys: [&str; 5]| {
+            let mut object = whole.clone();
+            object.as_object_mut().unwrap().retain(|key, _| !keys.contains(&key.as_str()));
+            vector.encode(&object)
+        };
+        assert_eq!([without(raw), without(physical)], [vector.encoded_as.as_str(); 2], "{}", vector.name);
+    }
+}
+
+const MIT: [&str; 4] = ["--protocol", "mit", "--direction", "to-motor"];
+
+#[test]
+fn frames_are_read_as_people_write_them() {
+    let spellings =
+        ["FFFFFFFFFFFFFFFC", "ff ff ff ff ff ff ff fc", "001#FFFFFFFFFFFFFFFC", "1#FF.FF.FF.FF.FF.FF.FF.FC"];
+    let output = frame(
+        "decode",
+        &[&MIT[..], &spellings, &["-"]].concat(),
+        "FFFFFFFFFFFFFFFC\n\n 001#FFFFFFFFFFFFFFFC\r\n",
+    );
+    assert_eq!(objects(&output), vec![json!({ "kind": "start_motor" }); 6]);
+}
+
+#[test]
+fn a_refused_frame_tells_its_reason_among_the_others_and_in_the_exit_status() {
+    let output = frame("decode", &[&MIT[..], &["FFFFFFFFFFFFFFFC", "FF", "", "zz", "123"]].concat(), "");
+    let objects = objects(&output);
+    let kinds: Vec<_> = objects.iter().map(|object| object["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["start_motor", "reject", "reject", "reject", "reject"]);
+    assert!(objects[1]["reason"].as_str().unwrap().contains("1 bytes, expected 8"));
+    assert_eq!(output.status.code(), Some(65));
+}
+
+#[test]
+fn an_object_that_is_no_frame_is_refused_with_its_reason() {
+    for (object, reason) in [
+        (json!({ "kind": "dynamic_control" }), "'pos_int' is missing"),
+        (json!({ "kind": "no_such_thing" }), "no_such_thing"),
+        (json!({}), "'kind' is missing"),
+        (json!([1]), "not a JSON object"),
+        (json!({ "kind": "get_fault", "f_cmd": 255 }), "expected 0 to 254"),
+        (json!({ "kind": "get_fault", "f_cmd": 1.5 }), "expected 0 to 254"),
+        (
+            json!({ "kind": "dynamic_control", "pos_int": 0, "pos_rad": 1.0, "vel_int": 0, "kp_int": 0, "kd_int": 0, "torque_int": 0 }),
+            "nearest to 35389",
+        ),
+        (
+            json!({ "kind": "dynamic_control", "pos_rad": 1.0, "vel_int": 0, "kp_int": 0, "kd_int": 0, "torque_nm": 0 }),
+            "needs the torque constant",
+        ),
+    ] {
+        let output = frame("encode", &[&MIT[..], &[&object.to_string()]].concat(), "");
+        assert_eq!(output.status.code(), Some(65), "{object}");
+        assert!(objects(&output)[0]["reason"].as_str().unwrap().contains(reason), "{object}: {output:?}");
+    }
+}
+
+#[test]
+fn a_control_frame_in_physical_values_never_becomes_a_special_frame_or_all_zeros() {
+    let control = |value: f64| {
+        json!({ "kind": "dynamic_control", "pos_rad": value, "vel_rad_s": value, "kp": value, "kd": value,
+            "torque_nm": value, "torque_constant": 0.1, "gear_ratio": 8 })
+    };
+    let input = format!("{}\n{}", control(1e9), control(-1e9));
+    let output = frame("encode", &MIT, &input);
+    assert_eq!(text(&output), "FFFFFFFFFEFFFFFF\n0001000000000000\n");
+}
+
+#[test]
+fn native_commands_are_padded_for_motors_in_mit_mode_on_request() {
+    let native = ["--protocol", "gim-can", "--direction", "to-motor", "--mit-safe"];
+    let output = frame("encode", &native, r#"{"kind":"stop_motor"} {"kind":"get_fault"}"#);
+    assert_eq!(text(&output), "9200800000000800\nB200800000000800\n");
+    let unsafe_one = r#"{"kind":"modify_parameter","para_id":1,"value":2}"#;
+    assert_eq!(frame("encode", &native, unsafe_one).status.code(), Some(65));
+}
+
+#[test]
+fn a_frame_that_is_not_in_the_documents_is_told_and_made_again() {
+    for (direction, hex, kind) in [
+        ("to-motor", "1100000000000000", "unknown"),
+        ("to-motor", "FF01020304050607", "unknown"),
+        ("to-host", "FF02000000000000", "unknown"),
+        ("to-host", "B50100FF00000000", "calibration"),
+        ("to-host", "84000205DEADBEEF", "retrieve_configuration"),
+    ] {
+        let layout = ["--protocol", "gim-can", "--direction", direction];
+        let told = text(&frame("decode", &[&layout[..], &[hex]].concat(), ""));
+        assert_eq!(serde_json::from_str::<Value>(&told).unwrap()["kind"], kind);
+        assert_eq!(text(&frame("encode", &layout, &told)).trim(), hex);
+    }
+}
+
+#[test]
+fn a_serial_frame_whose_payload_and_meaning_differ_is_refused() {
+    let layout = ["--protocol", "gim-rs485", "--direction", "to-motor"];
+    let object = json!({ "kind": "start_motor", "header": { "id": 1 }, "payload": "9200000000000000" });
+    let output = frame("encode", &[&layout[..], &[&object.to_string()]].concat(), "");
+    assert_eq!(output.status.code(), Some(65));
+    assert!(text(&output).contains("'payload' says otherwise"));
+}
+
+const ROBOT: &str = r#"
+[[bus]]
+name = "front-left"
+type = "socketcan"
+interface = "vcan0"
+[[motor]]
+name = "fl-hip"
+bus = "front-left"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+direction = -1
+[[motor]]
+name = "fl-knee"
+bus = "front-left"
+id = 0x05
+host-id = 0x300
+protocol = "gim"
+torque-constant-nm-per-a = 0.1
+gear-ratio = 8
+"#;
+
+fn decode_log(config: &str, log: &str) -> Output {
+    let mut file = tempfile::NamedTempFile::new().unwrap();
+    file.write_all(config.as_bytes()).unwrap();
+    frame("decode", &["--config", file.path().to_str().unwrap(), "-"], log)
+}
+
+#[test]
+fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked() {
+    let log = "\
+        (1436509052.249713) vcan0 001#FFFFFFFFFFFF00FB\n\
+        (1436509052.250000) vcan0 101#010200000000\n\
+        (1436509052.251000) vcan0 001#FFFFFFFFFFFFFFFD\n\
+        (1436509052.252000) vcan0 101#010200000000\n\
+        (1436509052.253000) vcan0 005#B501000000000000\n\
+        (1436509052.254000) vcan0 300#B401000000000000\n";
+    let output = decode_log(ROBOT, log);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let told: Vec<_> = objects(&output)
+        .iter()
+        .map(|object| format!("{} {}", object["motor"].as_str().unwrap(), object["kind"].as_str().unwrap()))
+        .collect();
+    let expected = [
+        "fl-hip get_fault",
+        "fl-hip fault_reply",
+        "fl-hip stop_motor",
+        "fl-hip state",
+        "fl-knee calibration",
+        "fl-knee calibration",
+    ];
+    assert_eq!(told, expected);
+    let first = &objects(&output)[0];
+    assert_eq!((&first["time"], &first["interface"]), (&json!(1436509052.249713), &json!("vcan0")));
+    let state = &objects(&output)[3];
+    assert_eq!(
+        (&state["torque_constant"], &state["gear_ratio"]),
+        (&json!(0.125), &json!(8.0)),
+        "of the model"
+    );
+}
+
+#[test]
+fn what_no_motor_sends_is_refused_and_the_rest_of_the_log_still_read() {
+    let log = "\
+        (0.1) vcan0 20000040#0000000000000000\n\
+        (0.2) vcan0 007#00\n\
+        (0.3) vcan1 001#FFFFFFFFFFFFFFFC\n\
+        (0.4) vcan0 101#020200000000\n\
+        not a log\n\
+        (0.5) vcan0 001#FFFFFFFFFFFFFFFC\n";
+    let output = decode_log(ROBOT, log);
+    let kinds: Vec<_> = objects(&output).iter().map(|object| object["kind"].clone()).collect();
+    assert_eq!(kinds[..5], vec![json!("reject"); 5]);
+    assert_eq!(kinds[5], "start_motor");
+    assert_eq!(output.status.code(), Some(65));
+}
+
+#[test]
+fn wrong_use_and_wrong_configurations_have_their_own_exit_statuses() {
+    let status = |arguments: &[&str]| frame("decode", arguments, "").status.code();
+    assert_eq!(status(&["FF"]), Some(64), "no protocol");
+    assert_eq!(status(&["--protocol", "can-open", "--direction", "to-motor", "FF"]), Some(64));
+    assert_eq!(status(&MIT), Some(64), "no frame");
+    assert_eq!(status(&[&MIT[..], &["--verbose", "FF"]].concat()), Some(64));
+    assert_eq!(status(&["--config", "motord.toml", "--protocol", "mit", "-"]), Some(64), "both");
+    assert_eq!(status(&[&MIT[..], &["--torque-constant", "0.1", "FF"]].concat()), Some(64), "half a scale");
+    assert_eq!(
+        status(&[&MIT[..], &["--torque-constant", "0", "--gear-ratio", "8", "FF"]].concat()),
+        Some(64)
+    );
+    assert_eq!(status(&["--config", "/nonexistent", "-"]), Some(78));
+    assert_eq!(decode_log("[[motor]]", "").status.code(), Some(78));
+    assert_eq!(status(&["--help"]), Some(0));
+}
