@@ -335,6 +335,17 @@ mod tests {
         }
     }
 
+    #[test]
+    fn a_new_request_does_not_wait_for_half_an_old_reply() {
+        let frame = Frame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
+        let mut decoder = Decoder::new();
+        let half = bytes(&frame).0.into_iter().take(7);
+        assert_eq!(half.filter_map(|byte| decoder.push(byte, |_| true)).count(), 0);
+        decoder.reset();
+        let found = bytes(&frame).0.into_iter().filter_map(|byte| decoder.push(byte, |_| true)).last();
+        assert_eq!((found, decoder.skipped()), (Some(frame), 7));
+    }
+
     proptest! {
         #[test]
         fn nothing_that_came_before_hides_the_frame_waited_for(
