@@ -64,6 +64,28 @@ impl Client {
         self.roster.groups.iter().position(|group| group.name == name)
     }
 
+    /// The index of the joint `name`, as [`joint`](Self::joint).
+    ///
+    /// # Errors
+    /// [`Error::UnknownJoint`], which names those that there are.
+    pub fn joint_named(&self, name: &str) -> Result<usize, Error> {
+        self.joint(name).ok_or_else(|| {
+            let known = listed(self.roster.joints.iter().map(|joint| joint.name.as_str()));
+            Error::UnknownJoint { name: name.to_owned(), known }
+        })
+    }
+
+    /// The index of the group `name`, as [`group`](Self::group).
+    ///
+    /// # Errors
+    /// [`Error::UnknownGroup`], which names those that there are.
+    pub fn group_named(&self, name: &str) -> Result<usize, Error> {
+        self.group(name).ok_or_else(|| {
+            let known = listed(self.roster.groups.iter().map(|group| group.name.as_str()));
+            Error::UnknownGroup { name: name.to_owned(), known }
+        })
+    }
+
     /// Sets how long states may stop before the daemon counts as [silent](Error::Silent) or gone; 50 ms, or five cycles
     /// when they take longer, unless set.
     pub fn set_silence(&mut self, silence: Duration) {
@@ -122,7 +144,7 @@ impl Client {
     /// # Errors
     /// [`Error::UnknownGroup`], [`Error::Refused`] naming the owner, and those of every request.
     pub fn claim(&mut self, group: &str) -> Result<Claim, Error> {
-        let index = self.index_of_group(group)?;
+        let index = self.group_named(group)?;
         drop(self.polled()?);
         Claim::new(Rc::clone(&self.link), index)
     }
@@ -195,25 +217,15 @@ impl Client {
     }
 
     fn operate(&mut self, operation: Operation, group: &str) -> Result<(), Error> {
-        let subject = Subject { group: self.index_of_group(group)?, ..Subject::default() };
+        let subject = Subject { group: self.group_named(group)?, ..Subject::default() };
         self.polled()?.ask(operation, subject, ANSWER_TIMEOUT)?;
         Ok(())
     }
 
     fn service(&mut self, operation: Operation, joint: &str) -> Result<(), Error> {
-        let index = self.joint(joint).ok_or_else(|| {
-            let known = listed(self.roster.joints.iter().map(|joint| joint.name.as_str()));
-            Error::UnknownJoint { name: joint.to_owned(), known }
-        })?;
-        self.polled()?.ask(operation, Subject { joint: index, ..Subject::default() }, ANSWER_TIMEOUT)?;
+        let subject = Subject { joint: self.joint_named(joint)?, ..Subject::default() };
+        self.polled()?.ask(operation, subject, ANSWER_TIMEOUT)?;
         Ok(())
-    }
-
-    fn index_of_group(&self, group: &str) -> Result<usize, Error> {
-        self.group(group).ok_or_else(|| {
-            let known = listed(self.roster.groups.iter().map(|group| group.name.as_str()));
-            Error::UnknownGroup { name: group.to_owned(), known }
-        })
     }
 
     /// The link, after taking in what has arrived. An index from before a restart may name another joint after it, so

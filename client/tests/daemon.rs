@@ -1,5 +1,7 @@
 //! The client against a daemon that is only its ports: what it says, what it survives.
 
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
 use motord_client::{Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
 use motord_shared::limits::CONTROLLERS_MAX;
@@ -312,19 +314,13 @@ fn a_restart_is_told_once_and_survived() {
 #[test]
 fn a_request_after_a_restart_tells_it_instead_of_acting() {
     let place = place();
-    drop({
-        let daemon = Running::start(place.path(), 1);
-        let mut client = connect(&place);
-        client.wait(PATIENCE).unwrap();
-        drop(daemon);
-        let successor = Running::start(place.path(), 2);
-        until("the restart", || match client.enable("leg") {
-            Err(Error::Restarted) => Some(()),
-            _ => None,
-        });
-        assert!(matches!(client.enable("leg"), Err(Error::Refused { refusal: Refusal::Busy, .. })));
-        successor
-    });
+    let daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let _successor = Running::start(place.path(), 2);
+    until("the restart", || matches!(client.enable("leg"), Err(Error::Restarted)).then_some(()));
+    assert!(matches!(client.enable("leg"), Err(Error::Refused { refusal: Refusal::Busy, .. })));
 }
 
 #[test]
@@ -444,7 +440,7 @@ fn another_layout_is_told_as_another_version() {
     let mut config = Config::default();
     let root = place.path().join("iox").join(INSTANCE);
     config.global.set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_bytes()).unwrap());
-    config.global.prefix = FileName::new(b"md_").unwrap();
+    config.global.prefix = FileName::new(b"m_").unwrap();
     let node = NodeBuilder::new().config(&config).create::<motord_shared::service::Service>().unwrap();
     let name = ServiceName::new("motord/robot/state").unwrap();
     let _newer = node.service_builder(&name).publish_subscribe::<Newer>().create().unwrap();

@@ -27,8 +27,9 @@ pub const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
 /// The runtime directory of a daemon that runs as a service.
 const SERVICE_RUNTIME: &str = "/run/motord";
 
-/// Most bytes of an instance's root path. Its sockets lie below it, and a socket's path holds 107 bytes.
-const ROOT_BYTES_MAX: usize = 64;
+/// Most bytes of an instance's root path. Its sockets lie below it: a socket's path holds 107 bytes, and
+/// `/m_<number of up to 39 digits>.event` takes 48 of them.
+const ROOT_BYTES_MAX: usize = 107 - 48;
 
 /// Why an instance cannot be reached or held.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -103,15 +104,18 @@ impl Instance {
     /// # Errors
     /// When the name is none, or the directory may not be entered or is not private.
     pub fn find(name: &str) -> Result<Self, InstanceError> {
-        if let Some(runtime) = std::env::var_os(RUNTIME_DIR_VARIABLE).filter(|value| !value.is_empty()) {
-            return Self::below(Path::new(&runtime), name);
-        }
-        if Path::new(SERVICE_RUNTIME).is_dir() {
-            return Self::below(Path::new(SERVICE_RUNTIME), name);
-        }
-        let session = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
-        let runtime = session.map_or_else(temporary_runtime, |session| session.join("motord"));
-        check_private(&runtime)?;
+        let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+        let runtime = match choose(
+            variable(RUNTIME_DIR_VARIABLE),
+            Path::new(SERVICE_RUNTIME),
+            variable("XDG_RUNTIME_DIR"),
+        ) {
+            Choice::Shared(runtime) => runtime,
+            Choice::Private(runtime) => {
+                check_private(&runtime)?;
+                runtime
+            }
+        };
         Self::below(&runtime, name)
     }
 
@@ -238,8 +242,25 @@ pub fn process_exists(pid: u32) -> bool {
     i32::try_from(pid).is_ok_and(|pid| pid > 0 && kill(Pid::from_raw(pid), None) != Err(Errno::ESRCH))
 }
 
-fn temporary_runtime() -> PathBuf {
-    std::env::temp_dir().join(format!("motord-{}", Uid::effective()))
+/// A runtime directory, by who may enter it.
+#[derive(Debug, PartialEq, Eq)]
+enum Choice {
+    /// Those whom its owner wanted to.
+    Shared(PathBuf),
+    /// Its user alone.
+    Private(PathBuf),
+}
+
+fn choose(named: Option<PathBuf>, service: &Path, session: Option<PathBuf>) -> Choice {
+    if let Some(named) = named {
+        return Choice::Shared(named);
+    }
+    if service.is_dir() {
+        return Choice::Shared(service.to_owned());
+    }
+    let temporary = || std::env::temp_dir().join(format!("motord-{}", Uid::effective()));
+    let session = session.filter(|session| session.is_dir()).map(|session| session.join("motord"));
+    Choice::Private(session.unwrap_or_else(temporary))
 }
 
 /// A directory below one that everybody may write to can have been put there by anybody.
@@ -303,5 +324,91 @@ fn refused(path: &Path, error: &io::Error) -> InstanceError {
     match Errno::from_raw(error.raw_os_error().unwrap_or(0)) {
         Errno::EACCES | Errno::EPERM => InstanceError::Permission { path },
         errno => InstanceError::System { path, errno },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+
+    fn place() -> tempfile::TempDir {
+        tempfile::tempdir_in("/tmp").unwrap()
+    }
+
+    #[test]
+    fn the_named_directory_comes_before_the_service_and_the_service_before_the_session() {
+        let (named, service, session) = (place(), place(), place());
+        let path = |place: &tempfile::TempDir| place.path().to_owned();
+        let missing = Path::new("/nonexistent/motord");
+        assert_eq!(
+            choose(Some(path(&named)), service.path(), Some(path(&session))),
+            Choice::Shared(path(&named))
+        );
+        assert_eq!(choose(None, service.path(), Some(path(&session))), Choice::Shared(path(&service)));
+        assert_eq!(
+            choose(None, missing, Some(path(&session))),
+            Choice::Private(session.path().join("motord"))
+        );
+        let Choice::Private(temporary) = choose(None, missing, Some(missing.to_owned())) else {
+            panic!("a folder below the temporary ones must be private")
+        };
+        assert!(temporary.starts_with(std::env::temp_dir()));
+    }
+
+    #[test]
+    fn a_private_directory_that_others_prepared_or_can_enter_is_refused() {
+        let place = place();
+        let (open, link, file) =
+            (place.path().join("open"), place.path().join("link"), place.path().join("file"));
+        fs::create_dir(&open).unwrap();
+        fs::set_permissions(&open, Permissions::from_mode(0o750)).unwrap();
+        symlink(place.path(), &link).unwrap();
+        fs::write(&file, "").unwrap();
+        for path in [open, link, file] {
+            assert!(
+                matches!(check_private(&path), Err(InstanceError::NotPrivate { .. })),
+                "{}",
+                path.display()
+            );
+        }
+        fs::set_permissions(place.path(), Permissions::from_mode(0o700)).unwrap();
+        assert_eq!(check_private(place.path()), Ok(()));
+        assert_eq!(check_private(&place.path().join("missing")), Ok(()));
+    }
+
+    #[test]
+    fn a_path_that_leaves_no_room_for_sockets_is_refused() {
+        let runtime = Path::new("/tmp").join("x".repeat(60));
+        assert!(matches!(Instance::below(&runtime, "robot"), Err(InstanceError::PathLength { .. })));
+        let longest = "0123456789abcdef0123456789abcdef";
+        assert!(Instance::below(Path::new("/run/user/1000/motord"), longest).is_ok());
+    }
+
+    #[test]
+    fn a_starting_daemon_removes_what_the_dead_left_unless_a_client_waits_for_it() {
+        let place = place();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        drop(instance.lock().unwrap());
+        let left_behind = instance.root().join("nodes");
+        fs::create_dir(&left_behind).unwrap();
+        fs::write(left_behind.join("m_1.node_monitor"), "").unwrap();
+        let client = instance.attach().unwrap().unwrap();
+        drop(instance.lock().unwrap());
+        assert!(left_behind.exists(), "the files of a waiting client are left alone");
+        drop(client);
+        drop(instance.lock().unwrap());
+        assert!(!left_behind.exists() && instance.root().exists());
+    }
+
+    #[test]
+    fn the_instance_lies_open_to_exactly_those_who_may_enter_the_runtime_directory() {
+        for mode in [0o700, 0o2770] {
+            let place = place();
+            fs::set_permissions(place.path(), Permissions::from_mode(mode)).unwrap();
+            let instance = Instance::below(place.path(), "robot").unwrap();
+            let _lock = instance.lock().unwrap();
+            assert_eq!(fs::metadata(instance.root()).unwrap().mode() & 0o7777, mode);
+        }
     }
 }

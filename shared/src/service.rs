@@ -284,7 +284,7 @@ fn config(instance: &Instance) -> Config {
     let mut config = Config::default();
     let root = Path::new(instance.root().as_os_str().as_bytes());
     config.global.set_root_path(&root.expect("an instance's root is shorter than a path of iceoryx2"));
-    config.global.prefix = FileName::new(b"md_").expect("this is a file name");
+    config.global.prefix = FileName::new(b"m_").expect("this is a file name");
     config
 }
 

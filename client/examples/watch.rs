@@ -1,0 +1,67 @@
+//! Prints the states of all joints ten times per second.
+
+use clap::Parser;
+use motord_client::{Client, DEFAULT_INSTANCE, Error, MotorMode, Roster, State};
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// Print the states of all joints ten times per second.
+#[derive(Parser)]
+struct Options {
+    /// Instance of motord.
+    #[arg(long, default_value = DEFAULT_INSTANCE)]
+    instance: String,
+    /// End after this many prints.
+    #[arg(long)]
+    count: Option<u64>,
+}
+
+const PERIOD: Duration = Duration::from_millis(100);
+
+fn main() -> ExitCode {
+    match watch(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("watch: {error}");
+            ExitCode::from(error.exit_status())
+        }
+    }
+}
+
+fn watch(options: &Options) -> Result<(), Error> {
+    let mut client = Client::connect(&options.instance)?;
+    let mut printed = 0;
+    while options.count.is_none_or(|count| printed < count) {
+        match client.wait(10 * PERIOD) {
+            Ok(state) => print(client.roster(), &state),
+            Err(
+                error @ (Error::NotRunning { .. }
+                | Error::Silent { .. }
+                | Error::Restarted
+                | Error::Timeout { .. }),
+            ) => println!("{error}"),
+            Err(error) => return Err(error),
+        }
+        printed += 1;
+        std::thread::sleep(PERIOD);
+    }
+    Ok(())
+}
+
+fn print(roster: &Roster, state: &State) {
+    println!("cycle {}, {:.1} ms old", state.cycle(), state.age().as_secs_f64() * 1e3);
+    for (description, joint) in roster.joints.iter().zip(state.joints()) {
+        let mode = joint.mode.map_or("unknown", MotorMode::name);
+        let freshness = if joint.fresh { "" } else { "  (not fresh)" };
+        println!(
+            "  {:16} {mode:9} {:8.3} rad {:8.3} rad/s {:8.3} N·m{freshness}",
+            description.name, joint.position, joint.velocity, joint.torque
+        );
+    }
+    for (description, group) in roster.groups.iter().zip(state.groups()).filter(|(_, group)| group.latched) {
+        let cause = group
+            .cause
+            .map_or("It was stopped for a cause unknown to this program.", |cause| cause.sentence());
+        println!("  group {}: {cause}", description.name);
+    }
+}
