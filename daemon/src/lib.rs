@@ -1,1 +1,24 @@
-//! Skeleton.
+//! The daemon that owns every motor of a legged robot.
+//!
+//! - [`config`]: what the file says, checked. Text stops here.
+//! - [`plan`] and [`check`]: how much of each cycle the buses need, before any is opened.
+//! - [`control`]: what each motor is told, as pure decisions on (state, inputs, now).
+//! - [`joint`] and [`drive`]: from joints to motors, from commands to frames, and back.
+//! - [`cycle`]: wake, decide, transmit, collect, publish, on a [`clock`] that may be a test's.
+//! - [`exchange`]: clients, through shared memory.
+//! - [`telemetry`]: histograms and the log.
+//! - [`rt`]: what makes a thread real-time. [`buses`] and [`run`]: putting it all together.
+
+pub mod buses;
+pub mod check;
+pub mod clock;
+pub mod config;
+pub mod control;
+pub mod cycle;
+pub mod drive;
+pub mod exchange;
+pub mod joint;
+pub mod plan;
+pub mod rt;
+pub mod run;
+pub mod telemetry;

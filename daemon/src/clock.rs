@@ -1,0 +1,34 @@
+//! Where the cycle gets its time: the machine's clock, or a test's.
+
+use motord_bus::wait::{self, Ready};
+use motord_bus::{Instant, Readiness, clock};
+
+/// Time, and waiting for it.
+pub trait Clock {
+    /// The present time.
+    fn now(&self) -> Instant;
+
+    /// Returns at `instant`, or at once when it has passed. At most one system call.
+    fn sleep_until(&mut self, instant: Instant);
+
+    /// Returns when a bus has something, or at `until`; tells which buses have. At most one system call.
+    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready;
+}
+
+/// `CLOCK_MONOTONIC`.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Monotonic;
+
+impl Clock for Monotonic {
+    fn now(&self) -> Instant {
+        clock::monotonic()
+    }
+
+    fn sleep_until(&mut self, instant: Instant) {
+        clock::sleep_until(instant);
+    }
+
+    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
+        wait::wait(readiness, clock::monotonic(), until)
+    }
+}

@@ -1,0 +1,57 @@
+//! What an operator wants of one stopped motor, and whose answer is only known later.
+//!
+//! ```text
+//!   SetZero:    send ──▶ wait for a state within 0.01 rad of zero ──▶ done      (MIT document 1.1; protocol note M13)
+//!   ClearFault: send ──▶ ask for the fault until it says none     ──▶ done      (MIT document 1.2: the clear reply
+//!                                                                                tells nothing, so it is confirmed)
+//!   either:     not confirmed in time ──▶ refused
+//! ```
+
+use super::Command;
+use motord_bus::{Duration, Instant};
+
+/// Setting the zero writes flash: drives of this family are silent for up to 1.5 s.
+const ZERO_TIME: Duration = Duration::from_secs(3);
+const CLEAR_TIME: Duration = Duration::from_secs(1);
+/// A motor that stands at its new zero tells a position below this, rad.
+pub(super) const ZERO_TOLERANCE: f32 = 0.01;
+
+/// Which errand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    SetZero,
+    ClearFault,
+}
+
+/// An errand under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Errand {
+    pub(super) kind: Kind,
+    /// Whom to answer.
+    pub(super) ticket: u32,
+    /// When it has failed.
+    pub(super) deadline: Instant,
+    pub(super) sent: bool,
+}
+
+impl Errand {
+    pub(super) fn new(kind: Kind, ticket: u32, now: Instant) -> Self {
+        let time = match kind {
+            Kind::SetZero => ZERO_TIME,
+            Kind::ClearFault => CLEAR_TIME,
+        };
+        Self { kind, ticket, deadline: now + time, sent: false }
+    }
+
+    /// The command of this cycle.
+    pub(super) const fn command(&mut self) -> Command {
+        let first = !self.sent;
+        self.sent = true;
+        match (self.kind, first) {
+            (Kind::SetZero, true) => Command::SetZero,
+            (Kind::SetZero, false) => Command::Stop,
+            (Kind::ClearFault, true) => Command::ClearFault,
+            (Kind::ClearFault, false) => Command::GetFault,
+        }
+    }
+}

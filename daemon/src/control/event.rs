@@ -1,0 +1,109 @@
+//! What the cycle tells the log: codes, never text. The log thread turns them into sentences.
+
+use motord_shared::{BusCondition, Cause, MotorMode, Phase};
+
+/// Something a person wants to read about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// A motor changed its mode.
+    Motor {
+        /// Its index.
+        motor: usize,
+        /// What it is now.
+        mode: MotorMode,
+    },
+    /// A motor told fault bits, or that they are gone.
+    Fault {
+        /// Its index.
+        motor: usize,
+        /// The bits; 0 when they are gone.
+        bits: u8,
+    },
+    /// A group changed its phase.
+    Group {
+        /// Its index.
+        group: usize,
+        /// What it is now.
+        phase: Phase,
+    },
+    /// A group was stopped for a cause, which is latched.
+    Stopped {
+        /// Its index.
+        group: usize,
+        /// Why.
+        cause: Cause,
+        /// The motor that gave the cause.
+        motor: Option<usize>,
+    },
+    /// The latched cause of a group was reset.
+    Reset {
+        /// The group's index.
+        group: usize,
+    },
+    /// A group has an owner now, or none.
+    Owner {
+        /// The group's index.
+        group: usize,
+        /// The owner's process id; `None` when there is no owner any more.
+        pid: Option<u32>,
+    },
+    /// The condition of a bus changed.
+    Bus {
+        /// Its index.
+        bus: usize,
+        /// What it is now.
+        condition: BusCondition,
+    },
+    /// Places on the grid were skipped.
+    Overrun {
+        /// How many.
+        skipped: u64,
+    },
+}
+
+/// The events of one cycle. Fixed size: what does not fit is counted.
+#[derive(Debug, Clone)]
+pub struct Events {
+    events: [Option<Event>; Events::CAPACITY],
+    len: usize,
+    dropped: u32,
+}
+
+impl Events {
+    /// The most events of one cycle; every motor and group may change at once.
+    pub const CAPACITY: usize = 160;
+
+    /// None.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { events: [None; Self::CAPACITY], len: 0, dropped: 0 }
+    }
+
+    /// Adds an event, or counts it when there is no room.
+    pub fn push(&mut self, event: Event) {
+        match self.events.get_mut(self.len) {
+            Some(slot) => {
+                *slot = Some(event);
+                self.len += 1;
+            }
+            None => self.dropped = self.dropped.saturating_add(1),
+        }
+    }
+
+    /// The events in their order.
+    pub fn iter(&self) -> impl Iterator<Item = Event> + '_ {
+        self.events[..self.len].iter().flatten().copied()
+    }
+
+    /// Forgets the events; tells how many did not fit.
+    pub fn clear(&mut self) -> u32 {
+        self.len = 0;
+        core::mem::take(&mut self.dropped)
+    }
+}
+
+impl Default for Events {
+    fn default() -> Self {
+        Self::new()
+    }
+}

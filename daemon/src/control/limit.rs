@@ -1,0 +1,148 @@
+//! Limits: the last thing before the wire.
+//!
+//! Order: clamp (position, velocity, kp, kd, torque), slew (position, kp, kd, torque), start ramp, temperature, and a
+//! bound on |kp·Δp + kd·Δv + torque|. What acted is told bit by bit next to the applied command.
+
+use crate::config::settings::LimitSettings;
+use crate::joint::{Impedance, Joint, Measured};
+use motord_shared::Limit;
+
+/// An applied command and the [`Limit`] bits that acted on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limited {
+    /// What may be sent.
+    pub applied: Impedance<Joint>,
+    /// `Limit::bit` of every limit that changed something.
+    pub acted: u32,
+}
+
+/// What the limits depend on besides the setpoint.
+#[derive(Debug, Clone, Copy)]
+pub struct Circumstances<'a> {
+    /// The limits of the joint.
+    pub limits: &'a LimitSettings,
+    /// What was applied in the cycle before.
+    pub previous: &'a Impedance<Joint>,
+    /// What the joint did last.
+    pub measured: &'a Measured<Joint>,
+    /// Time since the cycle before, s.
+    pub elapsed: f32,
+    /// How far the start ramp is, 0 to 1.
+    pub ramp: f32,
+}
+
+/// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
+#[must_use]
+pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Limited {
+    let mut limiter = Limiter { value: *wanted, acted: 0 };
+    limiter.clamp(circumstances.limits);
+    limiter.ramp(circumstances.ramp);
+    limiter.slew(circumstances);
+    limiter.derate(circumstances);
+    limiter.bound(circumstances.limits.torque, circumstances.measured);
+    Limited { applied: limiter.value, acted: limiter.acted }
+}
+
+/// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
+#[must_use]
+pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Limited {
+    let mut limiter = Limiter { value: Impedance::new(0.0, 0.0, 0.0, kd, 0.0), acted: 0 };
+    if let Some(measured) = measured {
+        limiter.bound(limits.torque, measured);
+    }
+    Limited { applied: limiter.value, acted: limiter.acted }
+}
+
+/// Keeps a joint where it was held when the stop began, with the gains it had, but not damped less than `kd`.
+#[must_use]
+pub(super) fn hold(
+    held: &Impedance<Joint>,
+    kd: f32,
+    limits: &LimitSettings,
+    measured: &Measured<Joint>,
+) -> Limited {
+    let mut limiter = Limiter { value: *held, acted: 0 };
+    limiter.value.kd = held.kd.max(kd);
+    limiter.bound(limits.torque, measured);
+    Limited { applied: limiter.value, acted: limiter.acted }
+}
+
+struct Limiter {
+    value: Impedance<Joint>,
+    acted: u32,
+}
+
+impl Limiter {
+    fn clamp(&mut self, limits: &LimitSettings) {
+        let Impedance { position, velocity, kp, kd, torque, .. } = self.value;
+        let [low, high] = limits.position;
+        self.value = Impedance::new(
+            self.within(Limit::Position, position, low, high),
+            self.within(Limit::Velocity, velocity, -limits.velocity, limits.velocity),
+            self.within(Limit::Kp, kp, 0.0, limits.kp),
+            self.within(Limit::Kd, kd, 0.0, limits.kd),
+            self.within(Limit::Torque, torque, -limits.torque, limits.torque),
+        );
+    }
+
+    fn ramp(&mut self, ramp: f32) {
+        if ramp < 1.0 {
+            self.scale(Limit::StartRamp, ramp.max(0.0));
+        }
+    }
+
+    fn slew(&mut self, circumstances: &Circumstances<'_>) {
+        let Circumstances { limits, previous, elapsed, .. } = *circumstances;
+        let Impedance { position, velocity, kp, kd, torque, .. } = self.value;
+        let step = |from: f32, rate: f32| (from - rate * elapsed, from + rate * elapsed);
+        let (position_low, position_high) = step(previous.position, limits.velocity);
+        let (kp_low, kp_high) = step(previous.kp, limits.kp_slew);
+        let (kd_low, kd_high) = step(previous.kd, limits.kd_slew);
+        let (torque_low, torque_high) = step(previous.torque, limits.torque_slew);
+        self.value = Impedance::new(
+            self.within(Limit::PositionSlew, position, position_low, position_high),
+            velocity,
+            self.within(Limit::KpSlew, kp, kp_low, kp_high),
+            self.within(Limit::KdSlew, kd, kd_low, kd_high),
+            self.within(Limit::TorqueSlew, torque, torque_low, torque_high),
+        );
+    }
+
+    /// Less torque for a hot motor: linear from all at `temperature_derate` to nothing at `temperature`.
+    fn derate(&mut self, circumstances: &Circumstances<'_>) {
+        let Circumstances { limits, measured, .. } = *circumstances;
+        let Some(temperature) = measured.temperature else { return };
+        if temperature > limits.temperature_derate {
+            let span = (limits.temperature - limits.temperature_derate).max(f32::MIN_POSITIVE);
+            let share = ((limits.temperature - temperature) / span).clamp(0.0, 1.0);
+            self.bound_to(Limit::Temperature, share * limits.torque, measured);
+        }
+    }
+
+    fn bound(&mut self, torque_max: f32, measured: &Measured<Joint>) {
+        self.bound_to(Limit::TotalTorque, torque_max, measured);
+    }
+
+    /// Scales stiffness, damping and torque together, so that the torque keeps its sign and its cause.
+    fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<Joint>) {
+        let predicted = self.value.predicted_torque(measured.position, measured.velocity).abs();
+        if predicted > torque_max {
+            self.scale(limit, torque_max / predicted);
+        }
+    }
+
+    fn scale(&mut self, limit: Limit, factor: f32) {
+        self.acted |= limit.bit();
+        self.value.kp *= factor;
+        self.value.kd *= factor;
+        self.value.torque *= factor;
+    }
+
+    fn within(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
+        let inside = value.max(low).min(high);
+        if inside.to_bits() != value.to_bits() && inside != value {
+            self.acted |= limit.bit();
+        }
+        inside
+    }
+}

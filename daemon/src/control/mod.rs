@@ -1,0 +1,605 @@
+//! What each motor is told in each cycle: pure decisions on (state, inputs, now). No clock, no I/O, no allocation
+//! after [`Control::new`], and no way to fail: what is wrong becomes a state, a counter or an event.
+//!
+//! One cycle: [`request`](Control::request) and [`offer`](Control::offer) bring what clients want,
+//! [`decide`](Control::decide) makes one command per motor of it, [`heard`](Control::heard) takes what the motors
+//! answer, [`end_cycle`](Control::end_cycle) draws the consequences of silence, and [`report`](Control::report) tells
+//! it all.
+
+mod admin;
+mod errand;
+mod event;
+mod group;
+mod limit;
+mod motor;
+
+pub use event::{Event, Events};
+pub use limit::{Circumstances, Limited, limit};
+
+use crate::config::settings::{
+    FaultPolicy, MotorProtocol, MotorSettings, SafeStop, SafetySettings, Settings,
+};
+use crate::joint::{Impedance, Joint, Measured};
+use admin::Answers;
+use errand::{Kind, ZERO_TOLERANCE};
+use group::Group;
+use motor::Motor;
+use motord_bus::{Duration, Instant};
+use motord_protocol::FaultBits;
+use motord_shared::{
+    AdminReply, BusCondition, Cause, MotorMode, Phase, Refusal, SetpointMessage, SetpointMode, StateMessage,
+    message,
+};
+
+/// A damped group is at rest when every joint has been slow for this long.
+const REST_TIME: Duration = Duration::from_millis(50);
+/// The owner of a stopped group that says nothing for this long has gone.
+const OWNER_SILENCE: Duration = Duration::from_secs(1);
+/// A bus that refused frames in this many cycles in a row is stalled.
+const STALL_CYCLES: u32 = 3;
+
+/// What one motor is told in a cycle, joint side.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Nothing: it is offline, and it is not time to probe it.
+    Nothing,
+    /// Stop; an MIT motor also tells its state.
+    Stop,
+    /// Start.
+    Start,
+    /// No stiffness, no damping, no torque.
+    Neutral,
+    /// Make the present position zero.
+    SetZero,
+    /// Tell the fault bits.
+    GetFault,
+    /// Acknowledge the fault.
+    ClearFault,
+    /// Follow this.
+    Control(Impedance<Joint>, SetpointMode),
+}
+
+impl Command {
+    /// The motor's state is the answer.
+    #[must_use]
+    pub const fn is_answered_by_state(&self) -> bool {
+        !matches!(self, Self::Nothing | Self::GetFault | Self::ClearFault)
+    }
+}
+
+/// What one motor answered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Heard {
+    /// Its state, and how long after the command it came.
+    State(Measured<Joint>, Duration),
+    /// Its fault bits.
+    Fault(FaultBits),
+    /// That it heard the request to clear its fault.
+    Cleared,
+    /// That it heard, and nothing more.
+    Alive,
+    /// That it refuses: it may have a fault.
+    Refused,
+    /// An answer to a question of an earlier cycle, by now meaningless.
+    Late,
+}
+
+/// A place on the grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tick {
+    /// Its number, from 1.
+    pub cycle: u64,
+    /// When the cycle should begin.
+    pub scheduled: Instant,
+    /// When it began.
+    pub begun: Instant,
+    /// Places skipped just before it.
+    pub skipped: u64,
+}
+
+/// What a bus is able to do, as far as safety cares.
+#[derive(Debug, Clone, Copy)]
+struct BusHealth {
+    condition: BusCondition,
+    stalled: u32,
+}
+
+impl BusHealth {
+    fn cause(&self) -> Option<Cause> {
+        match self.condition {
+            BusCondition::Off => Some(Cause::BusOff),
+            BusCondition::Down | BusCondition::Gone => Some(Cause::BusGone),
+            _ if self.stalled >= STALL_CYCLES => Some(Cause::TransmitStall),
+            _ => None,
+        }
+    }
+}
+
+/// The state of every motor and group, and the rules they follow.
+#[derive(Debug)]
+pub struct Control {
+    safety: SafetySettings,
+    period: Duration,
+    max_lateness: Duration,
+    settings: Vec<MotorSettings>,
+    group_of: Vec<usize>,
+    motors: Vec<Motor>,
+    groups: Vec<Group>,
+    buses: Vec<BusHealth>,
+    commands: Vec<Command>,
+    poll_next: Vec<usize>,
+    boot_id: u64,
+    epoch: u64,
+    tick: Tick,
+    elapsed: f32,
+    events: Events,
+    answers: Answers,
+    shutting_down: bool,
+}
+
+impl Control {
+    /// Everything stopped, nothing owned. Allocates; nothing after it does. `boot_id` makes the leases of this daemon
+    /// different from those of the one before.
+    #[must_use]
+    pub fn new(settings: &Settings, boot_id: u64) -> Self {
+        let motors = settings.motors.len();
+        let mut group_of = vec![0; motors];
+        for (index, group) in settings.groups.iter().enumerate() {
+            group.motors.iter().for_each(|&motor| group_of[motor] = index);
+        }
+        let health = BusHealth { condition: BusCondition::Active, stalled: 0 };
+        Self {
+            safety: settings.safety.clone(),
+            period: settings.cycle.period,
+            max_lateness: settings.cycle.max_lateness,
+            settings: settings.motors.clone(),
+            group_of,
+            motors: (0..motors).map(|_| Motor::new()).collect(),
+            groups: settings.groups.iter().map(Group::new).collect(),
+            buses: vec![health; settings.buses.len()],
+            commands: vec![Command::Nothing; motors],
+            poll_next: vec![0; settings.buses.len()],
+            boot_id,
+            epoch: 0,
+            tick: Tick { cycle: 0, scheduled: Instant::ZERO, begun: Instant::ZERO, skipped: 0 },
+            elapsed: 0.0,
+            events: Events::new(),
+            answers: Answers::new(),
+            shutting_down: false,
+        }
+    }
+
+    /// Offers a setpoint message. What is wrong with it is counted by its reason; nothing of it is used then.
+    pub fn offer(&mut self, message: &SetpointMessage, now: Instant) {
+        let Some(index) = admin::group_of_lease(message.lease).filter(|&index| index < self.groups.len())
+        else {
+            return;
+        };
+        let Self { groups, settings, safety, .. } = self;
+        let _counted = groups[index].offer(message, now, safety.setpoint_timeout, |motor, mode| {
+            is_spoken(settings[motor].protocol, mode)
+        });
+    }
+
+    /// Begins a cycle: draws the consequences of time, and makes one command per motor. Bounded by motors and groups.
+    pub fn decide(&mut self, tick: Tick) -> &[Command] {
+        let elapsed = tick.begun.since(self.tick.begun).min(2 * self.period);
+        self.elapsed = elapsed.as_secs_f32();
+        self.tick = tick;
+        self.watch_time();
+        for group in 0..self.groups.len() {
+            self.watch_buses(group);
+            self.watch_owner(group);
+            self.advance(group);
+        }
+        for motor in 0..self.motors.len() {
+            let command = self.command(motor);
+            self.motors[motor].asked(&command);
+            self.commands[motor] = command;
+        }
+        self.watch_errands();
+        &self.commands
+    }
+
+    /// A motor answered at `at`.
+    pub fn heard(&mut self, motor: usize, heard: Heard, at: Instant) {
+        match heard {
+            Heard::State(measured, latency) => {
+                if self.motors[motor].told_state(measured, at, latency) {
+                    self.motor_changed(motor);
+                }
+                self.confirm_zero(motor);
+            }
+            Heard::Fault(bits) => self.heard_fault(motor, bits, at),
+            Heard::Cleared | Heard::Alive => self.motors[motor].told_alive(),
+            Heard::Refused => self.motors[motor].told_refusal(),
+            Heard::Late => self.motors[motor].told_late(),
+        }
+    }
+
+    /// Every answer that can come in this cycle has come.
+    pub fn end_cycle(&mut self) {
+        for motor in 0..self.motors.len() {
+            if self.motors[motor].end_cycle(self.tick.cycle, self.safety.lost_cycles) {
+                self.motor_changed(motor);
+                self.stop(self.group_of[motor], Cause::MotorLost, Some(motor));
+            }
+        }
+    }
+
+    /// The motor of `bus` that should be asked for its faults now, if one should. Round robin.
+    pub fn fault_poll(&mut self, bus: usize) -> Option<usize> {
+        let count = self.motors.len();
+        if self.safety.fault_poll_hz <= 0.0 {
+            return None;
+        }
+        let due = |motor: &usize| {
+            self.settings[*motor].bus == bus
+                && self.motors[*motor].errand.is_none()
+                && self.motors[*motor].poll_at(self.tick.cycle).is_some_and(|at| at <= self.tick.begun)
+        };
+        let first = self.poll_next[bus];
+        let motor = (first..count).chain(0..first).find(due)?;
+        self.poll_next[bus] = (motor + 1) % count;
+        Some(motor)
+    }
+
+    /// What a bus can do now.
+    pub fn bus_changed(&mut self, bus: usize, condition: BusCondition) {
+        if self.buses[bus].condition != condition {
+            self.buses[bus].condition = condition;
+            self.events.push(Event::Bus { bus, condition });
+        }
+    }
+
+    /// Whether a bus took the frames of this cycle.
+    pub fn bus_took(&mut self, bus: usize, all: bool) {
+        let stalled = &mut self.buses[bus].stalled;
+        *stalled = if all { 0 } else { stalled.saturating_add(1) };
+    }
+
+    /// Damps and stops everything, for good.
+    pub fn shut_down(&mut self) {
+        self.shutting_down = true;
+        (0..self.groups.len()).for_each(|group| self.stop(group, Cause::Shutdown, None));
+    }
+
+    /// Stops every motor without damping it first.
+    pub fn stop_now(&mut self) {
+        for group in 0..self.groups.len() {
+            if self.groups[group].phase() != Phase::Disarmed {
+                self.disarm(group);
+            }
+        }
+    }
+
+    /// Every group is stopped.
+    #[must_use]
+    pub fn is_still(&self) -> bool {
+        self.groups.iter().all(|group| group.phase() == Phase::Disarmed)
+    }
+
+    /// What happened since [`clear_events`](Self::clear_events).
+    pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
+        self.events.iter()
+    }
+
+    /// Forgets the events; tells how many did not fit.
+    pub fn clear_events(&mut self) -> u32 {
+        self.events.clear()
+    }
+
+    /// The next answer to a request that could not be answered at once, with its ticket.
+    pub fn next_answer(&mut self) -> Option<(u32, AdminReply)> {
+        self.answers.pop()
+    }
+
+    /// The oldest setpoint in use by an active group, for measuring.
+    #[must_use]
+    pub fn setpoint_age(&self) -> Option<Duration> {
+        let active = self.groups.iter().filter(|group| group.phase() == Phase::Active);
+        active.filter_map(|group| group.setpoint_age(self.tick.begun)).max()
+    }
+
+    /// Cycles without a reply, over all motors.
+    #[must_use]
+    pub fn missed(&self) -> u64 {
+        self.motors.iter().map(|motor| u64::from(motor.missed())).sum()
+    }
+
+    /// Time from command to reply of every motor that answered in this cycle, ns; 0 for the others.
+    pub fn reply_latencies(&self) -> impl Iterator<Item = u32> + '_ {
+        self.motors.iter().map(Motor::reply_latency_ns)
+    }
+
+    /// Writes joints, groups and flags of this cycle into `state`; the rest is the cycle's to write.
+    pub fn report(&self, state: &mut StateMessage) {
+        let stopped = self.groups.iter().any(|group| group.cause() == Some(Cause::EmergencyStop));
+        state.flags = if stopped { message::FLAG_EMERGENCY_STOP } else { 0 };
+        state.flags |= if self.shutting_down { message::FLAG_SHUTDOWN } else { 0 };
+        state.joint_count = self.motors.len() as u32;
+        state.group_count = self.groups.len() as u32;
+        state.joints.iter_mut().zip(&self.motors).for_each(|(joint, motor)| *joint = motor.report());
+        state
+            .groups
+            .iter_mut()
+            .zip(&self.groups)
+            .for_each(|(told, group)| *told = group.report(self.tick.begun));
+    }
+
+    fn watch_time(&mut self) {
+        if self.tick.skipped > 0 {
+            self.events.push(Event::Overrun { skipped: self.tick.skipped });
+        }
+        if self.tick.begun.since(self.tick.scheduled) >= self.max_lateness {
+            self.stop_moving(Cause::TimeBase);
+        }
+    }
+
+    fn watch_buses(&mut self, group: usize) {
+        if self.groups[group].phase() == Phase::Disarmed {
+            return;
+        }
+        let broken =
+            |motor: &usize| self.buses[self.settings[*motor].bus].cause().map(|cause| (cause, *motor));
+        if let Some((cause, motor)) = self.groups[group].motors.iter().find_map(broken) {
+            self.stop(group, cause, Some(motor));
+        }
+    }
+
+    fn watch_owner(&mut self, index: usize) {
+        let now = self.tick.begun;
+        let group = &self.groups[index];
+        let Some(owner) = group.owner else { return };
+        match group.phase() {
+            Phase::Starting | Phase::Active => {
+                if !group.has_fresh_setpoint(now, self.safety.setpoint_timeout) {
+                    self.stop(index, Cause::SetpointTimeout, None);
+                    self.disown(index);
+                }
+            }
+            Phase::Disarmed | Phase::Damping => {
+                if now.since(owner.heard) > OWNER_SILENCE.max(self.safety.setpoint_timeout) {
+                    self.disown(index);
+                }
+            }
+        }
+    }
+
+    fn advance(&mut self, group: usize) {
+        match self.groups[group].phase() {
+            Phase::Starting => self.advance_start(group),
+            Phase::Damping => self.advance_damping(group),
+            Phase::Disarmed | Phase::Active => {}
+        }
+    }
+
+    fn advance_start(&mut self, index: usize) {
+        let group = &self.groups[index];
+        let unready = group.motors.iter().copied().find(|&motor| !self.motors[motor].is_ready());
+        match unready {
+            None => match self.first_jump(index) {
+                None => self.activate(index),
+                Some(motor) => self.stop(index, Cause::StartFailed, Some(motor)),
+            },
+            Some(motor) if self.tick.begun.since(group.since()) > self.safety.start_timeout => {
+                self.stop(index, Cause::StartFailed, Some(motor));
+            }
+            Some(_) => {}
+        }
+    }
+
+    fn activate(&mut self, index: usize) {
+        for place in 0..self.groups[index].motors.len() {
+            let motor = self.groups[index].motors[place];
+            self.motors[motor].activate();
+            self.motor_changed(motor);
+        }
+        self.enter(index, Phase::Active);
+    }
+
+    fn advance_damping(&mut self, index: usize) {
+        let now = self.tick.begun;
+        let Self { groups, motors, safety, .. } = self;
+        let group = &mut groups[index];
+        let slow = |motor: &usize| {
+            let motor = &motors[*motor];
+            motor.mode() != MotorMode::Damping
+                || motor.is_fresh()
+                    && motor.measured().is_some_and(|told| told.velocity.abs() < safety.rest_velocity)
+        };
+        let resting = group.motors.iter().all(slow);
+        group.resting_since = if resting { group.resting_since.or(Some(now)) } else { None };
+        let rested = group.resting_since.is_some_and(|since| now.since(since) >= REST_TIME);
+        let holding = if group.safe_stop == SafeStop::Hold { safety.damp } else { Duration::ZERO };
+        let damped = now.since(group.since());
+        if damped >= safety.damp + holding || rested && damped >= holding {
+            self.disarm(index);
+        }
+    }
+
+    fn disarm(&mut self, index: usize) {
+        for place in 0..self.groups[index].motors.len() {
+            let motor = self.groups[index].motors[place];
+            self.motors[motor].rest();
+            self.motor_changed(motor);
+        }
+        self.enter(index, Phase::Disarmed);
+    }
+
+    /// Stops every group that is not stopped.
+    fn stop_moving(&mut self, cause: Cause) {
+        for group in 0..self.groups.len() {
+            if self.groups[group].phase() != Phase::Disarmed {
+                self.stop(group, cause, None);
+            }
+        }
+    }
+
+    /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a stopped group's motor is no cause.
+    fn stop(&mut self, index: usize, cause: Cause, motor: Option<usize>) {
+        let moving = self.groups[index].phase() != Phase::Disarmed;
+        let latches = moving || matches!(cause, Cause::EmergencyStop | Cause::Shutdown);
+        if latches && self.groups[index].latch(cause, motor) {
+            self.events.push(Event::Stopped { group: index, cause, motor });
+        }
+        if moving {
+            self.begin_damping(index);
+        }
+    }
+
+    fn begin_damping(&mut self, index: usize) {
+        if !matches!(self.groups[index].phase(), Phase::Starting | Phase::Active) {
+            return;
+        }
+        for place in 0..self.groups[index].motors.len() {
+            let motor = self.groups[index].motors[place];
+            self.motors[motor].begin_damping();
+            self.motor_changed(motor);
+        }
+        match self.groups[index].safe_stop {
+            SafeStop::Stop => self.disarm(index),
+            SafeStop::Damp | SafeStop::Hold => self.enter(index, Phase::Damping),
+        }
+    }
+
+    fn enter(&mut self, index: usize, phase: Phase) {
+        self.groups[index].enter(phase, self.tick.begun);
+        self.events.push(Event::Group { group: index, phase });
+    }
+
+    fn disown(&mut self, index: usize) {
+        if self.groups[index].forget_owner().is_some() {
+            self.events.push(Event::Owner { group: index, pid: None });
+        }
+    }
+
+    fn motor_changed(&mut self, motor: usize) {
+        self.events.push(Event::Motor { motor, mode: self.motors[motor].mode() });
+    }
+
+    fn command(&mut self, index: usize) -> Command {
+        let group = &self.groups[self.group_of[index]];
+        let motor = &mut self.motors[index];
+        motor.limits = 0;
+        if let Some(errand) = &mut motor.errand {
+            return errand.command();
+        }
+        if motor.doubts() {
+            return Command::GetFault;
+        }
+        let (limited, mode) = match motor.mode() {
+            MotorMode::Active => self.follow(index),
+            MotorMode::Damping => (self.damp(index, group.safe_stop, group.since()), SetpointMode::Impedance),
+            _ => {
+                motor.applied = Impedance::NEUTRAL;
+                return motor.command(self.tick.begun);
+            }
+        };
+        let motor = &mut self.motors[index];
+        motor.applied = limited.applied;
+        motor.limits = limited.acted;
+        Command::Control(limited.applied, mode)
+    }
+
+    fn follow(&self, index: usize) -> (Limited, SetpointMode) {
+        let group = &self.groups[self.group_of[index]];
+        let motor = &self.motors[index];
+        let place = group.motors.iter().position(|&motor| motor == index);
+        let (Some((wanted, mode)), Some(measured)) =
+            (place.and_then(|place| group.wanted(place)), motor.measured())
+        else {
+            return (self.damp(index, SafeStop::Damp, group.since()), SetpointMode::Impedance);
+        };
+        let ramp = self.tick.begun.since(group.since()).as_secs_f32() / self.safety.start_ramp.as_secs_f32();
+        let limits = &self.settings[index].limits;
+        let circumstances =
+            Circumstances { limits, previous: &motor.applied, measured, elapsed: self.elapsed, ramp };
+        (limit(&wanted, &circumstances), mode)
+    }
+
+    fn damp(&self, index: usize, safe_stop: SafeStop, since: Instant) -> Limited {
+        let settings = &self.settings[index];
+        let motor = &self.motors[index];
+        let holding = safe_stop == SafeStop::Hold && self.tick.begun.since(since) < self.safety.damp;
+        match (motor.held, motor.measured()) {
+            (Some(held), Some(measured)) if holding => {
+                limit::hold(&held, settings.damping_kd, &settings.limits, measured)
+            }
+            (_, measured) => limit::damp(settings.damping_kd, &settings.limits, measured),
+        }
+    }
+
+    fn heard_fault(&mut self, motor: usize, bits: FaultBits, at: Instant) {
+        let period = Duration::from_secs_f64(1.0 / self.safety.fault_poll_hz.max(0.01));
+        let before = self.motors[motor].mode();
+        if self.motors[motor].told_fault(bits, at, period) {
+            self.events.push(Event::Fault { motor, bits: bits.0 });
+        }
+        if bits.is_none() {
+            return self.confirm_cleared(motor);
+        }
+        if self.motors[motor].mode() != before {
+            self.motor_changed(motor);
+        }
+        let group = self.group_of[motor];
+        match self.settings[motor].fault_policy {
+            FaultPolicy::StopJoint => {}
+            FaultPolicy::StopGroup => self.stop(group, Cause::MotorFault, Some(motor)),
+            FaultPolicy::StopAll => {
+                (0..self.groups.len()).for_each(|group| self.stop(group, Cause::MotorFault, Some(motor)));
+            }
+        }
+    }
+
+    fn confirm_zero(&mut self, motor: usize) {
+        let settings = &self.settings[motor];
+        let told = &self.motors[motor];
+        let Some(errand) = told.errand.filter(|errand| errand.kind == Kind::SetZero && errand.sent) else {
+            return;
+        };
+        let at_zero =
+            told.measured().is_some_and(|told| (told.position - settings.offset).abs() < ZERO_TOLERANCE);
+        if at_zero {
+            self.motors[motor].errand = None;
+            self.answers.push(errand.ticket, None);
+        }
+    }
+
+    fn confirm_cleared(&mut self, motor: usize) {
+        let Some(errand) =
+            self.motors[motor].errand.filter(|errand| errand.kind == Kind::ClearFault && errand.sent)
+        else {
+            return;
+        };
+        self.motors[motor].errand = None;
+        self.motors[motor].cleared();
+        self.motor_changed(motor);
+        self.answers.push(errand.ticket, None);
+    }
+
+    fn watch_errands(&mut self) {
+        for motor in &mut self.motors {
+            if let Some(errand) = motor.errand.filter(|errand| self.tick.begun > errand.deadline) {
+                motor.errand = None;
+                self.answers.push(errand.ticket, Some(Refusal::NotConfirmed));
+            }
+        }
+    }
+
+    /// The first motor of the group whose setpoint would make it jump.
+    fn first_jump(&self, index: usize) -> Option<usize> {
+        let group = &self.groups[index];
+        group.motors.iter().enumerate().find_map(|(place, &motor)| {
+            let (wanted, mode) = group.wanted(place)?;
+            let position = self.motors[motor].measured()?.position;
+            let pulls = mode == SetpointMode::Position || wanted.kp > 0.0;
+            (pulls && (wanted.position - position).abs() > self.safety.start_jump).then_some(motor)
+        })
+    }
+}
+
+/// The protocol has a command for the mode.
+fn is_spoken(protocol: MotorProtocol, mode: SetpointMode) -> bool {
+    (protocol == MotorProtocol::Mit) == (mode == SetpointMode::Impedance)
+}

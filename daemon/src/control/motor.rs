@@ -1,0 +1,300 @@
+//! One motor, as far as it can be known: its drive tells position, speed and torque, and its faults only when asked.
+//!
+//! ```text
+//!              state told                 group starts                  neutral heard, start told
+//!   Offline ───────────────▶ Idle ───────────────────────▶ Starting ───────────────────────────▶ Active
+//!      ▲                    ▲    ▲                             │                                    │
+//!      │ silent for         │    │ at rest, or long enough     │ group stops                        │ group stops
+//!      │ `lost_cycles`      │    └──────────── Damping ◀───────┴────────────────────────────────────┘
+//!   (any mode)              │
+//!                           └── fault cleared on request ── Fault ◀── fault told (any mode)
+//! ```
+
+use super::Command;
+use super::errand::Errand;
+use crate::joint::{Impedance, Joint, Measured};
+use motord_bus::{Duration, Instant};
+use motord_protocol::FaultBits;
+use motord_shared::{Applied, JointState, MotorMode, message};
+
+/// Neutral commands that a motor hears before it is started.
+const NEUTRAL_CYCLES: u32 = 10;
+/// A motor that is offline is asked this often whether it is back.
+const PROBE_PERIOD: Duration = Duration::from_millis(100);
+/// A motor that has been silent for this many cycles is asked for its faults instead.
+const SILENT_CYCLES: u32 = 5;
+
+/// Where a motor is between `Idle` and `Active`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Start {
+    /// So many neutral commands were sent.
+    Neutral(u32),
+    /// The start command was sent; its answer is awaited.
+    Told,
+    /// It answered a neutral command after it was told to start.
+    Ready,
+}
+
+/// What one motor is doing.
+#[derive(Debug)]
+pub(super) struct Motor {
+    mode: MotorMode,
+    start: Start,
+    measured: Option<Measured<Joint>>,
+    measured_at: Instant,
+    /// What was applied in this cycle; the slew limits start from it in the next.
+    pub(super) applied: Impedance<Joint>,
+    /// `Limit` bits of `applied`.
+    pub(super) limits: u32,
+    /// Where it was, and with which gains, when a holding stop began.
+    pub(super) held: Option<Impedance<Joint>>,
+    /// What an operator wants of it while it is stopped.
+    pub(super) errand: Option<Errand>,
+    fault: FaultBits,
+    asked: bool,
+    answered: bool,
+    refused: bool,
+    silent: u32,
+    age_cycles: u32,
+    missed: u32,
+    late: u32,
+    reply_latency_ns: u32,
+    probe_at: Instant,
+    probe_fault: bool,
+    last_missed: u64,
+    poll_at: Instant,
+}
+
+impl Motor {
+    pub(super) const fn new() -> Self {
+        Self {
+            mode: MotorMode::Offline,
+            start: Start::Neutral(0),
+            measured: None,
+            measured_at: Instant::ZERO,
+            applied: Impedance::NEUTRAL,
+            limits: 0,
+            held: None,
+            errand: None,
+            fault: FaultBits(0),
+            asked: false,
+            answered: false,
+            refused: false,
+            silent: 0,
+            age_cycles: 0,
+            missed: 0,
+            late: 0,
+            reply_latency_ns: 0,
+            probe_at: Instant::ZERO,
+            probe_fault: false,
+            last_missed: 0,
+            poll_at: Instant::ZERO,
+        }
+    }
+
+    pub(super) const fn mode(&self) -> MotorMode {
+        self.mode
+    }
+
+    pub(super) const fn measured(&self) -> Option<&Measured<Joint>> {
+        self.measured.as_ref()
+    }
+
+    pub(super) const fn missed(&self) -> u32 {
+        self.missed
+    }
+
+    /// 0 when it did not answer in this cycle.
+    pub(super) const fn reply_latency_ns(&self) -> u32 {
+        if self.answered { self.reply_latency_ns } else { 0 }
+    }
+
+    /// Its state was received in the cycle before this one, or in this one.
+    pub(super) const fn is_fresh(&self) -> bool {
+        self.measured.is_some() && self.age_cycles <= 1
+    }
+
+    /// It answered after it was told to start.
+    pub(super) fn is_ready(&self) -> bool {
+        self.mode == MotorMode::Starting && self.start == Start::Ready
+    }
+
+    pub(super) fn begin_start(&mut self) {
+        self.mode = MotorMode::Starting;
+        self.start = Start::Neutral(0);
+    }
+
+    /// From now on it follows setpoints; the slew limits start from where it stands.
+    pub(super) fn activate(&mut self) {
+        self.mode = MotorMode::Active;
+        let position = self.measured.map_or(0.0, |measured| measured.position);
+        self.applied = Impedance::new(position, 0.0, 0.0, 0.0, 0.0);
+    }
+
+    /// Leaves setpoints behind. `true` when it was moving under control.
+    pub(super) fn begin_damping(&mut self) {
+        if matches!(self.mode, MotorMode::Starting | MotorMode::Active) {
+            self.mode = MotorMode::Damping;
+            let Impedance { kp, kd, .. } = self.applied;
+            self.held = self.measured.map(|measured| Impedance::new(measured.position, 0.0, kp, kd, 0.0));
+        }
+    }
+
+    /// From now on it hears only stop commands.
+    pub(super) fn rest(&mut self) {
+        if matches!(self.mode, MotorMode::Starting | MotorMode::Active | MotorMode::Damping) {
+            self.mode = MotorMode::Idle;
+        }
+    }
+
+    /// The command of this cycle for every mode but `Active` and `Damping`, which depend on the group.
+    pub(super) fn command(&mut self, now: Instant) -> Command {
+        match self.mode {
+            MotorMode::Offline => self.probe(now),
+            MotorMode::Starting => self.start_command(),
+            _ => Command::Stop,
+        }
+    }
+
+    /// A motor that says nothing may be one that faulted and refuses to answer anything but a question for its fault
+    /// (GIM document 3.2.16): every so often that question takes the place of the command.
+    pub(super) fn doubts(&mut self) -> bool {
+        let silent = self.silent > 0 && self.silent.is_multiple_of(SILENT_CYCLES);
+        core::mem::take(&mut self.refused) || silent && self.mode != MotorMode::Offline
+    }
+
+    fn probe(&mut self, now: Instant) -> Command {
+        if now < self.probe_at {
+            return Command::Nothing;
+        }
+        self.probe_at = now + PROBE_PERIOD;
+        self.probe_fault = !self.probe_fault;
+        if self.probe_fault { Command::Stop } else { Command::GetFault }
+    }
+
+    fn start_command(&mut self) -> Command {
+        if let Start::Neutral(sent) = self.start {
+            if sent == NEUTRAL_CYCLES {
+                self.start = Start::Told;
+                return Command::Start;
+            }
+            self.start = Start::Neutral(sent + 1);
+        }
+        Command::Neutral
+    }
+
+    /// A question was sent whose answer is a state.
+    pub(super) const fn asked(&mut self, command: &Command) {
+        self.asked = command.is_answered_by_state();
+        self.answered = false;
+    }
+
+    /// Its state came, `latency` after the command. Tells whether it came online by that.
+    pub(super) fn told_state(&mut self, measured: Measured<Joint>, at: Instant, latency: Duration) -> bool {
+        self.measured = Some(measured);
+        self.measured_at = at;
+        self.reply_latency_ns = u32::try_from(latency.as_nanos()).unwrap_or(u32::MAX);
+        self.answered = true;
+        self.silent = 0;
+        self.age_cycles = 0;
+        let online = self.mode == MotorMode::Offline;
+        if online {
+            self.mode = if self.fault.is_none() { MotorMode::Idle } else { MotorMode::Fault };
+        }
+        if self.mode == MotorMode::Starting && self.start == Start::Told {
+            self.start = Start::Ready;
+        }
+        online
+    }
+
+    /// It answered, but not with a state.
+    pub(super) const fn told_alive(&mut self) {
+        self.asked = false;
+        self.silent = 0;
+    }
+
+    /// It answered, but does not do as it is told: it is asked for its fault in the next cycle.
+    pub(super) const fn told_refusal(&mut self) {
+        self.told_alive();
+        self.refused = true;
+    }
+
+    /// Its fault bits came. Tells whether they are news.
+    pub(super) fn told_fault(&mut self, fault: FaultBits, now: Instant, period: Duration) -> bool {
+        self.poll_at = now + period;
+        let news = fault != self.fault && !(fault.is_none() && self.mode == MotorMode::Fault);
+        if news {
+            self.fault = fault;
+        }
+        if !fault.is_none() && self.mode != MotorMode::Offline {
+            self.mode = MotorMode::Fault;
+        }
+        news
+    }
+
+    /// Its fault was cleared on request, and it says so.
+    pub(super) const fn cleared(&mut self) {
+        self.fault = FaultBits(0);
+        if matches!(self.mode, MotorMode::Fault) {
+            self.mode = MotorMode::Idle;
+        }
+    }
+
+    pub(super) const fn told_late(&mut self) {
+        self.late = self.late.wrapping_add(1);
+    }
+
+    /// The cycle is over. Tells whether the motor is lost by its silence.
+    pub(super) fn end_cycle(&mut self, cycle: u64, lost_cycles: u32) -> bool {
+        if self.answered || !self.asked && self.mode == MotorMode::Offline {
+            return false;
+        }
+        self.age_cycles = self.age_cycles.saturating_add(1);
+        if self.mode == MotorMode::Offline || self.errand.is_some() || !self.asked && self.silent == 0 {
+            return false;
+        }
+        self.silent += 1;
+        self.last_missed = cycle;
+        if self.asked {
+            self.missed = self.missed.wrapping_add(1);
+        }
+        let lost = self.silent >= lost_cycles;
+        if lost {
+            self.mode = MotorMode::Offline;
+            self.measured = None;
+            self.silent = 0;
+        }
+        lost
+    }
+
+    /// When it should be asked for its faults next, if it may be asked now: its state has arrived, and nothing that
+    /// it answered late can be mistaken for the answer.
+    pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
+        const QUIET_CYCLES: u64 = 10;
+        let settled = self.last_missed == 0 || cycle > self.last_missed + QUIET_CYCLES;
+        (self.answered && settled).then_some(self.poll_at)
+    }
+
+    pub(super) fn report(&self) -> JointState {
+        let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
+        let fresh = if self.answered { message::JOINT_FRESH } else { 0 };
+        let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
+        let Impedance { position, velocity, kp, kd, torque, .. } = self.applied;
+        JointState {
+            position: measured.position,
+            velocity: measured.velocity,
+            torque: measured.torque,
+            temperature: measured.temperature.unwrap_or(f32::NAN),
+            applied: Applied { position, velocity, kp, kd, torque },
+            limits: self.limits,
+            mode: self.mode.code(),
+            fault: u32::from(self.fault.0),
+            flags: fresh | valid,
+            age_cycles: self.age_cycles,
+            missed: self.missed,
+            reply_latency_ns: self.reply_latency_ns,
+            late: self.late,
+            receive_ns: self.measured_at.as_nanos(),
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! One cycle: wake, decide, transmit, collect, publish.
+//!
+//! The functions here run in the real-time thread. After [`Cycle::new`] none allocates, locks or logs, every loop is
+//! bounded by motors, buses or an inbox, and none returns early: a silent motor is data for a later phase. System
+//! calls of a cycle: one sleep, one send per bus, and at most [`CALLS_PER_BUS`] further calls per bus for waiting and
+//! receiving.
+
+mod link;
+mod slot;
+
+pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
+
+use crate::clock::Clock;
+use crate::config::settings::{BusKind, Settings};
+use crate::control::{Command, Control, Tick};
+use crate::drive::{Answer, Drive};
+use crate::plan::BusPlan;
+use motord_bus::{Bus, Duration, Instant, Readiness, wait::Ready};
+use motord_shared::message;
+use slot::Slot;
+
+/// Most requests answered in one cycle; the rest wait for the next.
+const REQUESTS_PER_CYCLE: usize = 16;
+/// System calls for waiting and receiving, per bus and cycle.
+const CALLS_PER_BUS: usize = 3;
+
+/// Everything the real-time thread owns.
+pub struct Cycle<C> {
+    clock: C,
+    period: Duration,
+    reply_deadline: Duration,
+    slots: Vec<Slot>,
+    drives: Vec<Drive>,
+    bus_of: Vec<usize>,
+    control: Control,
+    link: Link,
+    readiness: Vec<Readiness>,
+    polled: Vec<bool>,
+    overruns: u64,
+    boot_id: u64,
+    realtime: bool,
+}
+
+impl<C: Clock> Cycle<C> {
+    /// Puts everything in place. `buses` and `plans` stand in the order of the configuration. Allocates; nothing
+    /// after it does.
+    #[must_use]
+    pub fn new(
+        settings: &Settings,
+        plans: &[BusPlan],
+        buses: Vec<Box<dyn Bus>>,
+        clock: C,
+        link: Link,
+        boot_id: u64,
+    ) -> Self {
+        let drives = settings.motors.iter().map(|motor| {
+            Drive::new(motor, fastest_answer(settings, plans, motor.bus), settings.safety.error_feedback)
+        });
+        let slots =
+            buses.into_iter().enumerate().map(|(index, bus)| Slot::new(bus, index, settings, &plans[index]));
+        Self {
+            clock,
+            period: settings.cycle.period,
+            reply_deadline: settings.cycle.reply_deadline,
+            slots: slots.collect(),
+            drives: drives.collect(),
+            bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
+            control: Control::new(settings, boot_id),
+            link,
+            readiness: vec![Readiness::Never; settings.buses.len()],
+            polled: vec![false; settings.buses.len()],
+            overruns: 0,
+            boot_id,
+            realtime: false,
+        }
+    }
+
+    /// Tells clients whether this thread has real-time scheduling and locked memory.
+    pub const fn set_realtime(&mut self, realtime: bool) {
+        self.realtime = realtime;
+    }
+
+    /// The decisions, for tests.
+    #[must_use]
+    pub const fn control(&self) -> &Control {
+        &self.control
+    }
+
+    /// Damps and stops everything, for good; [`is_still`](Self::is_still) tells when it has.
+    pub fn shut_down(&mut self) {
+        self.control.shut_down();
+    }
+
+    /// Stops every motor without damping it first.
+    pub fn stop_now(&mut self) {
+        self.control.stop_now();
+    }
+
+    /// Every motor is stopped.
+    #[must_use]
+    pub fn is_still(&self) -> bool {
+        self.control.is_still()
+    }
+
+    /// Sleeps until a place on the grid, runs its cycle, and returns the next place. Places that have passed meanwhile
+    /// are skipped, never made up for: a burst would be worse than a gap.
+    pub fn run(&mut self, place: Place) -> Place {
+        self.clock.sleep_until(place.at);
+        let begun = self.clock.now();
+        let skipped = begun.since(place.at).as_nanos() / self.period.as_nanos();
+        let skipped = u32::try_from(skipped).unwrap_or(u32::MAX);
+        let place = place.later(skipped, self.period);
+        self.overruns += u64::from(skipped);
+        let lateness_from = place.at - skipped * self.period;
+        self.cycle(&Tick {
+            cycle: place.cycle,
+            scheduled: lateness_from,
+            begun,
+            skipped: u64::from(skipped),
+        });
+        place.later(1, self.period)
+    }
+
+    fn cycle(&mut self, tick: &Tick) {
+        self.link.beat(tick.cycle);
+        self.serve(tick.begun);
+        self.transmit(tick);
+        self.collect(tick.begun + self.reply_deadline);
+        self.control.end_cycle();
+        self.publish(tick);
+        self.poll_faults(tick.begun + self.period);
+    }
+
+    /// What clients want: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group.
+    fn serve(&mut self, now: Instant) {
+        let Self { link, control, .. } = self;
+        for _ in 0..REQUESTS_PER_CYCLE {
+            let Some((ticket, request)) = link.next_request() else { break };
+            if let Some(reply) = control.request(ticket, &request, now) {
+                link.answer(ticket, reply);
+            }
+        }
+        link.newest_setpoints(|message| control.offer(message, now));
+    }
+
+    fn transmit(&mut self, tick: &Tick) {
+        let Self { control, drives, slots, bus_of, clock, .. } = self;
+        let commands = control.decide(*tick);
+        let now = clock.now();
+        slots.iter_mut().for_each(Slot::begin);
+        for (motor, command) in commands.iter().enumerate() {
+            slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
+        }
+        for (bus, slot) in slots.iter_mut().enumerate() {
+            let took_all = slot.send(now, |motor| drives[motor].unask());
+            control.bus_took(bus, took_all);
+            control.bus_changed(bus, slot.condition());
+        }
+    }
+
+    /// Waits for the answers to everything that was asked, at most until `deadline`, within a budget of system calls.
+    /// The first wait lasts as long as the wire needs at least; waking for every single frame would cost more calls.
+    fn collect(&mut self, deadline: Instant) {
+        let mut calls = CALLS_PER_BUS * self.slots.len();
+        let expected = self.slots.iter().filter_map(Slot::expected).max();
+        let mut ready = None;
+        if let Some(expected) = expected {
+            self.wait(None, expected.min(deadline));
+            calls -= 1;
+        }
+        loop {
+            let received = self.receive(ready);
+            calls = calls.saturating_sub(received + 1);
+            let open = self.open_buses();
+            if open == 0 || self.clock.now() >= deadline {
+                break;
+            }
+            // Keep one wait and a last look at every open bus in the budget: that wait does not end with a frame.
+            let patient = calls <= 2 * open;
+            ready = self.wait((!patient).then_some(()), deadline);
+        }
+    }
+
+    /// Waits until a bus with an open request has something, if `interest` says so, and at most until `until`.
+    fn wait(&mut self, interest: Option<()>, until: Instant) -> Option<Ready> {
+        for (readiness, slot) in self.readiness.iter_mut().zip(&self.slots) {
+            *readiness = match interest {
+                Some(()) if slot.is_open(&self.drives) => slot.readiness(),
+                _ => Readiness::Never,
+            };
+        }
+        let ready = self.clock.wait(&self.readiness, until);
+        interest.map(|()| ready)
+    }
+
+    fn open_buses(&self) -> usize {
+        self.slots.iter().filter(|slot| slot.is_open(&self.drives)).count()
+    }
+
+    /// Reads the buses that are `ready`, or all when that is not known. Returns how many were read.
+    fn receive(&mut self, ready: Option<Ready>) -> usize {
+        let Self { slots, drives, control, clock, .. } = self;
+        let now = clock.now();
+        let mut read = 0;
+        for (bus, slot) in slots.iter_mut().enumerate() {
+            if ready.is_some_and(|ready| !ready.contains(bus)) {
+                continue;
+            }
+            read += 1;
+            slot.receive(now, |motor, payload, at| {
+                let answer = drives[motor].read(payload, at);
+                if let Answer::Heard(heard) = answer {
+                    control.heard(motor, heard, at);
+                }
+                answer
+            });
+            control.bus_changed(bus, slot.condition());
+        }
+        read
+    }
+
+    fn publish(&mut self, tick: &Tick) {
+        let Self { link, control, slots, clock, .. } = self;
+        let now = clock.now();
+        let state = link.state();
+        control.report(state);
+        state.boot_id = self.boot_id;
+        state.cycle = tick.cycle;
+        state.tick_ns = tick.scheduled.as_nanos();
+        state.wake_latency_ns = motord_bus::time::nanos(tick.begun.since(tick.scheduled));
+        state.publish_ns = now.as_nanos();
+        state.overruns = self.overruns;
+        state.flags |= if self.realtime { message::FLAG_REALTIME } else { 0 };
+        state.flags |= if tick.skipped > 0 { message::FLAG_OVERRUN } else { 0 };
+        state.bus_count = slots.len() as u32;
+        state.buses.iter_mut().zip(slots.iter()).for_each(|(told, slot)| *told = slot.report());
+        link.publish(Record::of(tick, now, control));
+        while let Some((ticket, reply)) = control.next_answer() {
+            link.answer(ticket, reply);
+        }
+        control.events().for_each(|event| link.tell(tick.cycle, event));
+        link.lose(control.clear_events());
+    }
+
+    /// Asks at most one motor per bus for its faults, where the cycle still has room on the wire, and waits for the
+    /// answers within what is left of the cycle.
+    fn poll_faults(&mut self, end: Instant) {
+        let now = self.clock.now();
+        let mut asked = false;
+        for bus in 0..self.slots.len() {
+            self.polled[bus] = false;
+            if self.slots[bus].is_open(&self.drives) || now + self.slots[bus].poll_time() > end {
+                continue;
+            }
+            let Some(motor) = self.control.fault_poll(bus) else { continue };
+            let Self { slots, drives, .. } = self;
+            slots[bus].begin();
+            slots[bus].queue(motor, drives[motor].ask(&Command::GetFault, now));
+            slots[bus].send(now, |motor| drives[motor].unask());
+            asked = true;
+        }
+        if asked {
+            self.collect(end);
+        }
+    }
+}
+
+/// How soon an answer can come. Nothing is known of a CAN interface: a virtual one has no wire.
+fn fastest_answer(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
+    match settings.buses[bus].kind {
+        BusKind::SocketCan { .. } => Duration::ZERO,
+        BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].exchange_least,
+    }
+}
+
+/// A place on the grid of cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// Its number, from 1.
+    pub cycle: u64,
+    /// When its cycle should begin.
+    pub at: Instant,
+}
+
+impl Place {
+    fn later(self, places: u32, period: Duration) -> Self {
+        Self { cycle: self.cycle + u64::from(places), at: self.at + places * period }
+    }
+}

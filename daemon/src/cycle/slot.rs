@@ -1,0 +1,154 @@
+//! One bus in the cycle: what is sent on it, who answers there, and what is counted.
+
+use crate::config::settings::Settings;
+use crate::drive::{Answer, Drive};
+use crate::plan::BusPlan;
+use motord_bus::frame::ControllerState;
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal};
+use motord_shared::{BusCondition, BusState};
+
+/// A bus, and everything the cycle knows of it.
+pub(super) struct Slot {
+    bus: Box<dyn Bus>,
+    /// Reply id and motor, in the order of the configuration.
+    routes: Vec<(FrameId, usize)>,
+    frames: Vec<Frame>,
+    senders: Vec<usize>,
+    inbox: Inbox,
+    counters: BusState,
+    condition: BusCondition,
+    sent_at: Instant,
+    least_time: Duration,
+    exchange_time: Duration,
+    poll_time: Duration,
+}
+
+impl Slot {
+    pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
+        let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
+        let routes: Vec<_> = motors.map(|(motor, settings)| (settings.host_id, motor)).collect();
+        Self {
+            bus,
+            frames: Vec::with_capacity(routes.len()),
+            senders: Vec::with_capacity(routes.len()),
+            routes,
+            inbox: Inbox::new(),
+            counters: BusState::default(),
+            condition: BusCondition::Active,
+            sent_at: Instant::ZERO,
+            least_time: Duration::ZERO,
+            exchange_time: plan.exchange_least,
+            poll_time: plan.exchange_worst,
+        }
+    }
+
+    /// Forgets the frames of the cycle before.
+    pub(super) fn begin(&mut self) {
+        self.frames.clear();
+        self.senders.clear();
+    }
+
+    /// Adds the frame of a motor, if there is one.
+    pub(super) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
+        if let Some(frame) = frame {
+            self.frames.push(frame);
+            self.senders.push(motor);
+        }
+    }
+
+    /// Sends what was queued. What is not accepted is dropped and counted: its motor was not asked. Tells whether all
+    /// was accepted.
+    pub(super) fn send(&mut self, now: Instant, mut unask: impl FnMut(usize)) -> bool {
+        self.sent_at = now;
+        self.least_time = Duration::ZERO;
+        if self.frames.is_empty() {
+            return true;
+        }
+        let sent = self.bus.send(now, &self.frames);
+        let accepted = sent.accepted.min(self.frames.len());
+        let dropped = self.frames.len() - accepted;
+        self.senders[accepted..].iter().for_each(|&motor| unask(motor));
+        self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
+        self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
+        self.least_time = self.exchange_time * accepted as u32;
+        match sent.refusal {
+            Some(Refusal::Down) => self.condition = BusCondition::Down,
+            Some(Refusal::Gone) => self.condition = BusCondition::Gone,
+            Some(Refusal::Full | Refusal::Error(_)) => {}
+            None if matches!(self.condition, BusCondition::Down) => self.condition = BusCondition::Active,
+            None => {}
+        }
+        dropped == 0
+    }
+
+    /// When all answers can be there at the earliest; `None` when none is awaited.
+    pub(super) fn expected(&self) -> Option<Instant> {
+        (!self.least_time.is_zero()).then(|| self.sent_at + self.least_time)
+    }
+
+    /// A request on this bus is open.
+    pub(super) fn is_open(&self, drives: &[Drive]) -> bool {
+        self.routes.iter().any(|&(_, motor)| drives[motor].is_open())
+    }
+
+    pub(super) fn readiness(&self) -> Readiness {
+        self.bus.readiness()
+    }
+
+    /// How long a question for a fault and its answer take at worst.
+    pub(super) const fn poll_time(&self) -> Duration {
+        self.poll_time
+    }
+
+    pub(super) const fn condition(&self) -> BusCondition {
+        self.condition
+    }
+
+    pub(super) const fn report(&self) -> BusState {
+        BusState { condition: self.condition.code(), ..self.counters }
+    }
+
+    /// Reads one inbox full and gives every frame to the motor it is from.
+    pub(super) fn receive(&mut self, now: Instant, mut read: impl FnMut(usize, &[u8], Instant) -> Answer) {
+        self.inbox.clear();
+        self.bus.receive(now, &mut self.inbox);
+        self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
+        let Self { inbox, routes, counters, condition, .. } = self;
+        for arrival in inbox.arrivals() {
+            count(&mut counters.received);
+            match arrival.content {
+                Content::Frame(frame) => {
+                    let route = routes.iter().find(|(id, _)| *id == frame.id());
+                    match route
+                        .map_or(Answer::Stranger, |&(_, motor)| read(motor, frame.payload(), arrival.at))
+                    {
+                        Answer::Heard(_) => {}
+                        Answer::Duplicate => count(&mut counters.duplicate),
+                        Answer::Stranger => count(&mut counters.unknown),
+                        Answer::Malformed => count(&mut counters.malformed),
+                    }
+                }
+                Content::Foreign(_) => count(&mut counters.malformed),
+                Content::Error(error) => {
+                    count(&mut counters.errors);
+                    if let Some(state) = error.state() {
+                        *condition = condition_of(state);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}
+
+fn condition_of(state: ControllerState) -> BusCondition {
+    match state {
+        ControllerState::Active => BusCondition::Active,
+        ControllerState::Warning => BusCondition::Warning,
+        ControllerState::Passive => BusCondition::Passive,
+        ControllerState::Off => BusCondition::Off,
+    }
+}

@@ -1,0 +1,117 @@
+//! A drive in native mode, over CAN or a serial line. Source: GIM document.
+//!
+//! Native motors tell their state only in answer to control commands. A stopped one is asked for its shaft angle
+//! (indicator 0x13) instead, now and then for its speed (0x14), and is told to stop, so that it is known to be.
+//! Damping and holding are made here of the last state: the native commands have no impedance.
+
+use super::Answer;
+use crate::control::{Command, Heard};
+use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
+use motord_bus::Duration;
+use motord_protocol::TorqueScale;
+use motord_protocol::gim::{self, ExecutionTime, Finite, Pending, Reply};
+use motord_shared::SetpointMode;
+
+const SHAFT_ANGLE: u8 = 0x13;
+const SHAFT_SPEED: u8 = 0x14;
+/// While stopped: of so many cycles, one asks for the speed and one says stop.
+const ROUND: u32 = 10;
+const RPM: f32 = 60.0 / core::f32::consts::TAU;
+
+#[derive(Debug)]
+pub(super) struct Gim {
+    scale: TorqueScale,
+    transmission: Transmission,
+    asked: gim::Command,
+    turn: u32,
+    /// The last state, motor side.
+    state: Measured<Motor>,
+}
+
+impl Gim {
+    pub(super) fn new(scale: TorqueScale, transmission: Transmission) -> Self {
+        let state = Measured::new(0.0, 0.0, 0.0, None);
+        Self { scale, transmission, asked: gim::Command::StopMotor, turn: 0, state }
+    }
+
+    pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
+        if *command != Command::Stop {
+            self.turn = 0;
+        }
+        self.asked = match command {
+            Command::Nothing => return None,
+            Command::Stop => self.stopped(),
+            Command::Start => gim::Command::StartMotor,
+            Command::GetFault => gim::Command::GetFault,
+            Command::ClearFault => gim::Command::AcknowledgeFault,
+            // The zero of a native motor is a configuration item (ConfID 0x14): not a matter of the cycle.
+            Command::SetZero => gim::Command::StopMotor,
+            Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
+            Command::Control(joint, mode) => self.control(joint, *mode)?,
+        };
+        Some(self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()))
+    }
+
+    fn stopped(&mut self) -> gim::Command {
+        let turn = self.turn;
+        self.turn = (turn + 1) % ROUND;
+        match turn {
+            0 => gim::Command::StopMotor,
+            2 => gim::Command::RetrieveIndicator { ind_id: SHAFT_SPEED },
+            _ => gim::Command::RetrieveIndicator { ind_id: SHAFT_ANGLE },
+        }
+    }
+
+    fn control(&self, joint: &Impedance<Joint>, mode: SetpointMode) -> Option<gim::Command> {
+        let wanted = self.transmission.to_motor(joint);
+        // What 0 means is open (protocol note N22); the daemon's own watchdog does not depend on it.
+        let duration = ExecutionTime::default();
+        Some(match mode {
+            SetpointMode::Speed => {
+                gim::Command::SpeedControl { speed_rpm: Finite::new(wanted.velocity * RPM)?, duration }
+            }
+            SetpointMode::Position => {
+                gim::Command::PositionControl { position: Finite::new(wanted.position)?, duration }
+            }
+            SetpointMode::Torque => {
+                gim::Command::TorqueControl { torque: Finite::new(wanted.torque)?, duration }
+            }
+            SetpointMode::Impedance => {
+                let torque = wanted.predicted_torque(self.state.position, self.state.velocity);
+                gim::Command::TorqueControl { torque: Finite::new(torque)?, duration }
+            }
+        })
+    }
+
+    pub(super) fn decode(&mut self, payload: &[u8], latency: Duration) -> Answer {
+        let reply = match gim::decode_reply(payload, Pending::Other, &self.scale) {
+            Ok(reply) if reply.answers(&self.asked) => reply,
+            Ok(_) | Err(_) => return Answer::Malformed,
+        };
+        Answer::Heard(match reply {
+            Reply::State { outcome: Ok(state), .. } => {
+                let temperature = Some(f32::from(state.temperature_celsius));
+                self.state = Measured::new(state.position, state.velocity, state.torque, temperature);
+                self.told(latency)
+            }
+            Reply::Indicator { ind_id: SHAFT_ANGLE, outcome: Ok(angle) } => {
+                self.state.position = angle.get();
+                self.told(latency)
+            }
+            Reply::Indicator { ind_id: SHAFT_SPEED, outcome: Ok(speed) } => {
+                self.state.velocity = speed.get() / RPM;
+                Heard::Alive
+            }
+            Reply::Fault(Ok(fault)) => Heard::Fault(fault),
+            Reply::Done { outcome: Ok(()), .. } if self.asked == gim::Command::AcknowledgeFault => {
+                Heard::Cleared
+            }
+            Reply::Done { outcome: Ok(()), .. } => Heard::Alive,
+            _ => Heard::Refused,
+        })
+    }
+
+    fn told(&self, latency: Duration) -> Heard {
+        Heard::State(self.transmission.to_joint(&self.state), latency)
+    }
+}

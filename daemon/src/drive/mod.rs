@@ -1,0 +1,111 @@
+//! One drive on the wire: commands become frames, frames become answers, and an answer is read as what was asked.
+//!
+//! A reply in MIT does not say what it answers, and a late one looks like a timely one, so a drive keeps at most one
+//! request open and judges by time: what arrives before its question was sent, or sooner than the wire could carry
+//! both, answers an earlier one. After a question for the fault that was not answered in its cycle, the next answer is
+//! dropped whatever it is: its bytes could be fault bits that look like a position (protocol note M2).
+//!
+//! Nothing here allocates, blocks or loops.
+
+mod gim;
+mod mit;
+
+use crate::config::settings::{MotorProtocol, MotorSettings};
+use crate::control::{Command, Heard};
+use crate::joint::Transmission;
+use motord_bus::{Duration, Frame, FrameId, Instant};
+
+/// What a frame turned out to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Answer {
+    /// An answer, and what it says.
+    Heard(Heard),
+    /// Nobody asked.
+    Duplicate,
+    /// It bears the id of another motor.
+    Stranger,
+    /// It does not decode, or does not answer what was asked.
+    Malformed,
+}
+
+/// What was asked and not yet answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Open {
+    at: Instant,
+    asks_fault: bool,
+}
+
+/// One drive.
+#[derive(Debug)]
+pub struct Drive {
+    command_id: FrameId,
+    dialect: Dialect,
+    fastest_answer: Duration,
+    open: Option<Open>,
+    drop_next: bool,
+}
+
+#[derive(Debug)]
+enum Dialect {
+    Mit(mit::Mit),
+    Gim(gim::Gim),
+}
+
+impl Drive {
+    /// `fastest_answer` is the time that command and reply need at least on this bus; zero where it is not known.
+    #[must_use]
+    pub fn new(settings: &MotorSettings, fastest_answer: Duration, error_feedback: bool) -> Self {
+        let transmission = Transmission::new(settings.direction, settings.offset);
+        let command_id = FrameId::new(u16::from(settings.id)).expect("a motor id has eight bits");
+        let dialect = match settings.protocol {
+            MotorProtocol::Mit => {
+                Dialect::Mit(mit::Mit::new(settings.id, settings.torque_scale, transmission, error_feedback))
+            }
+            MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.torque_scale, transmission)),
+        };
+        Self { command_id, dialect, fastest_answer, open: None, drop_next: false }
+    }
+
+    /// The frame for `command`, sent at `now`; `None` for [`Command::Nothing`]. Opens a request.
+    pub fn ask(&mut self, command: &Command, now: Instant) -> Option<Frame> {
+        let bytes = match &mut self.dialect {
+            Dialect::Mit(mit) => mit.encode(command),
+            Dialect::Gim(gim) => gim.encode(command),
+        }?;
+        self.drop_next |= self.open.is_some_and(|open| open.asks_fault);
+        self.open = Some(Open { at: now, asks_fault: *command == Command::GetFault });
+        Some(Frame::full(self.command_id, bytes))
+    }
+
+    /// The frame was not sent after all.
+    pub fn unask(&mut self) {
+        self.open = None;
+    }
+
+    /// An answer is awaited.
+    #[must_use]
+    pub const fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// What `payload` says, which arrived at `at` under this drive's reply id.
+    pub fn read(&mut self, payload: &[u8], at: Instant) -> Answer {
+        let Some(open) = self.open else { return Answer::Duplicate };
+        if at < open.at + self.fastest_answer {
+            self.drop_next = false;
+            return Answer::Heard(Heard::Late);
+        }
+        let latency = at.since(open.at);
+        let answer = match &mut self.dialect {
+            Dialect::Mit(mit) => mit.decode(payload, latency),
+            Dialect::Gim(gim) => gim.decode(payload, latency),
+        };
+        if matches!(answer, Answer::Heard(_)) {
+            if core::mem::take(&mut self.drop_next) {
+                return Answer::Heard(Heard::Late);
+            }
+            self.open = None;
+        }
+        answer
+    }
+}
