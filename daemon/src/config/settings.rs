@@ -2,6 +2,7 @@
 
 use motord_bus::{Duration, FrameId};
 use motord_protocol::TorqueScale;
+use serde::Deserialize;
 
 /// Everything the daemon was told.
 #[derive(Debug, Clone)]
@@ -44,7 +45,8 @@ pub struct CycleSettings {
 }
 
 /// How the exchange thread waits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum ExchangeMode {
     /// Wakes when the states are ready, and `lead` before the next cycle to fetch setpoints.
     Timed,
@@ -66,7 +68,8 @@ pub struct ExchangeSettings {
 }
 
 /// What a group does when it is stopped for a cause.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum SafeStop {
     /// Damp (kp 0, kd of the motor, torque 0) until slow or for `damp`, then stop the motors. The default.
     Damp,
@@ -77,7 +80,8 @@ pub enum SafeStop {
 }
 
 /// Who stops when a motor reports a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum FaultPolicy {
     /// That motor only.
     StopJoint,
@@ -161,7 +165,8 @@ impl BusKind {
 }
 
 /// Which of SteadyWin's protocols a motor speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum MotorProtocol {
     /// MIT over CAN.
     Mit,
@@ -169,8 +174,20 @@ pub enum MotorProtocol {
     Gim,
 }
 
+impl MotorProtocol {
+    /// Its name in the configuration.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Mit => "mit",
+            Self::Gim => "gim",
+        }
+    }
+}
+
 /// What a motor does with a position beyond the ±12.5 rad that MIT can tell; the documents are silent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum BeyondRange {
     /// Not known: stop before the end of the range. The default.
     Stop,
@@ -195,6 +212,10 @@ pub struct MotorSettings {
     pub model: String,
     /// Rotor torque constant and gear ratio, as the scale of its torque code.
     pub torque_scale: TorqueScale,
+    /// The most torque the motor can give, output side, N·m.
+    pub peak_torque: f32,
+    /// Its fastest speed without load, output side, rad/s.
+    pub max_velocity: f32,
     /// Joint angle = `direction` · motor angle + `offset`; +1 or -1.
     pub direction: f32,
     /// rad.

@@ -1,0 +1,144 @@
+//! The configuration: from a file that anyone may have damaged to [`Settings`] that the rest of the daemon can rely on.
+//!
+//! Text stops here. A file is read ([`load`]), taken apart with the place of every value kept (`written`), and
+//! validated as a whole, so that one run reports every problem ([`Problem`]) and not only the first. Nothing is opened
+//! but the file: a configuration is judged without a bus.
+//!
+//! The reference of every key is `docs/configuration.md`; defaults and ranges are the table in `range`.
+
+mod findings;
+mod machine;
+mod problem;
+mod range;
+pub mod settings;
+mod source;
+mod validate;
+mod written;
+
+use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
+use std::path::Path;
+
+pub use machine::Machine;
+pub use problem::{Place, Problem, Wrong};
+
+use findings::Findings;
+use settings::Settings;
+use source::Source;
+
+/// The largest file that is read: sixty-four motors with every key written out take a tenth of it.
+const FILE_BYTES_MAX: u64 = 1024 * 1024;
+
+/// A configuration that may be run.
+#[derive(Debug)]
+pub struct Loaded {
+    /// What the daemon is told.
+    pub settings: Settings,
+    /// What may be run, but deserves a look.
+    pub warnings: Vec<Problem>,
+    /// FNV-1a of the file's bytes, to notice later that the file is no longer the one that runs.
+    pub hash: u64,
+}
+
+/// Why a configuration is refused: every problem found, in the order of the file's sections. At least one.
+#[derive(Debug)]
+pub struct ConfigError {
+    /// What is wrong, and where.
+    pub problems: Vec<Problem>,
+}
+
+impl fmt::Display for ConfigError {
+    /// One line per problem.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, problem) in self.problems.iter().enumerate() {
+            let separator = if index == 0 { "" } else { "\n" };
+            write!(f, "{separator}{problem}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+/// Reads and judges the file at `path`, against what this machine allows.
+///
+/// A symbolic link is followed, so that a robot may choose one of several files; what it leads to must be a regular
+/// file that not everyone may write.
+///
+/// # Errors
+///
+/// Every problem found, with file, line and key.
+pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
+    let bytes = read(path)
+        .map_err(|wrong| ConfigError { problems: vec![Problem { file: path.into(), place: None, wrong }] })?;
+    parse(path, &bytes, &Machine::here())
+}
+
+/// Judges `bytes`, the content of `file`, against what `machine` allows. Opens nothing.
+///
+/// # Errors
+///
+/// Every problem found, with file, line and key.
+pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, ConfigError> {
+    let refuse = |place, wrong| ConfigError { problems: vec![Problem { file: file.into(), place, wrong }] };
+    let text = std::str::from_utf8(bytes).map_err(|error| {
+        let place = source::place_of_byte(bytes, error.valid_up_to());
+        refuse(Some(place), Wrong::NotUtf8)
+    })?;
+    let source = Source::new(file, text)?;
+    let document = source.document()?;
+    let mut findings = Findings::new(&source, machine);
+    let settings = validate::settings(&document, &mut findings);
+    let (errors, warnings) = findings.into_problems();
+    match settings {
+        Some(settings) if errors.is_empty() => Ok(Loaded { settings, warnings, hash: fnv1a(bytes) }),
+        _ => Err(ConfigError { problems: errors }),
+    }
+}
+
+/// The bytes of a regular file of bounded size that not everyone may write.
+fn read(path: &Path) -> Result<Vec<u8>, Wrong> {
+    // Without O_NONBLOCK the open would wait for a writer if this is a FIFO.
+    let file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
+    admit(&file)?;
+    let mut bytes = Vec::new();
+    file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > FILE_BYTES_MAX {
+        return Err(Wrong::TooLarge { bytes_max: FILE_BYTES_MAX });
+    }
+    Ok(bytes)
+}
+
+/// Looks at the opened file rather than at the path: the path may lead elsewhere a moment later.
+fn admit(file: &File) -> Result<(), Wrong> {
+    let metadata = file.metadata()?;
+    let kind = metadata.file_type();
+    if kind.is_dir() {
+        return Err(Wrong::NotRegular("a directory"));
+    }
+    if kind.is_fifo() {
+        return Err(Wrong::NotRegular("a FIFO"));
+    }
+    if !kind.is_file() {
+        return Err(Wrong::NotRegular("a device or socket"));
+    }
+    if metadata.permissions().mode() & 0o002 != 0 {
+        return Err(Wrong::WorldWritable);
+    }
+    Ok(())
+}
+
+impl From<io::Error> for Wrong {
+    fn from(error: io::Error) -> Self {
+        Self::Unreadable(error)
+    }
+}
+
+/// FNV-1a, 64 bits: unlike the standard library's hash it is the same in every version.
+fn fnv1a(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}

@@ -1,0 +1,211 @@
+//! Everything that can be wrong with a configuration, in the words the user reads: what is wrong; what to do.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+use motord_shared::limits::NAME_BYTES_MAX;
+
+/// One thing that is wrong, or deserves a look, and where.
+#[derive(Debug)]
+pub struct Problem {
+    /// The file, as it was named to us.
+    pub file: PathBuf,
+    /// Where in the file; `None` when it is about the file itself.
+    pub place: Option<Place>,
+    /// What it is.
+    pub wrong: Wrong,
+}
+
+/// A place in a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// Counted from 1.
+    pub line: usize,
+    /// The dotted key, `motor.limits.kp-max`; `None` where the text is no TOML.
+    pub key: Option<String>,
+}
+
+impl fmt::Display for Problem {
+    /// `FILE:LINE: KEY: what is wrong; what to do`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:", self.file.display())?;
+        if let Some(place) = &self.place {
+            write!(f, "{}:", place.line)?;
+            if let Some(key) = &place.key {
+                write!(f, " {key}:")?;
+            }
+        }
+        write!(f, " {}", self.wrong)
+    }
+}
+
+/// What is wrong.
+#[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "each variant's message is its documentation")]
+pub enum Wrong {
+    // The file.
+    #[error("cannot be read ({0}); check the path and its permissions")]
+    Unreadable(io::Error),
+    #[error("is {0}; name a regular file")]
+    NotRegular(&'static str),
+    #[error("may be changed by every user of this machine; forbid it with `chmod o-w`")]
+    WorldWritable,
+    #[error("is larger than {bytes_max} bytes; no configuration is")]
+    TooLarge { bytes_max: u64 },
+    #[error("is not UTF-8 here; save the file as UTF-8")]
+    NotUtf8,
+
+    // The text.
+    #[error("{0}")]
+    Toml(String),
+    #[error("is missing; {0}")]
+    Missing(&'static str),
+    #[error("does not belong to a bus of type `{kind}`; remove it, or change the type")]
+    NotOfThisBus { kind: &'static str },
+
+    // Any value.
+    #[error("{value} is not a finite number; give a number from {min} to {max}")]
+    NotFinite { value: f64, min: f64, max: f64 },
+    #[error("{value} is out of range; give a number from {min} to {max}")]
+    OutOfRange { value: f64, min: f64, max: f64 },
+    #[error("`{name}` cannot be a name; use 1 to {NAME_BYTES_MAX} letters, digits, `-` and `_`")]
+    Name { name: String },
+    #[error("`{name}` cannot be an instance; use only a-z, 0-9 and `-`")]
+    InstanceName { name: String },
+    #[error("`{name}` is taken by an earlier {what}; every {what} needs its own name")]
+    DuplicateName { name: String, what: &'static str },
+    #[error("more than {max}; motord is built for at most {max}")]
+    TooMany { max: usize },
+
+    // Times against the cycle.
+    #[error("{value_ms} ms is less than 2 cycles of {period_ms} ms; give it at least {} ms", 2.0 * period_ms)]
+    LessThanTwoCycles { value_ms: f64, period_ms: f64 },
+    #[error(
+        "{value_us} µs is not shorter than a cycle of {period_us} µs; shorten it, or lower cycle.rate-hz"
+    )]
+    NotWithinCycle { value_us: f64, period_us: f64 },
+
+    // This machine.
+    #[error("processor {cpu} is not online, or motord may not use it; use one of {allowed:?}")]
+    Processor { cpu: i64, allowed: Vec<usize> },
+    #[error(
+        "the cycle uses processor {cpu} too, and `spin` leaves nothing of it; give the exchange another one"
+    )]
+    SharedProcessor { cpu: usize },
+    #[error(
+        "SCHED_FIFO {priority} is beyond what motord may take here ({allowed}); raise RLIMIT_RTPRIO \
+         (LimitRTPRIO= of systemd), or run without real time"
+    )]
+    Priority { priority: u8, allowed: u8 },
+    #[error("there is no interface `{0}` on this machine now; `ip link` lists those that exist")]
+    NoInterface(String),
+    #[error("there is no device `{0}` on this machine now")]
+    NoDevice(String),
+
+    // Buses.
+    #[error("`{name}` cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
+    InterfaceName { name: String },
+    #[error("`{path}` is no absolute path; name the device, such as /dev/ttyUSB0")]
+    DevicePath { path: String },
+    #[error("`{name}` is used by an earlier bus; two buses cannot share it")]
+    DuplicateDevice { name: String },
+    #[error("no motor is on this bus; remove it, or put one there")]
+    EmptyBus,
+    #[error(
+        "{motors} motors at {rate_hz} Hz need {percent:.1} % of this bus at worst; lower cycle.rate-hz to at most \
+         {rate_hz_max}, or move motors to another bus"
+    )]
+    Overloaded { motors: usize, rate_hz: f64, percent: f64, rate_hz_max: f64 },
+    #[error(
+        "{motors} motors at {rate_hz} Hz need {percent:.1} % of this bus at worst, which leaves little for anything \
+         else; at most 80 % is sound"
+    )]
+    Tight { motors: usize, rate_hz: f64, percent: f64 },
+    #[error(
+        "a cycle with a fault poll needs {percent:.1} % of this bus at worst: faults are asked for only in cycles \
+         that happen to have room; lower cycle.rate-hz for a poll that is certain"
+    )]
+    FaultPollTight { percent: f64 },
+
+    // Motors.
+    #[error("there is no bus `{0}`; name one of the [[bus]] entries")]
+    UnknownBus(String),
+    #[error("`{0}` is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
+    MitOverSerial(String),
+    #[error("unknown model `{model}`; known are {known}; a relative with its own values overridden will do")]
+    UnknownModel { model: String, known: String },
+    #[error("id {id} is used by `{other}` on the same bus; give every motor of a bus its own")]
+    DuplicateId { id: u8, other: String },
+    #[error(
+        "id {host_id:#05x} is a motor's command id on the same bus: two nodes would send it; use 0x100 + id"
+    )]
+    HostIdIsCommandId { host_id: u16 },
+    #[error(
+        "id {host_id:#05x} is the reply id of `{other}` too: nobody could tell whose reply it is; use 0x100 + id"
+    )]
+    DuplicateHostId { host_id: u16, other: String },
+    #[error(
+        "replies with id {host_id:#05x} outrank commands with id {command:#05x} on this bus and delay them; use 0x100 + id"
+    )]
+    HostIdOutranks { host_id: u16, command: u8 },
+    #[error("direction {0} is neither 1 nor -1; give one of them, and the gear ratio by gear-ratio")]
+    Direction(i64),
+    #[error("expected two numbers, the lowest and the highest position, but there are {0}")]
+    PositionCount(usize),
+    #[error("the lowest position {low} is not below the highest {high}; exchange them, or widen the range")]
+    PositionOrder { low: f64, high: f64 },
+    #[error("{value} is beyond ±{end}, the end of the protocol's scale at the motor; use at most {usable}")]
+    BeyondScale { value: f64, end: f64, usable: f64 },
+    #[error(
+        "{value} is the end of the protocol's scale (±{end} at the motor), where a command can be taken for a special \
+         frame and a clamped reply for a true one; use at most {usable}"
+    )]
+    NoMargin { value: f64, end: f64, usable: f64 },
+    #[error("{value} N·m is more than the motor's peak of {peak} N·m; lower it, or correct peak-torque-nm")]
+    BeyondPeak { value: f64, peak: f64 },
+    #[error(
+        "a group with this motor damps when it is stopped, and 0 does not damp; give it a damping, or safe-stop = \"stop\""
+    )]
+    NoDamping,
+    #[error("{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it")]
+    DampingBeyondLimit { damping: f64, kd_max: f64 },
+    #[error("derating begins at {derate} °C, not below {max} °C where the torque must be zero; lower it")]
+    DerateOrder { derate: f64, max: f64 },
+    #[error(
+        "{value} rad is outside the joint's position limits {low} to {high} rad; start the simulation inside them"
+    )]
+    InitialPosition { value: f64, low: f64, high: f64 },
+
+    // Groups.
+    #[error("there is no motor `{0}`; name one of the [[motor]] entries")]
+    UnknownJoint(String),
+    #[error("`{joint}` is in group `{group}` already; a joint has one owner, so it is in one group")]
+    JointInTwoGroups { joint: String, group: String },
+    #[error("motor `{0}` is in no group, so nobody could move it; add it to one")]
+    JointInNoGroup(String),
+    #[error("the group has no joints; list some, or remove it")]
+    EmptyGroup,
+}
+
+impl Wrong {
+    /// What the TOML library said about `excerpt`, in the words of a configuration instead of those of Rust.
+    pub(super) fn toml(message: &str, excerpt: &str) -> Self {
+        const WORDS: [(&str, &str); 7] = [
+            ("expected f64", "expected a number"),
+            ("expected i64", "expected an integer"),
+            ("a sequence", "an array"),
+            ("unknown field", "unknown key"),
+            ("unknown variant", "unknown value"),
+            ("wanted string or table", "wrong type, expected a text in quotes"),
+            ("duplicate key", "is there twice; keep one"),
+        ];
+        let plain = WORDS.iter().fold(message.to_owned(), |text, (theirs, ours)| text.replace(theirs, ours));
+        let excerpt: String = excerpt.chars().take(40).collect();
+        Self::Toml(if excerpt.is_empty() || plain.contains(&excerpt) {
+            plain
+        } else {
+            format!("`{excerpt}`: {plain}")
+        })
+    }
+}
