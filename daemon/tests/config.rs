@@ -1,0 +1,561 @@
+//! Every configuration that must be refused, and why; and that those we ship are not.
+
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use motord::check::{EXIT_CONFIG, check};
+use motord::config::settings::SafeStop;
+use motord::config::{ConfigError, Loaded, Machine, load, parse};
+use proptest::prelude::*;
+use tempfile::TempDir;
+
+/// A configuration with nothing wrong, for the tests to damage.
+const GOOD: &str = "
+[daemon]
+instance = 'robot'
+[cycle]
+rate-hz = 1000
+[exchange]
+mode = 'timed'
+[safety]
+setpoint-timeout-ms = 20
+[[bus]]
+name = 'front'
+type = 'simulated'
+[[bus]]
+name = 'gripper'
+type = 'serial'
+device = '/dev/null'
+[[motor]]
+name = 'hip'
+bus = 'front'
+id = 1
+protocol = 'mit'
+model = 'GIM8108-8'
+damping-kd = 2.0
+[motor.limits]
+position-rad = [-1.2, 1.2]
+velocity-rad-s = 30.0
+torque-nm = 20.0
+kp-max = 200.0
+kd-max = 5.0
+[[motor]]
+name = 'knee'
+bus = 'front'
+id = 2
+protocol = 'mit'
+model = 'GIM8108-8'
+[[motor]]
+name = 'jaw'
+bus = 'gripper'
+id = 1
+protocol = 'gim'
+model = 'GIM3505-8'
+[[group]]
+name = 'legs'
+joints = ['hip', 'knee']
+[[group]]
+name = 'hand'
+joints = ['jaw']
+";
+
+/// One way to damage [`GOOD`]: a line of it, what stands there instead, and the complaint that must follow. The line
+/// complained about is the one that bears [`MARK`].
+type Case = (&'static str, &'static str, &'static str, &'static str);
+const MARK: &str = "#!";
+
+const REFUSED: &[Case] = &[
+    // The text.
+    ("rate-hz = 1000", "rate-hz = = 1 #!", "", "extra `=`"),
+    ("[cycle]", "[cycle #!", "", "unclosed table"),
+    ("kp-max = 200.0", "kp-mx = 200.0 #!", "motor.limits.kp-mx", "unknown key `kp-mx`"),
+    ("[safety]", "[saftey] #!", "saftey", "unknown key `saftey`"),
+    ("rate-hz = 1000", "rate-hz = 1000\nrate-hz = 500 #!", "", "`rate-hz`: is there twice"),
+    ("rate-hz = 1000", "rate-hz = 'fast' #!", "cycle.rate-hz", "expected a number"),
+    ("rate-hz = 1000", "cpu = 1.5 #!", "cycle.cpu", "expected an integer"),
+    ("mode = 'timed'", "mode = 3 #!", "exchange.mode", "expected a text in quotes"),
+    (
+        "mode = 'timed'",
+        "mode = 'fast' #!",
+        "exchange.mode",
+        "unknown value `fast`, expected `timed` or `spin`",
+    ),
+    ("instance = 'robot'", "instance = 'My/Robot' #!", "daemon.instance", "cannot be a name"),
+    ("instance = 'robot'", "instance = 'Robot' #!", "daemon.instance", "use only a-z, 0-9 and `-`"),
+    // Missing keys.
+    ("[[bus]]\nname = 'front'", "[[bus]] #!", "bus.name", "is missing"),
+    ("[[bus]]\nname = 'gripper'\ntype = 'serial'", "[[bus]] #!\nname = 'gripper'", "bus.type", "is missing"),
+    ("type = 'simulated'", "type = 'socketcan'", "bus.interface", "is missing"),
+    ("device = '/dev/null'", "", "bus.device", "is missing"),
+    ("[[motor]]\nname = 'knee'", "[[motor]] #!", "motor.name", "is missing"),
+    ("[[motor]]\nname = 'knee'\nbus = 'front'", "[[motor]] #!\nname = 'knee'", "motor.bus", "is missing"),
+    ("bus = 'front'\nid = 2", "bus = 'front'", "motor.id", "is missing"),
+    ("id = 2\nprotocol = 'mit'", "id = 2", "motor.protocol", "is missing"),
+    ("model = 'GIM3505-8'", "", "motor.model", "is missing; give the motor's model"),
+    ("joints = ['jaw']", "", "group.joints", "is missing"),
+    // Numbers.
+    (
+        "velocity-rad-s = 30.0",
+        "velocity-rad-s = nan #!",
+        "motor.limits.velocity-rad-s",
+        "not a finite number",
+    ),
+    ("torque-nm = 20.0", "torque-nm = inf #!", "motor.limits.torque-nm", "not a finite number"),
+    ("position-rad = [-1.2, 1.2]", "position-rad = [nan, 1] #!", "motor.limits.position-rad", "not a finite"),
+    (
+        "velocity-rad-s = 30.0",
+        "velocity-rad-s = -30.0 #!",
+        "motor.limits.velocity-rad-s",
+        "-30 is out of range",
+    ),
+    ("torque-nm = 20.0", "torque-nm = -20.0 #!", "motor.limits.torque-nm", "-20 is out of range"),
+    ("kp-max = 200.0", "kp-max = -1 #!", "motor.limits.kp-max", "-1 is out of range"),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [1.2, -1.2] #!",
+        "motor.limits.position-rad",
+        "is not below",
+    ),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [1.2, 1.2] #!",
+        "motor.limits.position-rad",
+        "is not below",
+    ),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [1.2] #!",
+        "motor.limits.position-rad",
+        "expected two numbers",
+    ),
+    ("position-rad = [-1.2, 1.2]", "position-rad = [1, 2, 3] #!", "motor.limits.position-rad", "there are 3"),
+    // The protocol's scale, and its end.
+    ("position-rad = [-1.2, 1.2]", "position-rad = [-1, 13] #!", "motor.limits.position-rad", "beyond ±12.5"),
+    ("velocity-rad-s = 30.0", "velocity-rad-s = 66 #!", "motor.limits.velocity-rad-s", "beyond ±65"),
+    ("kp-max = 200.0", "kp-max = 501 #!", "motor.limits.kp-max", "beyond ±500"),
+    ("kd-max = 5.0", "kd-max = 5.1 #!", "motor.limits.kd-max", "beyond ±5"),
+    ("torque-nm = 20.0", "torque-nm = 226 #!", "motor.limits.torque-nm", "beyond ±225"),
+    ("torque-nm = 20.0", "torque-nm = 23 #!", "motor.limits.torque-nm", "more than the motor's peak of 22"),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [0, 12.5] #!",
+        "motor.limits.position-rad",
+        "special frame",
+    ),
+    (
+        "damping-kd = 2.0\n[motor.limits]\nposition-rad = [-1.2, 1.2]",
+        "offset-rad = 12.0\n[motor.limits]\nposition-rad = [0.5, 24.5] #!",
+        "motor.limits.position-rad",
+        "end of the protocol's scale",
+    ),
+    ("velocity-rad-s = 30.0", "velocity-rad-s = 65.0 #!", "motor.limits.velocity-rad-s", "special frame"),
+    ("kp-max = 200.0", "kp-max = 500 #!", "motor.limits.kp-max", "use at most 497.5"),
+    (
+        "kp-max = 200.0",
+        "temperature-derate-celsius = 95 #!",
+        "motor.limits.temperature-derate-celsius",
+        "derating begins",
+    ),
+    // Names, ids, models.
+    ("name = 'knee'", "name = 'hip' #!", "motor.name", "`hip` is taken by an earlier motor"),
+    ("name = 'gripper'", "name = 'front' #!", "bus.name", "`front` is taken by an earlier bus"),
+    ("name = 'hand'", "name = 'legs' #!", "group.name", "`legs` is taken by an earlier group"),
+    ("id = 2", "id = 1 #!", "motor.id", "id 1 is used by `hip` on the same bus"),
+    ("id = 2", "id = 0 #!", "motor.id", "0 is out of range"),
+    ("id = 2", "id = 255 #!", "motor.id", "255 is out of range"),
+    ("id = 2", "id = 2\nhost-id = 2 #!", "motor.host-id", "is a motor's command id on the same bus"),
+    ("id = 2", "id = 2\nhost-id = 0x101 #!", "motor.host-id", "is the reply id of `hip` too"),
+    ("id = 2", "id = 2\nhost-id = 0x800 #!", "motor.host-id", "2048 is out of range"),
+    ("protocol = 'gim'", "protocol = 'canopen' #!", "motor.protocol", "unknown value `canopen`"),
+    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
+    (
+        "model = 'GIM3505-8'",
+        "model = 'GIM9999-8' #!",
+        "motor.model",
+        "unknown model `GIM9999-8`; known are GIM3505-8",
+    ),
+    ("bus = 'gripper'", "bus = 'griper' #!", "motor.bus", "there is no bus `griper`"),
+    ("damping-kd = 2.0", "direction = 2 #!", "motor.direction", "neither 1 nor -1"),
+    // Buses.
+    (
+        "type = 'simulated'",
+        "type = 'socketcan'\ninterface = 'a name too long' #!",
+        "bus.interface",
+        "cannot be an interface",
+    ),
+    (
+        "type = 'simulated'",
+        "type = 'socketcan'\ninterface = '../can0' #!",
+        "bus.interface",
+        "cannot be an interface",
+    ),
+    ("type = 'simulated'", "type = 'can' #!", "bus.type", "unknown value `can`"),
+    (
+        "type = 'simulated'",
+        "type = 'simulated'\ninterface = 'can0' #!",
+        "bus.interface",
+        "does not belong to",
+    ),
+    (
+        "[[bus]]\nname = 'front'",
+        "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/null'\n[[bus]]\nname = 'front'",
+        "bus.device",
+        "two buses cannot share it",
+    ),
+    ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
+    (
+        "[[bus]]\nname = 'front'\ntype = 'simulated'",
+        "[[bus]] #!\nname = 'front'\ntype = 'simulated'\nbitrate = 250000",
+        "bus",
+        "need 200.0 % of this bus",
+    ),
+    (
+        "[[bus]]\nname = 'gripper'",
+        "[[bus]] #!\nname = 'gripper'\nbaud = 115200",
+        "bus",
+        "need 208.3 % of this bus",
+    ),
+    // Rates and times.
+    ("rate-hz = 1000", "rate-hz = 0 #!", "cycle.rate-hz", "0 is out of range"),
+    ("rate-hz = 1000", "rate-hz = 1e9 #!", "cycle.rate-hz", "1000000000 is out of range"),
+    ("rate-hz = 1000", "busy-poll-us = 1000 #!", "cycle.busy-poll-us", "not shorter than a cycle"),
+    ("mode = 'timed'", "lead-us = 2000 #!", "exchange.lead-us", "not shorter than a cycle"),
+    (
+        "setpoint-timeout-ms = 20",
+        "setpoint-timeout-ms = 0 #!",
+        "safety.setpoint-timeout-ms",
+        "0 is out of range",
+    ),
+    (
+        "setpoint-timeout-ms = 20",
+        "setpoint-timeout-ms = 1001 #!",
+        "safety.setpoint-timeout-ms",
+        "out of range",
+    ),
+    (
+        "setpoint-timeout-ms = 20",
+        "setpoint-timeout-ms = 1.5 #!",
+        "safety.setpoint-timeout-ms",
+        "less than 2 cycles",
+    ),
+    ("setpoint-timeout-ms = 20", "deadman-ms = 1.0 #!", "safety.deadman-ms", "less than 2 cycles"),
+    ("rate-hz = 1000", "priority = 0 #!", "cycle.priority", "0 is out of range"),
+    ("rate-hz = 1000", "priority = 99 #!", "cycle.priority", "99 is out of range"),
+    ("rate-hz = 1000", "cpu = 4096 #!", "cycle.cpu", "processor 4096 is not online"),
+    ("rate-hz = 1000", "cpu = -1 #!", "cycle.cpu", "processor -1 is not online"),
+    // A safe stop that could not damp.
+    ("damping-kd = 2.0", "damping-kd = 0 #!", "motor.damping-kd", "0 does not damp"),
+    ("damping-kd = 2.0", "damping-kd = 5.5 #!", "motor.damping-kd", "out of range"),
+    ("kd-max = 5.0", "kd-max = 1.0", "motor.damping-kd", "could not apply it"),
+    // Groups.
+    ("joints = ['jaw']", "joints = ['jav'] #!", "group.joints", "there is no motor `jav`"),
+    ("joints = ['jaw']", "joints = ['jaw', 'hip'] #!", "group.joints", "`hip` is in group `legs` already"),
+    ("joints = ['jaw']", "joints = ['jaw', 'jaw'] #!", "group.joints", "`jaw` is in group `hand` already"),
+    ("joints = ['jaw']", "joints = [] #!", "group.joints", "has no joints"),
+    ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor `knee` is in no group"),
+];
+
+/// A machine that allows everything, whatever the one that runs the tests does.
+fn machine() -> Machine {
+    Machine { processors: vec![0, 1], priority_max: 98 }
+}
+
+fn judge(text: &str) -> Result<Loaded, ConfigError> {
+    parse(Path::new("robot.toml"), text.as_bytes(), &machine())
+}
+
+fn damaged(line: &str, instead: &str) -> String {
+    assert!(GOOD.contains(line), "nothing to damage: {line}");
+    GOOD.replacen(line, instead, 1)
+}
+
+fn marked_line(text: &str) -> Option<usize> {
+    text.lines().position(|line| line.ends_with(MARK)).map(|index| index + 1)
+}
+
+/// The one error of a configuration.
+fn only_error(text: &str) -> String {
+    let error = judge(text).expect_err("must be refused").to_string();
+    assert_eq!(error.lines().count(), 1, "one mistake, one line:\n{error}");
+    error
+}
+
+fn warnings(text: &str) -> Vec<String> {
+    judge(text).expect("may be run").warnings.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn the_configuration_that_the_tests_damage_is_good() {
+    assert_eq!(warnings(GOOD), [""; 0]);
+}
+
+#[test]
+fn every_bad_configuration_is_refused_with_its_line_its_key_and_a_reason() {
+    for (line, instead, key, reason) in REFUSED {
+        let text = damaged(line, instead);
+        let error = only_error(&text);
+        if let Some(marked) = marked_line(&text) {
+            let place = format!("robot.toml:{marked}: ");
+            assert!(error.starts_with(&place), "{instead}: expected {place}, got {error}");
+        }
+        assert!(
+            key.is_empty() || error.contains(&format!(": {key}: ")),
+            "{instead}: expected {key}, got {error}"
+        );
+        assert!(error.contains(reason), "{instead}: expected {reason}, got {error}");
+    }
+}
+
+#[test]
+fn check_prints_the_contracted_object_and_exits_78_for_every_bad_configuration() {
+    let folder = TempDir::new().unwrap();
+    for (line, instead, ..) in REFUSED {
+        let file = write(&folder, &damaged(line, instead));
+        let mut out = Vec::new();
+        assert_eq!(check(&file, true, &mut out).unwrap(), EXIT_CONFIG, "{instead}");
+        let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        let first = report["errors"][0].as_str().unwrap();
+        assert!(first.starts_with(&format!("{}:", file.display())), "{first}");
+        assert_eq!((&report["warnings"], &report["buses"]), (&serde_json::json!([]), &serde_json::json!([])));
+    }
+}
+
+#[test]
+fn all_mistakes_are_reported_in_one_run() {
+    let text = damaged("rate-hz = 1000", "rate-hz = 0")
+        .replace("id = 2", "id = 0")
+        .replace("kp-max = 200.0", "kp-max = -1");
+    let error = judge(&text).expect_err("must be refused");
+    assert_eq!(error.problems.len(), 3, "{error}");
+}
+
+#[test]
+fn an_empty_file_says_what_the_least_is() {
+    assert_eq!(only_error(""), "robot.toml:1: bus: is missing; motord needs at least one [[bus]]");
+    let without_motor = "[[bus]]\nname = 'a'\ntype = 'simulated'\n";
+    assert_eq!(
+        only_error(without_motor),
+        "robot.toml:1: motor: is missing; motord needs at least one [[motor]]"
+    );
+}
+
+#[test]
+fn text_that_is_not_utf8_is_refused_with_its_line() {
+    let error =
+        parse(Path::new("robot.toml"), b"[cycle]\nrate-hz = \xff\n", &machine()).expect_err("not UTF-8");
+    assert_eq!(error.to_string(), "robot.toml:2: is not UTF-8 here; save the file as UTF-8");
+}
+
+#[test]
+fn five_motors_do_not_fit_a_bus_at_one_kilohertz() {
+    let motor = |id| {
+        format!("[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n")
+    };
+    let text = |count| {
+        let motors: String = (1..=count).map(motor).collect();
+        format!("[[bus]]\nname = 'b'\ntype = 'simulated'\n{motors}")
+    };
+    let error = only_error(&text(5));
+    assert!(error.contains("5 motors at 1000 Hz need 125.0 %") && error.contains("at most 800"), "{error}");
+    let warned = warnings(&text(4));
+    assert!(warned[0].contains("100.0 %") && warned[0].contains("at most 80 % is sound"), "{warned:?}");
+    assert!(warned[1].contains("faults are asked for only in cycles"), "{warned:?}");
+    assert_eq!(warnings(&text(3)), [""; 0]);
+    assert!(only_error(&text(65)).contains("more than 64"));
+}
+
+#[test]
+fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
+    let warned = warnings(&GOOD.replacen("id = 2", "id = 0x20\nhost-id = 0x10", 1));
+    assert!(
+        warned[0].contains("motor.host-id: replies with id 0x010 outrank commands with id 0x020"),
+        "{warned:?}"
+    );
+}
+
+#[test]
+fn an_interface_that_is_not_there_is_worth_a_warning() {
+    let socketcan = "type = 'socketcan'\ninterface = 'nocan7'";
+    let warned = warnings(&GOOD.replacen("type = 'simulated'", socketcan, 1));
+    assert!(warned[0].contains("bus.interface: there is no interface `nocan7`"), "{warned:?}");
+}
+
+#[test]
+fn a_priority_beyond_the_limit_is_an_error_only_where_real_time_is_required() {
+    let limited = Machine { priority_max: 0, ..machine() };
+    let judge =
+        |cycle: &str| parse(Path::new("robot.toml"), damaged("rate-hz = 1000", cycle).as_bytes(), &limited);
+    assert!(judge("rate-hz = 1000").expect("may be run").warnings.is_empty(), "nobody asked for a priority");
+    let warned = judge("priority = 80").expect("may be run").warnings;
+    assert!(warned[0].to_string().contains("SCHED_FIFO 80 is beyond what motord may take here (0)"));
+    let refused = judge("require-realtime = true").expect_err("must be refused").to_string();
+    assert!(
+        refused.starts_with("robot.toml:5: cycle.require-realtime: SCHED_FIFO 80 is beyond"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn a_spinning_exchange_does_not_share_the_cycles_processor() {
+    let text = damaged("mode = 'timed'", "mode = 'spin'\ncpu = 1").replace("rate-hz = 1000", "cpu = 1");
+    assert!(only_error(&text).contains("exchange.cpu: the cycle uses processor 1 too"));
+}
+
+#[test]
+fn what_is_not_written_is_cautious() {
+    let Loaded { settings, .. } = load(&shipped("minimal.toml")).expect("is shipped");
+    assert_eq!(settings.instance, "robot");
+    assert_eq!(settings.cycle.period, Duration::from_millis(1));
+    assert_eq!(settings.cycle.reply_deadline, Duration::from_micros(800));
+    assert_eq!(settings.cycle.max_lateness, Duration::from_millis(5));
+    assert_eq!(settings.exchange.lead, Duration::from_micros(150));
+    assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(20));
+    assert_eq!(settings.safety.deadman, Duration::from_millis(5));
+    assert_eq!((settings.safety.safe_stop, settings.safety.lost_cycles), (SafeStop::Damp, 10));
+    let motor = &settings.motors[0];
+    assert_eq!((motor.id, motor.host_id.raw()), (1, 0x101));
+    assert_eq!((motor.limits.torque, motor.limits.velocity), (7.5, 33.5), "rated torque, not peak");
+    assert_eq!(motor.limits.position, [-12.0, 12.0]);
+    assert_eq!((settings.groups[0].name.as_str(), &settings.groups[0].motors), ("all", &vec![0]));
+}
+
+#[test]
+fn times_that_are_not_written_follow_a_slow_cycle() {
+    let Loaded { settings, .. } =
+        judge(&GOOD.replace("setpoint-timeout-ms = 20", "").replace("rate-hz = 1000", "rate-hz = 50"))
+            .expect("is good");
+    assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(40));
+    assert_eq!(settings.safety.deadman, Duration::from_millis(100));
+}
+
+#[test]
+fn a_simulated_motor_starts_where_its_joint_does() {
+    let reversed = "direction = -1\noffset-rad = 0.5\nsimulation = { initial-position-rad = 0.8 }";
+    let Loaded { settings, .. } = judge(&damaged("damping-kd = 2.0", reversed)).expect("is good");
+    assert!((settings.motors[0].simulation.initial_position + 0.3).abs() < 1e-12);
+}
+
+#[test]
+fn the_hash_tells_one_file_from_another() {
+    let hash = |text: &str| judge(text).expect("is good").hash;
+    assert_eq!(hash(GOOD), hash(GOOD));
+    assert_ne!(hash(GOOD), hash(&format!("{GOOD} ")));
+}
+
+#[test]
+fn only_a_regular_file_of_bounded_size_is_read() {
+    let folder = TempDir::new().unwrap();
+    let refusal = |path: &Path| load(path).expect_err("must be refused").to_string();
+    assert!(refusal(folder.path()).contains("is a directory"));
+    assert!(refusal(Path::new("/dev/null")).contains("is a device"));
+    assert!(refusal(&folder.path().join("nothing.toml")).contains("cannot be read"));
+    let fifo = folder.path().join("fifo");
+    nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    assert!(refusal(&fifo).contains("is a FIFO"));
+    let large = write(&folder, &"#".repeat(1024 * 1024 + 1));
+    assert!(refusal(&large).contains("is larger than 1048576 bytes"));
+}
+
+#[test]
+fn a_file_that_everybody_may_write_is_refused_also_behind_a_link() {
+    let folder = TempDir::new().unwrap();
+    let file = write(&folder, GOOD);
+    let link = folder.path().join("link.toml");
+    symlink(&file, &link).unwrap();
+    assert!(load(&link).is_ok(), "a link may choose a file");
+    fs::set_permissions(&file, Permissions::from_mode(0o666)).unwrap();
+    for path in [file, link] {
+        let refusal = load(&path).expect_err("must be refused").to_string();
+        assert!(refusal.contains("may be changed by every user of this machine"), "{refusal}");
+    }
+}
+
+#[test]
+fn every_shipped_configuration_passes_check() {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(shipped("")).unwrap() {
+        let path = entry.unwrap().path();
+        let mut out = Vec::new();
+        assert_eq!(check(&path, true, &mut out).unwrap(), 0, "{}", String::from_utf8_lossy(&out));
+        names.push(path.file_stem().unwrap().to_string_lossy().into_owned());
+    }
+    names.sort();
+    assert_eq!(names, ["arm-native", "minimal", "quadruped", "quadruped-simulated"]);
+}
+
+#[test]
+fn the_plan_of_the_simulated_quadruped_is_three_quarters_of_each_bus() {
+    let mut out = Vec::new();
+    assert_eq!(check(&shipped("quadruped-simulated.toml"), true, &mut out).unwrap(), 0);
+    let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
+    let bus = |name| {
+        serde_json::json!({
+            "name": name, "motors": 3, "rate_hz": 1000.0, "worst_case_utilisation": 0.75,
+            "unstuffed_utilisation": 0.618, "fault_poll_utilisation": 1.0,
+        })
+    };
+    let buses = ["front-left", "front-right", "rear-left", "rear-right"].map(bus);
+    assert_eq!(report, serde_json::json!({ "errors": [], "warnings": [], "buses": buses }));
+}
+
+#[test]
+fn check_says_the_same_to_people() {
+    let mut out = Vec::new();
+    assert_eq!(check(&shipped("quadruped-simulated.toml"), false, &mut out).unwrap(), 0);
+    let text = String::from_utf8(out).unwrap();
+    let row = text.lines().find(|line| line.starts_with("rear-left")).unwrap();
+    assert_eq!(
+        row.split_whitespace().collect::<Vec<_>>().join(" "),
+        "rear-left 3 75.0 % 61.8 % 100.0 % fits"
+    );
+}
+
+fn shipped(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../config").join(name)
+}
+
+fn write(folder: &TempDir, text: &str) -> PathBuf {
+    let path = folder.path().join("robot.toml");
+    fs::write(&path, text).expect("the temporary folder is writable");
+    path
+}
+
+proptest! {
+    #[test]
+    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
+        let _ = parse(Path::new("robot.toml"), &bytes, &machine());
+    }
+
+    /// Damage to a good file gets deeper into the judging than noise does.
+    #[test]
+    fn a_damaged_file_never_panics_and_every_refusal_names_a_line(
+        at in 0..GOOD.len(),
+        removed in 0_usize..20,
+        inserted in "[-0-9.e'\\[\\]=a-z\n#]{0,12}",
+    ) {
+        let end = (at + removed).min(GOOD.len());
+        let text = format!("{}{inserted}{}", &GOOD[..at], &GOOD[end..]);
+        if let Err(error) = judge(&text) {
+            prop_assert!(!error.problems.is_empty());
+            prop_assert!(error.problems.iter().all(|problem| problem.place.is_some()));
+        }
+    }
+
+    /// Any number in place of any other: settings are finite, positive where they must be, and durations never panic.
+    #[test]
+    fn whatever_numbers_are_accepted_make_sane_settings(value in any::<f64>(), nth in 0_usize..12) {
+        let numbers: Vec<_> = GOOD.match_indices("= ").filter(|(at, _)| GOOD.as_bytes()[at + 2].is_ascii_digit()).collect();
+        let at = numbers[nth % numbers.len()].0 + 2;
+        let line_end = at + GOOD[at..].find('\n').unwrap();
+        let text = format!("{}{value:?}{}", &GOOD[..at], &GOOD[line_end..]);
+        if let Ok(Loaded { settings, .. }) = judge(&text) {
+            prop_assert!(settings.cycle.period >= Duration::from_micros(250));
+            for motor in settings.motors {
+                let (torque, kp) = (motor.limits.torque, motor.limits.kp);
+                prop_assert!(torque > 0.0 && torque <= motor.peak_torque && kp.is_finite());
+            }
+        }
+    }
+}
