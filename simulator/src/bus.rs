@@ -1,5 +1,6 @@
 //! One simulated bus: who sends when, how long it takes, and what reaches whom.
 
+use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
 use crate::length::frame_bits;
 use crate::motor::{Impairment, Motor, Reply};
@@ -14,12 +15,8 @@ use std::collections::VecDeque;
 
 /// Frames that one call moves at most; a longer backlog of strangers is dropped.
 const TRANSFERS_MAX: usize = 4096;
-/// Answers that wait for the wire, per motor; what comes beyond is lost, as in a drive's few mailboxes.
-const ANSWERS_PER_MOTOR: usize = 8;
 /// A native answer has 8 bytes, an MIT answer 6, a shortened one 4.
 const ANSWER_BYTES_MIN: u32 = 4;
-/// Keeps the order of two answers that would be ready at once.
-const MOMENT: Duration = Duration::from_nanos(1);
 /// How long a serial host waits for an answer before it asks the next motor.
 const SERIAL_PATIENCE: Duration = Duration::from_millis(2);
 /// Strangers have ids from here to 0x7FF, which no motor should have.
@@ -40,9 +37,11 @@ pub struct SimulatedBus {
     settings: BusSettings,
     motors: Vec<Motor>,
     random: Random,
+    /// Whether the clock has been seen: a bus is born at the first time that is passed in, not at the clock's zero.
+    begun: bool,
     now: Instant,
     queue: VecDeque<Contender>,
-    answers: Vec<Answer>,
+    answers: Answers,
     wire: Option<Transfer>,
     host_ready: Instant,
     arrivals: VecDeque<Arrival>,
@@ -63,39 +62,12 @@ enum Link {
     Gone,
 }
 
-/// A frame that wants the wire.
-#[derive(Debug, Clone, Copy)]
-struct Contender {
-    sender: Sender,
-    frame: Frame,
-    /// From when on it may begin.
-    ready: Instant,
-    /// On the wire.
-    duration: Duration,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Answer {
-    contender: Contender,
-    /// Until the motor's next answer.
-    held: bool,
-}
-
 /// A frame that has the wire.
 #[derive(Debug, Clone, Copy)]
 struct Transfer {
     sender: Sender,
     frame: Frame,
     ends: Instant,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Sender {
-    Host,
-    Motor(usize),
-    Stranger,
-    /// A collision: nobody gets the frame.
-    Several,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -106,15 +78,21 @@ struct Flood {
 
 impl SimulatedBus {
     /// A bus at rest, its motors stopped. `seed` decides jitter, garbage and losses.
+    ///
+    /// # Panics
+    ///
+    /// When a setting is no physical one: see [`MotorSettings`]; or when the bit rate is zero.
     #[must_use]
     pub fn new(settings: BusSettings, motors: Vec<MotorSettings>, seed: u64) -> Self {
+        assert!(settings.bitrate > 0, "a bus without a bit rate carries nothing");
         let motors: Vec<Motor> =
             motors.into_iter().map(|motor| Motor::new(motor, settings.kind, settings.bitrate)).collect();
         Self {
             random: Random::new(seed),
+            begun: false,
             now: Instant::ZERO,
             queue: VecDeque::with_capacity(settings.tx_queue),
-            answers: Vec::with_capacity(ANSWERS_PER_MOTOR * motors.len()),
+            answers: Answers::new(motors.len()),
             wire: None,
             host_ready: Instant::ZERO,
             arrivals: VecDeque::with_capacity(settings.rx_queue),
@@ -223,8 +201,11 @@ impl SimulatedBus {
         }
     }
 
-    /// Lets happen all that happens up to `to`.
+    /// Lets everything happen that is due by `to`.
     fn advance(&mut self, to: Instant) {
+        if !core::mem::replace(&mut self.begun, true) {
+            self.motors.iter_mut().for_each(|motor| motor.begin(to));
+        }
         for _ in 0..TRANSFERS_MAX {
             if self.wire.is_none() {
                 self.arbitrate(to);
@@ -249,7 +230,7 @@ impl SimulatedBus {
             return;
         };
         let ends = start + winner.duration;
-        let sender = if self.collides(&winner, start) {
+        let sender = if matches!(winner.sender, Sender::Motor(_)) && self.answers.collide(&winner, start) {
             Sender::Several
         } else {
             self.withdraw(&winner, start);
@@ -261,37 +242,16 @@ impl SimulatedBus {
     fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
         let host = self.queue.front().filter(|_| self.link != Link::Unacknowledged);
         let host = host.map(|queued| Contender { ready: self.host_ready, ..*queued });
-        let answers = self.answers.iter().filter(|answer| !answer.held).map(|answer| answer.contender);
-        host.into_iter().chain(answers).chain(self.flood.map(|flood| flood.contender))
+        host.into_iter().chain(self.answers.contenders()).chain(self.flood.map(|flood| flood.contender))
     }
 
-    /// Another motor begins the same id with other bytes: it tries again a moment after the winner, whose own second
-    /// try begins as soon as the collision is over.
-    fn collides(&mut self, winner: &Contender, start: Instant) -> bool {
-        let Sender::Motor(_) = winner.sender else { return false };
-        let again = start + winner.duration + MOMENT;
-        let mut collided = false;
-        for answer in self.answers.iter_mut().filter(|answer| !answer.held) {
-            let rival = &mut answer.contender;
-            let together = rival.ready <= start && rival.sender != winner.sender;
-            if together && rival.frame.id() == winner.frame.id() && rival.frame != winner.frame {
-                collided = true;
-                rival.ready = again;
-            }
-        }
-        collided
-    }
-
-    /// The winner waits no more, nor do those who send the same bits with it.
+    /// The winner has what it wanted; a stranger wants the wire again one period later.
     fn withdraw(&mut self, winner: &Contender, start: Instant) {
         match winner.sender {
             Sender::Host => {
                 self.queue.pop_front();
             }
-            Sender::Motor(_) => self.answers.retain(|Answer { contender, held }| {
-                let together = contender.sender != winner.sender && contender.ready <= start;
-                *held || contender.frame != winner.frame || !(together || contender.ready == winner.ready)
-            }),
+            Sender::Motor(_) => self.answers.withdraw(winner, start),
             Sender::Several => {}
             Sender::Stranger => {
                 let frame = stranger(&mut self.random);
@@ -350,29 +310,7 @@ impl SimulatedBus {
         let frame = damaged(reply.frame, &impairment, &mut self.random);
         let sender = Sender::Motor(index);
         let contender = Contender { sender, frame, ready: ready.max(at), duration: self.duration(&frame) };
-        let overtaken = self.release(sender, contender.ready + MOMENT);
-        self.wait(Answer { contender, held: impairment.reorder && !overtaken });
-        if impairment.duplicate {
-            let contender = Contender { ready: contender.ready + MOMENT, ..contender };
-            self.wait(Answer { contender, held: false });
-        }
-    }
-
-    /// Lets go of the answer that `sender` held back, if it did.
-    fn release(&mut self, sender: Sender, ready: Instant) -> bool {
-        let held = self.answers.iter_mut().find(|answer| answer.held && answer.contender.sender == sender);
-        let found = held.is_some();
-        if let Some(answer) = held {
-            answer.held = false;
-            answer.contender.ready = ready;
-        }
-        found
-    }
-
-    fn wait(&mut self, answer: Answer) {
-        if self.answers.len() < ANSWERS_PER_MOTOR * self.motors.len() {
-            self.answers.push(answer);
-        }
+        self.answers.admit(contender, impairment.reorder, impairment.duplicate);
     }
 
     /// When the next thing can arrive, if nothing else is sent: never later than it does.

@@ -5,8 +5,28 @@
 //! speaks MIT or native GIM. Where the documents are silent, [`Behaviour`] chooses. [`FaultVerb`]s break things.
 //!
 //! Time is what the caller passes in, chance comes from a seed: one seed and one sequence of calls is one run. The
-//! physics steps on a fixed grid of 50 µs, so that looking more often changes nothing; a gap of more than half a
-//! second takes longer steps.
+//! physics steps on a fixed grid of 50 µs, so that looking more often changes nothing; a gap of more than 0.2 s
+//! takes longer steps.
+//!
+//! ```
+//! use motord_bus::{Bus, Frame, FrameId, Inbox, Instant};
+//! use motord_simulator::{BusSettings, FaultVerb, MotorSettings, SimulatedBus};
+//!
+//! let hip = MotorSettings { name: "fl-hip".into(), id: 1, host_id: 0x101, ..Default::default() };
+//! let mut bus = SimulatedBus::new(BusSettings::default(), vec![hip], 7);
+//! let (start, later) = (Instant::ZERO, Instant::from_nanos(1_000_000));
+//! let stop = Frame::full(FrameId::new(1).unwrap(), [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]);
+//!
+//! bus.send(start, &[stop]);
+//! let mut inbox = Inbox::new();
+//! bus.receive(later, &mut inbox);
+//! assert_eq!(inbox.arrivals().len(), 1);
+//! assert_eq!(bus.motor("fl-hip").unwrap().velocity(), 0.0);
+//!
+//! let off: FaultVerb = "fl-hip off".parse()?;
+//! bus.inject(later, &off)?;
+//! # Ok::<(), Box<dyn core::error::Error>>(())
+//! ```
 //!
 //! It shares no codec with the host side, which it is there to judge. It does not simulate: sensor noise, encoder
 //! offsets, backlash, the loops' gains (the documents give them no unit), error counters of the CAN controllers.
@@ -16,6 +36,7 @@
 
 mod body;
 mod bus;
+mod contention;
 mod fault;
 mod length;
 mod motor;

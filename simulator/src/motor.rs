@@ -13,8 +13,8 @@ use configuration::{Configuration, int};
 use core::f64::consts::TAU;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 
-/// Steps that one call computes at most, half a second; a longer gap takes longer steps.
-const STEPS_MAX: u64 = 10_000;
+/// Steps that one call computes at most, 0.2 s; a longer gap takes longer steps.
+const STEPS_MAX: u64 = 4_000;
 /// The shaft turns this fast while it is calibrated, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
@@ -107,6 +107,7 @@ pub(crate) struct Reply {
 
 impl Motor {
     pub(crate) fn new(settings: MotorSettings, kind: BusKind, bitrate: u32) -> Self {
+        settings.assert_physical();
         Self {
             configuration: Configuration::new(&settings, bitrate),
             body: Body::new(&settings),
@@ -182,6 +183,11 @@ impl Motor {
 
     pub(crate) fn impairment(&self) -> &Impairment {
         &self.impairment
+    }
+
+    /// Nothing has happened before `at`.
+    pub(crate) fn begin(&mut self, at: Instant) {
+        self.time = at;
     }
 
     /// Moves the mechanics and the drive's own clocks up to `to`. At most [`STEPS_MAX`] steps for each of the three

@@ -51,7 +51,8 @@ pub enum Dialect {
     Gim,
 }
 
-/// One motor. The default is a GIM8108-8 on a light leg, by its published figures where there are any.
+/// One motor. Inertias, constants, ratios, peaks and time constants must be above zero, friction and the winding's
+/// properties zero or above, and everything finite. The default is a GIM8108-8 on a light leg, by its published figures where there are any.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotorSettings {
     /// The name that fault verbs and tests address it by.
@@ -141,6 +142,35 @@ impl Default for MotorSettings {
             boot_time: Duration::from_millis(300),
             behaviour: Behaviour::default(),
         }
+    }
+}
+
+impl MotorSettings {
+    /// # Panics
+    ///
+    /// When no motor can have these properties: who wrote them must know before a robot of them is judged.
+    pub(crate) fn assert_physical(&self) {
+        let positive = [
+            self.torque_constant,
+            self.gear_ratio,
+            self.torque_peak,
+            self.velocity_max,
+            self.rotor_inertia,
+            self.thermal_time,
+        ];
+        let not_negative = [
+            self.load_inertia,
+            self.viscous_friction,
+            self.coulomb_friction,
+            self.winding_resistance,
+            self.winding_inductance,
+            self.thermal_resistance,
+        ];
+        let any = [self.load_torque, self.initial_position, self.ambient_celsius, self.supply_voltage];
+        let physical = positive.iter().all(|value| *value > 0.0)
+            && not_negative.iter().all(|value| *value >= 0.0)
+            && [&positive[..], &not_negative, &any].concat().iter().all(|value| value.is_finite());
+        assert!(physical, "no motor has the properties of {}: {self:?}", self.name);
     }
 }
 

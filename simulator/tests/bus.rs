@@ -3,7 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal};
-use motord_simulator::{BusKind, BusSettings, Direction, FaultVerb, MotorSettings, SimulatedBus, frame_bits};
+use motord_simulator::{
+    BusKind, BusSettings, Direction, FaultVerb, MotorSettings, SharedBus, SimulatedBus, frame_bits,
+};
 
 const NEUTRAL: [u8; 8] = [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF];
 
@@ -189,6 +191,32 @@ fn one_seed_is_one_run_however_often_it_is_looked_at() {
     assert!(run == life(1, 1000), "the same calls");
     assert!(run == life(1, 37), "more looks");
     assert!(run != life(2, 1000), "another seed");
+}
+
+#[test]
+fn a_shared_bus_is_one_bus_with_many_ends() {
+    let shared = SharedBus::new(bus(vec![motor(1)]));
+    let mut host = shared.clone();
+    host.send(at(0), &[to(1, NEUTRAL)]);
+    let mut inbox = Inbox::new();
+    host.receive(at(1000), &mut inbox);
+    assert_eq!(inbox.arrivals().len(), 1);
+    assert_eq!(shared.lock().take_record().count(), 2);
+}
+
+#[test]
+#[should_panic(expected = "no motor has the properties of m1")]
+fn a_motor_that_cannot_be_is_not_simulated() {
+    bus(vec![MotorSettings { gear_ratio: f64::NAN, ..motor(1) }]);
+}
+
+#[test]
+fn a_bus_is_born_at_its_first_call_whatever_the_clock_says() {
+    let day = 86_400_000_000;
+    let mut bus = bus(vec![MotorSettings { load_torque: 5.0, ..motor(1) }]);
+    bus.send(at(day), &[to(1, NEUTRAL)]);
+    received(&mut bus, at(day + 1000));
+    assert!((0.1..1.0).contains(&bus.motor("m1").unwrap().velocity()), "one millisecond of fall");
 }
 
 #[test]

@@ -1,0 +1,105 @@
+//! Who wants the wire, and the answers of motors that wait for it.
+
+use motord_bus::{Duration, Frame, Instant};
+
+/// Answers that wait, per motor; what comes beyond is lost, as in a drive's few mailboxes.
+const ANSWERS_PER_MOTOR: usize = 8;
+/// Keeps the order of two answers that would be ready at once.
+const MOMENT: Duration = Duration::from_nanos(1);
+
+/// Who sends a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sender {
+    Host,
+    Motor(usize),
+    Stranger,
+    /// A collision: nobody gets the frame.
+    Several,
+}
+
+/// A frame that wants the wire.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Contender {
+    pub(crate) sender: Sender,
+    pub(crate) frame: Frame,
+    /// From when on it may begin.
+    pub(crate) ready: Instant,
+    /// On the wire.
+    pub(crate) duration: Duration,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Answer {
+    contender: Contender,
+    /// Until the motor's next answer.
+    held: bool,
+}
+
+/// The answers of all motors of a bus. Never grows.
+#[derive(Debug, Clone)]
+pub(crate) struct Answers {
+    waiting: Vec<Answer>,
+    capacity: usize,
+}
+
+impl Answers {
+    pub(crate) fn new(motors: usize) -> Self {
+        let capacity = ANSWERS_PER_MOTOR * motors;
+        Self { waiting: Vec::with_capacity(capacity), capacity }
+    }
+
+    /// Those that may begin once they are ready.
+    pub(crate) fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
+        self.waiting.iter().filter(|answer| !answer.held).map(|answer| answer.contender)
+    }
+
+    /// Lets an answer wait: for the wire or, with `reorder`, every other one for its successor to go first.
+    pub(crate) fn admit(&mut self, contender: Contender, reorder: bool, duplicate: bool) {
+        let later = contender.ready + MOMENT;
+        let overtaken = self.release(contender.sender, later);
+        self.push(Answer { contender, held: reorder && !overtaken });
+        if duplicate {
+            self.push(Answer { contender: Contender { ready: later, ..contender }, held: false });
+        }
+    }
+
+    /// Lets go of the answer that `sender` held back, if it did.
+    fn release(&mut self, sender: Sender, ready: Instant) -> bool {
+        let held = self.waiting.iter_mut().find(|answer| answer.held && answer.contender.sender == sender);
+        let found = held.is_some();
+        if let Some(answer) = held {
+            answer.held = false;
+            answer.contender.ready = ready;
+        }
+        found
+    }
+
+    fn push(&mut self, answer: Answer) {
+        if self.waiting.len() < self.capacity {
+            self.waiting.push(answer);
+        }
+    }
+
+    /// Whether another motor begins the winner's id at `start` with other bytes. It tries again a moment after the
+    /// winner, whose own second try begins as soon as the collision is over.
+    pub(crate) fn collide(&mut self, winner: &Contender, start: Instant) -> bool {
+        let mut collided = false;
+        for answer in self.waiting.iter_mut().filter(|answer| !answer.held) {
+            let rival = &mut answer.contender;
+            let together = rival.ready <= start && rival.sender != winner.sender;
+            if together && rival.frame.id() == winner.frame.id() && rival.frame != winner.frame {
+                collided = true;
+                rival.ready = start + winner.duration + MOMENT;
+            }
+        }
+        collided
+    }
+
+    /// The winner waits no more, nor do those who begin the same bits with it at `start`.
+    pub(crate) fn withdraw(&mut self, winner: &Contender, start: Instant) {
+        self.waiting.retain(|Answer { contender, held }| {
+            let together = contender.sender != winner.sender && contender.ready <= start;
+            *held || contender.frame != winner.frame || !(together || contender.ready == winner.ready)
+        });
+    }
+}
