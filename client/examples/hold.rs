@@ -1,7 +1,7 @@
 //! Holds every joint of a group where it is, until the group is stopped or this program ends.
 
 use clap::Parser;
-use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, State};
+use motord_client::{Cause, Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, State};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -49,7 +49,7 @@ fn hold(options: &Options) -> Result<(), Error> {
         let Some(group) = state.group(claim.index()) else { return Ok(()) };
         active |= group.phase == Some(Phase::Active);
         if group.latched || active && group.phase == Some(Phase::Disarmed) {
-            println!("stopped: {}", group.cause.map_or("The group was disabled.", |cause| cause.sentence()));
+            println!("stopped: {}", group.cause.map_or("The group was disabled.", Cause::sentence));
             return Ok(());
         }
     }

@@ -3,7 +3,7 @@
 //! With `--persist` it goes on after a stop and after a restart of the daemon: for a simulated robot, or one on a stand.
 
 use clap::Parser;
-use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Group, Phase, Setpoint, State};
+use motord_client::{Cause, Claim, Client, DEFAULT_INSTANCE, Error, Group, Phase, Setpoint, State};
 use std::f32::consts::TAU;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -119,7 +119,7 @@ fn sine(client: &mut Client, options: &Options) -> Result<End, Error> {
 
 fn stopped(group: &Group, was_active: bool) -> Option<&'static str> {
     let disabled = was_active && group.phase == Some(Phase::Disarmed);
-    let cause = group.cause.map(|cause| cause.sentence());
+    let cause = group.cause.map(Cause::sentence);
     (group.latched || disabled).then(|| cause.unwrap_or("The group was disabled."))
 }
 

@@ -1,7 +1,7 @@
 //! Prints the states of all joints ten times per second.
 
 use clap::Parser;
-use motord_client::{Client, DEFAULT_INSTANCE, Error, MotorMode, Roster, State};
+use motord_client::{Cause, Client, DEFAULT_INSTANCE, Error, MotorMode, Roster, State};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -59,9 +59,8 @@ fn print(roster: &Roster, state: &State) {
         );
     }
     for (description, group) in roster.groups.iter().zip(state.groups()).filter(|(_, group)| group.latched) {
-        let cause = group
-            .cause
-            .map_or("It was stopped for a cause unknown to this program.", |cause| cause.sentence());
+        let cause =
+            group.cause.map_or("It was stopped for a cause unknown to this program.", Cause::sentence);
         println!("  group {}: {cause}", description.name);
     }
 }

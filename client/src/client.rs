@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 
 /// A connection to the daemon of one instance.
 ///
-/// It is used on the thread that made it. Reading states allocates a few hundred bytes and makes no system call;
-/// sleeping in [`wait`](Self::wait) makes two; a daemon that comes or goes costs up to a millisecond in the next call.
-/// Whatever asks the daemon something waits for its answer, a cycle or two as a rule and a second at most.
+/// It is used on the thread that made it. Looking for a state neither allocates nor makes a system call, sending a
+/// setpoint allocates once; a daemon that comes or goes costs up to a millisecond in the next call. Whatever asks the
+/// daemon something waits for its answer, a cycle or two as a rule and a second at most.
 #[derive(Debug)]
 pub struct Client {
     link: Rc<RefCell<Link>>,

@@ -38,7 +38,7 @@ pub struct DaemonPorts {
 
 impl DaemonPorts {
     /// Opens the services of the instance that is held by `lock`, or creates them. Clients that were attached to a dead
-    /// predecessor are attached to this daemon from now on. May take a second.
+    /// predecessor are attached to this daemon from now on. Keep the lock for as long as the ports. May take a second.
     ///
     /// # Errors
     /// Which service could not be opened, and why.

@@ -269,8 +269,8 @@ damages! {
     RequestSendError,
 }
 
-/// Registers this process. iceoryx2 stays silent, unless `IOX2_LOG_LEVEL` asks for its messages: what concerns the user
-/// comes back as an error. It leaves signals alone.
+/// Registers this process, and leaves its signals alone. iceoryx2 stays silent, also in a program that was built with a
+/// logger of its own, unless `IOX2_LOG_LEVEL` asks for messages: what concerns the user comes back as an error.
 pub(crate) fn node(instance: &Instance) -> Result<Node<Service>, ServiceError> {
     set_log_level_from_env_or(LogLevel::Fatal);
     NodeBuilder::new()
