@@ -103,7 +103,7 @@ pub struct MotorSettings {
     pub reply_latency: Duration,
     /// The latency varies evenly between this much less and this much more.
     pub reply_jitter: Duration,
-    /// How long a calibration turns the shaft; the answer comes at its end.
+    /// How long a calibration turns the shaft; the answer comes after this time, even if it was stopped before.
     pub calibration_time: Duration,
     /// How long a motor is silent after its power came back.
     pub boot_time: Duration,
@@ -174,7 +174,8 @@ impl MotorSettings {
     }
 }
 
-/// Where the vendor documents are silent. Each default is the one that is harder on the host.
+/// Where the vendor documents are silent. Each default is the one that is harder on the host, but for the silence after
+/// set zero: that is other vendors' habit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
     /// Which state an answer holds.
