@@ -159,14 +159,14 @@ const REFUSED: &[Case] = &[
         "derating begins",
     ),
     // Names, ids, models.
-    ("name = 'knee'", "name = 'hip' #!", "motor.name", "`hip` is taken by an earlier motor"),
-    ("name = 'gripper'", "name = 'front' #!", "bus.name", "`front` is taken by an earlier bus"),
-    ("name = 'hand'", "name = 'legs' #!", "group.name", "`legs` is taken by an earlier group"),
-    ("id = 2", "id = 1 #!", "motor.id", "id 1 is used by `hip` on the same bus"),
+    ("name = 'knee'", "name = 'hip' #!", "motor.name", "\"hip\" is taken by an earlier motor"),
+    ("name = 'gripper'", "name = 'front' #!", "bus.name", "\"front\" is taken by an earlier bus"),
+    ("name = 'hand'", "name = 'legs' #!", "group.name", "\"legs\" is taken by an earlier group"),
+    ("id = 2", "id = 1 #!", "motor.id", "id 1 is used by \"hip\" on the same bus"),
     ("id = 2", "id = 0 #!", "motor.id", "0 is out of range"),
     ("id = 2", "id = 255 #!", "motor.id", "255 is out of range"),
     ("id = 2", "id = 2\nhost-id = 2 #!", "motor.host-id", "is a motor's command id on the same bus"),
-    ("id = 2", "id = 2\nhost-id = 0x101 #!", "motor.host-id", "is the reply id of `hip` too"),
+    ("id = 2", "id = 2\nhost-id = 0x101 #!", "motor.host-id", "is the reply id of \"hip\" too"),
     ("id = 2", "id = 2\nhost-id = 0x800 #!", "motor.host-id", "2048 is out of range"),
     ("protocol = 'gim'", "protocol = 'canopen' #!", "motor.protocol", "unknown value `canopen`"),
     ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
@@ -174,9 +174,9 @@ const REFUSED: &[Case] = &[
         "model = 'GIM3505-8'",
         "model = 'GIM9999-8' #!",
         "motor.model",
-        "unknown model `GIM9999-8`; known are GIM3505-8",
+        "unknown model \"GIM9999-8\"; known are GIM3505-8",
     ),
-    ("bus = 'gripper'", "bus = 'griper' #!", "motor.bus", "there is no bus `griper`"),
+    ("bus = 'gripper'", "bus = 'griper' #!", "motor.bus", "there is no bus \"griper\""),
     ("damping-kd = 2.0", "direction = 2 #!", "motor.direction", "neither 1 nor -1"),
     // Buses.
     (
@@ -250,11 +250,21 @@ const REFUSED: &[Case] = &[
     ("damping-kd = 2.0", "damping-kd = 5.5 #!", "motor.damping-kd", "out of range"),
     ("kd-max = 5.0", "kd-max = 1.0", "motor.damping-kd", "could not apply it"),
     // Groups.
-    ("joints = ['jaw']", "joints = ['jav'] #!", "group.joints", "there is no motor `jav`"),
-    ("joints = ['jaw']", "joints = ['jaw', 'hip'] #!", "group.joints", "`hip` is in group `legs` already"),
-    ("joints = ['jaw']", "joints = ['jaw', 'jaw'] #!", "group.joints", "`jaw` is in group `hand` already"),
+    ("joints = ['jaw']", "joints = ['jav'] #!", "group.joints", "there is no motor \"jav\""),
+    (
+        "joints = ['jaw']",
+        "joints = ['jaw', 'hip'] #!",
+        "group.joints",
+        "\"hip\" is in group \"legs\" already",
+    ),
+    (
+        "joints = ['jaw']",
+        "joints = ['jaw', 'jaw'] #!",
+        "group.joints",
+        "\"jaw\" is in group \"hand\" already",
+    ),
     ("joints = ['jaw']", "joints = [] #!", "group.joints", "has no joints"),
-    ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor `knee` is in no group"),
+    ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor \"knee\" is in no group"),
 ];
 
 /// A machine that allows everything, whatever the one that runs the tests does.
@@ -333,12 +343,9 @@ fn all_mistakes_are_reported_in_one_run() {
 
 #[test]
 fn an_empty_file_says_what_the_least_is() {
-    assert_eq!(only_error(""), "robot.toml:1: bus: is missing; motord needs at least one [[bus]]");
+    assert_eq!(only_error(""), "robot.toml:1: bus: is missing; motord needs at least one");
     let without_motor = "[[bus]]\nname = 'a'\ntype = 'simulated'\n";
-    assert_eq!(
-        only_error(without_motor),
-        "robot.toml:1: motor: is missing; motord needs at least one [[motor]]"
-    );
+    assert_eq!(only_error(without_motor), "robot.toml:1: motor: is missing; motord needs at least one");
 }
 
 #[test]
@@ -346,6 +353,19 @@ fn text_that_is_not_utf8_is_refused_with_its_line() {
     let error =
         parse(Path::new("robot.toml"), b"[cycle]\nrate-hz = \xff\n", &machine()).expect_err("not UTF-8");
     assert_eq!(error.to_string(), "robot.toml:2: is not UTF-8 here; save the file as UTF-8");
+}
+
+#[test]
+fn no_file_writes_control_characters_to_the_terminal() {
+    for (line, instead) in [
+        ("rate-hz = 1000", "\"a\\u001b[2Jb\" = 1"),
+        ("mode = 'timed'", "mode = \"\\u001b[2J\""),
+        ("name = 'knee'", "name = \"\\u001b[2J\\n\""),
+        ("bus = 'gripper'", "bus = \"\\u001b[2J\""),
+    ] {
+        let error = only_error(&damaged(line, instead));
+        assert!(!error.contains(char::is_control), "{error:?}");
+    }
 }
 
 #[test]
@@ -379,7 +399,7 @@ fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
 fn an_interface_that_is_not_there_is_worth_a_warning() {
     let socketcan = "type = 'socketcan'\ninterface = 'nocan7'";
     let warned = warnings(&GOOD.replacen("type = 'simulated'", socketcan, 1));
-    assert!(warned[0].contains("bus.interface: there is no interface `nocan7`"), "{warned:?}");
+    assert!(warned[0].contains("bus.interface: there is no interface \"nocan7\""), "{warned:?}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use toml::Spanned;
 use super::Machine;
 use super::problem::{Problem, Wrong};
 use super::range::Range;
-use super::source::{Source, Span};
+use super::source::{Source, Span, WHOLE};
 use super::written::{Integer, Number};
 
 /// Errors and warnings, by the time they were found.
@@ -53,8 +53,19 @@ impl<'a> Findings<'a> {
     }
 
     /// `key` is missing in the table at `table`.
-    pub(super) fn missing(&mut self, table: &Span, key: &str, hint: &'static str) {
+    fn missing(&mut self, table: &Span, key: &str, hint: &'static str) {
         self.errors.push(self.source.problem(table, Some(key), Wrong::Missing(hint)));
+    }
+
+    /// Whether there is a table `[[key]]`, and not more than `max` of them.
+    pub(super) fn counted<T>(&mut self, tables: &[Spanned<T>], key: &str, max: usize) -> bool {
+        if tables.is_empty() {
+            self.missing(&WHOLE, key, "motord needs at least one");
+        }
+        if let Some(beyond) = tables.get(max) {
+            self.error(beyond.span(), Wrong::TooMany { max });
+        }
+        (1..=max).contains(&tables.len())
     }
 
     /// Whether no text equals an earlier one; reports every one that does.

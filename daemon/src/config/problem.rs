@@ -69,11 +69,11 @@ pub enum Wrong {
     NotFinite { value: f64, min: f64, max: f64 },
     #[error("{value} is out of range; give a number from {min} to {max}")]
     OutOfRange { value: f64, min: f64, max: f64 },
-    #[error("`{name}` cannot be a name; use 1 to {NAME_BYTES_MAX} letters, digits, `-` and `_`")]
+    #[error("{name:?} cannot be a name; use 1 to {NAME_BYTES_MAX} letters, digits, `-` and `_`")]
     Name { name: String },
-    #[error("`{name}` cannot be an instance; use only a-z, 0-9 and `-`")]
+    #[error("{name:?} cannot be an instance; use only a-z, 0-9 and `-`")]
     InstanceName { name: String },
-    #[error("`{name}` is taken by an earlier {what}; every {what} needs its own name")]
+    #[error("{name:?} is taken by an earlier {what}; every {what} needs its own name")]
     DuplicateName { name: String, what: &'static str },
     #[error("more than {max}; motord is built for at most {max}")]
     TooMany { max: usize },
@@ -98,17 +98,17 @@ pub enum Wrong {
          (LimitRTPRIO= of systemd), or run without real time"
     )]
     Priority { priority: u8, allowed: u8 },
-    #[error("there is no interface `{0}` on this machine now; `ip link` lists those that exist")]
+    #[error("there is no interface {0:?} on this machine now; `ip link` lists those that exist")]
     NoInterface(String),
-    #[error("there is no device `{0}` on this machine now")]
+    #[error("there is no device {0:?} on this machine now")]
     NoDevice(String),
 
     // Buses.
-    #[error("`{name}` cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
+    #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
     InterfaceName { name: String },
-    #[error("`{path}` is no absolute path; name the device, such as /dev/ttyUSB0")]
+    #[error("{path:?} is no absolute path; name the device, such as /dev/ttyUSB0")]
     DevicePath { path: String },
-    #[error("`{name}` is used by an earlier bus; two buses cannot share it")]
+    #[error("{name:?} is used by an earlier bus; two buses cannot share it")]
     DuplicateDevice { name: String },
     #[error("no motor is on this bus; remove it, or put one there")]
     EmptyBus,
@@ -129,20 +129,20 @@ pub enum Wrong {
     FaultPollTight { percent: f64 },
 
     // Motors.
-    #[error("there is no bus `{0}`; name one of the [[bus]] entries")]
+    #[error("there is no bus {0:?}; name one of the [[bus]] entries")]
     UnknownBus(String),
-    #[error("`{0}` is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
+    #[error("{0:?} is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
     MitOverSerial(String),
-    #[error("unknown model `{model}`; known are {known}; a relative with its own values overridden will do")]
+    #[error("unknown model {model:?}; known are {known}; a relative with its own values overridden will do")]
     UnknownModel { model: String, known: String },
-    #[error("id {id} is used by `{other}` on the same bus; give every motor of a bus its own")]
+    #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(
         "id {host_id:#05x} is a motor's command id on the same bus: two nodes would send it; use 0x100 + id"
     )]
     HostIdIsCommandId { host_id: u16 },
     #[error(
-        "id {host_id:#05x} is the reply id of `{other}` too: nobody could tell whose reply it is; use 0x100 + id"
+        "id {host_id:#05x} is the reply id of {other:?} too: nobody could tell whose reply it is; use 0x100 + id"
     )]
     DuplicateHostId { host_id: u16, other: String },
     #[error(
@@ -155,11 +155,13 @@ pub enum Wrong {
     PositionCount(usize),
     #[error("the lowest position {low} is not below the highest {high}; exchange them, or widen the range")]
     PositionOrder { low: f64, high: f64 },
-    #[error("{value} is beyond ±{end}, the end of the protocol's scale at the motor; use at most {usable}")]
+    #[error(
+        "{value} is beyond ±{end} at the motor, all that its protocol can tell; use at most {usable} there"
+    )]
     BeyondScale { value: f64, end: f64, usable: f64 },
     #[error(
         "{value} is the end of the protocol's scale (±{end} at the motor), where a command can be taken for a special \
-         frame and a clamped reply for a true one; use at most {usable}"
+         frame and a clamped reply for a true one; use at most {usable} there"
     )]
     NoMargin { value: f64, end: f64, usable: f64 },
     #[error("{value} N·m is more than the motor's peak of {peak} N·m; lower it, or correct peak-torque-nm")]
@@ -175,14 +177,14 @@ pub enum Wrong {
     #[error(
         "{value} rad is outside the joint's position limits {low} to {high} rad; start the simulation inside them"
     )]
-    InitialPosition { value: f64, low: f64, high: f64 },
+    InitialPosition { value: f64, low: f32, high: f32 },
 
     // Groups.
-    #[error("there is no motor `{0}`; name one of the [[motor]] entries")]
+    #[error("there is no motor {0:?}; name one of the [[motor]] entries")]
     UnknownJoint(String),
-    #[error("`{joint}` is in group `{group}` already; a joint has one owner, so it is in one group")]
+    #[error("{joint:?} is in group {group:?} already; a joint has one owner, so it is in one group")]
     JointInTwoGroups { joint: String, group: String },
-    #[error("motor `{0}` is in no group, so nobody could move it; add it to one")]
+    #[error("motor {0:?} is in no group, so nobody could move it; add it to one")]
     JointInNoGroup(String),
     #[error("the group has no joints; list some, or remove it")]
     EmptyGroup,
@@ -202,10 +204,15 @@ impl Wrong {
         ];
         let plain = WORDS.iter().fold(message.to_owned(), |text, (theirs, ours)| text.replace(theirs, ours));
         let excerpt: String = excerpt.chars().take(40).collect();
-        Self::Toml(if excerpt.is_empty() || plain.contains(&excerpt) {
-            plain
-        } else {
-            format!("`{excerpt}`: {plain}")
-        })
+        let told = excerpt.is_empty() || plain.contains(&excerpt);
+        let sentence = if told { plain } else { format!("`{excerpt}`: {plain}") };
+        // A problem is one line, and no file may write to the terminal what it likes.
+        Self::Toml(sentence.chars().flat_map(escaped).collect())
     }
+}
+
+/// Control characters as escapes, everything else as it is.
+pub(super) fn escaped(c: char) -> impl Iterator<Item = char> {
+    let (control, plain) = if c.is_control() { (Some(c), None) } else { (None, Some(c)) };
+    control.into_iter().flat_map(char::escape_default).chain(plain)
 }

@@ -6,7 +6,7 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::problem::{Place, Problem, Wrong};
+use super::problem::{Place, Problem, Wrong, escaped};
 use super::{ConfigError, written};
 
 /// A range of bytes in the text.
@@ -65,12 +65,10 @@ pub(super) fn place_of_byte(text: &[u8], offset: usize) -> Place {
 /// The dotted key that stands at `span`, or whose value does. Recursion ends where the parser's does, at 80 levels.
 fn path_to(table: &DeTable<'_>, span: &Span) -> Option<String> {
     table.iter().find_map(|(key, value)| {
-        let below = tables_in(value).find_map(|table| path_to(table, span));
-        match below {
-            Some(rest) => Some(format!("{}.{rest}", key.get_ref())),
-            None => {
-                (covers(&key.span(), span) || value_covers(value, span)).then(|| key.get_ref().to_string())
-            }
+        let name = || key.get_ref().chars().flat_map(escaped).collect::<String>();
+        match tables_in(value).find_map(|table| path_to(table, span)) {
+            Some(rest) => Some(format!("{}.{rest}", name())),
+            None => (covers(&key.span(), span) || value_covers(value, span)).then(name),
         }
     })
 }

@@ -5,11 +5,10 @@ use std::path::Path;
 use motord_shared::limits::BUSES_MAX;
 use toml::Spanned;
 
-use super::super::problem::Wrong;
-use super::super::settings::{BusKind, BusSettings, Settings};
-use super::super::source::WHOLE;
-use super::super::written::{BusType, Integer, Text};
-use super::super::{Findings, fnv1a, range, written};
+use crate::config::problem::Wrong;
+use crate::config::settings::{BusKind, BusSettings, Settings};
+use crate::config::written::{BusType, Integer, Text};
+use crate::config::{Findings, fnv1a, range, written};
 use crate::plan::{BusPlan, WORST_CASE_SOUND};
 
 type Written = Spanned<written::Bus>;
@@ -21,12 +20,7 @@ const INTERFACE_BYTES_MAX: usize = 15;
 
 /// All buses, in the order of the file; `None` when one is not understood.
 pub(super) fn buses(written: &[Written], findings: &mut Findings<'_>) -> Option<Vec<BusSettings>> {
-    if written.is_empty() {
-        findings.missing(&WHOLE, "bus", "motord needs at least one [[bus]]");
-        return None;
-    }
-    if let Some(beyond) = written.get(BUSES_MAX) {
-        findings.error(beyond.span(), Wrong::TooMany { max: BUSES_MAX });
+    if !findings.counted(written, "bus", BUSES_MAX) {
         return None;
     }
     // Collected twice: the first bad bus must not hide the others.

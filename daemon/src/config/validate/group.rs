@@ -3,9 +3,9 @@
 use motord_shared::limits::GROUPS_MAX;
 use toml::Spanned;
 
-use super::super::problem::Wrong;
-use super::super::settings::{GroupSettings, MotorSettings, SafeStop};
-use super::super::{Findings, written};
+use crate::config::problem::Wrong;
+use crate::config::settings::{GroupSettings, MotorSettings, SafeStop};
+use crate::config::{Findings, written};
 
 type Written = Spanned<written::Group>;
 
@@ -23,8 +23,7 @@ pub(super) fn groups(
         let motors = (0..motors.len()).collect();
         return Some(vec![GroupSettings { name: ALL.to_owned(), motors, safe_stop }]);
     }
-    if let Some(beyond) = written.get(GROUPS_MAX) {
-        findings.error(beyond.span(), Wrong::TooMany { max: GROUPS_MAX });
+    if !findings.counted(written, "group", GROUPS_MAX) {
         return None;
     }
     let names = written.iter().map(|group| group.get_ref().name.as_ref());

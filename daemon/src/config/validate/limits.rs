@@ -3,16 +3,21 @@
 use motord_protocol::mit;
 use toml::Spanned;
 
-use super::super::problem::Wrong;
-use super::super::range::Range;
-use super::super::settings::{BeyondRange, LimitSettings};
-use super::super::source::Span;
-use super::super::written::Number;
-use super::super::{Findings, range, written};
+use crate::config::problem::Wrong;
+use crate::config::range::Range;
+use crate::config::settings::{BeyondRange, LimitSettings};
+use crate::config::source::Span;
+use crate::config::written::Number;
+use crate::config::{Findings, range, written};
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
 const MARGIN: f64 = 0.005;
+
+const VELOCITY: Scale = Scale::with_margin(mit::VELOCITY.max());
+const KP: Scale = Scale::with_margin(mit::KP.max());
+/// Usable as a whole: no frame is special by its kd while velocity and kp keep away from their ends.
+const KD: Scale = Scale { end: mit::KD.max(), usable: mit::KD.max() };
 
 /// What the motor and its protocol can do, output side.
 pub(super) struct Capability {
@@ -37,11 +42,13 @@ impl Capability {
         (position - self.offset) * self.direction
     }
 
-    /// The farthest the motor may turn, rad.
-    fn position_end(&self) -> f64 {
+    /// How far the motor may turn, rad.
+    fn position_scale(&self) -> Scale {
         match self.beyond_range {
-            BeyondRange::Stop => mit::POSITION.max(),
-            BeyondRange::Wrap => range::UNWRAPPED_POSITION_RAD,
+            BeyondRange::Stop => Scale::with_margin(mit::POSITION.max()),
+            BeyondRange::Wrap => {
+                Scale { end: range::UNWRAPPED_POSITION_RAD, usable: range::UNWRAPPED_POSITION_RAD }
+            }
         }
     }
 }
@@ -53,14 +60,14 @@ pub(super) fn limits(
     findings: &mut Findings<'_>,
 ) -> LimitSettings {
     let &Capability { full_scale_torque, rated_torque, peak_torque, max_velocity, .. } = capability;
-    let torque = range::TORQUE_NM.or(rated_torque.min(peak_torque).min(usable(full_scale_torque)));
-    let torque = scaled(&written.torque_nm, torque, full_scale_torque, MARGIN, findings);
+    let torque_scale = Scale::with_margin(full_scale_torque);
+    let torque = range::TORQUE_NM.or(rated_torque.min(peak_torque).min(torque_scale.usable));
+    let torque = scaled(&written.torque_nm, torque, &torque_scale, findings);
     judge_peak(&written.torque_nm, torque, peak_torque, findings);
     let velocity = range::VELOCITY_RAD_S.or(max_velocity.min(range::VELOCITY_RAD_S.default));
-    let velocity = scaled(&written.velocity_rad_s, velocity, mit::VELOCITY.max(), MARGIN, findings);
-    let kp = scaled(&written.kp_max, range::KP_MAX, mit::KP.max(), MARGIN, findings);
-    // The whole of kd is usable: no frame is special by its kd while velocity and kp keep away from their ends.
-    let kd = scaled(&written.kd_max, range::KD_MAX, mit::KD.max(), 0.0, findings);
+    let velocity = scaled(&written.velocity_rad_s, velocity, &VELOCITY, findings);
+    let kp = scaled(&written.kp_max, range::KP_MAX, &KP, findings);
+    let kd = scaled(&written.kd_max, range::KD_MAX, &KD, findings);
     let torque_slew = range::TORQUE_SLEW_NM_PER_S.or(range::TORQUE_SLEW_PER_S * torque);
     let kp_slew = range::KP_SLEW_PER_S.or(range::GAIN_SLEW_PER_S * kp);
     let kd_slew = range::KD_SLEW_PER_S.or(range::GAIN_SLEW_PER_S * kd);
@@ -83,31 +90,37 @@ pub(super) fn limits(
     }
 }
 
-/// The largest value that keeps its margin from `end`.
-fn usable(end: f64) -> f64 {
-    end * (1.0 - MARGIN)
+/// How far the protocol's codes reach on either side of zero, and how far a limit may.
+struct Scale {
+    end: f64,
+    usable: f64,
 }
 
-/// The number, when it is in `range` and, with the margin kept, within the protocol's `end`; else the default.
-fn scaled(written: &Number, range: Range, end: f64, margin: f64, findings: &mut Findings<'_>) -> f64 {
-    let range = Range { max: end * (1.0 - margin), ..range };
-    match written {
-        Some(number) if beyond(*number.get_ref(), number.span(), end, range.max, findings) => range.default,
-        _ => findings.number(written, range),
+impl Scale {
+    const fn with_margin(end: f64) -> Self {
+        Self { end, usable: end * (1.0 - MARGIN) }
+    }
+
+    /// Whether a limit may be this `value`, which is `at_motor` for the motor. Leaves to others what is no number.
+    fn judge(&self, value: f64, at_motor: f64) -> Result<(), Wrong> {
+        let &Self { end, usable } = self;
+        match at_motor.abs() {
+            size if size.is_finite() && size > end => Err(Wrong::BeyondScale { value, end, usable }),
+            size if size.is_finite() && size > usable => Err(Wrong::NoMargin { value, end, usable }),
+            _ => Ok(()),
+        }
     }
 }
 
-/// Reports a value that is farther out than `usable`, and whether it was.
-fn beyond(value: f64, place: Span, end: f64, usable: f64, findings: &mut Findings<'_>) -> bool {
-    if !value.is_finite() || value.abs() <= usable {
-        return false;
+/// The number, when it is at least the minimum of `range` and within `scale`; else the default.
+fn scaled(written: &Number, range: Range, scale: &Scale, findings: &mut Findings<'_>) -> f64 {
+    let Some(number) = written else { return range.default };
+    let value = *number.get_ref();
+    if let Err(wrong) = scale.judge(value, value) {
+        findings.error(number.span(), wrong);
+        return range.default;
     }
-    let wrong = match value.abs() > end {
-        true => Wrong::BeyondScale { value, end, usable },
-        false => Wrong::NoMargin { value, end, usable },
-    };
-    findings.error(place, wrong);
-    true
+    findings.number(written, Range { max: scale.usable, ..range })
 }
 
 fn judge_peak(written: &Number, value: f64, peak: f64, findings: &mut Findings<'_>) {
@@ -124,31 +137,29 @@ fn position(
     findings: &mut Findings<'_>,
 ) -> [f32; 2] {
     let cautious = [-range::CAUTIOUS_POSITION_RAD, range::CAUTIOUS_POSITION_RAD];
-    let default = cautious.map(|position| (position + capability.offset) as f32);
-    let Some(written) = written else { return default };
-    let [low, high] = match written.get_ref()[..] {
-        [low, high] => [low, high],
-        ref others => {
-            findings.error(written.span(), Wrong::PositionCount(others.len()));
-            return default;
-        }
+    let default = cautious.map(|position| position + capability.offset);
+    let position = written.as_ref().map_or(Ok(default), |written| judge_position(written, capability));
+    let position = position.unwrap_or_else(|(place, wrong)| {
+        findings.error(place, wrong);
+        default
+    });
+    position.map(|position| position as f32)
+}
+
+fn judge_position(written: &Spanned<Vec<f64>>, capability: &Capability) -> Result<[f64; 2], (Span, Wrong)> {
+    let refuse = |wrong| (written.span(), wrong);
+    let &[low, high] = written.get_ref().as_slice() else {
+        return Err(refuse(Wrong::PositionCount(written.get_ref().len())));
     };
-    let end = capability.position_end();
-    let (min, max) = (-usable(end), usable(end));
+    let scale = capability.position_scale();
     for value in [low, high] {
         if !value.is_finite() {
-            findings.error(written.span(), Wrong::NotFinite { value, min, max });
-            return default;
+            let (min, max) = (-scale.usable, scale.usable);
+            return Err(refuse(Wrong::NotFinite { value, min, max }));
         }
-        if beyond(capability.to_motor(value), written.span(), end, max, findings) {
-            return default;
-        }
+        scale.judge(value, capability.to_motor(value)).map_err(refuse)?;
     }
-    if low >= high {
-        findings.error(written.span(), Wrong::PositionOrder { low, high });
-        return default;
-    }
-    [low as f32, high as f32]
+    if low < high { Ok([low, high]) } else { Err(refuse(Wrong::PositionOrder { low, high })) }
 }
 
 /// Where derating begins, and where no torque is left, °C. The defaults give way to what is written.

@@ -6,16 +6,15 @@ use motord_protocol::{Model, TorqueScale};
 use motord_shared::limits::JOINTS_MAX;
 use toml::Spanned;
 
-use super::super::problem::Wrong;
-use super::super::settings::{
+use super::limits::{self, Capability};
+use super::micros;
+use crate::config::problem::Wrong;
+use crate::config::settings::{
     BeyondRange, BusKind, BusSettings, FaultPolicy, GroupSettings, MotorProtocol, MotorSettings,
     MotorSimulation, SafeStop,
 };
-use super::super::source::WHOLE;
-use super::super::written::Integer;
-use super::super::{Findings, range, written};
-use super::limits::{self, Capability};
-use super::micros;
+use crate::config::written::Integer;
+use crate::config::{Findings, range, written};
 
 type Written = Spanned<written::Motor>;
 
@@ -25,12 +24,7 @@ pub(super) fn motors(
     buses: &[BusSettings],
     findings: &mut Findings<'_>,
 ) -> Option<Vec<MotorSettings>> {
-    if written.is_empty() {
-        findings.missing(&WHOLE, "motor", "motord needs at least one [[motor]]");
-        return None;
-    }
-    if let Some(beyond) = written.get(JOINTS_MAX) {
-        findings.error(beyond.span(), Wrong::TooMany { max: JOINTS_MAX });
+    if !findings.counted(written, "motor", JOINTS_MAX) {
         return None;
     }
     // Collected twice: the first bad motor must not hide the others.
@@ -175,12 +169,11 @@ fn simulation(
     [low, high]: [f32; 2],
     findings: &mut Findings<'_>,
 ) -> MotorSimulation {
-    let [low, high] = [low, high].map(f64::from);
     let at_start = range::INITIAL_POSITION_RAD;
-    let value =
-        findings.number(&written.initial_position_rad, at_start.or(at_start.default.clamp(low, high)));
+    let at_start = at_start.or(at_start.default.clamp(low.into(), high.into()));
+    let value = findings.number(&written.initial_position_rad, at_start);
     if let Some(written) = &written.initial_position_rad
-        && !(low..=high).contains(&value)
+        && !(low..=high).contains(&(value as f32))
     {
         findings.error(written.span(), Wrong::InitialPosition { value, low, high });
     }
