@@ -7,15 +7,25 @@
 //! - [`time`]: the one clock of motord, as a value that is passed in.
 //! - [`frame`]: what a classic CAN frame can hold, and what a controller says about itself.
 //! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
+//! - [`socketcan`]: the CAN interfaces of Linux.
+//! - [`wait`](mod@wait) and [`clock`]: sleeping until something arrives, and the time.
 //!
 //! Wall time and system calls stop in this crate and in the daemon's `rt`.
 
 pub mod arithmetic;
+pub mod clock;
+#[cfg(feature = "conformance")]
+pub mod conformance;
 pub mod frame;
+#[allow(unsafe_code, reason = "system calls that no safe crate offers")]
+mod kernel;
+pub mod socketcan;
 pub mod time;
+pub mod wait;
 
 pub use frame::{Arrival, Content, ErrorFrame, Foreign, Frame, FrameId, Inbox};
 pub use time::{Duration, Instant};
+pub use wait::wait;
 
 use std::os::fd::RawFd;
 

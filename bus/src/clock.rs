@@ -1,0 +1,131 @@
+//! The clock of this machine: `CLOCK_MONOTONIC`, and how to get from `CLOCK_REALTIME` to it.
+
+use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
+
+use crate::time::{Duration, Instant};
+
+/// Reads `CLOCK_MONOTONIC`. Neither allocates nor blocks; on most machines it is no system call (vDSO).
+#[must_use]
+pub fn monotonic() -> Instant {
+    Instant::from_nanos(read(ClockId::CLOCK_MONOTONIC))
+}
+
+/// Sleeps until `instant`, or returns at once when it has passed. A signal ends the sleep early: whoever needs the
+/// instant reads the clock. Does not allocate; one system call.
+pub fn sleep_until(instant: Instant) {
+    let request = Duration::from_nanos(instant.as_nanos()).into();
+    // The only error that a valid time on this clock can give is EINTR, which is an early return.
+    let _early = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &request);
+}
+
+fn read(clock: ClockId) -> u64 {
+    let time = clock_gettime(clock).expect("Linux has CLOCK_MONOTONIC and CLOCK_REALTIME since 2.6");
+    (time.tv_sec() as u64).wrapping_mul(1_000_000_000).wrapping_add(time.tv_nsec() as u64)
+}
+
+/// Where `CLOCK_REALTIME` stands against `CLOCK_MONOTONIC`.
+///
+/// The kernel stamps received frames in `CLOCK_REALTIME` only. NTP slews both clocks alike, so their difference is
+/// constant until somebody sets the time. It is measured once a second, and at once when a stamp lies where none can:
+/// between two measurements no clock is read, whatever arrives.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RealtimeOffset {
+    /// Realtime minus monotonic, in ns.
+    offset: i64,
+    measured: Instant,
+}
+
+impl RealtimeOffset {
+    const REMEASURE: Duration = Duration::from_secs(1);
+
+    pub(crate) fn measure() -> Self {
+        let sandwich = || {
+            let before = read(ClockId::CLOCK_MONOTONIC);
+            let realtime = read(ClockId::CLOCK_REALTIME);
+            let after = read(ClockId::CLOCK_MONOTONIC);
+            let width = after.saturating_sub(before);
+            (width, realtime.wrapping_sub(before + width / 2) as i64, after)
+        };
+        // A reading that was interrupted is wide; three in a row are not all interrupted.
+        let (_, offset, measured) = [sandwich(), sandwich(), sandwich()]
+            .into_iter()
+            .min_by_key(|&(width, ..)| width)
+            .expect("three readings were taken");
+        Self { offset, measured: Instant::from_nanos(measured) }
+    }
+
+    /// The instant of a stamp that was taken between `earliest` and `now`; always between them. Neither allocates nor
+    /// blocks; reads the clocks at most once for every `now`.
+    pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
+        let at = self.apply(stamp);
+        let impossible = at < earliest || at > now;
+        let old = now.since(self.measured) >= Self::REMEASURE;
+        let at = if old || (impossible && self.measured < now) {
+            *self = Self { measured: now.max(self.measured), ..Self::measure() };
+            self.apply(stamp)
+        } else {
+            at
+        };
+        at.max(earliest).min(now)
+    }
+
+    fn apply(&self, stamp: RealtimeStamp) -> Instant {
+        Instant::from_nanos(stamp.0.saturating_sub_signed(self.offset))
+    }
+}
+
+/// A reading of `CLOCK_REALTIME`, in ns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct RealtimeStamp(pub(crate) u64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HOUR: u64 = 3_600_000_000_000;
+
+    fn stamp_now() -> RealtimeStamp {
+        RealtimeStamp(read(ClockId::CLOCK_REALTIME))
+    }
+
+    #[test]
+    fn a_stamp_becomes_the_instant_it_was_taken_at() {
+        let mut offset = RealtimeOffset::measure();
+        let before = monotonic();
+        let stamp = stamp_now();
+        let after = monotonic();
+        let at = offset.monotonic(stamp, Instant::ZERO, after + Duration::from_millis(1));
+        let tolerance = Duration::from_millis(20);
+        assert!(at >= before - tolerance && at <= after + tolerance, "{before:?} {at:?} {after:?}");
+    }
+
+    #[test]
+    fn setting_the_time_of_day_moves_no_stamp() {
+        for step in [-(HOUR as i64), HOUR as i64] {
+            let mut offset = RealtimeOffset::measure();
+            offset.offset = offset.offset.saturating_add(step);
+            let earliest = monotonic();
+            let stamp = stamp_now();
+            let now = monotonic() + Duration::from_millis(1);
+            let at = offset.monotonic(stamp, earliest, now);
+            assert!(at.since(earliest) < Duration::from_millis(20) && at <= now, "{step}: {at:?}");
+        }
+    }
+
+    #[test]
+    fn no_stamp_is_later_than_now_even_when_now_runs_backwards() {
+        let mut offset = RealtimeOffset::measure();
+        let (earliest, now) = (Instant::from_nanos(9), Instant::from_nanos(5));
+        for stamp in [0, 1, u64::MAX] {
+            assert_eq!(offset.monotonic(RealtimeStamp(stamp), earliest, now), now);
+        }
+    }
+
+    #[test]
+    fn a_sleep_ends_after_its_instant() {
+        let until = monotonic() + Duration::from_millis(2);
+        sleep_until(until);
+        assert!(monotonic() >= until);
+        sleep_until(Instant::ZERO);
+    }
+}

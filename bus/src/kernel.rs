@@ -1,0 +1,200 @@
+//! The three system calls that no safe crate offers without an allocation or a copy: `sendmmsg`, `recvmmsg` and
+//! `ppoll`. All `unsafe` of this crate is in this file.
+
+use core::cell::Cell;
+use core::ptr;
+use std::os::fd::{AsRawFd, BorrowedFd};
+
+use nix::errno::Errno;
+
+use crate::time::Duration;
+
+/// Room for one message: the largest frame a raw socket gives (CAN FD), and the two control messages that are asked for.
+pub(crate) const FRAME_BYTES: usize = size_of::<libc::canfd_frame>();
+/// `CMSG_SPACE` of `SCM_TIMESTAMPING` (three times of 16 bytes) and of `SO_RXQ_OVFL` (4 bytes).
+const CONTROL_BYTES: usize = (16 + 48) + (16 + 8);
+
+/// A control buffer, aligned as `cmsghdr` wants it.
+#[derive(Clone, Copy)]
+#[repr(C, align(8))]
+struct Control([u8; CONTROL_BYTES]);
+
+/// Message headers for the kernel with the memory they point to: wired up once, used for every call.
+///
+/// The memory is [`Cell`]s: the kernel writes to it through the pointers in the headers, we read it by value. No
+/// `Vec` here ever grows, so nothing moves when the batch does.
+pub(crate) struct Batch {
+    frames: Vec<Cell<[u8; FRAME_BYTES]>>,
+    controls: Vec<Cell<Control>>,
+    /// Only read by the kernel.
+    _vectors: Vec<libc::iovec>,
+    headers: Vec<libc::mmsghdr>,
+}
+
+// SAFETY: the pointers that make `Batch` not `Send` point into the heap blocks of its own `Vec`s. They go where the
+// batch goes, and nobody else has them.
+unsafe impl Send for Batch {}
+
+impl Batch {
+    /// For up to `capacity` messages of exactly `frame_bytes` to send, or of at most as many to receive.
+    pub(crate) fn new(capacity: usize, frame_bytes: usize) -> Self {
+        let frames = vec![Cell::new([0; FRAME_BYTES]); capacity];
+        let controls = vec![Cell::new(Control([0; CONTROL_BYTES])); capacity];
+        let iov_len = frame_bytes.min(FRAME_BYTES);
+        let mut vectors: Vec<_> =
+            frames.iter().map(|frame| libc::iovec { iov_base: frame.as_ptr().cast(), iov_len }).collect();
+        let first: *mut libc::iovec = vectors.as_mut_ptr();
+        let headers = (0..capacity).map(|index| header(first.wrapping_add(index))).collect();
+        Self { frames, controls, _vectors: vectors, headers }
+    }
+
+    pub(crate) fn capacity(&self) -> usize {
+        self.headers.len()
+    }
+
+    /// The bytes of message `index` for the next [`send`](Self::send).
+    pub(crate) fn put(&mut self, index: usize, frame: [u8; FRAME_BYTES]) {
+        self.frames[index].set(frame);
+    }
+
+    /// Sends the first `count` messages, and tells how many were taken. Never blocks; one system call.
+    pub(crate) fn send(&mut self, socket: BorrowedFd<'_>, count: usize) -> Result<usize, Errno> {
+        let count = count.min(self.capacity());
+        // SAFETY: `headers` holds at least `count` headers. Each points to one initialised iovec and that to
+        // `iov_len` initialised bytes of `frames`, all alive and unmoved as long as `self`; control is null, of
+        // length 0. The kernel writes `msg_len` only, in memory that is borrowed mutably here.
+        let sent = unsafe {
+            libc::sendmmsg(socket.as_raw_fd(), self.headers.as_mut_ptr(), count as u32, libc::MSG_DONTWAIT)
+        };
+        Errno::result(sent).map(|sent| sent as usize)
+    }
+
+    /// Receives up to `limit` messages, and tells how many came. Never blocks; one system call.
+    pub(crate) fn receive(&mut self, socket: BorrowedFd<'_>, limit: usize) -> Result<usize, Errno> {
+        let limit = limit.min(self.capacity());
+        for (header, control) in self.headers.iter_mut().zip(&self.controls).take(limit) {
+            header.msg_hdr.msg_control = control.as_ptr().cast();
+            header.msg_hdr.msg_controllen = CONTROL_BYTES;
+        }
+        // SAFETY: `headers` holds at least `limit` headers. Each points to one iovec, that to `iov_len` bytes of a
+        // cell in `frames`, and to the `CONTROL_BYTES` of a cell in `controls`: alive and unmoved as long as `self`,
+        // writable behind a shared reference because they are cells, and no reference into a cell exists.
+        // Any bytes are valid for both types. No timeout is passed.
+        let received = unsafe {
+            libc::recvmmsg(
+                socket.as_raw_fd(),
+                self.headers.as_mut_ptr(),
+                limit as u32,
+                libc::MSG_DONTWAIT,
+                ptr::null_mut(),
+            )
+        };
+        Errno::result(received).map(|received| received as usize)
+    }
+
+    /// What the last [`receive`](Self::receive) put into message `index`, which must be below the count it told.
+    pub(crate) fn message(&self, index: usize) -> Message {
+        let header = &self.headers[index];
+        Message {
+            frame: self.frames[index].get(),
+            frame_bytes: (header.msg_len as usize).min(FRAME_BYTES),
+            control: self.controls[index].get(),
+            control_bytes: header.msg_hdr.msg_controllen.min(CONTROL_BYTES),
+        }
+    }
+}
+
+fn header(vector: *mut libc::iovec) -> libc::mmsghdr {
+    let msg_hdr = libc::msghdr {
+        msg_name: ptr::null_mut(),
+        msg_namelen: 0,
+        msg_iov: vector,
+        msg_iovlen: 1,
+        msg_control: ptr::null_mut(),
+        msg_controllen: 0,
+        msg_flags: 0,
+    };
+    libc::mmsghdr { msg_hdr, msg_len: 0 }
+}
+
+/// One received message, as the kernel wrote it.
+pub(crate) struct Message {
+    frame: [u8; FRAME_BYTES],
+    frame_bytes: usize,
+    control: Control,
+    control_bytes: usize,
+}
+
+impl Message {
+    /// The frame, as long as it was.
+    pub(crate) fn frame(&self) -> &[u8] {
+        &self.frame[..self.frame_bytes]
+    }
+
+    /// The control messages, one after the other.
+    pub(crate) fn control(&self) -> &[u8] {
+        &self.control.0[..self.control_bytes]
+    }
+}
+
+/// Waits until one of `descriptors` has an event or `timeout` is over, and tells how many have. One system call, no
+/// allocation.
+pub(crate) fn poll(descriptors: &mut [libc::pollfd], timeout: Duration) -> Result<usize, Errno> {
+    let timeout = nix::sys::time::TimeSpec::from(timeout);
+    // SAFETY: pointer and length describe one borrowed slice of initialised `pollfd`s, of which the kernel writes
+    // `revents`; the timeout outlives the call and is only read; no signal mask is passed.
+    let ready = unsafe {
+        libc::ppoll(
+            descriptors.as_mut_ptr(),
+            descriptors.len() as libc::nfds_t,
+            ptr::from_ref(timeout.as_ref()),
+            ptr::null(),
+        )
+    };
+    Errno::result(ready).map(|ready| ready as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixDatagram;
+
+    fn message(first: u8) -> [u8; FRAME_BYTES] {
+        let mut frame = [0; FRAME_BYTES];
+        frame[0] = first;
+        frame
+    }
+
+    #[test]
+    fn a_batch_carries_messages_in_order_and_no_more_than_asked() {
+        let (near, far) = UnixDatagram::pair().unwrap();
+        let (mut outgoing, mut incoming) = (Batch::new(4, 16), Batch::new(4, FRAME_BYTES));
+        for index in 0..4 {
+            outgoing.put(index, message(index as u8 + 1));
+        }
+        assert_eq!(outgoing.send(near.as_fd(), 9), Ok(4), "a batch never exceeds its memory");
+        let mut incoming_moved = std::thread::spawn(move || {
+            assert_eq!(incoming.receive(far.as_fd(), 3), Ok(3));
+            (0..3).for_each(|index| {
+                let message = incoming.message(index);
+                assert_eq!((message.frame().len(), message.frame()[0]), (16, index as u8 + 1));
+                assert_eq!(message.control(), []);
+            });
+            (incoming, far)
+        })
+        .join()
+        .unwrap();
+        assert_eq!(incoming_moved.0.receive(incoming_moved.1.as_fd(), 3), Ok(1));
+        assert_eq!(incoming_moved.0.message(0).frame()[0], 4);
+        assert_eq!(incoming_moved.0.receive(incoming_moved.1.as_fd(), 3), Err(Errno::EAGAIN));
+    }
+
+    #[test]
+    fn a_full_queue_takes_a_part_and_does_not_block() {
+        let (near, _far) = UnixDatagram::pair().unwrap();
+        let mut outgoing = Batch::new(64, 16);
+        let refused = (0..100).find_map(|_| outgoing.send(near.as_fd(), 64).err());
+        assert_eq!(refused, Some(Errno::EAGAIN));
+    }
+}

@@ -1,0 +1,393 @@
+//! The interface below the socket: what it is set to, and setting it.
+//!
+//! With the right to (`CAP_NET_ADMIN`) an interface that does not fit is taken down, given its bit rate, restart time
+//! and queue length, and brought up. Without it, [`OpenError`] says what is wrong and which commands mend it. Nothing is
+//! put back on exit: an interface that stays up lets the dead man's switch and `candump` go on.
+
+use core::fmt;
+
+use neli::consts::nl::NlmF;
+use neli::consts::rtnl::{Arphrd, Ifla, RtAddrFamily, Rtm};
+use neli::consts::socket::NlFamily;
+use neli::nl::{NlPayload, Nlmsghdr, NlmsghdrBuilder};
+use neli::rtnl::{Ifinfomsg, IfinfomsgBuilder, RtattrBuilder};
+use neli::socket::synchronous::NlSocketHandle;
+use neli::types::RtBuffer;
+use neli::utils::Groups;
+use nix::errno::Errno;
+use nix::net::if_::if_nametoindex;
+use socketcan::nl::{CanBitTiming, CanCtrlModes, CanState, InterfaceDetails};
+use socketcan::{CanCtrlMode, CanInterface, InterfaceCanParams, NlError};
+
+use super::{InterfaceName, open_socket};
+use crate::frame::ControllerState;
+
+/// How long a controller that has left the bus waits before it tries again, in ms. The kernel's default is never.
+pub const RESTART_MS: u32 = 100;
+
+/// A clock that is not a multiple of the bit rate gives a neighbour of it: 1/200 is a third of what CAN tolerates between
+/// two nodes (1.58 %, ISO 11898-1).
+const BITRATE_TOLERANCE: u32 = 200;
+
+/// What an interface is set to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Link {
+    /// Its name.
+    pub interface: InterfaceName,
+    /// Its number, a new one each time an adapter is plugged in.
+    pub index: u32,
+    /// Whether it is up.
+    pub up: bool,
+    /// Bit rate in bit/s. `None` on a virtual interface, and before one was set.
+    pub bitrate: Option<u32>,
+    /// Time from bus-off to the next try in ms; 0 is never. `None` on a virtual interface.
+    pub restart_ms: Option<u32>,
+    /// The controller's own word. `None` on a virtual interface, or while the controller is stopped.
+    pub state: Option<ControllerState>,
+    /// Without a controller: `vcan`, `vxcan`.
+    pub is_virtual: bool,
+    /// It only listens, so it never acknowledges and never sends.
+    pub listen_only: bool,
+    /// It hears itself and nobody else.
+    pub loopback: bool,
+}
+
+/// Why an interface cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum OpenError {
+    /// No interface has this name.
+    #[error(
+        "{0}: there is no such interface; plug the adapter in or load its driver (`ip link` lists what is there)"
+    )]
+    Missing(InterfaceName),
+    /// An interface of another kind, such as Ethernet.
+    #[error("{0} is no CAN interface (`ip -details link show type can` lists those)")]
+    NotCan(InterfaceName),
+    /// The interface is down.
+    #[error("{0} is down; as root: {1}", .remedy.interface, .remedy)]
+    Down {
+        /// What mends it.
+        remedy: Remedy,
+    },
+    /// The interface runs at another bit rate than the motors.
+    #[error("{0} is set to {received} bit/s, {expected} are configured; as root: {1}", .remedy.interface, .remedy)]
+    Bitrate {
+        /// What the configuration says, in bit/s.
+        expected: u32,
+        /// What the interface is set to, in bit/s; 0 when nothing is set.
+        received: u32,
+        /// What mends it.
+        remedy: Remedy,
+    },
+    /// The interface is set to listen only, or to hear only itself: no motor would hear it.
+    #[error("{0} is in listen-only or loopback mode; as root: {1}", .remedy.interface, .remedy)]
+    Deaf {
+        /// What mends it.
+        remedy: Remedy,
+    },
+    /// The controller has left the bus and will not come back by itself.
+    #[error("{0} is bus-off and not set to restart; check wiring and bit rate, then as root: {1}", .remedy.interface, .remedy)]
+    BusOff {
+        /// What mends it.
+        remedy: Remedy,
+    },
+    /// The driver does not take the settings, such as a bit rate that its clock cannot be divided to.
+    #[error("{0}: the driver refused; `dmesg` may tell why: {1}", .remedy.interface, .remedy)]
+    Refused {
+        /// What was tried.
+        remedy: Remedy,
+    },
+    /// A system call failed.
+    #[error("{interface}: {step}: {errno}")]
+    System {
+        /// The interface.
+        interface: InterfaceName,
+        /// What was tried.
+        step: Step,
+        /// What the kernel said.
+        errno: Errno,
+    },
+}
+
+/// What was tried when a system call failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Step {
+    /// Reading the settings of the interface.
+    #[error("cannot read its settings")]
+    Read,
+    /// Opening the socket and setting its options.
+    #[error("cannot open a socket on it")]
+    Socket,
+}
+
+/// The commands that set an interface up by hand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Remedy {
+    /// The interface.
+    pub interface: InterfaceName,
+    /// Its bit rate in bit/s; `None` for a virtual interface, which has none.
+    pub bitrate: Option<u32>,
+    /// Length of its transmit queue in frames.
+    pub queue_length: u32,
+    /// Whether listen-only and loopback mode have to be switched off.
+    pub deaf: bool,
+}
+
+impl fmt::Display for Remedy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { interface, queue_length, .. } = self;
+        let Some(bitrate) = self.bitrate else { return write!(f, "ip link set {interface} up") };
+        let modes = if self.deaf { " listen-only off loopback off" } else { "" };
+        write!(
+            f,
+            "ip link set {interface} down; \
+             ip link set {interface} type can bitrate {bitrate} restart-ms {RESTART_MS}{modes}; \
+             ip link set {interface} txqueuelen {queue_length} up"
+        )
+    }
+}
+
+impl Link {
+    /// Reads what `interface` is set to. Needs no rights.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::Missing`], [`OpenError::NotCan`] or [`OpenError::System`].
+    pub fn read(interface: InterfaceName) -> Result<Self, OpenError> {
+        let index = if_nametoindex(interface.as_str()).map_err(|_| OpenError::Missing(interface))?;
+        // Binding is the kernel's own test of what kind of interface it is.
+        open_socket(interface, index, |_| Ok(()))?;
+        let details = CanInterface::open_iface(index).details().map_err(|error| OpenError::System {
+            interface,
+            step: Step::Read,
+            errno: netlink_errno(&error),
+        })?;
+        Ok(Self::from_details(interface, index, &details))
+    }
+
+    fn from_details(interface: InterfaceName, index: u32, details: &InterfaceDetails) -> Self {
+        let can = &details.can;
+        let is_set = |mode| can.ctrl_mode.is_some_and(|modes| modes.has_mode(mode));
+        Self {
+            interface,
+            index,
+            up: details.is_up,
+            bitrate: can.bit_timing.map(|timing| timing.bitrate),
+            restart_ms: can.restart_ms,
+            state: can.state.and_then(controller_state),
+            is_virtual: can.state.is_none(),
+            listen_only: is_set(CanCtrlMode::ListenOnly),
+            loopback: is_set(CanCtrlMode::Loopback),
+        }
+    }
+
+    /// Makes `interface` ready for `bitrate` (bit/s), with a transmit queue of `queue_length` frames. Off the
+    /// real-time thread: takes milliseconds, and allocates.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the interface, when it is not allowed or not possible to mend it.
+    pub fn prepare(interface: InterfaceName, bitrate: u32, queue_length: u32) -> Result<Self, OpenError> {
+        let link = Self::read(interface)?;
+        // Whoever may set the length of the queue may set the rest. Where nobody may, the send buffer still bounds it.
+        let allowed = set_queue_length(link.index, queue_length);
+        let Err(fault) = link.check(bitrate, queue_length) else { return Ok(link) };
+        if !allowed {
+            return Err(fault);
+        }
+        let remedy = link.remedy(bitrate, queue_length);
+        link.set_up(bitrate).map_err(|_| OpenError::Refused { remedy })?;
+        let link = Self::read(interface)?;
+        link.check(bitrate, queue_length).map(|()| link)
+    }
+
+    /// Whether motors at `bitrate` (bit/s) can be reached through the interface as it is.
+    ///
+    /// # Errors
+    ///
+    /// The first thing that is wrong.
+    pub fn check(&self, bitrate: u32, queue_length: u32) -> Result<(), OpenError> {
+        let remedy = self.remedy(bitrate, queue_length);
+        let received = self.bitrate.unwrap_or(0);
+        if !self.is_virtual && received.abs_diff(bitrate) > bitrate / BITRATE_TOLERANCE {
+            return Err(OpenError::Bitrate { expected: bitrate, received, remedy });
+        }
+        if self.is_deaf() {
+            return Err(OpenError::Deaf { remedy });
+        }
+        if !self.up {
+            return Err(OpenError::Down { remedy });
+        }
+        if self.state == Some(ControllerState::Off) && self.restart_ms == Some(0) {
+            return Err(OpenError::BusOff { remedy });
+        }
+        Ok(())
+    }
+
+    fn is_deaf(&self) -> bool {
+        self.listen_only || self.loopback
+    }
+
+    fn remedy(&self, bitrate: u32, queue_length: u32) -> Remedy {
+        Remedy {
+            interface: self.interface,
+            bitrate: (!self.is_virtual).then_some(bitrate),
+            queue_length,
+            deaf: self.is_deaf(),
+        }
+    }
+
+    fn set_up(&self, bitrate: u32) -> socketcan::Result<()> {
+        let interface = CanInterface::open_iface(self.index);
+        if self.up {
+            interface.bring_down()?;
+        }
+        if !self.is_virtual {
+            interface.set_can_params(&self.parameters(bitrate))?;
+        }
+        interface.bring_up()
+    }
+
+    fn parameters(&self, bitrate: u32) -> InterfaceCanParams {
+        // Not asked for without need: a driver with a fixed mode refuses whatever leaves that mode out.
+        let hearing = self.is_deaf().then(|| {
+            let mut modes = CanCtrlModes::default();
+            modes.add(CanCtrlMode::ListenOnly, false);
+            modes.add(CanCtrlMode::Loopback, false);
+            modes
+        });
+        InterfaceCanParams {
+            bit_timing: Some(CanBitTiming { bitrate, ..CanBitTiming::default() }),
+            restart_ms: Some(RESTART_MS),
+            ctrl_mode: hearing,
+            ..InterfaceCanParams::default()
+        }
+    }
+}
+
+fn controller_state(state: CanState) -> Option<ControllerState> {
+    match state {
+        CanState::ErrorActive => Some(ControllerState::Active),
+        CanState::ErrorWarning => Some(ControllerState::Warning),
+        CanState::ErrorPassive => Some(ControllerState::Passive),
+        CanState::BusOff => Some(ControllerState::Off),
+        CanState::Stopped | CanState::Sleeping => None,
+    }
+}
+
+fn netlink_errno(error: &socketcan::Error) -> Errno {
+    let raw = match error {
+        socketcan::Error::Io(error) => error.raw_os_error(),
+        socketcan::Error::Nl(NlError::Netlink { errno }) => Some(*errno),
+        _ => None,
+    };
+    Errno::from_raw(raw.unwrap_or(libc::EPROTO))
+}
+
+/// Sets what the socketcan crate does not offer. `false` when the kernel refused: without the right to, as a rule.
+fn set_queue_length(index: u32, frames: u32) -> bool {
+    let acknowledged = || {
+        let socket = NlSocketHandle::connect(NlFamily::Route, None, Groups::empty()).ok()?;
+        socket.send(&queue_length_message(index, frames)?).ok()?;
+        let (mut answers, _) = socket.recv::<Rtm, Ifinfomsg>().ok()?;
+        let answer = answers.next()?.ok()?;
+        Some(matches!(answer.nl_payload(), NlPayload::Ack(_)))
+    };
+    acknowledged().unwrap_or(false)
+}
+
+fn queue_length_message(index: u32, frames: u32) -> Option<Nlmsghdr<Rtm, Ifinfomsg>> {
+    let length = RtattrBuilder::default().rta_type(Ifla::Txqlen).rta_payload(frames).build().ok()?;
+    let mut attributes = RtBuffer::new();
+    attributes.push(length);
+    let link = IfinfomsgBuilder::default()
+        .ifi_family(RtAddrFamily::Unspecified)
+        .ifi_type(Arphrd::None)
+        .ifi_index(i32::try_from(index).ok()?)
+        .rtattrs(attributes)
+        .build()
+        .ok()?;
+    NlmsghdrBuilder::default()
+        .nl_type(Rtm::Newlink)
+        .nl_flags(NlmF::REQUEST | NlmF::ACK)
+        .nl_payload(NlPayload::Payload(link))
+        .build()
+        .ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> Link {
+        Link {
+            interface: "can0".parse().unwrap(),
+            index: 3,
+            up: true,
+            bitrate: Some(1_000_000),
+            restart_ms: Some(RESTART_MS),
+            state: Some(ControllerState::Active),
+            is_virtual: false,
+            listen_only: false,
+            loopback: false,
+        }
+    }
+
+    #[test]
+    fn every_unfit_interface_is_refused_with_the_commands_that_mend_it() {
+        let commands = |modes| {
+            format!(
+                "as root: ip link set can0 down; \
+                 ip link set can0 type can bitrate 1000000 restart-ms 100{modes}; \
+                 ip link set can0 txqueuelen 8 up"
+            )
+        };
+        let unfit = [
+            (Link { up: false, ..good() }, "can0 is down"),
+            (
+                Link { bitrate: Some(500_000), ..good() },
+                "can0 is set to 500000 bit/s, 1000000 are configured",
+            ),
+            (Link { bitrate: None, up: false, ..good() }, "can0 is set to 0 bit/s, 1000000 are configured"),
+            (Link { listen_only: true, ..good() }, "can0 is in listen-only or loopback mode"),
+            (Link { loopback: true, ..good() }, "can0 is in listen-only or loopback mode"),
+            (Link { state: Some(ControllerState::Off), restart_ms: Some(0), ..good() }, "can0 is bus-off"),
+        ];
+        for (link, reason) in unfit {
+            let modes = if link.is_deaf() { " listen-only off loopback off" } else { "" };
+            let text = link.check(1_000_000, 8).unwrap_err().to_string();
+            assert!(text.starts_with(reason) && text.ends_with(&commands(modes)), "{text}");
+        }
+        assert_eq!(good().check(1_000_000, 8), Ok(()));
+    }
+
+    #[test]
+    fn a_bit_rate_that_the_clock_rounds_is_not_refused() {
+        for (received, fits) in [(999_001, true), (1_004_999, true), (994_000, false), (1_006_000, false)] {
+            assert_eq!(
+                Link { bitrate: Some(received), ..good() }.check(1_000_000, 8).is_ok(),
+                fits,
+                "{received}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_controller_that_will_restart_is_not_refused() {
+        assert_eq!(Link { state: Some(ControllerState::Off), ..good() }.check(1_000_000, 8), Ok(()));
+    }
+
+    #[test]
+    fn a_virtual_interface_needs_to_be_up_and_nothing_else() {
+        let vcan = Link { bitrate: None, restart_ms: None, state: None, is_virtual: true, ..good() };
+        assert_eq!(vcan.check(1_000_000, 8), Ok(()));
+        let text = Link { up: false, ..vcan }.check(1_000_000, 8).unwrap_err().to_string();
+        assert!(text.ends_with("as root: ip link set can0 up"), "{text}");
+    }
+
+    #[test]
+    fn an_interface_that_is_not_there_is_missing() {
+        let name = "nosuchcan9".parse().unwrap();
+        assert_eq!(Link::read(name), Err(OpenError::Missing(name)));
+    }
+}

@@ -1,0 +1,228 @@
+//! CAN interfaces of Linux (`PF_CAN`, raw protocol; kernel documentation, `networking/can.rst`).
+//!
+//! [`SocketCanBus::open`] configures and allocates; after it, sending is one `sendmmsg` and receiving one `recvmmsg`.
+//!
+//! Choices:
+//! - *Filters*: one exact filter for every expected id, which the kernel looks up in a table. What else is on the bus costs
+//!   the real-time thread nothing; [`Strays`] counts it elsewhere.
+//! - *Error reports*: transmit timeout, lost arbitration, controller, no acknowledge, bus-off, restarted. Protocol and bus
+//!   errors are left out: the controller's state tells what they add up to.
+//! - *Transmit queue*: two cycles of commands, in the send buffer and, where allowed, in the interface's queue. What a stalled bus
+//!   cannot take is refused at once and never sent later.
+//! - *Receive stamps*: software stamps of the kernel, taken before any scheduling, moved to `CLOCK_MONOTONIC`. Hardware
+//!   stamps are not used: a controller's own clock drifts against the one our commands are timed by, and against those of
+//!   other controllers.
+//! - *Loopback* stays on, so that `candump` sees what motord sends; own frames are not received.
+
+mod link;
+mod lock;
+mod name;
+mod strays;
+mod wire;
+
+use std::io;
+use std::os::fd::{AsFd, AsRawFd};
+
+use nix::errno::Errno;
+use nix::sys::socket::{AddressFamily, SockFlag, SockProtocol, SockType, socket};
+use socketcan::{CanAddr, CanSocket, Socket, SocketOptions};
+
+use crate::clock::RealtimeOffset;
+use crate::frame::{Arrival, ErrorFrame, Frame, FrameId, Inbox};
+use crate::kernel::{Batch, FRAME_BYTES};
+use crate::time::Instant;
+use crate::{Bus, Readiness, Refusal, Sent};
+
+pub use link::{Link, OpenError, RESTART_MS, Remedy, Step};
+pub use lock::{InterfaceLock, LockError};
+pub use name::{InterfaceName, InvalidName};
+pub use strays::Strays;
+
+/// What to open.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Settings {
+    /// The interface.
+    pub interface: InterfaceName,
+    /// Bit rate in bit/s.
+    pub bitrate: u32,
+    /// The ids the motors answer with, one each. Nothing else is received.
+    pub host_ids: Vec<FrameId>,
+}
+
+impl Settings {
+    /// Frames that may wait for the wire: the commands of two cycles, each with one poll for a fault.
+    fn queue_length(&self) -> u32 {
+        2 * (self.host_ids.len() as u32 + 1)
+    }
+}
+
+/// A CAN interface.
+pub struct SocketCanBus {
+    socket: CanSocket,
+    link: Link,
+    outgoing: Batch,
+    incoming: Batch,
+    realtime: RealtimeOffset,
+    /// No frame that arrives from now on was there before this instant.
+    latest: Instant,
+    /// `SO_RXQ_OVFL` as last told.
+    dropped: u32,
+}
+
+/// The error reports that are asked for.
+const ERROR_FILTER: u32 = ErrorFrame::TX_TIMEOUT
+    | ErrorFrame::LOST_ARBITRATION
+    | ErrorFrame::CONTROLLER
+    | ErrorFrame::NO_ACKNOWLEDGE
+    | ErrorFrame::BUS_OFF
+    | ErrorFrame::RESTARTED;
+
+/// With these bits compared, a filter for one standard id takes the kernel's table look-up.
+const EXACT: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_SFF_MASK;
+
+/// What a queued frame takes of a send buffer, in bytes: `struct sk_buff` and its data block on 64-bit kernels up to 6.12.
+const QUEUED_FRAME_BYTES: u32 = 768;
+
+impl SocketCanBus {
+    /// Sets the interface up as far as allowed, checks it, and opens it. Off the real-time thread: it allocates, and
+    /// takes milliseconds. After [`Refusal::Gone`], open again.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong, and what to do about it.
+    pub fn open(settings: &Settings) -> Result<Self, OpenError> {
+        let interface = settings.interface;
+        let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
+        let socket = open_socket(interface, link.index, |socket| configure(socket, settings))?;
+        Ok(Self {
+            socket,
+            link,
+            outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES),
+            incoming: Batch::new(Inbox::CAPACITY, FRAME_BYTES),
+            realtime: RealtimeOffset::measure(),
+            latest: Instant::ZERO,
+            dropped: 0,
+        })
+    }
+
+    /// What the interface was set to when it was opened.
+    #[must_use]
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+}
+
+/// Opens a raw socket and binds it when it is configured, so that nothing arrives which the filters exclude.
+fn open_socket(
+    interface: InterfaceName,
+    index: u32,
+    configure: impl FnOnce(&CanSocket) -> io::Result<()>,
+) -> Result<CanSocket, OpenError> {
+    let failed = |error: &io::Error| OpenError::System { interface, step: Step::Socket, errno: errno(error) };
+    let raw = socket(AddressFamily::Can, SockType::Raw, SockFlag::SOCK_CLOEXEC, SockProtocol::CanRaw)
+        .map_err(|errno| failed(&errno.into()))?;
+    let socket = CanSocket::from(raw);
+    configure(&socket).map_err(|error| failed(&error))?;
+    let address = CanAddr::new(index).into_sock_addr();
+    socket.as_raw_socket().bind(&address).map_err(|error| match errno(&error) {
+        Errno::ENODEV => OpenError::NotCan(interface),
+        _ => failed(&error),
+    })?;
+    Ok(socket)
+}
+
+fn errno(error: &io::Error) -> Errno {
+    Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
+}
+
+fn configure(socket: &CanSocket, settings: &Settings) -> io::Result<()> {
+    let exact: Vec<(u32, u32)> = settings.host_ids.iter().map(|id| (u32::from(id.raw()), EXACT)).collect();
+    socket.set_filters(&exact)?;
+    socket.set_error_filter(ERROR_FILTER)?;
+    socket.set_recv_own_msgs(false)?;
+    socket.set_timestamping(libc::SOF_TIMESTAMPING_RX_SOFTWARE | libc::SOF_TIMESTAMPING_SOFTWARE)?;
+    socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
+    // The kernel doubles what it is given.
+    let send_buffer = settings.queue_length() * QUEUED_FRAME_BYTES / 2;
+    socket.as_raw_socket().set_send_buffer_size(send_buffer as usize)
+}
+
+impl Bus for SocketCanBus {
+    /// One `sendmmsg`. When it takes a part, the kernel does not tell why it stopped: that is reported as
+    /// [`Refusal::Full`], and the next call meets the reason itself.
+    fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+        if frames.is_empty() {
+            return Sent::all(0);
+        }
+        let count = frames.len().min(self.outgoing.capacity());
+        for (index, frame) in frames.iter().take(count).enumerate() {
+            self.outgoing.put(index, wire::encode(frame));
+        }
+        match self.outgoing.send(self.socket.as_fd(), count) {
+            Ok(accepted) if accepted == frames.len() => Sent::all(accepted),
+            Ok(accepted) => Sent { accepted, refusal: Some(Refusal::Full) },
+            Err(errno) => Sent { accepted: 0, refusal: Some(refusal(errno)) },
+        }
+    }
+
+    /// One `recvmmsg`. `now` is what the caller read after its wait: no arrival is later. An error of the interface is
+    /// not reported here, the next [`send`](Self::send) meets it.
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        let room = inbox.room();
+        if room == 0 {
+            return;
+        }
+        let count = self.incoming.receive(self.socket.as_fd(), room).unwrap_or(0);
+        for index in 0..count {
+            let message = self.incoming.message(index);
+            let ancillary = wire::ancillary(message.control());
+            if let Some(stamp) = ancillary.stamp {
+                self.latest = self.realtime.monotonic(stamp, self.latest, now);
+            }
+            if let Some(dropped) = ancillary.dropped {
+                inbox.lost = inbox.lost.saturating_add(dropped.wrapping_sub(self.dropped));
+                self.dropped = dropped;
+            }
+            let arrival = Arrival { at: self.latest, content: wire::decode(message.frame()) };
+            inbox.push(arrival).expect("no more messages were asked for than fit");
+        }
+        if count < room {
+            self.latest = now;
+        }
+    }
+
+    fn readiness(&self) -> Readiness {
+        Readiness::Readable(self.socket.as_raw_fd())
+    }
+}
+
+fn refusal(errno: Errno) -> Refusal {
+    match errno {
+        Errno::ENOBUFS | Errno::EAGAIN => Refusal::Full,
+        Errno::ENETDOWN => Refusal::Down,
+        Errno::ENODEV | Errno::ENXIO | Errno::EIO => Refusal::Gone,
+        other => Refusal::Error(other as i32),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_fault_of_the_interface_means_is_told_from_its_errno() {
+        let table = [
+            (Errno::ENOBUFS, Refusal::Full),
+            (Errno::EAGAIN, Refusal::Full),
+            (Errno::ENETDOWN, Refusal::Down),
+            (Errno::ENODEV, Refusal::Gone),
+            (Errno::ENXIO, Refusal::Gone),
+            (Errno::EIO, Refusal::Gone),
+            (Errno::EINTR, Refusal::Error(libc::EINTR)),
+            (Errno::EPERM, Refusal::Error(libc::EPERM)),
+        ];
+        for (errno, expected) in table {
+            assert_eq!(refusal(errno), expected);
+        }
+    }
+}

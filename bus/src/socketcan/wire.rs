@@ -1,0 +1,216 @@
+//! The kernel's bytes for a frame and for what comes with it. Everything here reads bytes from outside: none of it
+//! panics, whatever they are.
+//!
+//! Source: `linux/can.h` (`struct can_frame`, `struct canfd_frame`, the flags in the id), `linux/socket.h` (control
+//! messages).
+
+use crate::clock::RealtimeStamp;
+use crate::frame::{Content, ErrorFrame, Foreign, Frame, FrameId};
+use crate::kernel::FRAME_BYTES;
+
+/// Length of `struct can_frame`: what is sent, and what is received of a classic frame.
+pub(super) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
+
+/// `struct can_frame`, by bytes.
+mod field {
+    use core::ops::Range;
+    pub(super) const ID: Range<usize> = 0..4;
+    pub(super) const LEN: usize = 4;
+    /// The raw DLC, where the interface reports it: 9 to 15 when `LEN` is 8.
+    pub(super) const LEN8_DLC: usize = 7;
+    pub(super) const DATA: Range<usize> = 8..16;
+}
+
+/// The bytes to send for `frame`.
+pub(super) fn encode(frame: &Frame) -> [u8; FRAME_BYTES] {
+    let mut bytes = [0; FRAME_BYTES];
+    let payload = frame.payload();
+    bytes[field::ID].copy_from_slice(&u32::from(frame.id().raw()).to_ne_bytes());
+    bytes[field::LEN] = payload.len() as u8;
+    bytes[field::DATA][..payload.len()].copy_from_slice(payload);
+    bytes
+}
+
+/// What the bytes of a received message are.
+pub(super) fn decode(bytes: &[u8]) -> Content {
+    match bytes.len() {
+        CLASSIC_BYTES => classic(bytes).unwrap_or(Content::Foreign(Foreign::Length)),
+        FRAME_BYTES => Content::Foreign(Foreign::Fd),
+        _ => Content::Foreign(Foreign::Length),
+    }
+}
+
+fn classic(bytes: &[u8]) -> Option<Content> {
+    let word = u32::from_ne_bytes(*bytes.get(field::ID)?.first_chunk()?);
+    let data = *bytes.get(field::DATA)?.first_chunk()?;
+    let len = usize::from(*bytes.get(field::LEN)?);
+    let raw_dlc = *bytes.get(field::LEN8_DLC)?;
+    if word & libc::CAN_ERR_FLAG != 0 {
+        return Some(Content::Error(ErrorFrame { class: word & libc::CAN_ERR_MASK, data }));
+    }
+    if word & libc::CAN_EFF_FLAG != 0 {
+        return Some(Content::Foreign(Foreign::Extended));
+    }
+    if word & libc::CAN_RTR_FLAG != 0 {
+        return Some(Content::Foreign(Foreign::Remote));
+    }
+    if (9..=15).contains(&raw_dlc) {
+        return None;
+    }
+    let id = FrameId::new(u16::try_from(word).ok()?)?;
+    Frame::new(id, data.get(..len)?).map(Content::Frame)
+}
+
+/// What the kernel told beside a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Ancillary {
+    /// When the frame reached the kernel (`SCM_TIMESTAMPING`, software).
+    pub(super) stamp: Option<RealtimeStamp>,
+    /// How many frames this socket had lost when this one was queued, counted from its opening and wrapping
+    /// (`SO_RXQ_OVFL`). The kernel says nothing as long as there are none.
+    pub(super) dropped: Option<u32>,
+}
+
+/// Reads the control messages of one frame.
+pub(super) fn ancillary(control: &[u8]) -> Ancillary {
+    ControlMessages(control).filter(|message| message.level == libc::SOL_SOCKET).fold(
+        Ancillary::default(),
+        |found, message| match message.kind {
+            libc::SO_TIMESTAMPING => Ancillary { stamp: software_stamp(message.data), ..found },
+            libc::SO_RXQ_OVFL => {
+                Ancillary { dropped: message.data.first_chunk().map(|n| u32::from_ne_bytes(*n)), ..found }
+            }
+            _ => found,
+        },
+    )
+}
+
+/// The first of three 64-bit `timespec`s; all zero when the kernel had not begun to stamp.
+fn software_stamp(times: &[u8]) -> Option<RealtimeStamp> {
+    let seconds = u64::from_ne_bytes(*times.first_chunk()?);
+    let nanos = u64::from_ne_bytes(*times.get(8..)?.first_chunk()?);
+    (seconds != 0).then(|| RealtimeStamp(seconds.wrapping_mul(1_000_000_000).wrapping_add(nanos)))
+}
+
+struct ControlMessage<'a> {
+    level: i32,
+    kind: i32,
+    data: &'a [u8],
+}
+
+/// Walks a control buffer: each message is `struct cmsghdr` (length with header, level, type), its data, and padding to
+/// the size of a word.
+struct ControlMessages<'a>(&'a [u8]);
+
+impl<'a> Iterator for ControlMessages<'a> {
+    type Item = ControlMessage<'a>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        const WORD: usize = size_of::<usize>();
+        let len = usize::from_ne_bytes(*self.0.first_chunk::<WORD>()?);
+        let level = i32::from_ne_bytes(*self.0.get(WORD..)?.first_chunk()?);
+        let kind = i32::from_ne_bytes(*self.0.get(WORD + 4..)?.first_chunk()?);
+        let data = self.0.get(WORD + 8..len)?;
+        self.0 = len.checked_next_multiple_of(WORD).and_then(|next| self.0.get(next..)).unwrap_or(&[]);
+        Some(ControlMessage { level, kind, data })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `struct can_frame` as a little or big endian machine has it: id, length, two of padding, raw DLC, data.
+    fn bytes(word: u32, len: u8, raw_dlc: u8) -> [u8; CLASSIC_BYTES] {
+        let [a, b, c, d] = word.to_ne_bytes();
+        [a, b, c, d, len, 0, 0, raw_dlc, 1, 2, 3, 4, 5, 6, 7, 8]
+    }
+
+    #[test]
+    fn a_frame_survives_the_way_through_the_kernel() {
+        for len in 0..=8 {
+            let frame = Frame::new(FrameId::new(0x101).unwrap(), &[0xA5; 8][..len]).unwrap();
+            assert_eq!(decode(&encode(&frame)[..CLASSIC_BYTES]), Content::Frame(frame));
+        }
+        let frame = Frame::new(FrameId::MAX, &[1, 2, 3, 4, 5, 6]).unwrap();
+        assert_eq!(decode(&bytes(0x7FF, 6, 0)), Content::Frame(frame));
+    }
+
+    #[test]
+    fn what_no_motor_sends_is_never_a_frame() {
+        let foreign = |bytes: &[u8]| match decode(bytes) {
+            Content::Foreign(foreign) => Some(foreign),
+            _ => None,
+        };
+        assert_eq!(foreign(&bytes(0x8000_0101, 6, 0)), Some(Foreign::Extended));
+        assert_eq!(foreign(&bytes(0x4000_0101, 0, 0)), Some(Foreign::Remote));
+        assert_eq!(foreign(&[0; FRAME_BYTES]), Some(Foreign::Fd));
+        for raw_dlc in 9..=15 {
+            assert_eq!(foreign(&bytes(0x101, 8, raw_dlc)), Some(Foreign::Length));
+        }
+        assert_eq!(foreign(&bytes(0x101, 9, 0)), Some(Foreign::Length));
+        assert_eq!(foreign(&bytes(0x101, 255, 0)), Some(Foreign::Length));
+        assert_eq!(
+            foreign(&bytes(0x800, 8, 0)),
+            Some(Foreign::Length),
+            "twelve bits without the extended flag"
+        );
+        for short in 0..CLASSIC_BYTES {
+            assert_eq!(foreign(&bytes(0x101, 6, 0)[..short]), Some(Foreign::Length));
+        }
+    }
+
+    /// `cansend vcan0 20000040#0000000000000000`, the bus-off report of `linux/can/error.h`.
+    #[test]
+    fn an_error_report_is_never_a_frame_whatever_its_other_flags() {
+        let mut report = bytes(0x2000_0040, 8, 0);
+        report[field::DATA].fill(0);
+        assert_eq!(decode(&report), Content::Error(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] }));
+        for flags in [0x2000_0101, 0x6000_0101, 0xA000_0101, 0xE000_0101] {
+            assert!(matches!(decode(&bytes(flags, 255, 15)), Content::Error(_)));
+        }
+    }
+
+    fn control(kind: i32, data: &[u8]) -> Vec<u8> {
+        let mut bytes = (16 + data.len()).to_ne_bytes().to_vec();
+        bytes.extend(libc::SOL_SOCKET.to_ne_bytes());
+        bytes.extend(kind.to_ne_bytes());
+        bytes.extend(data);
+        bytes.resize(bytes.len().next_multiple_of(8), 0);
+        bytes
+    }
+
+    #[test]
+    fn stamp_and_loss_are_found_in_any_order_among_strangers() {
+        let mut times = [0; 48];
+        times[..8].copy_from_slice(&7_u64.to_ne_bytes());
+        times[8..16].copy_from_slice(&9_u64.to_ne_bytes());
+        let parts = [
+            control(libc::SO_RXQ_OVFL, &3_u32.to_ne_bytes()),
+            control(1, &[0; 5]),
+            control(libc::SO_TIMESTAMPING, &times),
+        ];
+        let wanted = Ancillary { stamp: Some(RealtimeStamp(7_000_000_009)), dropped: Some(3) };
+        assert_eq!(ancillary(&parts.concat()), wanted);
+        let reversed: Vec<u8> = parts.iter().rev().flatten().copied().collect();
+        assert_eq!(ancillary(&reversed), wanted);
+        assert_eq!(
+            ancillary(&control(libc::SO_TIMESTAMPING, &[0; 48])),
+            Ancillary::default(),
+            "not stamped yet"
+        );
+    }
+
+    #[test]
+    fn no_control_bytes_make_it_panic_or_run_on() {
+        let good = control(libc::SO_TIMESTAMPING, &[1; 48]);
+        for cut in 0..good.len() {
+            let _ = ancillary(&good[..cut]);
+        }
+        for len in [0, 1, 15, 16, 17, usize::MAX - 7, usize::MAX] {
+            let mut bad = good.clone();
+            bad[..8].copy_from_slice(&len.to_ne_bytes());
+            assert!(ControlMessages(&bad).count() <= bad.len());
+        }
+    }
+}
