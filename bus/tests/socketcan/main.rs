@@ -1,0 +1,19 @@
+//! The SocketCAN bus on real kernels: virtual interfaces, and two SJA1000 controllers on one bus.
+//!
+//! These tests make and configure interfaces: they need root on a kernel with SocketCAN. `rigs/test-can` boots such
+//! kernels and runs them there; elsewhere they are reported as ignored.
+
+mod counting;
+mod peer;
+mod sja1000;
+mod vcan;
+
+use motord_bus::conformance::HOST_IDS;
+use motord_bus::socketcan::Settings;
+
+const BITRATE: u32 = 1_000_000;
+
+fn settings(interface: &str) -> Settings {
+    let interface = interface.parse().expect("a valid name");
+    Settings { interface, bitrate: BITRATE, host_ids: HOST_IDS.to_vec() }
+}

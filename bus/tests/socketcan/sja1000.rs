@@ -1,0 +1,214 @@
+//! On two SJA1000 controllers that share a bus, as `can0` and `can1`.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use motord_bus::conformance::{Condition, Fixture, Stimulus};
+use motord_bus::socketcan::{InterfaceName, Link, OpenError, RESTART_MS, Settings, SocketCanBus};
+use motord_bus::{Bus, Duration, Frame, Instant, clock};
+use nix::unistd::{Uid, seteuid};
+use socketcan::CanInterface;
+
+use crate::counting::allocations;
+use crate::peer::{Peer, run, stall, unstall};
+use crate::{BITRATE, settings};
+
+/// There is one pair, and every test wants it for itself.
+static PAIR: Mutex<()> = Mutex::new(());
+
+fn take_pair() -> MutexGuard<'static, ()> {
+    let pair = PAIR.lock().unwrap_or_else(PoisonError::into_inner);
+    for interface in ["can0", "can1"] {
+        assert!(run(&format!("ip link set {interface} down")), "the rig has {interface}");
+    }
+    pair
+}
+
+fn name(interface: &str) -> InterfaceName {
+    interface.parse().expect("a valid name")
+}
+
+struct Sja1000 {
+    bus: SocketCanBus,
+    peer: Peer,
+    stalled: bool,
+    /// The driver's folder and the device's name in it, when the adapter is "unplugged".
+    unbound: Option<(PathBuf, String)>,
+    _pair: MutexGuard<'static, ()>,
+}
+
+impl Sja1000 {
+    fn new() -> Self {
+        let pair = take_pair();
+        Link::prepare(name("can1"), BITRATE, 100).expect("can1 can be set up");
+        let bus = SocketCanBus::open(&settings("can0")).expect("can0 can be set up");
+        Self { bus, peer: Peer::open("can1"), stalled: false, unbound: None, _pair: pair }
+    }
+
+    fn unplug(&mut self) -> bool {
+        let device = fs::canonicalize("/sys/class/net/can0/device").expect("can0 has a device");
+        let driver = device.join("driver").canonicalize().expect("the device has a driver");
+        let address = device.file_name().expect("a device has an address").to_string_lossy().into_owned();
+        let unbound = fs::write(driver.join("unbind"), &address).is_ok();
+        self.unbound = Some((driver, address));
+        unbound
+    }
+}
+
+impl Drop for Sja1000 {
+    fn drop(&mut self) {
+        if let Some((driver, address)) = &self.unbound {
+            let bound = fs::write(driver.join("bind"), address);
+            assert!(bound.is_ok() || std::thread::panicking(), "{bound:?}");
+        } else if self.stalled {
+            unstall("can0");
+        }
+    }
+}
+
+impl Fixture for Sja1000 {
+    fn bus(&mut self) -> &mut dyn Bus {
+        &mut self.bus
+    }
+
+    fn now(&self) -> Instant {
+        clock::monotonic()
+    }
+
+    fn pass(&mut self, time: Duration) {
+        std::thread::sleep(time);
+    }
+
+    fn inject(&mut self, stimulus: Stimulus) -> bool {
+        self.peer.inject(stimulus)
+    }
+
+    fn heard(&mut self) -> Vec<Frame> {
+        self.peer.heard()
+    }
+
+    fn set(&mut self, condition: Condition) -> bool {
+        let can0 = || CanInterface::open("can0").expect("can0 is there");
+        match condition {
+            Condition::Up if self.stalled => {
+                self.stalled = false;
+                unstall("can0")
+            }
+            Condition::Up => can0().bring_up().is_ok(),
+            Condition::Stalled => {
+                self.stalled = stall("can0", 4);
+                self.stalled
+            }
+            Condition::Down => can0().bring_down().is_ok(),
+            Condition::Gone => self.unplug(),
+        }
+    }
+
+    fn allocations(&self) -> Option<u64> {
+        Some(allocations())
+    }
+}
+
+// Missing are CAN FD, which these controllers do not know, and injected error reports, which only a virtual interface
+// carries.
+motord_bus::conformance! {
+    [ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+    mod conforms = Sja1000::new;
+    a_bus_that_is_down_says_so_and_recovers,
+    a_bus_that_is_gone_says_so,
+    a_flood_fills_an_inbox_and_no_more,
+    a_running_bus_allocates_nothing,
+    a_stalled_bus_refuses_at_once_and_forgets,
+    a_stamp_is_the_time_of_arrival,
+    an_absurd_batch_is_cut,
+    arrivals_keep_the_order_of_the_wire,
+    every_length_arrives_as_it_was_sent,
+    foreign_frames_never_arrive_as_frames,
+    frames_leave_in_the_order_given,
+    only_expected_ids_arrive,
+    own_frames_are_not_received,
+    readiness_announces_an_arrival,
+    stamps_run_forwards_and_never_into_the_future,
+}
+
+/// The rights of nobody, until dropped.
+struct Nobody;
+
+impl Nobody {
+    fn new() -> Self {
+        seteuid(Uid::from_raw(65534)).expect("the tests run as root");
+        Self
+    }
+}
+
+impl Drop for Nobody {
+    fn drop(&mut self) {
+        seteuid(Uid::from_raw(0)).expect("root may return");
+    }
+}
+
+#[test]
+#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+fn with_the_right_to_a_controller_is_brought_from_down_to_up() {
+    let _pair = take_pair();
+    assert!(!Link::read(name("can0")).unwrap().up);
+    let bus = SocketCanBus::open(&settings("can0")).unwrap();
+    let link = *bus.link();
+    assert_eq!((link.up, link.bitrate, link.restart_ms), (true, Some(BITRATE), Some(RESTART_MS)));
+    assert_eq!(
+        fs::read_to_string("/sys/class/net/can0/tx_queue_len").unwrap(),
+        "8\n",
+        "two cycles of four frames"
+    );
+    drop(bus);
+    assert_eq!(Link::read(name("can0")), Ok(link), "nothing is put back");
+}
+
+#[test]
+#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+fn a_wrong_bit_rate_is_mended_with_the_right_to_and_explained_without() {
+    let _pair = take_pair();
+    assert!(run("ip link set can0 type can bitrate 500000") && run("ip link set can0 up"));
+    let nobody = Nobody::new();
+    let refused = SocketCanBus::open(&settings("can0")).err().unwrap();
+    drop(nobody);
+    assert_eq!(
+        refused.to_string(),
+        "can0 is set to 500000 bit/s, 1000000 are configured; as root: ip link set can0 down; \
+         ip link set can0 type can bitrate 1000000 restart-ms 100; ip link set can0 txqueuelen 8 up"
+    );
+    assert_eq!(Link::read(name("can0")).unwrap().bitrate, Some(500_000), "a refusal changes nothing");
+    let commands = refused.to_string().split("as root: ").nth(1).unwrap().to_owned();
+    assert!(commands.split("; ").all(run), "the commands that are told work");
+    let nobody = Nobody::new();
+    let bus = SocketCanBus::open(&settings("can0")).unwrap();
+    drop(nobody);
+    assert_eq!(bus.link().bitrate, Some(BITRATE));
+
+    assert!(run("ip link set can0 down") && run("ip link set can0 type can bitrate 500000"));
+    assert_eq!(SocketCanBus::open(&settings("can0")).unwrap().link().bitrate, Some(BITRATE));
+}
+
+#[test]
+#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+fn a_controller_that_only_listens_is_refused_or_mended() {
+    let _pair = take_pair();
+    assert!(run("ip link set can0 type can bitrate 1000000 listen-only on") && run("ip link set can0 up"));
+    let nobody = Nobody::new();
+    let refused = SocketCanBus::open(&settings("can0")).err();
+    drop(nobody);
+    assert!(matches!(refused, Some(OpenError::Deaf { .. })), "{refused:?}");
+    let bus = SocketCanBus::open(&settings("can0")).unwrap();
+    assert!(!bus.link().listen_only);
+}
+
+#[test]
+#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+fn a_bit_rate_the_controller_cannot_have_is_refused() {
+    let _pair = take_pair();
+    for bitrate in [0, 1] {
+        let refused = SocketCanBus::open(&Settings { bitrate, ..settings("can0") }).err();
+        assert!(matches!(refused, Some(OpenError::Refused { .. })), "{bitrate}: {refused:?}");
+    }
+}

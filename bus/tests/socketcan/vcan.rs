@@ -1,0 +1,196 @@
+//! On virtual interfaces.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use motord_bus::conformance::{Condition, Fixture, HOST_IDS, Stimulus};
+use motord_bus::socketcan::{Link, OpenError, SocketCanBus, Strays};
+use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant, Refusal, Sent, clock};
+use socketcan::CanInterface;
+
+use crate::counting::allocations;
+use crate::peer::{Peer, stall, unstall};
+use crate::settings;
+
+struct Vcan {
+    name: String,
+    bus: SocketCanBus,
+    peer: Peer,
+    stalled: bool,
+}
+
+impl Vcan {
+    /// A new interface, which the bus itself brings up.
+    fn new() -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("vt{}", NEXT.fetch_add(1, Ordering::Relaxed));
+        CanInterface::create_vcan(&name, None).expect("root, and the module vcan");
+        let bus = SocketCanBus::open(&settings(&name)).expect("an interface can be brought up");
+        let peer = Peer::open(&name);
+        Self { name, bus, peer, stalled: false }
+    }
+
+    fn interface(&self) -> CanInterface {
+        CanInterface::open(&self.name).expect("the interface is there")
+    }
+
+    fn send(&mut self, frames: &[Frame]) -> Sent {
+        self.bus.send(clock::monotonic(), frames)
+    }
+
+    fn receive_all(&mut self) -> (usize, u32) {
+        let (mut count, mut lost) = (0, 0);
+        loop {
+            let mut inbox = Inbox::new();
+            self.bus.receive(clock::monotonic(), &mut inbox);
+            count += inbox.arrivals().len();
+            lost += inbox.lost;
+            if inbox.room() > 0 {
+                return (count, lost);
+            }
+        }
+    }
+}
+
+impl Drop for Vcan {
+    fn drop(&mut self) {
+        if let Ok(interface) = CanInterface::open(&self.name) {
+            let _ended_anyway = interface.delete();
+        }
+    }
+}
+
+impl Fixture for Vcan {
+    fn bus(&mut self) -> &mut dyn Bus {
+        &mut self.bus
+    }
+
+    fn now(&self) -> Instant {
+        clock::monotonic()
+    }
+
+    fn pass(&mut self, time: Duration) {
+        std::thread::sleep(time);
+    }
+
+    fn inject(&mut self, stimulus: Stimulus) -> bool {
+        self.peer.inject(stimulus)
+    }
+
+    fn heard(&mut self) -> Vec<Frame> {
+        self.peer.heard()
+    }
+
+    fn set(&mut self, condition: Condition) -> bool {
+        match condition {
+            Condition::Up if self.stalled => unstall(&self.name),
+            Condition::Up => {
+                let up = self.interface().bring_up().is_ok();
+                self.peer = Peer::open(&self.name);
+                up
+            }
+            Condition::Stalled => {
+                self.stalled = stall(&self.name, 4);
+                self.stalled
+            }
+            Condition::Down => self.interface().bring_down().is_ok(),
+            Condition::Gone => self.interface().delete().is_ok(),
+        }
+    }
+
+    fn allocations(&self) -> Option<u64> {
+        Some(allocations())
+    }
+}
+
+motord_bus::conformance! {
+    [ignore = "needs SocketCAN and root: run rigs/test-can"]
+    mod conforms = Vcan::new;
+    a_bus_that_is_down_says_so_and_recovers,
+    a_bus_that_is_gone_says_so,
+    a_flood_fills_an_inbox_and_no_more,
+    a_running_bus_allocates_nothing,
+    a_stalled_bus_refuses_at_once_and_forgets,
+    a_stamp_is_the_time_of_arrival,
+    an_absurd_batch_is_cut,
+    an_fd_frame_never_arrives_as_a_frame,
+    arrivals_keep_the_order_of_the_wire,
+    error_reports_arrive_as_reports,
+    every_length_arrives_as_it_was_sent,
+    foreign_frames_never_arrive_as_frames,
+    frames_leave_in_the_order_given,
+    only_expected_ids_arrive,
+    own_frames_are_not_received,
+    readiness_announces_an_arrival,
+    stamps_run_forwards_and_never_into_the_future,
+}
+
+fn frame(raw: u16) -> Frame {
+    Frame::full(FrameId::new(raw).expect("11 bits"), [raw as u8; 8])
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn frames_the_kernel_had_to_drop_are_counted() {
+    const FLOOD: usize = 1000;
+    let mut vcan = Vcan::new();
+    for _ in 0..FLOOD {
+        assert!(vcan.inject(Stimulus::Frame(frame(0x101))));
+    }
+    let (flooded, lost) = vcan.receive_all();
+    assert!(flooded < FLOOD, "the receive buffer is larger than thought: {flooded}");
+    // The kernel tells of a loss with the next frame that it queues.
+    assert!(vcan.inject(Stimulus::Frame(frame(0x101))));
+    let (after, lost_after) = vcan.receive_all();
+    assert_eq!((after, flooded + (lost + lost_after) as usize), (1, FLOOD));
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn strangers_are_counted_off_the_real_time_path_and_never_received() {
+    const FLOOD: u64 = 2000;
+    let mut vcan = Vcan::new();
+    let commands = [0x001, 0x002, 0x003].map(frame);
+    let expected: Vec<_> = HOST_IDS.into_iter().chain(commands.iter().map(Frame::id)).collect();
+    let mut strays = Strays::open(vcan.bus.link(), &expected).unwrap();
+    assert_eq!(vcan.send(&commands), Sent::all(3));
+    assert!(vcan.inject(Stimulus::Frame(frame(0x101))));
+    assert_eq!(strays.count(), 0, "what belongs here is no stray");
+    for raw in [0x000, 0x100, 0x7FF].into_iter().cycle().take(FLOOD as usize) {
+        assert!(vcan.inject(Stimulus::Frame(frame(raw))));
+    }
+    assert!(vcan.inject(Stimulus::Extended(HOST_IDS[0])) && vcan.inject(Stimulus::Remote(HOST_IDS[0])));
+    assert!(strays.count() < FLOOD + 2, "the receive buffer is larger than thought");
+    assert!(vcan.inject(Stimulus::Fd(HOST_IDS[0])) && vcan.inject(Stimulus::Frame(frame(0x200))));
+    assert!(strays.count() >= FLOOD + 3, "{}", strays.count());
+    assert_eq!(vcan.receive_all(), (1, 0), "only the motor's answer was received, and nothing was lost");
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
+    let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
+    let mut vcan = Vcan::new();
+    let before = descriptors();
+    for round in 0..100 {
+        assert!(vcan.set(Condition::Gone));
+        let _error = vcan.receive_all();
+        assert_eq!(vcan.send(&[frame(1)]).refusal, Some(Refusal::Gone), "round {round}");
+        let missing = settings(&vcan.name).interface;
+        assert_eq!(SocketCanBus::open(&settings(&vcan.name)).err(), Some(OpenError::Missing(missing)));
+        CanInterface::create_vcan(&vcan.name, None).unwrap();
+        vcan.bus = SocketCanBus::open(&settings(&vcan.name)).unwrap();
+        assert_eq!(vcan.send(&[frame(1)]), Sent::all(1));
+    }
+    assert_eq!(descriptors(), before);
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn an_interface_of_another_kind_is_refused_untouched() {
+    let queue_length = || std::fs::read_to_string("/sys/class/net/lo/tx_queue_len").unwrap();
+    let before = queue_length();
+    let lo = settings("lo");
+    assert_eq!(SocketCanBus::open(&lo).err(), Some(OpenError::NotCan(lo.interface)));
+    assert_eq!(Link::read(lo.interface), Err(OpenError::NotCan(lo.interface)));
+    assert_eq!(queue_length(), before);
+}
