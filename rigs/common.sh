@@ -1,0 +1,43 @@
+# Sourced by the rigs: what they share.
+
+rigs=$(dirname "$(realpath "${BASH_SOURCE[0]}")")
+cache_root=${RIG_CACHE:-$HOME/.cache/motord-rigs}
+
+# Prints the comment at the head of the script that was called, and ends it.
+usage() {
+    sed -n '2,/^[^#]/s/^# \{0,1\}//p' "$0"
+    exit 64
+}
+
+# provide COMMAND=PACKAGE...: installs the Debian packages of commands that are not there.
+provide() {
+    local pair missing=()
+    for pair; do
+        command -v "${pair%%=*}" >/dev/null || missing+=("${pair#*=}")
+    done
+    [ ${#missing[@]} -eq 0 ] || apt install -y --no-install-recommends "${missing[@]}"
+}
+
+# apt COMMAND...: runs apt-get, after an update if it fails without one. Silent unless it fails twice.
+apt() {
+    local log
+    log=$(mktemp)
+    { apt-get "$@" || { apt-get update && apt-get "$@"; }; } >"$log" 2>&1 || { cat "$log" >&2; return 1; }
+    rm "$log"
+}
+
+# hand_over COMMAND...: makes the folder $rig, from which `guest` learns what to run, where and with which environment.
+hand_over() {
+    rig=$(mktemp -d /var/tmp/motord-rig.XXXXXX)
+    trap 'rm -rf "$rig"' EXIT
+    printf '%q ' "$@" >"$rig/command"
+    pwd >"$rig/directory"
+    dirname "$rigs" >"$rig/tree"
+    env -0 | grep -zE '^(PATH|HOME|CI|RIG_[A-Z_]*|CARGO_[A-Z_]*|RUST[A-Z_]*|MOTORD_[A-Z_]*)=' >"$rig/environment" || true
+}
+
+# Ends the script with the status of the command that ran in the guest.
+finish() {
+    [ -f "$rig/status" ] || { echo "$(basename "$0"): the guest ended without a status" >&2; exit 125; }
+    exit "$(cat "$rig/status")"
+}
