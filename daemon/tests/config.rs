@@ -532,6 +532,72 @@ fn check_says_the_same_to_people() {
     );
 }
 
+/// Goal: the reference names every key, no other, and every range as the daemon judges it.
+/// Method: an unknown key makes the parser list the known ones; a number far out of range makes the judge tell it
+/// (but for `id`, which the motor around it needs already; it is among the refused).
+#[test]
+fn the_reference_names_every_key_and_its_range() {
+    const EXTREMES: [&str; 2] = ["nan", "-9000000000000000000"];
+    for (section, rows) in reference() {
+        let parse_with =
+            |line: &str| judge(&format!("{}\n{line}\n", header(&section))).expect_err(line).to_string();
+        let known = parse_with("no-such-key = 0");
+        let mut documented: Vec<_> = rows.iter().map(|(key, _)| format!("`{key}`")).collect();
+        if section == "motor" {
+            documented.extend(["`limits`".to_owned(), "`simulation`".to_owned()]);
+        }
+        let names: Vec<_> = known.split('`').skip(3).step_by(2).map(|key| format!("`{key}`")).collect();
+        documented.sort();
+        assert_eq!(documented, sorted(names), "[{section}]");
+        for (key, range) in rows.iter().filter(|(key, range)| key != "id" && is_numeric(range)) {
+            let told = EXTREMES.map(|value| parse_with(&format!("{key} = {value}"))).concat();
+            assert!(
+                told.contains(&format!("from {range}")),
+                "{section}.{key} is {range} in the reference: {told}"
+            );
+        }
+    }
+}
+
+/// Sections of the reference, and the key and range of every row.
+fn reference() -> Vec<(String, Vec<(String, String)>)> {
+    let text = fs::read_to_string(shipped("../docs/configuration.md")).expect("the reference is there");
+    let mut sections: Vec<(String, Vec<(String, String)>)> = Vec::new();
+    for line in text.lines() {
+        let cells: Vec<_> = line.split('|').map(str::trim).collect();
+        if let Some(title) = line.strip_prefix("## ") {
+            sections.push((title.trim_matches(['[', ']']).to_owned(), Vec::new()));
+        } else if let [_, key, _, range, ..] = cells[..]
+            && let (Some(key), Some((_, rows))) = (key.strip_prefix('`'), sections.last_mut())
+        {
+            rows.push((key.trim_end_matches('`').to_owned(), range.to_owned()));
+        }
+    }
+    sections
+}
+
+/// What comes before a key of `section`: whatever is judged before it can be judged.
+fn header(section: &str) -> String {
+    let bus = "[[bus]]\nname = 'b'\ntype = 'simulated'";
+    let motor = "[[motor]]\nname = 'm'\nbus = 'b'\nid = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'";
+    match section {
+        "bus" => "[[bus]]\nname = 'b'\ntype = 'serial'\ndevice = '/dev/null'".to_owned(),
+        "motor" => format!("{bus}\n{motor}"),
+        "group" => format!("{bus}\n{motor}\n[[group]]"),
+        section => format!("{bus}\n{motor}\n[{section}]"),
+    }
+}
+
+fn is_numeric(range: &str) -> bool {
+    let numbers = range.split_once(" to ").map(|(low, high)| (low.parse::<f64>(), high.parse::<f64>()));
+    matches!(numbers, Some((Ok(_), Ok(_))))
+}
+
+fn sorted(mut names: Vec<String>) -> Vec<String> {
+    names.sort();
+    names
+}
+
 fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../config").join(name)
 }
