@@ -33,6 +33,11 @@ impl Interrupt {
         self.0.load(Ordering::Relaxed)
     }
 
+    /// Whether one of them came since this was asked last, so that a second one can cut an orderly end short.
+    pub(crate) fn came_again(&self) -> bool {
+        self.0.swap(false, Ordering::Relaxed)
+    }
+
     /// Sleeps until `deadline`, or until one of them comes.
     pub(crate) fn pause_until(&self, deadline: Instant) {
         while !self.came() {

@@ -1,6 +1,7 @@
 //! `motorctl latency`: how long things take, since the daemon started.
 
 use crate::failure::Failure;
+use crate::json;
 use crate::table::{Cell, Palette, Table};
 use motord_client::{Client, Percentiles, Roster, Telemetry};
 use serde_json::{Value, json};
@@ -16,7 +17,7 @@ pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
     let telemetry = client.telemetry()?;
     let out = &mut io::stdout().lock();
     if as_json {
-        writeln!(out, "{}", object(client.roster(), &telemetry))?;
+        json::write_line(out, &object(client.roster(), &telemetry))?;
     } else {
         write(out, client.roster(), &telemetry)?;
     }
@@ -66,7 +67,7 @@ fn write(out: &mut dyn Write, roster: &Roster, telemetry: &Telemetry) -> io::Res
     let Telemetry { cycles, seconds, overruns, missed_replies, dropped_records, .. } = telemetry;
     writeln!(
         out,
-        "\n{cycles} cycles in {seconds:.1} s, {overruns} overruns, {missed_replies} missed replies"
+        "\n{cycles} cycles in {seconds:.1} s; overruns {overruns}, missed replies {missed_replies}"
     )?;
     if *dropped_records > 0 {
         writeln!(

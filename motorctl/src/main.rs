@@ -10,6 +10,7 @@ mod demo;
 mod failure;
 mod frame;
 mod interrupt;
+mod json;
 mod latency;
 mod operate;
 mod report;
@@ -166,6 +167,8 @@ fn main() -> ExitCode {
     match run(&arguments.instance, arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
+        // Whoever sent the signal knows.
+        Err(failure @ Failure::Interrupted) => ExitCode::from(failure.status()),
         Err(failure) => {
             eprintln!("motorctl: {failure}");
             ExitCode::from(failure.status())

@@ -131,7 +131,7 @@ impl Report {
         };
         writeln!(
             out,
-            "{instance}: motord {version}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, {overruns} overruns",
+            "{instance}: motord {version}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, overruns {overruns}",
             palette.paint(&realtime)
         )?;
         for (alarm, sentence) in [

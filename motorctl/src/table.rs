@@ -43,7 +43,7 @@ impl Palette {
     /// The text of `cell` in its colour.
     pub(crate) fn paint(self, cell: &Cell) -> String {
         let Cell { text, colour } = cell;
-        if self.coloured && *colour != Colour::Plain {
+        if self.coloured && *colour != Colour::Plain && !text.is_empty() {
             format!("\x1b[{}m{text}\x1b[0m", colour.code())
         } else {
             text.clone()

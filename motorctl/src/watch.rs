@@ -2,6 +2,7 @@
 
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
+use crate::json;
 use crate::report::Report;
 use crate::status::PATIENCE;
 use crate::table::Palette;
@@ -24,11 +25,11 @@ pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
 /// # Errors
 ///
 /// When there is no daemon to begin with, or the output cannot be written. Later the daemon may come and go.
-pub(crate) fn run(instance: &str, hz: f64, json: bool) -> Result<(), Failure> {
+pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure> {
     let interrupt = Interrupt::register()?;
     let mut client = Client::connect(instance)?;
     let period = Duration::from_secs_f64(1.0 / hz);
-    let mut screen = Screen::new(json);
+    let mut screen = Screen::new(as_json);
     let mut next = Instant::now();
     while !interrupt.came() {
         match client.wait(PATIENCE) {
@@ -43,7 +44,7 @@ pub(crate) fn run(instance: &str, hz: f64, json: bool) -> Result<(), Failure> {
 
 /// Where the refreshes go.
 struct Screen {
-    json: bool,
+    as_json: bool,
     /// A terminal shows one table; elsewhere they follow each other.
     clears: bool,
     palette: Palette,
@@ -52,17 +53,17 @@ struct Screen {
 }
 
 impl Screen {
-    fn new(json: bool) -> Self {
-        let clears = !json && io::stdout().is_terminal();
-        Self { json, clears, palette: Palette::of_stdout(), lost: false }
+    fn new(as_json: bool) -> Self {
+        let clears = !as_json && io::stdout().is_terminal();
+        Self { as_json, clears, palette: Palette::of_stdout(), lost: false }
     }
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
         self.lost = false;
         let report = Report::new(client.roster(), state);
         let mut text = Vec::new();
-        if self.json {
-            writeln!(text, "{}", serde_json::json!(report))?;
+        if self.as_json {
+            json::write_line(&mut text, &report)?;
         } else {
             report.write(&mut text, self.palette)?;
             writeln!(text)?;

@@ -12,6 +12,7 @@ use crate::demo::gait::{BLEND, Swing};
 use crate::demo::tracking::Tracking;
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
+use crate::json;
 use motord_client::{Claim, Client, Phase, Setpoint, State};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
@@ -60,7 +61,7 @@ pub(crate) struct Progress {
 /// When the daemon goes away, refuses, or stops the group, when a signal comes, or when nobody listens.
 pub(crate) fn run(instance: &str, seconds: f64) -> Result<(), Failure> {
     let mut controller = Controller::connect(instance)?;
-    controller.stand("found", Controller::is_found)?;
+    controller.stand("ready", Controller::is_ready)?;
     controller.claim.enable()?;
     controller.stand("started", |controller, state| controller.phase(state) == Some(Phase::Active))?;
     let trot = controller.trot(seconds);
@@ -147,7 +148,7 @@ impl Controller {
     }
 
     fn next(&mut self) -> Result<State, Failure> {
-        if self.interrupt.came() {
+        if self.interrupt.came_again() {
             return Err(Failure::Interrupted);
         }
         Ok(self.client.wait(PATIENCE)?)
@@ -157,9 +158,12 @@ impl Controller {
         state.group(self.claim.index())?.phase
     }
 
-    /// Every joint of the group has told where it is.
-    fn is_found(&self, state: &State) -> bool {
-        self.claim.joints().iter().all(|&joint| state.joint(joint).is_some_and(|joint| joint.valid))
+    /// Every joint of the group has told where it is, and the daemon has our setpoints.
+    fn is_ready(&self, state: &State) -> bool {
+        let group = state.group(self.claim.index());
+        let mut joints = self.claim.joints().iter().map(|&joint| state.joint(joint));
+        group.is_some_and(|group| group.sequence > 0)
+            && joints.all(|joint| joint.is_some_and(|joint| joint.valid))
     }
 
     fn measure_origins(&mut self, state: &State) {
@@ -205,6 +209,6 @@ fn seconds_since(begun_ns: u64, state: &State) -> f64 {
 
 fn tell(message: &Message) -> Result<(), Failure> {
     let out = &mut io::stdout().lock();
-    writeln!(out, "{}", serde_json::json!(message))?;
+    json::write_line(out, message)?;
     Ok(out.flush()?)
 }

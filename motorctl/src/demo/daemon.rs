@@ -12,6 +12,10 @@ use std::time::Instant;
 /// Names the directory where daemon and clients meet.
 const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
 
+/// The names of the logs.
+const DAEMON_LOG: &str = "motord.log";
+const CONTROLLER_LOG: &str = "controller.log";
+
 /// A running daemon with simulated motors. Dropping it stops it.
 #[derive(Debug)]
 pub(crate) struct Daemon<'a> {
@@ -29,8 +33,7 @@ impl<'a> Daemon<'a> {
         let mut command = Command::new(executable()?);
         command.arg("run").arg("--config").arg(home.config());
         command.env(RUNTIME_DIR_VARIABLE, home.runtime());
-        let log = home.log()?;
-        let child = Child::spawn(&command, Stdio::null(), log.into());
+        let child = home.log(DAEMON_LOG).and_then(|log| Child::spawn(&command, Stdio::null(), log.into()));
         Ok(Self { home, child: child.map_err(DemoError::system("start motord"))? })
     }
 
@@ -50,7 +53,7 @@ impl<'a> Daemon<'a> {
             }
             self.check()?;
             if Instant::now() > deadline {
-                return Err(DemoError::NotReady { log: self.home.last_words() });
+                return Err(DemoError::NotReady { log: self.log() });
             }
             interrupt.pause_until(Instant::now() + GLANCE);
             if interrupt.came() {
@@ -69,9 +72,14 @@ impl<'a> Daemon<'a> {
             let mut command = Command::new(std::env::current_exe()?);
             command.args(["--instance", self.home.instance(), "demo-controller", &seconds.to_string()]);
             command.env(RUNTIME_DIR_VARIABLE, self.home.runtime());
-            Child::spawn(&command, Stdio::piped(), Stdio::inherit())
+            Child::spawn(&command, Stdio::piped(), self.home.log(CONTROLLER_LOG)?.into())
         };
         start().map_err(DemoError::system("start the controller"))
+    }
+
+    /// What the controller process said in the end.
+    pub(crate) fn controller_log(&self) -> String {
+        self.home.last_words(CONTROLLER_LOG)
     }
 
     /// Looks whether it still runs.
@@ -82,7 +90,7 @@ impl<'a> Daemon<'a> {
     pub(crate) fn check(&mut self) -> Result<(), DemoError> {
         match self.child.ended().map_err(DemoError::system("look after motord"))? {
             None => Ok(()),
-            Some(status) => Err(DemoError::DaemonEnded { status, log: self.home.last_words() }),
+            Some(status) => Err(DemoError::DaemonEnded { status, log: self.log() }),
         }
     }
 
@@ -93,11 +101,11 @@ impl<'a> Daemon<'a> {
     /// When it does not end well.
     pub(crate) fn stop(mut self) -> Result<(), DemoError> {
         let status = self.child.stop().map_err(DemoError::system("stop motord"))?;
-        if status.success() {
-            Ok(())
-        } else {
-            Err(DemoError::DaemonStop { status, log: self.home.last_words() })
-        }
+        if status.success() { Ok(()) } else { Err(DemoError::DaemonStop { status, log: self.log() }) }
+    }
+
+    fn log(&self) -> String {
+        self.home.last_words(DAEMON_LOG)
     }
 }
 

@@ -1,9 +1,10 @@
-//! The private directory of a demo: where daemon, controller and demo meet, and where the daemon's log goes.
+//! The private directory of a demo: where its processes meet, and where what they say goes.
 
 use crate::demo::DemoError;
 use motord_client::DEFAULT_INSTANCE;
 use serde::Deserialize;
 use std::fs::{self, File};
+use std::io;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
@@ -11,7 +12,7 @@ use tempfile::TempDir;
 const CONFIG: &str = "config/quadruped-simulated.toml";
 /// The same, for an installed motorctl.
 const BUILT_IN_CONFIG: &str = include_str!("../../../config/quadruped-simulated.toml");
-/// Last words of the daemon that are shown when it failed, lines.
+/// Last words of a process that are shown when it failed, lines.
 const LAST_WORDS: usize = 20;
 
 /// A directory that goes with its owner, and the configuration that is used in it.
@@ -72,30 +73,26 @@ impl Home {
         &self.instance
     }
 
-    /// A file for the daemon's log.
+    /// A new file for what the process `name` says.
     ///
     /// # Errors
     ///
     /// When it cannot be made.
-    pub(crate) fn log(&self) -> Result<File, DemoError> {
-        File::create(self.log_path()).map_err(DemoError::system("write the daemon's log"))
+    pub(crate) fn log(&self, name: &str) -> io::Result<File> {
+        File::create(self.directory.path().join(name))
     }
 
-    /// The end of the daemon's log.
-    pub(crate) fn last_words(&self) -> String {
-        let log = fs::read(self.log_path()).unwrap_or_default();
+    /// The end of what the process `name` said.
+    pub(crate) fn last_words(&self, name: &str) -> String {
+        let log = fs::read(self.directory.path().join(name)).unwrap_or_default();
         let log = String::from_utf8_lossy(&log);
         let lines: Vec<&str> = log.lines().collect();
         lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
     }
-
-    fn log_path(&self) -> PathBuf {
-        self.directory.path().join("motord.log")
-    }
 }
 
 /// In memory where possible: the shared files are written a thousand times a second, and a disk would stall that.
-fn temporary_directory() -> std::io::Result<TempDir> {
+fn temporary_directory() -> io::Result<TempDir> {
     let builder = || {
         let mut builder = tempfile::Builder::new();
         builder.prefix("motord-demo-");

@@ -21,6 +21,7 @@ pub(crate) use controller::run as control;
 
 use crate::failure::{client_status, status};
 use crate::interrupt::Interrupt;
+use crate::json;
 use crate::table::Palette;
 use child::Child;
 use controller::{GROUP, Message};
@@ -29,7 +30,7 @@ use home::Home;
 use motord_client::{Cause, Error};
 use progress::ProgressLine;
 use report::{Report, Shortfall};
-use std::io::{self, BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -90,9 +91,14 @@ pub(crate) enum DemoError {
         /// The time it had, s.
         seconds: f64,
     },
-    /// The controller failed; it has said why.
-    #[error("the controller ended with {0}")]
-    Controller(ExitStatus),
+    /// The controller failed.
+    #[error("the controller ended with {status}; its last words:\n{log}")]
+    Controller {
+        /// How.
+        status: ExitStatus,
+        /// The end of its log.
+        log: String,
+    },
     /// The controller hangs.
     #[error("the controller said nothing for {} s", SILENCE_MAX.as_secs())]
     ControllerSilent,
@@ -138,7 +144,7 @@ pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
 /// # Errors
 ///
 /// When anything failed, or the run was not good enough.
-pub(crate) fn run(seconds: f64, config: Option<&Path>, json: bool) -> Result<(), DemoError> {
+pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<(), DemoError> {
     let interrupt = Interrupt::register().map_err(DemoError::system("listen for signals"))?;
     let home = Home::new(config)?;
     let mut daemon = Daemon::start(&home)?;
@@ -150,7 +156,7 @@ pub(crate) fn run(seconds: f64, config: Option<&Path>, json: bool) -> Result<(),
     drop(client);
     daemon.stop()?;
 
-    print(&report, json).map_err(DemoError::system("write the output"))?;
+    print(&report, as_json).map_err(DemoError::system("write the output"))?;
     if shortfalls.is_empty() { Ok(()) } else { Err(DemoError::Shortfalls(shortfalls)) }
 }
 
@@ -181,9 +187,11 @@ fn trot(daemon: &mut Daemon<'_>, seconds: f64, interrupt: &Interrupt) -> Result<
             return Err(DemoError::ControllerSilent);
         }
     }
-    line.clear();
     let status = controller.wait(SILENCE_MAX).map_err(DemoError::system("wait for the controller"))?;
-    tracking.filter(|_| status.success()).ok_or(DemoError::Controller(status))
+    // A controller fails when its daemon does: then the daemon's words are the ones to read.
+    daemon.check()?;
+    let tracking = tracking.filter(|_| status.success());
+    tracking.ok_or_else(|| DemoError::Controller { status, log: daemon.controller_log() })
 }
 
 /// The controller's messages; they end with it. A line that is none ends them too.
@@ -202,11 +210,7 @@ fn messages(controller: &mut Child) -> Receiver<Message> {
     receiver
 }
 
-fn print(report: &Report, json: bool) -> io::Result<()> {
+fn print(report: &Report, as_json: bool) -> io::Result<()> {
     let out = &mut io::stdout().lock();
-    if json {
-        writeln!(out, "{}", serde_json::json!(report))
-    } else {
-        report.write(out, Palette::of_stdout())
-    }
+    if as_json { json::write_line(out, report) } else { report.write(out, Palette::of_stdout()) }
 }

@@ -30,13 +30,6 @@ impl ProgressLine {
         }
     }
 
-    /// Takes the line off a terminal.
-    pub(crate) fn clear(&self) {
-        if self.terminal {
-            self.write("\r\x1b[K");
-        }
-    }
-
     fn line(&self, progress: &Progress) -> String {
         let Progress { time, cycle, missed, tracking_max } = progress;
         format!(
@@ -49,5 +42,14 @@ impl ProgressLine {
     /// Progress that nobody can see is no reason to stop.
     fn write(&self, text: &str) {
         let _ = io::stderr().write_all(text.as_bytes());
+    }
+}
+
+impl Drop for ProgressLine {
+    /// Takes the line off a terminal: what is said next, good or bad, begins a line of its own.
+    fn drop(&mut self) {
+        if self.terminal {
+            self.write("\r\x1b[K");
+        }
     }
 }

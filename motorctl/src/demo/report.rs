@@ -144,8 +144,8 @@ impl Report {
         let Self { motors, seconds, cycles, rate_hz, missed_replies, overruns, .. } = self;
         writeln!(
             out,
-            "\n{motors} motors, {cycles} cycles in {seconds:.1} s: {rate_hz:.1} Hz, {overruns} overruns, \
-             {missed_replies} missed replies"
+            "\n{motors} motors, {cycles} cycles in {seconds:.1} s: {rate_hz:.1} Hz; overruns {overruns}, missed replies \
+             {missed_replies}"
         )
     }
 }
