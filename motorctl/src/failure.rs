@@ -58,7 +58,8 @@ impl Failure {
 
     /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.
     pub(crate) fn is_closed_pipe(&self) -> bool {
-        matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
+        let (Self::Output(error) | Self::Frame(FrameFailure::Io(error))) = self else { return false };
+        error.kind() == io::ErrorKind::BrokenPipe
     }
 }
 

@@ -322,3 +322,21 @@ fn wrong_use_and_wrong_configurations_have_their_own_exit_statuses() {
     assert_eq!(decode_log("[[motor]]", "").status.code(), Some(78));
     assert_eq!(status(&["--help"]), Some(0));
 }
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_failure() {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_motorctl"))
+        .args(["frame", "decode"])
+        .args(MIT)
+        .arg("-")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    // The pipe to a tool that has ended breaks as well.
+    let _ = child.stdin.take().unwrap().write_all(b"FFFFFFFFFFFFFFFC\nFFFFFFFFFFFFFFFC\n");
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((output.status.code(), output.stderr), (Some(0), Vec::new()));
+}
