@@ -27,7 +27,7 @@ use nix::errno::Errno;
 use nix::sys::socket::{AddressFamily, SockFlag, SockProtocol, SockType, socket};
 use socketcan::{CanAddr, CanSocket, Socket, SocketOptions};
 
-use crate::clock::RealtimeOffset;
+use crate::clock::{self, RealtimeOffset};
 use crate::frame::{Arrival, ErrorFrame, Frame, FrameId, Inbox};
 use crate::kernel::{Batch, FRAME_BYTES};
 use crate::time::Instant;
@@ -63,7 +63,7 @@ pub struct SocketCanBus {
     outgoing: Batch,
     incoming: Batch,
     realtime: RealtimeOffset,
-    /// No frame that arrives from now on was there before this instant.
+    /// No frame that is still to be received was there before this instant.
     latest: Instant,
     /// `SO_RXQ_OVFL` as last told.
     dropped: u32,
@@ -100,7 +100,7 @@ impl SocketCanBus {
             outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES),
             incoming: Batch::new(Inbox::CAPACITY, FRAME_BYTES),
             realtime: RealtimeOffset::measure(),
-            latest: Instant::ZERO,
+            latest: clock::monotonic(),
             dropped: 0,
         })
     }
@@ -176,9 +176,11 @@ impl Bus for SocketCanBus {
         for index in 0..count {
             let message = self.incoming.message(index);
             let ancillary = wire::ancillary(message.control());
-            if let Some(stamp) = ancillary.stamp {
-                self.latest = self.realtime.monotonic(stamp, self.latest, now);
-            }
+            // The kernel begins to stamp a moment after it was asked to: the first frames may come without.
+            self.latest = match ancillary.stamp {
+                Some(stamp) => self.realtime.monotonic(stamp, self.latest, now),
+                None => now,
+            };
             if let Some(dropped) = ancillary.dropped {
                 inbox.lost = inbox.lost.saturating_add(dropped.wrapping_sub(self.dropped));
                 self.dropped = dropped;
