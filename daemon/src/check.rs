@@ -94,13 +94,18 @@ fn print_for_people(
 fn print_plan(path: &Path, settings: &Settings, out: &mut impl Write) -> io::Result<()> {
     let (motors, buses, rate_hz) = (settings.motors.len(), settings.buses.len(), settings.cycle.rate_hz);
     writeln!(out, "{}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz", path.display())?;
-    writeln!(out, "{:<32} motors  worst case  unstuffed  fault poll  verdict", "bus")?;
-    for bus in bus_reports(settings) {
+    let reports = bus_reports(settings);
+    let width = reports.iter().map(|bus| bus.name.len()).max().unwrap_or(0).max("bus".len());
+    writeln!(out, "{:<width$}  motors  worst case  unstuffed  fault poll  verdict", "bus")?;
+    for bus in reports {
         let [worst, unstuffed, poll] =
             [bus.worst_case_utilisation, bus.unstuffed_utilisation, bus.fault_poll_utilisation]
                 .map(|f| 100.0 * f);
         let (name, motors, verdict) = (bus.name, bus.motors, verdict(&bus));
-        writeln!(out, "{name:<32} {motors:>6} {worst:>9.1} % {unstuffed:>8.1} % {poll:>9.1} %  {verdict}")?;
+        writeln!(
+            out,
+            "{name:<width$}  {motors:>6}  {worst:>8.1} % {unstuffed:>8.1} % {poll:>9.1} %  {verdict}"
+        )?;
     }
     Ok(())
 }
