@@ -2,6 +2,7 @@
 
 use clap::Parser;
 use motord_client::{Cause, Client, DEFAULT_INSTANCE, Error, MotorMode, Roster, State};
+use std::io::{self, Write};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -33,7 +34,8 @@ fn watch(options: &Options) -> Result<(), Error> {
     let mut printed = 0;
     while options.count.is_none_or(|count| printed < count) {
         match client.wait(10 * PERIOD) {
-            Ok(state) => print(client.roster(), &state),
+            Ok(state) if print(client.roster(), &state).is_err() => return Ok(()),
+            Ok(_) => {}
             Err(
                 error @ (Error::NotRunning { .. }
                 | Error::Silent { .. }
@@ -48,19 +50,23 @@ fn watch(options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-fn print(roster: &Roster, state: &State) {
-    println!("cycle {}, {:.1} ms old", state.cycle(), state.age().as_secs_f64() * 1e3);
+/// An error means that nobody reads any more.
+fn print(roster: &Roster, state: &State) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "cycle {}, {:.1} ms old", state.cycle(), state.age().as_secs_f64() * 1e3)?;
     for (description, joint) in roster.joints.iter().zip(state.joints()) {
         let mode = joint.mode.map_or("unknown", MotorMode::name);
         let freshness = if joint.fresh { "" } else { "  (not fresh)" };
-        println!(
+        writeln!(
+            out,
             "  {:16} {mode:9} {:8.3} rad {:8.3} rad/s {:8.3} N·m{freshness}",
             description.name, joint.position, joint.velocity, joint.torque
-        );
+        )?;
     }
     for (description, group) in roster.groups.iter().zip(state.groups()).filter(|(_, group)| group.latched) {
         let cause =
             group.cause.map_or("It was stopped for a cause unknown to this program.", Cause::sentence);
-        println!("  group {}: {cause}", description.name);
+        writeln!(out, "  group {}: {cause}", description.name)?;
     }
+    Ok(())
 }

@@ -1,27 +1,31 @@
 //! The right to move a group of joints.
 
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
-use crate::{Error, Setpoint};
+use crate::{Error, Setpoint, State};
 use motord_shared::ports::SetpointPort;
-use motord_shared::{Operation, SetpointMessage, clock};
+use motord_shared::{Instance, Operation, SetpointMessage, clock};
 use std::cell::{RefCell, RefMut};
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long dropping a claim may take. A daemon that does not hear of it finds out by the setpoints that stop.
 const RELEASE_TIMEOUT: Duration = Duration::from_millis(100);
+
+/// How often a setpoint is repeated until the daemon has it: about a cycle.
+const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 
 /// Ownership of a group. Dropping it releases the group, which stops it when it was active.
 #[derive(Debug)]
 pub struct Claim {
     link: Rc<RefCell<Link>>,
     port: SetpointPort,
+    instance: Instance,
     boot_id: u64,
     index: usize,
     name: String,
     joints: Vec<usize>,
-    lease: u64,
-    sequence: u64,
+    /// The last setpoints that were sent; sequence 0 before the first.
+    message: SetpointMessage,
     released: bool,
 }
 
@@ -35,17 +39,21 @@ impl Claim {
             Subject { group: index, ..Subject::default() },
             ANSWER_TIMEOUT,
         )?;
-        let boot_id = connection.boot_id;
+        let (boot_id, instance) = (connection.boot_id, connection.instance().clone());
         drop(connection);
         Ok(Self {
             link,
             port,
+            instance,
             boot_id,
             index,
             name: group.name,
+            message: SetpointMessage {
+                lease: reply.lease,
+                joint_count: group.joints.len() as u32,
+                ..SetpointMessage::default()
+            },
             joints: group.joints,
-            lease: reply.lease,
-            sequence: 0,
             released: false,
         })
     }
@@ -79,31 +87,36 @@ impl Claim {
         if expected != received {
             return Err(Error::SetpointCount { expected, received });
         }
-        let cycle = self.polled()?.newest_cycle();
-        self.sequence += 1;
-        let mut message = SetpointMessage {
-            lease: self.lease,
-            sequence: self.sequence,
-            cycle,
-            joint_count: expected as u32,
-            ..SetpointMessage::default()
-        };
-        for (joint, setpoint) in message.joints.iter_mut().zip(setpoints) {
+        let cycle = self.polled()?.newest().map_or(0, State::cycle);
+        self.message.cycle = cycle;
+        for (joint, setpoint) in self.message.joints.iter_mut().zip(setpoints) {
             *joint = (*setpoint).into();
         }
-        message.time_ns = clock::now_ns();
-        let link = self.link.borrow();
-        self.port.send(&message).map_err(|error| Error::of_service(error, link.instance()))?;
-        link.check_alive()
+        self.transmit()?;
+        self.link.borrow().check_alive()
     }
 
-    /// Starts the motors of the group. Setpoints must be flowing, near to where the joints are, and must go on: the
-    /// daemon answers within a cycle or two, and starts after that.
+    /// Starts the motors of the group, towards the last setpoint, which must be near to where the joints are. It is
+    /// repeated until the daemon has answered, within a few cycles; from then on the caller must go on sending.
     ///
     /// # Errors
-    /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`], [`Error::NoAnswer`].
+    /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`],
+    /// [`Error::NoAnswer`].
     pub fn enable(&mut self) -> Result<(), Error> {
-        self.operate(Operation::Enable)
+        // The daemon reads requests and setpoints at different times of a cycle: without this the request could win.
+        let (begun, before) = (Instant::now(), self.message.sequence);
+        while before > 0 && !self.is_heard(before)? && begun.elapsed() < ANSWER_TIMEOUT {
+            self.transmit()?;
+            std::thread::sleep(REPEAT_PERIOD);
+        }
+        drop(self.ready()?);
+        let link = Rc::clone(&self.link);
+        let link = link.borrow();
+        link.ask_while(Operation::Enable, self.subject(), ANSWER_TIMEOUT, || match before {
+            0 => Ok(()),
+            _ => self.transmit(),
+        })?;
+        Ok(())
     }
 
     /// Damps and stops the motors of the group.
@@ -131,14 +144,35 @@ impl Claim {
         self.operate(Operation::Release)
     }
 
-    fn operate(&mut self, operation: Operation) -> Result<(), Error> {
-        let subject = self.subject();
-        self.polled()?.ask(operation, subject, ANSWER_TIMEOUT)?;
+    /// Sends the message again, as a new one.
+    fn transmit(&mut self) -> Result<(), Error> {
+        self.message.sequence += 1;
+        self.message.time_ns = clock::now_ns();
+        let sent = self.port.send(&self.message);
+        sent.map_err(|error| Error::of_service(error, &self.instance))
+    }
+
+    /// Whether the daemon has accepted a setpoint of this claim that was sent after the one with sequence `before`.
+    fn is_heard(&self, before: u64) -> Result<bool, Error> {
+        let link = self.ready()?;
+        let group = link.newest().and_then(|state| state.group(self.index));
+        Ok(group.is_some_and(|group| group.lease == self.message.lease && group.sequence > before))
+    }
+
+    fn operate(&self, operation: Operation) -> Result<(), Error> {
+        self.ready()?.ask(operation, self.subject(), ANSWER_TIMEOUT)?;
         Ok(())
     }
 
     fn subject(&self) -> Subject {
-        Subject { lease: self.lease, group: self.index, ..Subject::default() }
+        Subject { lease: self.message.lease, group: self.index, ..Subject::default() }
+    }
+
+    /// The link, as long as the daemon that granted the claim lives.
+    fn ready(&self) -> Result<RefMut<'_, Link>, Error> {
+        let link = self.polled()?;
+        link.check_alive()?;
+        Ok(link)
     }
 
     /// The link, after taking in what has arrived, as long as it leads to the daemon that granted the claim.
@@ -152,7 +186,7 @@ impl Claim {
 impl Drop for Claim {
     fn drop(&mut self) {
         let link = self.link.borrow();
-        if self.released || link.boot_id != self.boot_id || link.check_alive().is_err() {
+        if self.released || link.check_alive().is_err() {
             return;
         }
         // A drop has nobody to tell: the daemon notices the silence if this does not reach it.

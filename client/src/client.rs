@@ -145,7 +145,7 @@ impl Client {
     /// [`Error::UnknownGroup`], [`Error::Refused`] naming the owner, and those of every request.
     pub fn claim(&mut self, group: &str) -> Result<Claim, Error> {
         let index = self.group_named(group)?;
-        drop(self.polled()?);
+        self.polled()?.check_alive()?;
         Claim::new(Rc::clone(&self.link), index)
     }
 
@@ -217,14 +217,18 @@ impl Client {
     }
 
     fn operate(&mut self, operation: Operation, group: &str) -> Result<(), Error> {
-        let subject = Subject { group: self.group_named(group)?, ..Subject::default() };
-        self.polled()?.ask(operation, subject, ANSWER_TIMEOUT)?;
-        Ok(())
+        self.ask(operation, Subject { group: self.group_named(group)?, ..Subject::default() })
     }
 
     fn service(&mut self, operation: Operation, joint: &str) -> Result<(), Error> {
-        let subject = Subject { joint: self.joint_named(joint)?, ..Subject::default() };
-        self.polled()?.ask(operation, subject, ANSWER_TIMEOUT)?;
+        self.ask(operation, Subject { joint: self.joint_named(joint)?, ..Subject::default() })
+    }
+
+    /// Asks a daemon that is known to live: another one could give an index another meaning.
+    fn ask(&mut self, operation: Operation, subject: Subject) -> Result<(), Error> {
+        let link = self.polled()?;
+        link.check_alive()?;
+        link.ask(operation, subject, ANSWER_TIMEOUT)?;
         Ok(())
     }
 

@@ -93,11 +93,6 @@ impl Link {
         self.newest.filter(|_| std::mem::take(&mut self.unseen))
     }
 
-    /// The cycle of the newest state; 0 before the first.
-    pub(crate) fn newest_cycle(&self) -> u64 {
-        self.newest.map_or(0, |state| state.cycle())
-    }
-
     pub(crate) fn sleep_until_cycle(&mut self, at_most: Duration) -> Result<(), Error> {
         let slept = self.ports.sleep_until_cycle(at_most.min(SLEEP_MAX));
         slept.map_err(|error| Error::of_service(error, &self.instance))
@@ -116,6 +111,11 @@ impl Link {
             return Err(Error::Timeout { waited });
         }
         Ok(if self.silence_told { left } else { left.min(until_silence) })
+    }
+
+    /// The newest state, taken or not.
+    pub(crate) fn newest(&self) -> Option<&State> {
+        self.newest.as_ref()
     }
 
     /// That states have stopped, if they have.
@@ -142,6 +142,17 @@ impl Link {
         subject: Subject,
         timeout: Duration,
     ) -> Result<(AdminReply, Vec<u8>), Error> {
+        self.ask_while(operation, subject, timeout, || Ok(()))
+    }
+
+    /// Asks, and does `meanwhile` again and again until the answer is there.
+    pub(crate) fn ask_while(
+        &self,
+        operation: Operation,
+        subject: Subject,
+        timeout: Duration,
+        mut meanwhile: impl FnMut() -> Result<(), Error>,
+    ) -> Result<(AdminReply, Vec<u8>), Error> {
         let index = |index: usize| u32::try_from(index).unwrap_or(u32::MAX);
         let request = AdminRequest {
             lease: subject.lease,
@@ -153,6 +164,7 @@ impl Link {
         let question = self.ports.ask(request).map_err(|error| Error::of_service(error, &self.instance))?;
         let begun = Instant::now();
         loop {
+            meanwhile()?;
             let answer = question.answer().map_err(|error| Error::of_service(error, &self.instance))?;
             match answer {
                 Some((reply, text)) if reply.refusal == 0 => return Ok((reply, text)),

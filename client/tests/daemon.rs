@@ -5,7 +5,7 @@
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
 use motord_client::{Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
 use motord_shared::limits::CONTROLLERS_MAX;
-use motord_shared::message::{AdminReply, SetpointMessage, StateMessage};
+use motord_shared::message::{AdminReply, GroupState, SetpointMessage, StateMessage};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
 use motord_shared::roster::{GroupDescription, JointDescription, Roster, Telemetry};
 use motord_shared::{Instance, Operation, clock};
@@ -29,18 +29,24 @@ struct FakeDaemon {
     cycle: u64,
     owner: u64,
     leases: u64,
+    sequence: u64,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
 }
 
 impl FakeDaemon {
+    /// Serves requests before it looks at setpoints: a client must not rely on the order it sent them in.
     fn cycle(&mut self, joint_count: u32) {
         self.cycle += 1;
-        self.ports.take_setpoint(|setpoint| self.seen.lock().unwrap().push(*setpoint)).unwrap();
         while let Some(request) = self.ports.next_request().unwrap() {
             let (reply, text) = self.answer(request.payload().operation, request.payload().lease);
             let _ = request.reply(reply, &text);
         }
-        let state = StateMessage {
+        let take = |setpoint: &SetpointMessage| {
+            self.sequence = setpoint.sequence;
+            self.seen.lock().unwrap().push(*setpoint);
+        };
+        self.ports.take_setpoint(take).unwrap();
+        let mut state = StateMessage {
             boot_id: self.boot_id,
             cycle: self.cycle,
             publish_ns: clock::now_ns(),
@@ -48,6 +54,7 @@ impl FakeDaemon {
             group_count: 1,
             ..StateMessage::default()
         };
+        state.groups[0] = GroupState { lease: self.owner, sequence: self.sequence, ..GroupState::default() };
         self.ports.publish(&state).unwrap();
         self.ports.notify().unwrap();
     }
@@ -59,6 +66,7 @@ impl FakeDaemon {
             Ok(Operation::Telemetry) => (done, serde_json::to_vec(&Telemetry::default()).unwrap()),
             Ok(Operation::Claim) if self.owner == 0 => {
                 self.leases += 1;
+                self.sequence = 0;
                 self.owner = self.boot_id * 1000 + self.leases;
                 (AdminReply { lease: self.owner, ..done }, vec![])
             }
@@ -73,6 +81,10 @@ impl FakeDaemon {
                 self.owner = 0;
                 (done, vec![])
             }
+            Ok(Operation::Enable) if self.sequence == 0 => {
+                (AdminReply { refusal: Refusal::NoSetpoint.code(), ..done }, vec![])
+            }
+            Ok(Operation::Enable) if lease == self.owner => (done, vec![]),
             Ok(Operation::EmergencyStop) => (done, vec![]),
             _ => (AdminReply { refusal: Refusal::Busy.code(), ..done }, vec![]),
         }
@@ -112,7 +124,8 @@ impl Running {
             move || {
                 let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
                 let ports = DaemonPorts::open(&lock).unwrap();
-                let mut daemon = FakeDaemon { ports, boot_id, cycle: 0, owner: 0, leases: 0, seen };
+                let mut daemon =
+                    FakeDaemon { ports, boot_id, cycle: 0, owner: 0, leases: 0, sequence: 0, seen };
                 while !stop.load(Ordering::Relaxed) {
                     daemon.cycle(joint_count);
                     running.store(true, Ordering::Relaxed);
@@ -266,6 +279,20 @@ fn a_setpoint_for_another_number_of_joints_is_not_sent() {
 }
 
 #[test]
+fn one_setpoint_is_enough_to_enable_though_requests_are_read_first() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let mut client = connect(&place);
+    for _ in 0..20 {
+        let mut claim = client.claim("leg").unwrap();
+        let early = claim.enable().unwrap_err();
+        assert!(matches!(early, Error::Refused { refusal: Refusal::NoSetpoint, .. }), "{early}");
+        claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+        claim.enable().unwrap();
+    }
+}
+
+#[test]
 fn a_dropped_claim_leaves_the_group_to_others() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
@@ -320,7 +347,7 @@ fn a_request_after_a_restart_tells_it_instead_of_acting() {
     drop(daemon);
     let _successor = Running::start(place.path(), 2);
     until("the restart", || matches!(client.enable("leg"), Err(Error::Restarted)).then_some(()));
-    assert!(matches!(client.enable("leg"), Err(Error::Refused { refusal: Refusal::Busy, .. })));
+    assert!(matches!(client.enable("leg"), Err(Error::Refused { refusal: Refusal::NoSetpoint, .. })));
 }
 
 #[test]
