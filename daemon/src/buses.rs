@@ -92,7 +92,9 @@ pub fn simulate(bus: &BusSettings, bitrate: u32, seed: u64, motors: &[&MotorSett
 /// The current behind the largest torque code, A (MIT document 1.1).
 const CURRENT_MAX: f64 = 225.0;
 
-fn simulated(motor: &MotorSettings) -> simulator::MotorSettings {
+/// The simulated twin of a configured motor.
+#[must_use]
+pub fn simulated(motor: &MotorSettings) -> simulator::MotorSettings {
     let defaults = simulator::MotorSettings::default();
     let model = Model::by_name(&motor.model);
     let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));

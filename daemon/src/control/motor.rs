@@ -152,6 +152,7 @@ impl Motor {
         match self.mode {
             MotorMode::Offline => self.probe(now),
             MotorMode::Starting => self.start_command(),
+            MotorMode::Fault => self.fault_command(),
             _ => Command::Stop,
         }
     }
@@ -170,6 +171,12 @@ impl Motor {
         self.probe_at = now + PROBE_PERIOD;
         self.probe_fault = !self.probe_fault;
         if self.probe_fault { Command::Stop } else { Command::GetFault }
+    }
+
+    /// A faulted motor stopped by itself, and may refuse to answer anything but a question for its fault.
+    const fn fault_command(&mut self) -> Command {
+        self.probe_fault = !self.probe_fault;
+        if self.probe_fault { Command::GetFault } else { Command::Stop }
     }
 
     fn start_command(&mut self) -> Command {
@@ -226,8 +233,11 @@ impl Motor {
         if news {
             self.fault = fault;
         }
-        if !fault.is_none() && self.mode != MotorMode::Offline {
+        if !fault.is_none() {
             self.mode = MotorMode::Fault;
+        }
+        if self.mode == MotorMode::Fault {
+            self.silent = 0;
         }
         news
     }

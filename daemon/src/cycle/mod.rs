@@ -17,7 +17,7 @@ use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use motord_bus::{Bus, Duration, Instant, Readiness, wait::Ready};
 use motord_shared::message;
-use slot::Slot;
+use slot::{Asks, Slot};
 
 /// Most requests answered in one cycle; the rest wait for the next.
 const REQUESTS_PER_CYCLE: usize = 16;
@@ -35,7 +35,6 @@ pub struct Cycle<C> {
     control: Control,
     link: Link,
     readiness: Vec<Readiness>,
-    polled: Vec<bool>,
     overruns: u64,
     boot_id: u64,
     realtime: bool,
@@ -68,7 +67,6 @@ impl<C: Clock> Cycle<C> {
             control: Control::new(settings, boot_id),
             link,
             readiness: vec![Readiness::Never; settings.buses.len()],
-            polled: vec![false; settings.buses.len()],
             overruns: 0,
             boot_id,
             realtime: false,
@@ -147,7 +145,7 @@ impl<C: Clock> Cycle<C> {
         let Self { control, drives, slots, bus_of, clock, .. } = self;
         let commands = control.decide(*tick);
         let now = clock.now();
-        slots.iter_mut().for_each(Slot::begin);
+        slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
         for (motor, command) in commands.iter().enumerate() {
             slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
         }
@@ -159,38 +157,38 @@ impl<C: Clock> Cycle<C> {
     }
 
     /// Waits for the answers to everything that was asked, at most until `deadline`, within a budget of system calls.
-    /// The first wait lasts as long as the wire needs at least; waking for every single frame would cost more calls.
+    /// The first wait lasts as long as the answers usually take: waking for every single frame would cost more calls.
     fn collect(&mut self, deadline: Instant) {
         let mut calls = CALLS_PER_BUS * self.slots.len();
-        let expected = self.slots.iter().filter_map(Slot::expected).max();
-        let mut ready = None;
-        if let Some(expected) = expected {
-            self.wait(None, expected.min(deadline));
-            calls -= 1;
-        }
+        let open = self.slots.iter().filter(|slot| slot.is_open(&self.drives));
+        let Some(expected) = open.map(Slot::expected).max() else { return };
+        let mut ready = self.wait(Interest::Nothing, expected.min(deadline));
         loop {
-            let received = self.receive(ready);
-            calls = calls.saturating_sub(received + 1);
+            let read = self.receive(ready);
+            calls = calls.saturating_sub(1 + read);
             let open = self.open_buses();
             if open == 0 || self.clock.now() >= deadline {
                 break;
             }
-            // Keep one wait and a last look at every open bus in the budget: that wait does not end with a frame.
+            // Enough is left for a wait that no frame ends, and a last look at each open bus.
             let patient = calls <= 2 * open;
-            ready = self.wait((!patient).then_some(()), deadline);
+            ready = self.wait(if patient { Interest::Nothing } else { Interest::OpenBuses }, deadline);
         }
+        let Self { slots, drives, .. } = self;
+        slots.iter_mut().filter(|slot| !slot.is_open(drives)).for_each(Slot::complete);
     }
 
-    /// Waits until a bus with an open request has something, if `interest` says so, and at most until `until`.
-    fn wait(&mut self, interest: Option<()>, until: Instant) -> Option<Ready> {
+    /// Waits until something of interest comes, and at most until `until`. Tells which buses are worth reading; `None`
+    /// when that is not known.
+    fn wait(&mut self, interest: Interest, until: Instant) -> Option<Ready> {
         for (readiness, slot) in self.readiness.iter_mut().zip(&self.slots) {
             *readiness = match interest {
-                Some(()) if slot.is_open(&self.drives) => slot.readiness(),
-                _ => Readiness::Never,
+                Interest::OpenBuses if slot.is_open(&self.drives) => slot.readiness(),
+                Interest::OpenBuses | Interest::Nothing => Readiness::Never,
             };
         }
         let ready = self.clock.wait(&self.readiness, until);
-        interest.map(|()| ready)
+        (interest == Interest::OpenBuses).then_some(ready)
     }
 
     fn open_buses(&self) -> usize {
@@ -248,13 +246,12 @@ impl<C: Clock> Cycle<C> {
         let now = self.clock.now();
         let mut asked = false;
         for bus in 0..self.slots.len() {
-            self.polled[bus] = false;
             if self.slots[bus].is_open(&self.drives) || now + self.slots[bus].poll_time() > end {
                 continue;
             }
             let Some(motor) = self.control.fault_poll(bus) else { continue };
             let Self { slots, drives, .. } = self;
-            slots[bus].begin();
+            slots[bus].begin(Asks::Faults);
             slots[bus].queue(motor, drives[motor].ask(&Command::GetFault, now));
             slots[bus].send(now, |motor| drives[motor].unask());
             asked = true;
@@ -271,6 +268,13 @@ fn fastest_answer(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duratio
         BusKind::SocketCan { .. } => Duration::ZERO,
         BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].exchange_least,
     }
+}
+
+/// What may end a wait early.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Interest {
+    Nothing,
+    OpenBuses,
 }
 
 /// A place on the grid of cycles.

@@ -18,9 +18,32 @@ pub(super) struct Slot {
     counters: BusState,
     condition: BusCondition,
     sent_at: Instant,
-    least_time: Duration,
-    exchange_time: Duration,
+    heard_at: Instant,
+    asks: Asks,
+    usual: [Usual; 2],
     poll_time: Duration,
+}
+
+/// What a round of frames asks, as an index: both take their own time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Asks {
+    /// Every motor for its state.
+    States,
+    /// One motor for its faults.
+    Faults,
+}
+
+/// How long the last reply of a round usually takes: the first look at a bus comes then, and mostly it is the only one.
+/// Rises at once, falls slowly.
+#[derive(Debug, Clone, Copy)]
+struct Usual(Duration);
+
+impl Usual {
+    const FALL: u32 = 32;
+
+    fn observe(&mut self, time: Duration) {
+        self.0 = if time > self.0 { time } else { self.0 - (self.0 - time) / Self::FALL };
+    }
 }
 
 impl Slot {
@@ -36,14 +59,16 @@ impl Slot {
             counters: BusState::default(),
             condition: BusCondition::Active,
             sent_at: Instant::ZERO,
-            least_time: Duration::ZERO,
-            exchange_time: plan.exchange_least,
+            heard_at: Instant::ZERO,
+            asks: Asks::States,
+            usual: [Usual(plan.expected), Usual(plan.exchange_least)],
             poll_time: plan.exchange_worst,
         }
     }
 
-    /// Forgets the frames of the cycle before.
-    pub(super) fn begin(&mut self) {
+    /// Begins a round: forgets the frames of the one before.
+    pub(super) fn begin(&mut self, asks: Asks) {
+        self.asks = asks;
         self.frames.clear();
         self.senders.clear();
     }
@@ -60,7 +85,7 @@ impl Slot {
     /// was accepted.
     pub(super) fn send(&mut self, now: Instant, mut unask: impl FnMut(usize)) -> bool {
         self.sent_at = now;
-        self.least_time = Duration::ZERO;
+        self.heard_at = now;
         if self.frames.is_empty() {
             return true;
         }
@@ -70,7 +95,6 @@ impl Slot {
         self.senders[accepted..].iter().for_each(|&motor| unask(motor));
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
-        self.least_time = self.exchange_time * accepted as u32;
         match sent.refusal {
             Some(Refusal::Down) => self.condition = BusCondition::Down,
             Some(Refusal::Gone) => self.condition = BusCondition::Gone,
@@ -81,9 +105,16 @@ impl Slot {
         dropped == 0
     }
 
-    /// When all answers can be there at the earliest; `None` when none is awaited.
-    pub(super) fn expected(&self) -> Option<Instant> {
-        (!self.least_time.is_zero()).then(|| self.sent_at + self.least_time)
+    /// When all answers to this round are usually there.
+    pub(super) fn expected(&self) -> Instant {
+        self.sent_at + self.usual[self.asks as usize].0
+    }
+
+    /// Every answer to this round has come: learns how long that takes.
+    pub(super) fn complete(&mut self) {
+        if !self.frames.is_empty() {
+            self.usual[self.asks as usize].observe(self.heard_at.since(self.sent_at));
+        }
     }
 
     /// A request on this bus is open.
@@ -113,7 +144,7 @@ impl Slot {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, counters, condition, .. } = self;
+        let Self { inbox, routes, counters, condition, heard_at, .. } = self;
         for arrival in inbox.arrivals() {
             count(&mut counters.received);
             match arrival.content {
@@ -122,7 +153,7 @@ impl Slot {
                     match route
                         .map_or(Answer::Stranger, |&(_, motor)| read(motor, frame.payload(), arrival.at))
                     {
-                        Answer::Heard(_) => {}
+                        Answer::Heard(_) => *heard_at = arrival.at,
                         Answer::Duplicate => count(&mut counters.duplicate),
                         Answer::Stranger => count(&mut counters.unknown),
                         Answer::Malformed => count(&mut counters.malformed),

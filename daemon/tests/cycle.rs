@@ -1,0 +1,192 @@
+//! The cycle with simulated motors, on virtual time.
+
+mod robot;
+
+use motord_bus::Duration;
+use motord_shared::{Cause, MotorMode, Operation, Phase, Refusal};
+use robot::{Meaning, Robot};
+
+#[test]
+fn stopped_motors_hear_only_stop_and_questions_and_tell_their_states() {
+    let mut robot = Robot::new(robot::quadruped(), 1);
+    robot.steps(1000);
+    assert!((0..12).all(|joint| robot.mode(joint) == MotorMode::Idle));
+    assert!((0..12).all(|joint| robot.joint(joint).age_cycles == 0 && robot.joint(joint).missed == 0));
+    let sent = robot.take_sent();
+    assert!(sent.iter().all(|sent| matches!(sent.meaning, Meaning::Stop | Meaning::GetFault)));
+    let stops = sent.iter().filter(|sent| sent.meaning == Meaning::Stop).count();
+    assert_eq!(stops, 12 * 1000, "each motor once in each cycle");
+}
+
+#[test]
+fn every_motor_is_asked_for_its_faults_ten_times_a_second() {
+    let mut robot = Robot::new(robot::quadruped(), 1);
+    robot.steps(2000);
+    robot.take_sent();
+    robot.steps(1000);
+    let sent = robot.take_sent();
+    for bus in 0..4 {
+        for id in 1..=3 {
+            let polls =
+                sent.iter().filter(|sent| (sent.bus, sent.id, sent.meaning) == (bus, id, Meaning::GetFault));
+            let polls = polls.count();
+            assert!((9..=11).contains(&polls), "bus {bus} motor {id} was asked {polls} times");
+        }
+    }
+}
+
+#[test]
+fn a_group_starts_neutral_then_ramps_its_gains_from_zero() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    robot.claim().unwrap();
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    robot.take_sent();
+    robot.operate(Operation::Enable).unwrap();
+    for _ in 0..300 {
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active);
+
+    let sent: Vec<_> = robot.take_sent().into_iter().filter(|sent| sent.id == 1).collect();
+    let start = sent.iter().position(|sent| sent.meaning == Meaning::Start).expect("it is started");
+    assert!(
+        sent[start - 1].meaning.is_safe() && !matches!(sent[start - 1].meaning, Meaning::Stop),
+        "neutral before start"
+    );
+    assert_eq!(sent.iter().filter(|sent| sent.meaning == Meaning::Start).count(), 1);
+    let stiffness: Vec<_> = sent[start + 1..]
+        .iter()
+        .filter_map(|sent| match sent.meaning {
+            Meaning::Control { kp, .. } => Some((sent.at, kp)),
+            _ => None,
+        })
+        .collect();
+    let first = stiffness.iter().find(|(_, kp)| *kp > 0.0).expect("it gets stiff").0;
+    let full = stiffness.iter().find(|(_, kp)| *kp > 39.9).expect("it gets as stiff as asked").0;
+    assert!(full.since(first) >= Duration::from_millis(95), "from {first:?} to {full:?}");
+    assert!(stiffness.is_sorted_by(|a, b| a.1 <= b.1), "never down");
+}
+
+#[test]
+fn a_setpoint_far_from_its_joint_is_refused_before_anything_moves() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    robot.claim().unwrap();
+    let mut joints = robot.hold(40.0, 1.0);
+    joints[1].position += 0.5;
+    robot.follow(&joints);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::SetpointTooFar);
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+}
+
+#[test]
+fn a_controller_that_dies_leaves_every_joint_damped_and_then_stopped() {
+    let mut robot = Robot::new(robot::quadruped(), 1);
+    let joints = robot.activate();
+    robot.follow(&joints);
+    let last = robot.now();
+    robot.steps(22);
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::SetpointTimeout)));
+    let sent = robot.take_sent();
+    let late = last + Duration::from_millis(20);
+    assert!(sent.iter().filter(|sent| sent.at > late).count() >= 12);
+    assert!(sent.iter().filter(|sent| sent.at > late).all(|sent| sent.meaning.is_safe()));
+
+    robot.steps(3000);
+    assert_eq!(robot.phase(), Phase::Disarmed);
+    assert_eq!(
+        robot.operate(Operation::Enable).unwrap_err(),
+        Refusal::Latched,
+        "it never starts again by itself"
+    );
+    robot.operate(Operation::Reset).unwrap();
+    robot.activate();
+}
+
+#[test]
+fn a_lost_motor_stops_its_group_and_stays_out_until_it_is_reset() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    robot.disturb("thigh off");
+    for _ in 0..11 {
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.mode(1), robot.phase()), (MotorMode::Offline, Phase::Damping));
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorLost), 1));
+    robot.steps(3000);
+    robot.disturb("thigh ok");
+    robot.take_sent();
+    robot.steps(500);
+    assert_eq!((robot.mode(1), robot.phase()), (MotorMode::Idle, Phase::Disarmed));
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "no start is sent by itself");
+}
+
+#[test]
+fn every_fault_bit_stops_the_group_and_is_never_taken_for_a_position() {
+    for bit in 0..8 {
+        let mut robot = Robot::new(robot::three_motors(), 1);
+        let joints = robot.activate();
+        let before = robot.joint(2).position;
+        robot.disturb(&format!("knee fault {:#04x}", 1 << bit));
+        for _ in 0..150 {
+            robot.follow(&joints);
+            let joint = robot.joint(2);
+            assert!(joint.position.is_nan() || (joint.position - before).abs() < 0.05, "{}", joint.position);
+        }
+        assert_eq!((robot.mode(2), robot.joint(2).fault), (MotorMode::Fault, 1 << bit), "bit {bit}");
+        assert_eq!(robot.cause(), Some(Cause::MotorFault), "bit {bit}");
+        robot.steps(2500);
+        assert_eq!(robot.operate(Operation::Reset).unwrap_err(), Refusal::MotorFault);
+        let clear = motord_shared::AdminRequest {
+            operation: Operation::ClearFault.code(),
+            joint: 2,
+            ..Default::default()
+        };
+        robot.ask(clear).unwrap();
+        robot.operate(Operation::Reset).unwrap();
+        robot.activate();
+    }
+}
+
+#[test]
+fn a_late_wake_up_skips_to_the_grid_and_sends_one_set_of_frames() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    let before = robot.state().cycle;
+    robot.send(&joints);
+    robot.take_sent();
+    robot.oversleep(Duration::from_micros(10_300));
+    robot.step();
+    let state = robot.state();
+    assert_eq!((state.cycle - before, state.overruns), (11, 10), "ten places were skipped");
+    assert_eq!(robot.take_sent().len(), 3, "no burst");
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::TimeBase)));
+}
+
+#[test]
+fn set_zero_needs_a_stopped_motor_and_is_confirmed_by_its_position() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let request =
+        motord_shared::AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
+    robot.activate();
+    assert_eq!(robot.ask(request).unwrap_err(), Refusal::NotDisarmed);
+    robot.steps(3000);
+    robot.ask(request).unwrap();
+    robot.step();
+    assert!(robot.joint(0).position.abs() < 0.01);
+}
+
+#[test]
+fn an_emergency_stop_acts_in_the_cycle_that_hears_it_and_stays_latched() {
+    let mut robot = Robot::new(robot::quadruped(), 1);
+    robot.activate();
+    robot.take_sent();
+    robot.operate(Operation::EmergencyStop).unwrap();
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+    robot.steps(3000);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::EmergencyStopActive);
+    robot.operate(Operation::Reset).unwrap();
+    robot.activate();
+}

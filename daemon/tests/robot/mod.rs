@@ -1,0 +1,375 @@
+//! A whole robot on virtual time: the real cycle and the simulated motors, with a test as client, operator and saboteur.
+//!
+//! Method: one virtual clock moves only when the cycle sleeps or waits, so a run is the same every time. What reached
+//! the wire is recorded by the buses and decoded here, from the vendor's document, not by the daemon's codec.
+
+#![allow(dead_code, unreachable_pub, reason = "each test file uses its own part of the robot")]
+
+use motord::buses;
+use motord::clock::Clock;
+use motord::config::settings::{BusKind, Settings};
+use motord::config::{self, Machine};
+use motord::cycle::{self, Cycle, Ends, Place};
+use motord::plan::BusPlan;
+use motord_bus::wait::Ready;
+use motord_bus::{Bus, Duration, Instant, Readiness};
+use motord_shared::{
+    AdminReply, AdminRequest, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation, Phase,
+    Refusal, SetpointMessage, StateMessage,
+};
+use motord_simulator::{Direction, FaultVerb, SharedBus};
+use std::cell::Cell;
+use std::path::Path;
+use std::rc::Rc;
+
+pub const PERIOD: Duration = Duration::from_millis(1);
+
+/// The configuration of the common harness: three motors with ids 1 to 3 on one bus, strict as on a robot.
+pub fn three_motors() -> Settings {
+    let mut text = String::from(
+        "[cycle]\nrate-hz = 1000\n[safety]\nsetpoint-timeout-ms = 20\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n",
+    );
+    for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
+        text += &motor(id, name, "can", "");
+    }
+    settings(&text)
+}
+
+/// Twelve motors on four buses, as the shipped configuration of a robot, but simulated.
+pub fn quadruped() -> Settings {
+    let mut text = String::from("[safety]\nsetpoint-timeout-ms = 20\n");
+    for bus in ["front-left", "front-right", "rear-left", "rear-right"] {
+        text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
+    }
+    for bus in ["front-left", "front-right", "rear-left", "rear-right"] {
+        for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
+            text += &motor(id, &format!("{bus}-{name}"), bus, "");
+        }
+    }
+    settings(&text)
+}
+
+/// One `[[motor]]` of the harness, with more keys in `more`.
+pub fn motor(id: u8, name: &str, bus: &str, more: &str) -> String {
+    format!(
+        "[[motor]]\nname = \"{name}\"\nbus = \"{bus}\"\nid = {id}\nprotocol = \"mit\"\nmodel = \"GIM8108-8\"\n{more}\n\
+         [motor.limits]\nposition-rad = [-3.0, 3.0]\nvelocity-rad-s = 20.0\ntorque-nm = 20.0\n\
+         torque-slew-nm-per-s = 100.0\n"
+    )
+}
+
+/// A configuration that must be good.
+pub fn settings(text: &str) -> Settings {
+    let loaded = config::parse(Path::new("test.toml"), text.as_bytes(), &Machine::here());
+    loaded.unwrap_or_else(|error| panic!("{error}")).settings
+}
+
+/// Virtual time.
+#[derive(Debug, Clone)]
+pub struct Virtual {
+    now: Rc<Cell<Instant>>,
+    /// How much too late the next sleep ends.
+    pub late: Rc<Cell<Duration>>,
+}
+
+impl Clock for Virtual {
+    fn now(&self) -> Instant {
+        self.now.get()
+    }
+
+    fn sleep_until(&mut self, instant: Instant) {
+        self.now.set(self.now.get().max(instant + self.late.take()));
+    }
+
+    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
+        let wake = readiness.iter().fold(until, |wake, readiness| match *readiness {
+            Readiness::At(at) => wake.min(at),
+            _ => wake,
+        });
+        self.now.set(self.now.get().max(wake));
+        let now = self.now.get();
+        Ready::of(readiness.iter().map(|readiness| matches!(*readiness, Readiness::At(at) if at <= now)))
+    }
+}
+
+/// A frame to a motor, decoded from the MIT document 1.1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sent {
+    /// The end of the frame.
+    pub at: Instant,
+    /// Which bus.
+    pub bus: usize,
+    /// Which motor, by its arbitration id.
+    pub id: u16,
+    /// The bytes.
+    pub bytes: [u8; 8],
+    pub meaning: Meaning,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Meaning {
+    Start,
+    Stop,
+    SetZero,
+    GetFault,
+    ClearFault,
+    /// Position rad, velocity rad/s, kp, kd, torque N·m.
+    Control {
+        position: f64,
+        velocity: f64,
+        kp: f64,
+        kd: f64,
+        torque: f64,
+    },
+}
+
+impl Meaning {
+    fn of(bytes: [u8; 8], torque_max: f64) -> Self {
+        let [a, b, c, d, e, f, g, h] = bytes.map(f64::from);
+        match bytes {
+            [255, 255, 255, 255, 255, 255, 255, 0xFC] => Self::Start,
+            [255, 255, 255, 255, 255, 255, 255, 0xFD] => Self::Stop,
+            [255, 255, 255, 255, 255, 255, 255, 0xFE] => Self::SetZero,
+            [255, 255, 255, 255, 255, 255, 255, 0xFB] => Self::ClearFault,
+            [255, 255, 255, 255, 255, 255, _, 0xFB] => Self::GetFault,
+            _ => {
+                let (high, low) = (|x: f64| (x / 16.0).floor(), |x: f64| x % 16.0);
+                Self::Control {
+                    position: (a * 256.0 + b) * 25.0 / 65535.0 - 12.5,
+                    velocity: (c * 16.0 + high(d)) * 130.0 / 4095.0 - 65.0,
+                    kp: (low(d) * 256.0 + e) * 500.0 / 4095.0,
+                    kd: (f * 16.0 + high(g)) * 5.0 / 4095.0,
+                    torque: (low(g) * 256.0 + h) * 2.0 * torque_max / 4095.0 - torque_max,
+                }
+            }
+        }
+    }
+
+    /// Neither stiffness nor torque beyond a code: at most it brakes.
+    pub fn is_safe(&self) -> bool {
+        match *self {
+            Self::Start | Self::SetZero => false,
+            Self::Stop | Self::GetFault | Self::ClearFault => true,
+            Self::Control { kp, torque, .. } => kp == 0.0 && torque.abs() < 0.2,
+        }
+    }
+}
+
+/// The robot, its client, and what can be done to both.
+pub struct Robot {
+    pub settings: Settings,
+    pub cycle: Cycle<Virtual>,
+    pub ends: Ends,
+    pub clock: Virtual,
+    pub buses: Vec<SharedBus>,
+    place: Place,
+    tickets: u32,
+    sequence: u64,
+    pub lease: u64,
+    /// Frames to motors since the last [`Robot::take_sent`].
+    sent: Vec<Sent>,
+}
+
+impl Robot {
+    pub fn new(settings: Settings, seed: u64) -> Self {
+        let start = Instant::from_nanos(1_000_000_000);
+        let clock = Virtual { now: Rc::new(Cell::new(start)), late: Rc::default() };
+        let buses: Vec<_> =
+            settings.buses.iter().enumerate().map(|(index, _)| bus(&settings, index, seed)).collect();
+        let (link, ends) = cycle::link(settings.groups.len());
+        let plans = BusPlan::of(&settings);
+        let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
+        let cycle = Cycle::new(&settings, &plans, boxed, clock.clone(), link, 7);
+        let place = Place { cycle: 1, at: start };
+        Self {
+            settings,
+            cycle,
+            ends,
+            clock,
+            buses,
+            place,
+            tickets: 0,
+            sequence: 0,
+            lease: 0,
+            sent: Vec::new(),
+        }
+    }
+
+    pub fn now(&self) -> Instant {
+        self.clock.now()
+    }
+
+    /// One cycle.
+    pub fn step(&mut self) {
+        self.place = self.cycle.run(self.place);
+        self.ends.states.update();
+        while self.ends.records.pop().is_ok() {}
+        for bus in 0..self.buses.len() {
+            self.collect_sent(bus);
+        }
+    }
+
+    pub fn steps(&mut self, cycles: usize) {
+        (0..cycles).for_each(|_| self.step());
+    }
+
+    fn collect_sent(&mut self, bus: usize) {
+        let mut guard = self.buses[bus].lock();
+        for recorded in guard.take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
+            let id = recorded.frame.id().raw();
+            let motor =
+                self.settings.motors.iter().find(|motor| motor.bus == bus && u16::from(motor.id) == id);
+            let torque_max = motor.expect("frames go to motors of the bus").torque_scale.field().max();
+            let bytes = recorded.frame.payload().try_into().expect("every command has eight bytes");
+            self.sent.push(Sent { at: recorded.at, bus, id, bytes, meaning: Meaning::of(bytes, torque_max) });
+        }
+    }
+
+    /// What the motors heard since the last call.
+    pub fn take_sent(&mut self) -> Vec<Sent> {
+        std::mem::take(&mut self.sent)
+    }
+
+    pub fn state(&mut self) -> StateMessage {
+        *self.ends.states.output_buffer()
+    }
+
+    pub fn joint(&mut self, index: usize) -> JointState {
+        self.state().joints[index]
+    }
+
+    pub fn mode(&mut self, index: usize) -> MotorMode {
+        self.joint(index).mode.try_into().expect("modes are known")
+    }
+
+    pub fn group(&mut self) -> GroupState {
+        self.state().groups[0]
+    }
+
+    pub fn phase(&mut self) -> Phase {
+        self.group().phase.try_into().expect("phases are known")
+    }
+
+    pub fn cause(&mut self) -> Option<Cause> {
+        Cause::try_from(self.group().cause).ok()
+    }
+
+    /// Asks, and runs cycles until the answer is there: one for most, some for errands.
+    pub fn ask(&mut self, request: AdminRequest) -> Result<AdminReply, Refusal> {
+        self.tickets += 1;
+        self.ends.requests.push((self.tickets, request)).expect("the ring has room");
+        for _ in 0..4000 {
+            self.step();
+            while let Ok((ticket, reply)) = self.ends.answers.pop() {
+                if ticket == self.tickets {
+                    return if reply.refusal == 0 { Ok(reply) } else { Err(refusal(reply)) };
+                }
+            }
+        }
+        panic!("no answer to {request:?}");
+    }
+
+    pub fn operate(&mut self, operation: Operation) -> Result<AdminReply, Refusal> {
+        self.ask(AdminRequest { operation: operation.code(), group: 0, ..Default::default() })
+    }
+
+    pub fn claim(&mut self) -> Result<u64, Refusal> {
+        let reply = self.operate(Operation::Claim)?;
+        self.sequence = 0;
+        self.lease = reply.lease;
+        Ok(reply.lease)
+    }
+
+    /// A good message in the owner's name.
+    pub fn message(&mut self, joints: &[JointSetpoint]) -> SetpointMessage {
+        self.sequence += 1;
+        let mut message = SetpointMessage {
+            lease: self.lease,
+            sequence: self.sequence,
+            time_ns: self.now().as_nanos(),
+            joint_count: joints.len() as u32,
+            ..Default::default()
+        };
+        message.joints[..joints.len()].copy_from_slice(joints);
+        message
+    }
+
+    /// Hands a message to the cycle as the exchange does.
+    pub fn deliver(&mut self, message: &SetpointMessage) {
+        *self.ends.setpoints[0].input_buffer_mut() = *message;
+        self.ends.setpoints[0].publish();
+    }
+
+    pub fn send(&mut self, joints: &[JointSetpoint]) {
+        let message = self.message(joints);
+        self.deliver(&message);
+    }
+
+    /// Every joint of the group is asked to stay where it is, with these gains.
+    pub fn hold(&mut self, kp: f32, kd: f32) -> Vec<JointSetpoint> {
+        let state = self.state();
+        let motors = self.settings.groups[0].motors.iter();
+        motors
+            .map(|&motor| JointSetpoint {
+                position: state.joints[motor].position,
+                kp,
+                kd,
+                ..Default::default()
+            })
+            .collect()
+    }
+
+    /// One cycle in which the owner sends `joints`.
+    pub fn follow(&mut self, joints: &[JointSetpoint]) {
+        self.send(joints);
+        self.step();
+    }
+
+    /// From any stopped state to `Active`, with an owner that holds the joints where they are.
+    pub fn activate(&mut self) -> Vec<JointSetpoint> {
+        self.steps(10);
+        if self.group().lease == 0 {
+            self.claim().expect("the group is free");
+        }
+        let joints = self.hold(40.0, 1.0);
+        self.follow(&joints);
+        self.operate(Operation::Enable).unwrap_or_else(|refusal| panic!("{refusal}"));
+        for _ in 0..200 {
+            self.follow(&joints);
+        }
+        assert_eq!(self.phase(), Phase::Active, "{:?}", self.cause());
+        self.take_sent();
+        joints
+    }
+
+    /// Does `line`, as `motord-sim` would.
+    pub fn disturb(&mut self, line: &str) {
+        let verb: FaultVerb = line.parse().unwrap_or_else(|error| panic!("{line}: {error}"));
+        let now = self.now();
+        let done = self.buses.iter().any(|bus| bus.lock().inject(now, &verb).is_ok());
+        assert!(done, "{line}: nobody is called so");
+    }
+
+    /// The next sleep of the cycle ends this much too late.
+    pub fn oversleep(&mut self, late: Duration) {
+        self.clock.late.set(late);
+    }
+}
+
+fn refusal(reply: AdminReply) -> Refusal {
+    reply.refusal.try_into().expect("refusals are known")
+}
+
+fn bus(settings: &Settings, index: usize, seed: u64) -> SharedBus {
+    let BusKind::Simulated { bitrate, .. } = settings.buses[index].kind else {
+        panic!("the harness is simulated")
+    };
+    let motors = settings.motors.iter().filter(|motor| motor.bus == index).map(buses::simulated).collect();
+    let bus = motord_simulator::BusSettings {
+        name: settings.buses[index].name.clone(),
+        bitrate,
+        record: 256,
+        ..Default::default()
+    };
+    SharedBus::new(motord_simulator::SimulatedBus::new(bus, motors, seed + index as u64))
+}
