@@ -3,11 +3,11 @@
 use std::f64::consts::{PI, TAU};
 
 /// Strides per second, Hz.
-const STRIDE_HZ: f64 = 1.6;
+const STRIDE_HZ: f64 = 1.5;
 /// How far a thigh swings to each side of where it stood, rad.
-const THIGH_SWING: f64 = 0.3;
+const THIGH_SWING: f64 = 0.2;
 /// How far a knee swings to each side of where it stood, rad.
-const KNEE_SWING: f64 = 0.35;
+const KNEE_SWING: f64 = 0.25;
 /// The knee leads its thigh by a quarter of a stride: the foot is up while the leg swings forward.
 const KNEE_LEAD: f64 = PI / 2.0;
 /// The swing grows from nothing over this time, s, so that no joint jumps.
