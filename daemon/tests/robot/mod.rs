@@ -5,6 +5,9 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part of the robot")]
 
+pub mod random;
+pub mod witness;
+
 use motord::buses;
 use motord::clock::Clock;
 use motord::config::settings::{BusKind, Settings};
@@ -278,6 +281,30 @@ impl Robot {
         self.sequence = 0;
         self.lease = reply.lease;
         Ok(reply.lease)
+    }
+
+    /// Asks without waiting for the answer.
+    pub fn post(&mut self, request: AdminRequest) {
+        self.tickets += 1;
+        // A ring that is full means many requests are under way, and the client is told that it is busy.
+        let _busy = self.ends.requests.push((self.tickets, request));
+        while self.ends.answers.pop().is_ok() {}
+    }
+
+    /// Asks for the group without waiting; [`Robot::take_lease`] takes the answer after the next cycle.
+    pub fn post_claim(&mut self) {
+        self.post(AdminRequest { operation: Operation::Claim.code(), ..Default::default() });
+    }
+
+    /// The lease that was granted, if one was.
+    pub fn take_lease(&mut self) -> bool {
+        let mut granted = false;
+        while let Ok((_, reply)) = self.ends.answers.pop() {
+            if reply.lease != 0 {
+                (self.lease, self.sequence, granted) = (reply.lease, 0, true);
+            }
+        }
+        granted
     }
 
     /// A good message in the owner's name.
