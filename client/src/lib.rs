@@ -78,7 +78,7 @@ mod state;
 pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error};
-pub use motord_shared::instance::{DEFAULT_INSTANCE, InstanceError};
+pub use motord_shared::instance::{DEFAULT_INSTANCE, InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::roster::{GroupDescription, JointDescription, Percentiles, Roster, Telemetry};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::{
