@@ -35,6 +35,7 @@
 //! and torques are those of the output shaft.
 
 mod body;
+mod bridge;
 mod bus;
 mod contention;
 mod fault;
@@ -47,6 +48,7 @@ mod settings;
 mod shared;
 mod wire;
 
+pub use bridge::Bridge;
 pub use bus::SimulatedBus;
 pub use fault::{Fault, FaultVerb, InjectError, VerbError};
 pub use length::frame_bits;

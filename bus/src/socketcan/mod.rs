@@ -110,6 +110,22 @@ impl SocketCanBus {
     pub fn link(&self) -> &Link {
         &self.link
     }
+
+    /// Puts `error` on a virtual interface, where every other socket takes it for the controller's own report: for
+    /// simulated motors. A real controller refuses it or sends nonsense.
+    pub fn report(&mut self, error: &ErrorFrame) -> Sent {
+        self.outgoing.put(0, wire::encode_error(error));
+        self.send_first(1)
+    }
+
+    /// Sends the first `count` frames that were put into the outgoing batch.
+    fn send_first(&mut self, count: usize) -> Sent {
+        match self.outgoing.send(self.socket.as_fd(), count) {
+            Ok(accepted) if accepted == count => Sent::all(accepted),
+            Ok(accepted) => Sent { accepted, refusal: Some(Refusal::Full) },
+            Err(errno) => Sent { accepted: 0, refusal: Some(refusal(errno)) },
+        }
+    }
 }
 
 /// Opens a raw socket and binds it when it is configured, so that nothing arrives which the filters exclude.
@@ -158,11 +174,8 @@ impl Bus for SocketCanBus {
         for (index, frame) in frames.iter().take(count).enumerate() {
             self.outgoing.put(index, wire::encode(frame));
         }
-        match self.outgoing.send(self.socket.as_fd(), count) {
-            Ok(accepted) if accepted == frames.len() => Sent::all(accepted),
-            Ok(accepted) => Sent { accepted, refusal: Some(Refusal::Full) },
-            Err(errno) => Sent { accepted: 0, refusal: Some(refusal(errno)) },
-        }
+        let sent = self.send_first(count);
+        Sent { refusal: sent.refusal.or((count < frames.len()).then_some(Refusal::Full)), ..sent }
     }
 
     /// One `recvmmsg`. `now` is what the caller read after its wait: no arrival is later. An error of the interface is

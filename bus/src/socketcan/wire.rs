@@ -23,9 +23,18 @@ mod field {
 
 /// The bytes to send for `frame`.
 pub(super) fn encode(frame: &Frame) -> [u8; FRAME_BYTES] {
+    lay_out(u32::from(frame.id().raw()), frame.payload())
+}
+
+/// The bytes with which the kernel would report `error`.
+pub(super) fn encode_error(error: &ErrorFrame) -> [u8; FRAME_BYTES] {
+    lay_out(libc::CAN_ERR_FLAG | error.class & libc::CAN_ERR_MASK, &error.data)
+}
+
+/// `payload` has at most 8 bytes.
+fn lay_out(word: u32, payload: &[u8]) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
-    let payload = frame.payload();
-    bytes[field::ID].copy_from_slice(&u32::from(frame.id().raw()).to_ne_bytes());
+    bytes[field::ID].copy_from_slice(&word.to_ne_bytes());
     bytes[field::LEN] = payload.len() as u8;
     bytes[field::DATA][..payload.len()].copy_from_slice(payload);
     bytes
@@ -134,6 +143,8 @@ mod tests {
         }
         let frame = Frame::new(FrameId::MAX, &[1, 2, 3, 4, 5, 6]).unwrap();
         assert_eq!(decode(&bytes(0x7FF, 6, 0)), Content::Frame(frame));
+        let error = ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 0x20, 0, 0, 0, 0, 0, 0] };
+        assert_eq!(decode(&encode_error(&error)[..CLASSIC_BYTES]), Content::Error(error));
     }
 
     #[test]

@@ -1,0 +1,74 @@
+//! Simulated motors on a CAN interface, for a daemon in another process.
+
+use crate::{FaultVerb, InjectError, SimulatedBus};
+use motord_bus::socketcan::{InterfaceName, OpenError, Settings, SocketCanBus};
+use motord_bus::{Bus, Content, Inbox, Instant, Readiness};
+
+/// Hands the commands that arrive on an interface to a simulated bus, and puts on the interface what its motors answer.
+///
+/// The simulated bus keeps its bit rate, so that motors on a virtual interface answer when real ones would. Its error reports
+/// are passed on as well: on a virtual interface they look like the controller's own. What it loses or does not
+/// send to its host is lost for the daemon; a queue that is full and an interface that is gone are the daemon's side of
+/// the wire, and must be made there.
+pub struct Bridge {
+    interface: SocketCanBus,
+    simulated: SimulatedBus,
+    inbox: Inbox,
+}
+
+impl Bridge {
+    /// Opens `interface` for the motors of `simulated`: it receives the ids they have now.
+    ///
+    /// # Errors
+    ///
+    /// What is wrong with the interface, and what to do about it.
+    pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
+        let host_ids = simulated.motors().iter().map(crate::Motor::address).collect();
+        let interface = SocketCanBus::open(&Settings { interface, bitrate, host_ids })?;
+        Ok(Self { interface, simulated, inbox: Inbox::new() })
+    }
+
+    /// Moves what is there by `now`, in both directions.
+    pub fn serve(&mut self, now: Instant) {
+        self.inbox.clear();
+        self.interface.receive(now, &mut self.inbox);
+        for arrival in self.inbox.arrivals() {
+            if let Content::Frame(command) = arrival.content {
+                self.simulated.send(arrival.at, &[command]);
+            }
+        }
+        self.inbox.clear();
+        self.simulated.receive(now, &mut self.inbox);
+        for arrival in self.inbox.arrivals() {
+            match arrival.content {
+                Content::Frame(answer) => self.interface.send(now, &[answer]),
+                Content::Error(report) => self.interface.report(&report),
+                Content::Foreign(_) => continue,
+            };
+        }
+    }
+
+    /// What tells that a command has arrived.
+    #[must_use]
+    pub fn readiness(&self) -> Readiness {
+        self.interface.readiness()
+    }
+
+    /// When an answer may be due, if nothing arrives before.
+    #[must_use]
+    pub fn due(&self) -> Instant {
+        match self.simulated.readiness() {
+            Readiness::At(instant) => instant,
+            Readiness::Readable(_) | Readiness::Never => Instant::FAR_FUTURE,
+        }
+    }
+
+    /// Does `verb` to the bus or to one of its motors.
+    ///
+    /// # Errors
+    ///
+    /// As [`SimulatedBus::inject`].
+    pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        self.simulated.inject(now, verb)
+    }
+}

@@ -1,0 +1,99 @@
+//! Simulated motors on a virtual interface, seen by a host in the same process. Needs root on a kernel with SocketCAN:
+//! `rigs/test-can` runs it there.
+
+use motord_bus::frame::ControllerState;
+use motord_bus::socketcan::{InterfaceName, Link, Settings, SocketCanBus};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, clock, wait};
+use motord_simulator::{Bridge, BusSettings, MotorSettings, SimulatedBus};
+
+const BITRATE: u32 = 1_000_000;
+/// MIT document 1.1: "stop motor".
+const STOP: [u8; 8] = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD];
+
+struct Robot {
+    host: SocketCanBus,
+    bridge: Bridge,
+}
+
+impl Robot {
+    /// Two motors on an interface that the rig has made.
+    fn new(interface: &str) -> Self {
+        let interface: InterfaceName = interface.parse().expect("a valid name");
+        let motor = |name: &str, id| MotorSettings {
+            name: name.into(),
+            id,
+            host_id: 0x100 + id,
+            ..Default::default()
+        };
+        let bus = BusSettings { name: "leg".into(), bitrate: BITRATE, ..Default::default() };
+        let simulated = SimulatedBus::new(bus, vec![motor("hip", 1), motor("knee", 2)], 7);
+        let host_ids = [0x101, 0x102].map(|raw| FrameId::new(raw).expect("11 bits")).to_vec();
+        let host =
+            SocketCanBus::open(&Settings { interface, bitrate: BITRATE, host_ids }).expect("vcan is there");
+        Self { host, bridge: Bridge::open(simulated, interface, BITRATE).expect("vcan is there") }
+    }
+
+    fn inject(&mut self, verb: &str) {
+        let verb = verb.parse().expect("a verb");
+        self.bridge.inject(clock::monotonic(), &verb).expect("a target that can have it");
+    }
+
+    fn stop(&mut self, id: u16) -> Instant {
+        let asked = clock::monotonic();
+        let command = Frame::full(FrameId::new(id).expect("11 bits"), STOP);
+        assert_eq!(self.host.send(asked, &[command]).refusal, None);
+        asked
+    }
+
+    /// What the host has received 50 ms later.
+    fn listen(&mut self) -> Inbox {
+        let end = clock::monotonic() + Duration::from_millis(50);
+        while clock::monotonic() < end {
+            let now = clock::monotonic();
+            self.bridge.serve(now);
+            let until = self.bridge.due().min(end);
+            let _ready = wait(&[self.bridge.readiness()], now, until);
+        }
+        let mut inbox = Inbox::new();
+        self.host.receive(clock::monotonic(), &mut inbox);
+        inbox
+    }
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_motor_answers_a_host_through_the_kernel_no_sooner_than_the_wire_allows() {
+    let mut robot = Robot::new("vcan0");
+    let asked = robot.stop(2);
+    let inbox = robot.listen();
+    let [answer] = inbox.arrivals() else { panic!("{:?}", inbox.arrivals()) };
+    let Content::Frame(frame) = answer.content else { panic!("{answer:?}") };
+    assert_eq!((frame.id().raw(), frame.payload()[0]), (0x102, 2));
+    let wire = Duration::from_micros(206);
+    assert!(
+        answer.at.since(asked) >= wire,
+        "a pair of frames takes {wire:?} at least, not {:?}",
+        answer.at.since(asked)
+    );
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn faults_of_motors_and_of_the_bus_reach_the_host() {
+    let mut robot = Robot::new("vcan1");
+    robot.inject("hip off");
+    robot.stop(1);
+    assert_eq!(robot.listen().arrivals(), []);
+    robot.inject("hip ok");
+    robot.inject("leg bus-off");
+    robot.stop(1);
+    let inbox = robot.listen();
+    let [report] = inbox.arrivals() else { panic!("{:?}", inbox.arrivals()) };
+    let Content::Error(report) = report.content else { panic!("{report:?}") };
+    assert_eq!(report.state(), Some(ControllerState::Off));
+    robot.inject("leg ok");
+    assert_eq!(robot.listen().arrivals().len(), 1, "restarted");
+    robot.stop(1);
+    assert_eq!(robot.listen().arrivals().len(), 1, "the motor answers again");
+    assert!(Link::read("vcan1".parse().unwrap()).unwrap().up, "the interface itself was never touched");
+}
