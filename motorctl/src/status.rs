@@ -4,12 +4,23 @@ use crate::failure::Failure;
 use crate::json;
 use crate::report::Report;
 use crate::table::Palette;
-use motord_client::Client;
+use motord_client::{Client, Error};
 use std::io;
 use std::time::Duration;
 
-/// States come once a cycle; a daemon that is silent for this long is gone.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
+/// For a person, a daemon that is silent for a shorter time is no news.
+pub(crate) const PATIENCE: Duration = Duration::from_millis(300);
+
+/// Connects a reader with that patience.
+///
+/// # Errors
+///
+/// When no daemon answers.
+pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
+    let mut client = Client::connect(instance)?;
+    client.set_silence(PATIENCE);
+    Ok(client)
+}
 
 /// Prints the state of the next cycle.
 ///
@@ -17,7 +28,7 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 ///
 /// When no daemon answers, or the output cannot be written.
 pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
-    let mut client = Client::connect(instance)?;
+    let mut client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
     let report = Report::new(client.roster(), &state);
     let out = &mut io::stdout().lock();

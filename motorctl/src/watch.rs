@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::interrupt::Interrupt;
 use crate::json;
 use crate::report::Report;
-use crate::status::PATIENCE;
+use crate::status;
 use crate::table::Palette;
 use motord_client::{Client, Error, State};
 use std::io::{self, IsTerminal, Write};
@@ -27,12 +27,12 @@ pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
 /// When there is no daemon to begin with, or the output cannot be written. Later the daemon may come and go.
 pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure> {
     let interrupt = Interrupt::register()?;
-    let mut client = Client::connect(instance)?;
+    let mut client = status::connect(instance)?;
     let period = Duration::from_secs_f64(1.0 / hz);
     let mut screen = Screen::new(as_json);
     let mut next = Instant::now();
     while !interrupt.came() {
-        match client.wait(PATIENCE) {
+        match client.wait(status::PATIENCE) {
             Ok(state) => screen.show(&client, &state)?,
             Err(error) => screen.lose(&error)?,
         }

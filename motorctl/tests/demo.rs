@@ -2,27 +2,41 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use serde_json::Value;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 use tempfile::TempDir;
 
-/// Runs a short demo, from a directory that is no checkout.
-fn demo(elsewhere: &TempDir) -> Output {
+/// One demo at a time: what one of them measures, the others would disturb.
+static ALONE: Mutex<()> = Mutex::new(());
+
+fn alone() -> MutexGuard<'static, ()> {
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A demo, in a directory that is no checkout.
+fn demo(seconds: &str, elsewhere: &TempDir) -> Command {
     let motorctl = Path::new(env!("CARGO_BIN_EXE_motorctl"));
     let motord = motorctl.with_file_name("motord");
     assert!(motord.is_file(), "{} is missing: run `cargo build --workspace` first", motord.display());
     let mut command = Command::new(motorctl);
-    command.args(["demo", "--seconds", "3", "--json"]).current_dir(elsewhere.path());
-    command.output().unwrap()
+    command.args(["demo", "--seconds", seconds, "--json"]).current_dir(elsewhere.path());
+    command
 }
 
 /// Goal: a newcomer's first command shows the real thing, and shows it working.
 /// Method: the demo judges itself; what it prints is judged again here, by the figures that were promised.
 #[test]
 fn twelve_simulated_motors_trot_at_the_promised_rate_without_a_missed_reply() {
+    let _alone = alone();
     let elsewhere = TempDir::new().unwrap();
-    let output = demo(&elsewhere);
+    let output = demo("3", &elsewhere).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{said}");
 
@@ -38,4 +52,98 @@ fn twelve_simulated_motors_trot_at_the_promised_rate_without_a_missed_reply() {
         let [p50, p99, p99_9, max] = ["p50", "p99", "p99_9", "max"].map(|key| number(&run[latency][key]));
         assert!(0.0 < p50 && p50 <= p99 && p99 <= p99_9 && p99_9 <= max, "{latency} in {run}");
     }
+}
+
+/// A demo in mid-trot, and what it has made.
+struct Running {
+    demo: Child,
+    stderr: BufReader<std::process::ChildStderr>,
+    /// The daemon first, then the controller.
+    children: Vec<Pid>,
+    directory: PathBuf,
+}
+
+impl Running {
+    fn start(elsewhere: &TempDir) -> Self {
+        let mut demo = demo("60", elsewhere).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut stderr = BufReader::new(demo.stderr.take().unwrap());
+        let mut progress = String::new();
+        stderr.read_line(&mut progress).unwrap();
+        assert!(progress.starts_with("trot"), "{progress}");
+        let id = demo.id();
+        let children = fs::read_to_string(format!("/proc/{id}/task/{id}/children")).unwrap();
+        let children: Vec<Pid> =
+            children.split_whitespace().map(|pid| Pid::from_raw(pid.parse().unwrap())).collect();
+        assert_eq!(children.len(), 2, "a daemon and a controller");
+        let environment = fs::read(format!("/proc/{}/environ", children[0])).unwrap();
+        let environment = String::from_utf8_lossy(&environment).into_owned();
+        let directory = environment.split('\0').find_map(|pair| pair.strip_prefix("MOTORD_RUNTIME_DIR="));
+        let directory = PathBuf::from(directory.unwrap());
+        assert!(directory.is_dir());
+        Self { demo, stderr, children, directory }
+    }
+
+    /// Waits for the end; nothing may be left. Returns the exit status and what was said.
+    fn end(mut self) -> (Option<i32>, String) {
+        let mut said = String::new();
+        self.stderr.read_to_string(&mut said).unwrap();
+        let status = self.demo.wait().unwrap();
+        assert!(!self.directory.exists(), "{} is left behind", self.directory.display());
+        for child in self.children {
+            assert_eq!(kill(child, None), Err(nix::errno::Errno::ESRCH), "process {child} is left behind");
+        }
+        (status.code(), said)
+    }
+}
+
+#[test]
+fn an_interrupted_demo_leaves_nothing_behind() {
+    let _alone = alone();
+    let elsewhere = TempDir::new().unwrap();
+    let running = Running::start(&elsewhere);
+    kill(Pid::from_raw(running.demo.id().cast_signed()), Signal::SIGINT).unwrap();
+    let (status, said) = running.end();
+    assert_eq!(status, Some(130), "{said}");
+}
+
+#[test]
+fn a_demo_whose_daemon_dies_says_so_and_leaves_nothing_behind() {
+    let _alone = alone();
+    let elsewhere = TempDir::new().unwrap();
+    let running = Running::start(&elsewhere);
+    kill(running.children[0], Signal::SIGKILL).unwrap();
+    let (status, said) = running.end();
+    assert_eq!(status, Some(1), "{said}");
+    assert!(said.contains("motord ended with signal: 9"), "{said}");
+}
+
+#[test]
+fn a_demo_whose_controller_dies_says_so_and_leaves_nothing_behind() {
+    let _alone = alone();
+    let elsewhere = TempDir::new().unwrap();
+    let running = Running::start(&elsewhere);
+    kill(running.children[1], Signal::SIGKILL).unwrap();
+    let (status, said) = running.end();
+    assert_eq!(status, Some(1), "{said}");
+    assert!(said.contains("the controller ended with signal: 9"), "{said}");
+}
+
+/// Goal: nothing moves on, and nobody is in the way of the next demo, when the demo itself cannot clean up.
+/// Method: SIGKILL the demo; the kernel tells its children.
+#[test]
+fn a_killed_demo_takes_its_processes_with_it() {
+    let _alone = alone();
+    let elsewhere = TempDir::new().unwrap();
+    let mut running = Running::start(&elsewhere);
+    running.demo.kill().unwrap();
+    running.demo.wait().unwrap();
+    // Orphans end on their own time, after damping; nobody can wait for them but by looking.
+    for _ in 0..1000 {
+        if running.children.iter().all(|&child| kill(child, None).is_err()) {
+            fs::remove_dir_all(&running.directory).unwrap();
+            return;
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    panic!("{:?} are left behind", running.children);
 }

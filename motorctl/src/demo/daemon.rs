@@ -4,13 +4,10 @@ use crate::demo::child::Child;
 use crate::demo::home::Home;
 use crate::demo::{DemoError, GLANCE, READY_MAX};
 use crate::interrupt::Interrupt;
-use motord_client::{Client, Error};
+use motord_client::{Client, Error, RUNTIME_DIR_VARIABLE};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;
-
-/// Names the directory where daemon and clients meet.
-const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
 
 /// The names of the logs.
 const DAEMON_LOG: &str = "motord.log";

@@ -1,0 +1,196 @@
+//! What operators see and do, against a running daemon with one simulated motor.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Slow and patient, so that many of them run side by side on a busy machine.
+const CONFIG: &str = r#"
+[daemon]
+instance = "bench"
+[cycle]
+rate-hz = 100
+max-lateness-ms = 1000.0
+[safety]
+setpoint-timeout-ms = 1000.0
+deadman-ms = 2000.0
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "arm"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+"#;
+
+/// A daemon in a directory of its own.
+struct Daemon {
+    process: Child,
+    directory: TempDir,
+}
+
+impl Daemon {
+    fn start() -> Self {
+        let directory = TempDir::new().unwrap();
+        std::fs::write(directory.path().join("motord.toml"), CONFIG).unwrap();
+        let process = Self::spawn(&directory);
+        let daemon = Self { process, directory };
+        daemon.await_ready();
+        daemon
+    }
+
+    fn spawn(directory: &TempDir) -> Child {
+        let motord = Path::new(env!("CARGO_BIN_EXE_motorctl")).with_file_name("motord");
+        assert!(motord.is_file(), "{} is missing: run `cargo build --workspace` first", motord.display());
+        let mut command = Command::new(motord);
+        command.arg("run").arg("--config").arg(directory.path().join("motord.toml"));
+        command.env("MOTORD_RUNTIME_DIR", directory.path()).stderr(Stdio::null()).spawn().unwrap()
+    }
+
+    fn kill(&mut self) {
+        self.process.kill().unwrap();
+        self.process.wait().unwrap();
+    }
+
+    fn await_ready(&self) {
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while self.motorctl(&["status"]).status.code() != Some(0)
+            || self.status()["joints"][0]["mode"] != "idle"
+        {
+            assert!(Instant::now() < deadline, "the daemon is not ready");
+        }
+    }
+
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+        command.args(["--instance", "bench"]).args(arguments);
+        command.env("MOTORD_RUNTIME_DIR", self.directory.path());
+        command
+    }
+
+    fn motorctl(&self, arguments: &[&str]) -> Output {
+        self.command(arguments).output().unwrap()
+    }
+
+    fn status(&self) -> Value {
+        serde_json::from_slice(&self.motorctl(&["status", "--json"]).stdout).unwrap()
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ = kill(Pid::from_raw(self.process.id().cast_signed()), Signal::SIGTERM);
+        let _ = self.process.wait();
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn status_tells_people_and_scripts_the_same() {
+    let daemon = Daemon::start();
+    let status = daemon.status();
+    assert_eq!(status["instance"], "bench");
+    assert_eq!(status["pid"], daemon.process.id());
+    assert_eq!(status["rate_hz"], 100.0);
+    assert_eq!(status["groups"][0]["phase"], "disarmed");
+    assert_eq!(status["groups"][0]["lease"], Value::Null);
+    assert_eq!(status["joints"][0]["name"], "arm");
+    assert_eq!(status["buses"][0]["condition"], "active");
+
+    let said = text(&daemon.motorctl(&["status"]).stdout);
+    for word in ["bench: motord", "100 Hz", "disarmed", "arm", "idle", "desk", "active"] {
+        assert!(said.contains(word), "{word} in\n{said}");
+    }
+    assert!(!said.contains('\x1b'), "colour is for terminals:\n{said}");
+}
+
+#[test]
+fn an_emergency_stop_says_what_to_do_and_a_reset_takes_it_back() {
+    let daemon = Daemon::start();
+    assert!(daemon.motorctl(&["estop"]).status.success());
+    let status = daemon.status();
+    assert_eq!(status["emergency_stop"], true);
+    assert_eq!(status["groups"][0]["stop"]["cause"], "emergency-stop");
+    let said = text(&daemon.motorctl(&["status"]).stdout);
+    assert!(said.contains("motorctl reset all"), "{said}");
+
+    assert!(daemon.motorctl(&["reset"]).status.success());
+    let status = daemon.status();
+    assert_eq!(status["emergency_stop"], false);
+    assert_eq!(status["groups"][0]["stop"], Value::Null);
+}
+
+#[test]
+fn what_the_daemon_refuses_fails_with_the_reason() {
+    let daemon = Daemon::start();
+    let refused = daemon.motorctl(&["enable", "all"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(text(&refused.stderr).contains("Nobody owns this group"), "{}", text(&refused.stderr));
+
+    for unknown in [["enable", "legs"].as_slice(), &["zero", "leg", "--yes"], &["fault", "clear", "leg"]] {
+        let output = daemon.motorctl(unknown);
+        assert_eq!(output.status.code(), Some(64), "{unknown:?}");
+        assert!(text(&output.stderr).contains("there is no"), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn latency_tells_every_percentile() {
+    let daemon = Daemon::start();
+    let latency: Value = serde_json::from_slice(&daemon.motorctl(&["latency", "--json"]).stdout).unwrap();
+    for key in ["cycle_us", "wake_latency_us", "reply_latency_us", "setpoint_age_us"] {
+        for percentile in ["p50", "p99", "p99_9", "max"] {
+            assert!(latency[key][percentile].is_number(), "{key}.{percentile} in {latency}");
+        }
+    }
+    assert_eq!(latency["joints"][0]["name"], "arm");
+}
+
+#[test]
+fn a_closed_pipe_ends_a_watch_without_complaint() {
+    let daemon = Daemon::start();
+    let mut watch = daemon.command(&["watch"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    BufReader::new(watch.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let output = watch.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
+}
+
+/// Goal: whoever watches a robot learns that its daemon died, and sees the next one without doing anything.
+/// Method: kill the daemon under a watch, start another one, and read on.
+#[test]
+fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
+    let mut daemon = Daemon::start();
+    let mut watch =
+        daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(watch.stdout.take().unwrap()).lines();
+    let mut pid = || -> u64 {
+        let state: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
+        state["pid"].as_u64().unwrap()
+    };
+    let first = u64::from(daemon.process.id());
+    assert_eq!(pid(), first);
+    daemon.kill();
+    let mut errors = BufReader::new(watch.stderr.take().unwrap());
+    let mut complaint = String::new();
+    errors.read_line(&mut complaint).unwrap();
+    assert!(complaint.contains("no motord runs instance \"bench\""), "{complaint}");
+
+    daemon.process = Daemon::spawn(&daemon.directory);
+    let next = u64::from(daemon.process.id());
+    while pid() != next {}
+    kill(Pid::from_raw(watch.id().cast_signed()), Signal::SIGINT).unwrap();
+    assert!(watch.wait().unwrap().success());
+}
