@@ -2,7 +2,6 @@
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
-use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -16,16 +15,12 @@ pub(crate) struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
     /// From now on SIGINT, SIGTERM and SIGHUP end nothing, but are noticed.
-    ///
-    /// # Errors
-    ///
-    /// When the kernel refuses.
-    pub(crate) fn register() -> io::Result<Self> {
+    pub(crate) fn register() -> Self {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP] {
-            flag::register(signal, Arc::clone(&flag))?;
+            flag::register(signal, Arc::clone(&flag)).expect("these three can be handled by any process");
         }
-        Ok(Self(flag))
+        Self(flag)
     }
 
     /// Whether one of them came.

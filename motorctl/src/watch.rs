@@ -26,7 +26,7 @@ pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
 ///
 /// When there is no daemon to begin with, or the output cannot be written. Later the daemon may come and go.
 pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure> {
-    let interrupt = Interrupt::register()?;
+    let interrupt = Interrupt::register();
     let mut client = status::connect(instance)?;
     let period = Duration::from_secs_f64(1.0 / hz);
     let mut screen = Screen::new(as_json);

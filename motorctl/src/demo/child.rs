@@ -1,5 +1,6 @@
 //! Processes that the demo starts, and that never outlive it.
 
+use crate::demo::DemoError;
 use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::{Pid, getppid};
@@ -97,15 +98,16 @@ impl Drop for Child {
 /// # Errors
 ///
 /// Returns only when that is not possible.
-pub(crate) fn tether(parent: u32, program: &OsStr, arguments: &[OsString]) -> io::Error {
+pub(crate) fn tether(parent: u32, program: &OsStr, arguments: &[OsString]) -> DemoError {
+    let doing = "start a process of the demo";
     if let Err(error) = set_pdeathsig(Signal::SIGTERM) {
-        return error.into();
+        return DemoError::System { doing, source: error.into() };
     }
     // The parent may have died before the line above.
     if getppid() != Pid::from_raw(parent.cast_signed()) {
-        return io::Error::other("the parent is gone");
+        return DemoError::Interrupted;
     }
-    Command::new(program).args(arguments).exec()
+    DemoError::System { doing, source: Command::new(program).args(arguments).exec() }
 }
 
 #[cfg(test)]

@@ -145,7 +145,7 @@ pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
 ///
 /// When anything failed, or the run was not good enough.
 pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<(), DemoError> {
-    let interrupt = Interrupt::register().map_err(DemoError::system("listen for signals"))?;
+    let interrupt = Interrupt::register();
     let home = Home::new(config)?;
     let mut daemon = Daemon::start(&home)?;
     let mut client = daemon.connect(&interrupt)?;
