@@ -308,7 +308,7 @@ fn tell_step(thread: &str, step: &Step) {
     match outcome {
         Ok(()) => tracing::info!(thread, "{what}: yes"),
         Err(errno) => {
-            tracing::warn!(thread, "{what}: no ({}). Without it {without}. {remedy}.", errno.desc())
+            tracing::warn!(thread, "{what}: no ({}). Without it {without}. {remedy}.", errno.desc());
         }
     }
 }

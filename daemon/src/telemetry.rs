@@ -174,8 +174,14 @@ impl Recorder {
             Event::Motor { motor, mode } => {
                 tracing::info!(cycle, motor = motors[motor], mode = mode.name(), "{}", mode.sentence());
             }
+            Event::Silent { motor } => tracing::error!(
+                cycle,
+                motor = motors[motor],
+                "has never answered: check its power and wiring, its id (ConfID 0x12) and host id (ConfID 0x13), the bit \
+                 rate (0x18), and that it speaks the configured protocol (0x1C: 1 is MIT)"
+            ),
             Event::Fault { motor, bits: 0 } => {
-                tracing::info!(cycle, motor = motors[motor], "no fault any more")
+                tracing::info!(cycle, motor = motors[motor], "no fault any more");
             }
             Event::Fault { motor, bits } => {
                 let bits = motord_protocol::FaultBits(bits);
@@ -204,7 +210,7 @@ impl Recorder {
             }
             Event::Reset { group } => tracing::info!(cycle, group = groups[group], "reset"),
             Event::Owner { group, pid: Some(pid) } => {
-                tracing::info!(cycle, group = groups[group], pid, "claimed")
+                tracing::info!(cycle, group = groups[group], pid, "claimed");
             }
             Event::Owner { group, pid: None } => tracing::info!(cycle, group = groups[group], "has no owner"),
             Event::Bus { bus, condition } => {

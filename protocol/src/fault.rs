@@ -28,7 +28,7 @@ const fn fault(bit: u8, name: &'static str, sentence: &'static str) -> Fault {
 /// Every fault the documents name.
 pub const FAULTS: [Fault; 7] = [
     fault(0x01, "foc-frequency", "The current loop could not keep its rate (FOC frequency too high)."),
-    fault(0x02, "over-voltage", "The bus voltage is above the driver's threshold."),
+    fault(FaultBits::OVER_VOLTAGE, "over-voltage", "The bus voltage is above the driver's threshold."),
     fault(0x04, "under-voltage", "The bus voltage is below the driver's threshold."),
     fault(0x08, "over-temperature", "The motor or its driver is hotter than the driver's threshold."),
     fault(0x10, "start-failure", "The motor could not be started."),
@@ -37,6 +37,9 @@ pub const FAULTS: [Fault; 7] = [
 ];
 
 impl FaultBits {
+    /// The bus voltage is above the driver's threshold.
+    pub const OVER_VOLTAGE: u8 = 0x02;
+
     /// The motor tells no fault.
     #[must_use]
     pub const fn is_none(self) -> bool {

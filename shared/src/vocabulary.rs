@@ -147,6 +147,7 @@ codes! {
         NoLease = 20 "no-lease" "The daemon ran out of leases.",
         Malformed = 21 "malformed" "The request is not well formed.",
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
+        DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
     }
 }
 

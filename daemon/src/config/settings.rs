@@ -38,7 +38,7 @@ pub struct CycleSettings {
     pub require_realtime: bool,
     /// A cycle that begins later than this has lost its time base: safe stop.
     pub max_lateness: Duration,
-    /// From the beginning of a cycle: replies that have not come by then are missed.
+    /// From the sending of a cycle's commands: replies that have not come by then are missed.
     pub reply_deadline: Duration,
     /// Poll for this long at the end of each wait instead of sleeping; zero sleeps only.
     pub busy_poll: Duration,

@@ -171,6 +171,7 @@ impl Control {
             MotorMode::Offline => Err((Refusal::MotorOffline, detail)),
             MotorMode::Fault => Err((Refusal::MotorFault, detail)),
             _ if motor.errand.is_some() => Err((Refusal::Busy, detail)),
+            _ if motor.is_doubled() => Err((Refusal::DuplicateId, detail)),
             _ if !motor.is_fresh() => Err((Refusal::StateStale, detail)),
             _ => Ok(()),
         }

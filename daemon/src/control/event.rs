@@ -12,6 +12,11 @@ pub enum Event {
         /// What it is now.
         mode: MotorMode,
     },
+    /// A motor has never answered, well after the start.
+    Silent {
+        /// Its index.
+        motor: usize,
+    },
     /// A motor told fault bits, or that they are gone.
     Fault {
         /// Its index.

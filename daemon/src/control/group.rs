@@ -34,6 +34,8 @@ pub(super) struct Group {
     pub(super) resting_since: Option<Instant>,
     pub(super) owner: Option<Owner>,
     cause: Option<(Cause, Option<usize>)>,
+    /// A motor told over-voltage: braking feeds the supply, so the group is damped less.
+    pub(super) over_voltage: bool,
     setpoint: Option<Accepted>,
     accepted: u32,
     rejected: [u32; Rejection::COUNT],
@@ -74,6 +76,7 @@ impl Group {
             resting_since: None,
             owner: None,
             cause: None,
+            over_voltage: false,
             setpoint: None,
             accepted: 0,
             rejected: [0; Rejection::COUNT],
@@ -109,6 +112,7 @@ impl Group {
 
     pub(super) const fn reset(&mut self) {
         self.cause = None;
+        self.over_voltage = false;
     }
 
     /// Takes `message` for the newest setpoint, or says why not. Bounded by the joints of one message.

@@ -7,34 +7,30 @@
 //! it all.
 
 mod admin;
+mod command;
 mod errand;
 mod event;
 mod group;
 mod limit;
 mod motor;
+mod phase;
+mod plausibility;
+mod watch;
 
 pub use event::{Event, Events};
 pub use limit::{Circumstances, Limited, limit};
 
-use crate::config::settings::{
-    FaultPolicy, MotorProtocol, MotorSettings, SafeStop, SafetySettings, Settings,
-};
+use crate::config::settings::{MotorProtocol, MotorSettings, SafetySettings, Settings};
 use crate::joint::{Impedance, Joint, Measured};
 use admin::Answers;
-use errand::{Kind, ZERO_TOLERANCE};
 use group::Group;
 use motor::Motor;
 use motord_bus::{Duration, Instant};
 use motord_protocol::FaultBits;
 use motord_shared::{
-    AdminReply, BusCondition, Cause, MotorMode, Phase, Refusal, SetpointMessage, SetpointMode, StateMessage,
-    message,
+    AdminReply, BusCondition, Cause, Phase, SetpointMessage, SetpointMode, StateMessage, message,
 };
 
-/// A damped group is at rest when every joint has been slow for this long.
-const REST_TIME: Duration = Duration::from_millis(50);
-/// The owner of a stopped group that says nothing for this long has gone.
-const OWNER_SILENCE: Duration = Duration::from_secs(1);
 /// A bus that refused frames in this many cycles in a row is stalled.
 const STALL_CYCLES: u32 = 3;
 
@@ -134,6 +130,8 @@ pub struct Control {
     elapsed: f32,
     events: Events,
     answers: Answers,
+    started: Option<Instant>,
+    told_silent: bool,
     shutting_down: bool,
 }
 
@@ -165,6 +163,8 @@ impl Control {
             elapsed: 0.0,
             events: Events::new(),
             answers: Answers::new(),
+            started: None,
+            told_silent: false,
             shutting_down: false,
         }
     }
@@ -187,6 +187,7 @@ impl Control {
         self.elapsed = elapsed.as_secs_f32();
         self.tick = tick;
         self.watch_time();
+        self.watch_silence();
         for group in 0..self.groups.len() {
             self.watch_buses(group);
             self.watch_owner(group);
@@ -201,19 +202,22 @@ impl Control {
         &self.commands
     }
 
-    /// A motor answered at `at`.
-    pub fn heard(&mut self, motor: usize, heard: Heard, at: Instant) {
+    /// A motor answered at `at`. Tells whether that can be true; if not, it is not used.
+    pub fn heard(&mut self, motor: usize, heard: Heard, at: Instant) -> bool {
         match heard {
-            Heard::State(measured, latency) => {
-                if self.motors[motor].told_state(measured, at, latency) {
-                    self.motor_changed(motor);
-                }
-                self.confirm_zero(motor);
-            }
+            Heard::State(measured, latency) => return self.heard_state(motor, measured, at, latency),
             Heard::Fault(bits) => self.heard_fault(motor, bits, at),
             Heard::Cleared | Heard::Alive => self.motors[motor].told_alive(),
             Heard::Refused => self.motors[motor].told_refusal(),
             Heard::Late => self.motors[motor].told_late(),
+        }
+        true
+    }
+
+    /// A motor answered one question twice.
+    pub fn heard_twice(&mut self, motor: usize) {
+        if self.motors[motor].told_twice() {
+            self.stop(self.group_of[motor], Cause::DuplicateId, Some(motor));
         }
     }
 
@@ -325,277 +329,6 @@ impl Control {
             .iter_mut()
             .zip(&self.groups)
             .for_each(|(told, group)| *told = group.report(self.tick.begun));
-    }
-
-    fn watch_time(&mut self) {
-        if self.tick.skipped > 0 {
-            self.events.push(Event::Overrun { skipped: self.tick.skipped });
-        }
-        if self.tick.begun.since(self.tick.scheduled) >= self.max_lateness {
-            self.stop_moving(Cause::TimeBase);
-        }
-    }
-
-    fn watch_buses(&mut self, group: usize) {
-        if self.groups[group].phase() == Phase::Disarmed {
-            return;
-        }
-        let broken =
-            |motor: &usize| self.buses[self.settings[*motor].bus].cause().map(|cause| (cause, *motor));
-        if let Some((cause, motor)) = self.groups[group].motors.iter().find_map(broken) {
-            self.stop(group, cause, Some(motor));
-        }
-    }
-
-    fn watch_owner(&mut self, index: usize) {
-        let now = self.tick.begun;
-        let group = &self.groups[index];
-        let Some(owner) = group.owner else { return };
-        match group.phase() {
-            Phase::Starting | Phase::Active => {
-                if !group.has_fresh_setpoint(now, self.safety.setpoint_timeout) {
-                    self.stop(index, Cause::SetpointTimeout, None);
-                    self.disown(index);
-                }
-            }
-            Phase::Disarmed | Phase::Damping => {
-                if now.since(owner.heard) > OWNER_SILENCE.max(self.safety.setpoint_timeout) {
-                    self.disown(index);
-                }
-            }
-        }
-    }
-
-    fn advance(&mut self, group: usize) {
-        match self.groups[group].phase() {
-            Phase::Starting => self.advance_start(group),
-            Phase::Damping => self.advance_damping(group),
-            Phase::Disarmed | Phase::Active => {}
-        }
-    }
-
-    fn advance_start(&mut self, index: usize) {
-        let group = &self.groups[index];
-        let unready = group.motors.iter().copied().find(|&motor| !self.motors[motor].is_ready());
-        match unready {
-            None => match self.first_jump(index) {
-                None => self.activate(index),
-                Some(motor) => self.stop(index, Cause::StartFailed, Some(motor)),
-            },
-            Some(motor) if self.tick.begun.since(group.since()) > self.safety.start_timeout => {
-                self.stop(index, Cause::StartFailed, Some(motor));
-            }
-            Some(_) => {}
-        }
-    }
-
-    fn activate(&mut self, index: usize) {
-        for place in 0..self.groups[index].motors.len() {
-            let motor = self.groups[index].motors[place];
-            self.motors[motor].activate();
-            self.motor_changed(motor);
-        }
-        self.enter(index, Phase::Active);
-    }
-
-    fn advance_damping(&mut self, index: usize) {
-        let now = self.tick.begun;
-        let Self { groups, motors, safety, .. } = self;
-        let group = &mut groups[index];
-        let slow = |motor: &usize| {
-            let motor = &motors[*motor];
-            motor.mode() != MotorMode::Damping
-                || motor.is_fresh()
-                    && motor.measured().is_some_and(|told| told.velocity.abs() < safety.rest_velocity)
-        };
-        let resting = group.motors.iter().all(slow);
-        group.resting_since = if resting { group.resting_since.or(Some(now)) } else { None };
-        let rested = group.resting_since.is_some_and(|since| now.since(since) >= REST_TIME);
-        let holding = if group.safe_stop == SafeStop::Hold { safety.damp } else { Duration::ZERO };
-        let damped = now.since(group.since());
-        if damped >= safety.damp + holding || rested && damped >= holding {
-            self.disarm(index);
-        }
-    }
-
-    fn disarm(&mut self, index: usize) {
-        for place in 0..self.groups[index].motors.len() {
-            let motor = self.groups[index].motors[place];
-            self.motors[motor].rest();
-            self.motor_changed(motor);
-        }
-        self.enter(index, Phase::Disarmed);
-    }
-
-    /// Stops every group that is not stopped.
-    fn stop_moving(&mut self, cause: Cause) {
-        for group in 0..self.groups.len() {
-            if self.groups[group].phase() != Phase::Disarmed {
-                self.stop(group, cause, None);
-            }
-        }
-    }
-
-    /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a stopped group's motor is no cause.
-    fn stop(&mut self, index: usize, cause: Cause, motor: Option<usize>) {
-        let moving = self.groups[index].phase() != Phase::Disarmed;
-        let latches = moving || matches!(cause, Cause::EmergencyStop | Cause::Shutdown);
-        if latches && self.groups[index].latch(cause, motor) {
-            self.events.push(Event::Stopped { group: index, cause, motor });
-        }
-        if moving {
-            self.begin_damping(index);
-        }
-    }
-
-    fn begin_damping(&mut self, index: usize) {
-        if !matches!(self.groups[index].phase(), Phase::Starting | Phase::Active) {
-            return;
-        }
-        for place in 0..self.groups[index].motors.len() {
-            let motor = self.groups[index].motors[place];
-            self.motors[motor].begin_damping();
-            self.motor_changed(motor);
-        }
-        match self.groups[index].safe_stop {
-            SafeStop::Stop => self.disarm(index),
-            SafeStop::Damp | SafeStop::Hold => self.enter(index, Phase::Damping),
-        }
-    }
-
-    fn enter(&mut self, index: usize, phase: Phase) {
-        self.groups[index].enter(phase, self.tick.begun);
-        self.events.push(Event::Group { group: index, phase });
-    }
-
-    fn disown(&mut self, index: usize) {
-        if self.groups[index].forget_owner().is_some() {
-            self.events.push(Event::Owner { group: index, pid: None });
-        }
-    }
-
-    fn motor_changed(&mut self, motor: usize) {
-        self.events.push(Event::Motor { motor, mode: self.motors[motor].mode() });
-    }
-
-    fn command(&mut self, index: usize) -> Command {
-        let group = &self.groups[self.group_of[index]];
-        let motor = &mut self.motors[index];
-        motor.limits = 0;
-        if let Some(errand) = &mut motor.errand {
-            return errand.command();
-        }
-        if motor.doubts() {
-            return Command::GetFault;
-        }
-        let (limited, mode) = match motor.mode() {
-            MotorMode::Active => self.follow(index),
-            MotorMode::Damping => (self.damp(index, group.safe_stop, group.since()), SetpointMode::Impedance),
-            _ => {
-                motor.applied = Impedance::NEUTRAL;
-                return motor.command(self.tick.begun);
-            }
-        };
-        let motor = &mut self.motors[index];
-        motor.applied = limited.applied;
-        motor.limits = limited.acted;
-        Command::Control(limited.applied, mode)
-    }
-
-    fn follow(&self, index: usize) -> (Limited, SetpointMode) {
-        let group = &self.groups[self.group_of[index]];
-        let motor = &self.motors[index];
-        let place = group.motors.iter().position(|&motor| motor == index);
-        let (Some((wanted, mode)), Some(measured)) =
-            (place.and_then(|place| group.wanted(place)), motor.measured())
-        else {
-            return (self.damp(index, SafeStop::Damp, group.since()), SetpointMode::Impedance);
-        };
-        let ramp = self.tick.begun.since(group.since()).as_secs_f32() / self.safety.start_ramp.as_secs_f32();
-        let limits = &self.settings[index].limits;
-        let circumstances =
-            Circumstances { limits, previous: &motor.applied, measured, elapsed: self.elapsed, ramp };
-        (limit(&wanted, &circumstances), mode)
-    }
-
-    fn damp(&self, index: usize, safe_stop: SafeStop, since: Instant) -> Limited {
-        let settings = &self.settings[index];
-        let motor = &self.motors[index];
-        let holding = safe_stop == SafeStop::Hold && self.tick.begun.since(since) < self.safety.damp;
-        match (motor.held, motor.measured()) {
-            (Some(held), Some(measured)) if holding => {
-                limit::hold(&held, settings.damping_kd, &settings.limits, measured)
-            }
-            (_, measured) => limit::damp(settings.damping_kd, &settings.limits, measured),
-        }
-    }
-
-    fn heard_fault(&mut self, motor: usize, bits: FaultBits, at: Instant) {
-        let period = Duration::from_secs_f64(1.0 / self.safety.fault_poll_hz.max(0.01));
-        let before = self.motors[motor].mode();
-        if self.motors[motor].told_fault(bits, at, period) {
-            self.events.push(Event::Fault { motor, bits: bits.0 });
-        }
-        if bits.is_none() {
-            return self.confirm_cleared(motor);
-        }
-        if self.motors[motor].mode() != before {
-            self.motor_changed(motor);
-        }
-        let group = self.group_of[motor];
-        match self.settings[motor].fault_policy {
-            FaultPolicy::StopJoint => {}
-            FaultPolicy::StopGroup => self.stop(group, Cause::MotorFault, Some(motor)),
-            FaultPolicy::StopAll => {
-                (0..self.groups.len()).for_each(|group| self.stop(group, Cause::MotorFault, Some(motor)));
-            }
-        }
-    }
-
-    fn confirm_zero(&mut self, motor: usize) {
-        let settings = &self.settings[motor];
-        let told = &self.motors[motor];
-        let Some(errand) = told.errand.filter(|errand| errand.kind == Kind::SetZero && errand.sent) else {
-            return;
-        };
-        let at_zero =
-            told.measured().is_some_and(|told| (told.position - settings.offset).abs() < ZERO_TOLERANCE);
-        if at_zero {
-            self.motors[motor].errand = None;
-            self.answers.push(errand.ticket, None);
-        }
-    }
-
-    fn confirm_cleared(&mut self, motor: usize) {
-        let Some(errand) =
-            self.motors[motor].errand.filter(|errand| errand.kind == Kind::ClearFault && errand.sent)
-        else {
-            return;
-        };
-        self.motors[motor].errand = None;
-        self.motors[motor].cleared();
-        self.motor_changed(motor);
-        self.answers.push(errand.ticket, None);
-    }
-
-    fn watch_errands(&mut self) {
-        for motor in &mut self.motors {
-            if let Some(errand) = motor.errand.filter(|errand| self.tick.begun > errand.deadline) {
-                motor.errand = None;
-                self.answers.push(errand.ticket, Some(Refusal::NotConfirmed));
-            }
-        }
-    }
-
-    /// The first motor of the group whose setpoint would make it jump.
-    fn first_jump(&self, index: usize) -> Option<usize> {
-        let group = &self.groups[index];
-        group.motors.iter().enumerate().find_map(|(place, &motor)| {
-            let (wanted, mode) = group.wanted(place)?;
-            let position = self.motors[motor].measured()?.position;
-            let pulls = mode == SetpointMode::Position || wanted.kp > 0.0;
-            (pulls && (wanted.position - position).abs() > self.safety.start_jump).then_some(motor)
-        })
     }
 }
 

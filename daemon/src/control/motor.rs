@@ -11,7 +11,9 @@
 //! ```
 
 use super::Command;
-use super::errand::Errand;
+use super::errand::{Errand, Kind};
+use super::plausibility::{Expectation, Plausibility, Verdict};
+use crate::config::settings::MotorSettings;
 use crate::joint::{Impedance, Joint, Measured};
 use motord_bus::{Duration, Instant};
 use motord_protocol::FaultBits;
@@ -63,10 +65,11 @@ pub(super) struct Motor {
     probe_fault: bool,
     last_missed: u64,
     poll_at: Instant,
+    plausibility: Plausibility,
 }
 
 impl Motor {
-    pub(super) const fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self {
             mode: MotorMode::Offline,
             start: Start::Neutral(0),
@@ -89,6 +92,7 @@ impl Motor {
             probe_fault: false,
             last_missed: 0,
             poll_at: Instant::ZERO,
+            plausibility: Plausibility::default(),
         }
     }
 
@@ -196,6 +200,31 @@ impl Motor {
         self.answered = false;
     }
 
+    /// Whether what it tells can be true.
+    pub(super) fn judge(&mut self, told: Measured<Joint>, at: Instant, settings: &MotorSettings) -> Verdict {
+        // Its zero is being moved: a step is what was asked for.
+        let zeroing = self.errand.is_some_and(|errand| errand.kind == Kind::SetZero);
+        let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
+        let active = self.mode == MotorMode::Active;
+        let expected = Expectation { settings, before, applied: &self.applied, active };
+        self.plausibility.judge(told, at, &expected)
+    }
+
+    /// It answered one question twice. Tells whether two motors share its id.
+    pub(super) fn told_twice(&mut self) -> bool {
+        self.plausibility.duplicate()
+    }
+
+    /// Two motors answer to its id.
+    pub(super) const fn is_doubled(&self) -> bool {
+        self.plausibility.is_doubled()
+    }
+
+    /// It has never answered since the daemon started.
+    pub(super) fn was_never_heard(&self) -> bool {
+        self.measured_at == Instant::ZERO
+    }
+
     /// Its state came, `latency` after the command. Tells whether it came online by that.
     pub(super) fn told_state(&mut self, measured: Measured<Joint>, at: Instant, latency: Duration) -> bool {
         self.measured = Some(measured);
@@ -256,6 +285,7 @@ impl Motor {
 
     /// The cycle is over. Tells whether the motor is lost by its silence.
     pub(super) fn end_cycle(&mut self, cycle: u64, lost_cycles: u32) -> bool {
+        self.plausibility.end_cycle();
         if self.answered || !self.asked && self.mode == MotorMode::Offline {
             return false;
         }

@@ -122,8 +122,8 @@ impl<C: Clock> Cycle<C> {
     fn cycle(&mut self, tick: &Tick) {
         self.link.beat(tick.cycle);
         self.serve(tick.begun);
-        self.transmit(tick);
-        self.collect(tick.begun + self.reply_deadline);
+        let sent = self.transmit(tick);
+        self.collect(sent + self.reply_deadline);
         self.control.end_cycle();
         self.publish(tick);
         self.poll_faults(tick.begun + self.period);
@@ -141,7 +141,8 @@ impl<C: Clock> Cycle<C> {
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    fn transmit(&mut self, tick: &Tick) {
+    /// Tells when the frames were handed over: the replies are awaited from then on.
+    fn transmit(&mut self, tick: &Tick) -> Instant {
         let Self { control, drives, slots, bus_of, clock, .. } = self;
         let commands = control.decide(*tick);
         let now = clock.now();
@@ -154,6 +155,7 @@ impl<C: Clock> Cycle<C> {
             control.bus_took(bus, took_all);
             control.bus_changed(bus, slot.condition());
         }
+        now
     }
 
     /// Waits for the answers to everything that was asked, at most until `deadline`, within a budget of system calls.
@@ -207,8 +209,10 @@ impl<C: Clock> Cycle<C> {
             read += 1;
             slot.receive(now, |motor, payload, at| {
                 let answer = drives[motor].read(payload, at);
-                if let Answer::Heard(heard) = answer {
-                    control.heard(motor, heard, at);
+                match answer {
+                    Answer::Heard(heard) if !control.heard(motor, heard, at) => return Answer::Malformed,
+                    Answer::Duplicate => control.heard_twice(motor),
+                    Answer::Heard(_) | Answer::Stranger | Answer::Malformed => {}
                 }
                 answer
             });

@@ -1,11 +1,15 @@
 //! A drive in MIT mode. Source: MIT document.
 
 use super::Answer;
+use crate::config::settings::{BeyondRange, MotorSettings};
 use crate::control::{Command, Heard};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
 use motord_bus::Duration;
 use motord_protocol::TorqueScale;
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply};
+
+/// What the position code wraps by, rad: 65536 codes of 25/65535 rad.
+const TURN: f32 = 25.0 * 65536.0 / 65535.0;
 
 #[derive(Debug)]
 pub(super) struct Mit {
@@ -14,28 +18,63 @@ pub(super) struct Mit {
     transmission: Transmission,
     asked: Asked,
     feedback: Option<Feedback>,
+    unwrap: Option<Unwrap>,
+}
+
+/// Follows a position whose code wraps.
+#[derive(Debug, Default)]
+struct Unwrap {
+    turns: f32,
+    last: Option<f32>,
+}
+
+impl Unwrap {
+    /// The position over any number of turns, rad. A step of more than half the range is a wrap.
+    fn position(&mut self, told: f32) -> f32 {
+        let step = told - self.last.unwrap_or(told);
+        if step.abs() > TURN / 2.0 {
+            self.turns -= step.signum();
+        }
+        self.last = Some(told);
+        told + self.turns * TURN
+    }
 }
 
 /// Carries the rounding error of the torque code from frame to frame, so that the mean of the codes is the torque asked
 /// for: zero lies half a code off, and a code is up to 0.3 N·m.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Feedback {
     /// What the frames before sent too much, in codes; within ±0.5.
     carried: f64,
+    /// The lowest and highest code within the joint's torque limit.
+    codes: [f64; 2],
 }
 
 impl Mit {
-    pub(super) fn new(id: u8, scale: TorqueScale, transmission: Transmission, error_feedback: bool) -> Self {
-        let feedback = error_feedback.then(Feedback::default);
-        Self { id, scale, transmission, asked: Asked::State, feedback }
+    pub(super) fn new(settings: &MotorSettings, transmission: Transmission, error_feedback: bool) -> Self {
+        let scale = settings.torque_scale;
+        Self {
+            id: settings.id,
+            scale,
+            transmission,
+            asked: Asked::State,
+            feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scale)),
+            unwrap: (settings.beyond_range == BeyondRange::Wrap).then(Unwrap::default),
+        }
     }
 
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
         let (asked, command) = match command {
-            Command::Nothing => return None,
+            Command::Nothing => {
+                self.forget_turns();
+                return None;
+            }
             Command::Stop => (Asked::State, mit::Command::Stop),
             Command::Start => (Asked::State, mit::Command::Start),
-            Command::SetZero => (Asked::State, mit::Command::SetZero),
+            Command::SetZero => {
+                self.forget_turns();
+                (Asked::State, mit::Command::SetZero)
+            }
             Command::GetFault => (Asked::Fault, mit::Command::GetFault),
             Command::ClearFault => (Asked::Clear, mit::Command::ClearFault),
             Command::Neutral => return self.control(&Impedance::NEUTRAL),
@@ -46,6 +85,13 @@ impl Mit {
             feedback.carried = 0.0;
         }
         command.encode(&self.scale).ok()
+    }
+
+    /// The motor is silent, or its zero is another: where it stands next says nothing of turns.
+    fn forget_turns(&mut self) {
+        if let Some(unwrap) = &mut self.unwrap {
+            *unwrap = Unwrap::default();
+        }
     }
 
     fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
@@ -63,7 +109,7 @@ impl Mit {
         Some(codes.pack())
     }
 
-    pub(super) fn decode(&self, payload: &[u8], latency: Duration) -> Answer {
+    pub(super) fn decode(&mut self, payload: &[u8], latency: Duration) -> Answer {
         let reply = match mit::decode_reply(payload, self.asked, &self.scale) {
             Ok(reply) if reply.id() == self.id => reply,
             Ok(_) => return Answer::Stranger,
@@ -71,7 +117,9 @@ impl Mit {
         };
         Answer::Heard(match reply {
             Reply::State(state) => {
-                let motor = Measured::new(state.position, state.velocity, state.torque, None);
+                let position =
+                    self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
+                let motor = Measured::new(position, state.velocity, state.torque, None);
                 Heard::State(self.transmission.to_joint(&motor), latency)
             }
             Reply::Fault { fault, .. } => Heard::Fault(fault),
@@ -81,15 +129,27 @@ impl Mit {
 }
 
 impl Feedback {
+    /// For torques up to `torque_max`, N·m: no code asks for more than that, but for the two next to zero.
+    fn within(torque_max: f32, scale: &TorqueScale) -> Self {
+        let [low, zero, high] = [-torque_max, 0.0, torque_max].map(|torque| exact(torque, scale));
+        Self { carried: 0.0, codes: [low.ceil().min(zero.floor()), high.floor().max(zero.ceil())] }
+    }
+
     /// The code for `torque`: one of its two neighbours, such that the error of all codes so far stays within half a
-    /// code. Beyond the ends of the scale nothing is carried.
+    /// code. What the limit takes away is not carried.
     fn quantise(&mut self, torque: f32, scale: &TorqueScale) -> u16 {
-        let exact = scale.field().quantise(f64::from(torque)).unwrap_or_default();
+        let exact = exact(torque, scale);
+        let [low, high] = self.codes;
         let wanted = exact - self.carried;
-        let code = wanted.round().clamp(exact.floor(), exact.ceil());
+        let code = wanted.round().clamp(exact.floor(), exact.ceil()).max(low).min(high);
         self.carried = (code - wanted).clamp(-0.5, 0.5);
         code as u16
     }
+}
+
+/// The torque in codes, before rounding.
+fn exact(torque: f32, scale: &TorqueScale) -> f64 {
+    scale.field().quantise(f64::from(torque)).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -102,8 +162,8 @@ mod tests {
         let code = 2.0 * f64::from(scale.full_scale()) / 4095.0;
         for thirds in -30..30 {
             let torque = (f64::from(thirds) * 0.3 * code) as f32;
-            let exact = scale.field().quantise(f64::from(torque)).unwrap();
-            let mut feedback = Feedback::default();
+            let exact = exact(torque, &scale);
+            let mut feedback = Feedback::within(20.0, &scale);
             let codes: Vec<f64> = (0..1000).map(|_| f64::from(feedback.quantise(torque, &scale))).collect();
             let mean = codes.iter().sum::<f64>() / 1000.0;
             assert!((mean - exact).abs() <= 0.001, "{exact} became {mean}");
@@ -111,6 +171,32 @@ mod tests {
                 codes.iter().all(|code| (code - exact).abs() < 1.0),
                 "only the two neighbours of {exact}"
             );
+        }
+    }
+
+    #[test]
+    fn no_code_asks_for_more_torque_than_the_joint_may_have() {
+        let scale = TorqueScale::new(0.125, 8.0).unwrap();
+        for limit in [0.06_f32, 1.0, 7.53, 20.0] {
+            let mut feedback = Feedback::within(limit, &scale);
+            for torque in [limit, -limit, limit, limit, 0.0, -limit] {
+                let code = feedback.quantise(torque, &scale);
+                assert!(
+                    scale.field().decode(code).abs() <= f64::from(limit) + 1e-6,
+                    "{torque} within {limit}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_position_that_wraps_goes_on() {
+        let mut unwrap = Unwrap::default();
+        let mut turned = 0.0_f32;
+        for _ in 0..1000 {
+            turned += 0.11;
+            let told = (turned + TURN / 2.0).rem_euclid(TURN) - TURN / 2.0;
+            assert!((unwrap.position(told) - turned).abs() < 1e-3, "at {turned}");
         }
     }
 }

@@ -42,6 +42,8 @@ pub struct Drive {
     dialect: Dialect,
     fastest_answer: Duration,
     open: Option<Open>,
+    /// The request before this one was never answered.
+    owes: bool,
     drop_next: bool,
 }
 
@@ -58,12 +60,10 @@ impl Drive {
         let transmission = Transmission::new(settings.direction, settings.offset);
         let command_id = FrameId::new(u16::from(settings.id)).expect("a motor id has eight bits");
         let dialect = match settings.protocol {
-            MotorProtocol::Mit => {
-                Dialect::Mit(mit::Mit::new(settings.id, settings.torque_scale, transmission, error_feedback))
-            }
+            MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
             MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.torque_scale, transmission)),
         };
-        Self { command_id, dialect, fastest_answer, open: None, drop_next: false }
+        Self { command_id, dialect, fastest_answer, open: None, owes: false, drop_next: false }
     }
 
     /// The frame for `command`, sent at `now`; `None` for [`Command::Nothing`]. Opens a request.
@@ -72,6 +72,7 @@ impl Drive {
             Dialect::Mit(mit) => mit.encode(command),
             Dialect::Gim(gim) => gim.encode(command),
         }?;
+        self.owes = self.open.is_some();
         self.drop_next |= self.open.is_some_and(|open| open.asks_fault);
         self.open = Some(Open { at: now, asks_fault: *command == Command::GetFault });
         Some(Frame::full(self.command_id, bytes))
@@ -90,22 +91,26 @@ impl Drive {
 
     /// What `payload` says, which arrived at `at` under this drive's reply id.
     pub fn read(&mut self, payload: &[u8], at: Instant) -> Answer {
-        let Some(open) = self.open else { return Answer::Duplicate };
-        if at < open.at + self.fastest_answer {
-            self.drop_next = false;
-            return Answer::Heard(Heard::Late);
-        }
+        let Some(open) = self.open.filter(|open| at >= open.at + self.fastest_answer) else {
+            return self.read_unasked();
+        };
         let latency = at.since(open.at);
         let answer = match &mut self.dialect {
             Dialect::Mit(mit) => mit.decode(payload, latency),
             Dialect::Gim(gim) => gim.decode(payload, latency),
         };
         if matches!(answer, Answer::Heard(_)) {
-            if core::mem::take(&mut self.drop_next) {
-                return Answer::Heard(Heard::Late);
+            if self.drop_next {
+                return self.read_unasked();
             }
             self.open = None;
         }
         answer
+    }
+
+    /// It answers the request before, if that was not answered yet; else something answers twice.
+    fn read_unasked(&mut self) -> Answer {
+        self.drop_next = false;
+        if core::mem::take(&mut self.owes) { Answer::Heard(Heard::Late) } else { Answer::Duplicate }
     }
 }

@@ -1,0 +1,123 @@
+//! Moves groups from phase to phase; the drawing is above [`Group`](super::group::Group).
+
+use super::{Control, Event};
+use crate::config::settings::SafeStop;
+use motord_bus::Duration;
+use motord_shared::{Cause, MotorMode, Phase};
+
+/// A damped group is at rest when every joint has been slow for this long.
+const REST_TIME: Duration = Duration::from_millis(50);
+
+impl Control {
+    pub(super) fn advance(&mut self, group: usize) {
+        match self.groups[group].phase() {
+            Phase::Starting => self.advance_start(group),
+            Phase::Damping => self.advance_damping(group),
+            Phase::Disarmed | Phase::Active => {}
+        }
+    }
+
+    pub(super) fn advance_start(&mut self, index: usize) {
+        let group = &self.groups[index];
+        let unready = group.motors.iter().copied().find(|&motor| !self.motors[motor].is_ready());
+        match unready {
+            None => match self.first_jump(index) {
+                None => self.activate(index),
+                Some(motor) => self.stop(index, Cause::StartFailed, Some(motor)),
+            },
+            Some(motor) if self.tick.begun.since(group.since()) > self.safety.start_timeout => {
+                self.stop(index, Cause::StartFailed, Some(motor));
+            }
+            Some(_) => {}
+        }
+    }
+
+    pub(super) fn activate(&mut self, index: usize) {
+        for place in 0..self.groups[index].motors.len() {
+            let motor = self.groups[index].motors[place];
+            self.motors[motor].activate();
+            self.motor_changed(motor);
+        }
+        self.enter(index, Phase::Active);
+    }
+
+    pub(super) fn advance_damping(&mut self, index: usize) {
+        let now = self.tick.begun;
+        let Self { groups, motors, safety, .. } = self;
+        let group = &mut groups[index];
+        let slow = |motor: &usize| {
+            let motor = &motors[*motor];
+            motor.mode() != MotorMode::Damping
+                || motor.is_fresh()
+                    && motor.measured().is_some_and(|told| told.velocity.abs() < safety.rest_velocity)
+        };
+        let resting = group.motors.iter().all(slow);
+        group.resting_since = if resting { group.resting_since.or(Some(now)) } else { None };
+        let rested = group.resting_since.is_some_and(|since| now.since(since) >= REST_TIME);
+        let holding = if group.safe_stop == SafeStop::Hold { safety.damp } else { Duration::ZERO };
+        let damped = now.since(group.since());
+        if damped >= safety.damp + holding || rested && damped >= holding {
+            self.disarm(index);
+        }
+    }
+
+    pub(super) fn disarm(&mut self, index: usize) {
+        for place in 0..self.groups[index].motors.len() {
+            let motor = self.groups[index].motors[place];
+            self.motors[motor].rest();
+            self.motor_changed(motor);
+        }
+        self.enter(index, Phase::Disarmed);
+    }
+
+    /// Stops every group that is not stopped.
+    pub(super) fn stop_moving(&mut self, cause: Cause) {
+        for group in 0..self.groups.len() {
+            if self.groups[group].phase() != Phase::Disarmed {
+                self.stop(group, cause, None);
+            }
+        }
+    }
+
+    /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a stopped group's motor is no cause.
+    pub(super) fn stop(&mut self, index: usize, cause: Cause, motor: Option<usize>) {
+        let moving = self.groups[index].phase() != Phase::Disarmed;
+        let latches = moving || matches!(cause, Cause::EmergencyStop | Cause::Shutdown);
+        if latches && self.groups[index].latch(cause, motor) {
+            self.events.push(Event::Stopped { group: index, cause, motor });
+        }
+        if moving {
+            self.begin_damping(index);
+        }
+    }
+
+    pub(super) fn begin_damping(&mut self, index: usize) {
+        if !matches!(self.groups[index].phase(), Phase::Starting | Phase::Active) {
+            return;
+        }
+        for place in 0..self.groups[index].motors.len() {
+            let motor = self.groups[index].motors[place];
+            self.motors[motor].begin_damping();
+            self.motor_changed(motor);
+        }
+        match self.groups[index].safe_stop {
+            SafeStop::Stop => self.disarm(index),
+            SafeStop::Damp | SafeStop::Hold => self.enter(index, Phase::Damping),
+        }
+    }
+
+    pub(super) fn enter(&mut self, index: usize, phase: Phase) {
+        self.groups[index].enter(phase, self.tick.begun);
+        self.events.push(Event::Group { group: index, phase });
+    }
+
+    pub(super) fn disown(&mut self, index: usize) {
+        if self.groups[index].forget_owner().is_some() {
+            self.events.push(Event::Owner { group: index, pid: None });
+        }
+    }
+
+    pub(super) fn motor_changed(&mut self, motor: usize) {
+        self.events.push(Event::Motor { motor, mode: self.motors[motor].mode() });
+    }
+}
