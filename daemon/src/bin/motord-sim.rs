@@ -26,6 +26,10 @@ struct Arguments {
     /// The configuration. Its buses of type socketcan are served.
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
+    /// Bit rate of the simulated wire, instead of the configuration's. The kernel takes its own time on top: on a slow
+    /// machine or a real wire, a high rate brings the answers when they would come without it.
+    #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(1..))]
+    wire_bitrate: Option<u32>,
 }
 
 const EXIT_USAGE: u8 = 64;
@@ -61,16 +65,16 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let Err(failure) = run(&arguments.config);
+    let Err(failure) = run(&arguments.config, arguments.wire_bitrate);
     let _unread = writeln!(std::io::stderr(), "motord-sim: {failure}");
     ExitCode::from(failure.exit_status())
 }
 
 /// Serves until the process is ended.
-fn run(file: &Path) -> Result<Infallible, Failure> {
+fn run(file: &Path, wire_bitrate: Option<u32>) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
     let settings = config::load(file)?.settings;
-    let mut bridges = open(&settings)?;
+    let mut bridges = open(&settings, wire_bitrate)?;
     let mut commands = Commands::default();
     say("ready");
     loop {
@@ -95,12 +99,12 @@ fn say(line: &str) {
     let _unread = writeln!(std::io::stdout(), "{line}");
 }
 
-fn open(settings: &Settings) -> Result<Vec<Bridge>, Failure> {
+fn open(settings: &Settings, wire_bitrate: Option<u32>) -> Result<Vec<Bridge>, Failure> {
     let mut bridges = Vec::new();
     for (index, bus) in settings.buses.iter().enumerate() {
         let BusKind::SocketCan { interface, bitrate } = &bus.kind else { continue };
         let motors: Vec<_> = settings.motors.iter().filter(|motor| motor.bus == index).collect();
-        let simulated = buses::simulate(bus, *bitrate, index as u64, &motors);
+        let simulated = buses::simulate(bus, wire_bitrate.unwrap_or(*bitrate), index as u64, &motors);
         bridges.push(Bridge::open(simulated, interface.parse()?, *bitrate)?);
     }
     if bridges.is_empty() { Err(Failure::NoBus) } else { Ok(bridges) }
