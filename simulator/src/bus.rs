@@ -129,6 +129,15 @@ impl SimulatedBus {
         self.record.take()
     }
 
+    /// The host hears `content`, which comes from none of these motors: another node, or a recorded run. It takes no
+    /// time on the wire.
+    pub fn deliver(&mut self, now: Instant, content: Content) {
+        self.advance(now);
+        if !self.link.is_cut() {
+            self.arrive(self.now, content);
+        }
+    }
+
     /// Does `verb` to the bus or to one of its motors.
     ///
     /// # Errors
