@@ -58,28 +58,40 @@ pub struct Buses {
 pub fn open(settings: &Settings, directory: &Path) -> Result<Buses, BusError> {
     let mut opened = Buses { buses: Vec::new(), locks: Vec::new() };
     for (index, bus) in settings.buses.iter().enumerate() {
-        let motors: Vec<_> = settings.motors.iter().filter(|motor| motor.bus == index).collect();
-        match &bus.kind {
-            BusKind::Simulated { bitrate, seed } => {
-                opened.buses.push(Box::new(simulate(bus, *bitrate, *seed, &motors)));
-            }
-            BusKind::SocketCan { interface, bitrate } => {
-                let name = interface
-                    .parse::<InterfaceName>()
-                    .map_err(|_| BusError::Name { bus: bus.name.clone(), interface: interface.clone() })?;
-                let lock = InterfaceLock::acquire(directory, name)
-                    .map_err(|source| BusError::Lock { bus: bus.name.clone(), source })?;
-                let host_ids = motors.iter().map(|motor| motor.host_id).collect();
-                let settings = socketcan::Settings { interface: name, bitrate: *bitrate, host_ids };
-                let bus = SocketCanBus::open(&settings)
-                    .map_err(|source| BusError::Open { bus: bus.name.clone(), source })?;
-                opened.locks.push(lock);
-                opened.buses.push(Box::new(bus));
-            }
-            BusKind::Serial { .. } => return Err(BusError::Serial { bus: bus.name.clone() }),
+        if let BusKind::SocketCan { interface, .. } = &bus.kind {
+            let lock = InterfaceLock::acquire(directory, interface_name(bus, interface)?);
+            opened.locks.push(lock.map_err(|source| BusError::Lock { bus: bus.name.clone(), source })?);
         }
+        opened.buses.push(open_one(settings, index)?);
     }
     Ok(opened)
+}
+
+/// Opens one bus, for the first time or again.
+///
+/// # Errors
+///
+/// Why it cannot be opened.
+pub fn open_one(settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusError> {
+    let bus = &settings.buses[index];
+    let motors: Vec<_> = settings.motors.iter().filter(|motor| motor.bus == index).collect();
+    match &bus.kind {
+        BusKind::Simulated { bitrate, seed } => Ok(Box::new(simulate(bus, *bitrate, *seed, &motors))),
+        BusKind::SocketCan { interface, bitrate } => {
+            let host_ids = motors.iter().map(|motor| motor.host_id).collect();
+            let interface = interface_name(bus, interface)?;
+            let settings = socketcan::Settings { interface, bitrate: *bitrate, host_ids };
+            match SocketCanBus::open(&settings) {
+                Ok(bus) => Ok(Box::new(bus)),
+                Err(source) => Err(BusError::Open { bus: bus.name.clone(), source }),
+            }
+        }
+        BusKind::Serial { .. } => Err(BusError::Serial { bus: bus.name.clone() }),
+    }
+}
+
+fn interface_name(bus: &BusSettings, interface: &str) -> Result<InterfaceName, BusError> {
+    interface.parse().map_err(|_| BusError::Name { bus: bus.name.clone(), interface: interface.to_owned() })
 }
 
 /// The simulated bus of a configuration, with its motors.

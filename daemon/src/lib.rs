@@ -7,7 +7,7 @@
 //! - [`cycle`]: wake, decide, transmit, collect, publish, on a [`clock`] that may be a test's.
 //! - [`exchange`]: clients, through shared memory.
 //! - [`telemetry`]: histograms and the log.
-//! - [`rt`]: what makes a thread real-time. [`buses`] and [`run`]: putting it all together.
+//! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`] and [`run`]: putting it all together.
 
 pub mod buses;
 pub mod check;
@@ -19,6 +19,7 @@ pub mod drive;
 pub mod exchange;
 pub mod joint;
 pub mod plan;
+pub mod reopen;
 pub mod rt;
 pub mod run;
 pub mod telemetry;

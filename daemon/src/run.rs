@@ -6,6 +6,7 @@
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-exchange` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
+//! | `motord-reopen` | opens buses again that went away |
 
 use crate::buses::{self, BusError, Buses};
 use crate::clock::Monotonic;
@@ -14,6 +15,7 @@ use crate::config::{self, ConfigError};
 use crate::cycle::{self, Cycle, Place};
 use crate::exchange::{self, Exchange};
 use crate::plan::BusPlan;
+use crate::reopen::{self, Workshop};
 use crate::rt::{self, Step, Wish};
 use crate::telemetry::{self, Recorder};
 use motord_bus::socketcan::LockError;
@@ -151,6 +153,11 @@ impl Daemon {
         link.wakes(exchange.thread().clone());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
         recorder.wakes(exchange.thread().clone());
+        let (replacements, workshop) = reopen::ends();
+        link.repairs(replacements);
+        let (broken, hears_broken) = channel();
+        recorder.reports_broken(broken);
+        start_workshop(&settings, &orders, workshop, hears_broken)?;
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
         let plans = BusPlan::of(&settings);
@@ -239,6 +246,19 @@ fn start_telemetry(
         recorder.run(housekeeper.ok().as_ref(), || orders.are(Orders::END));
     })?;
     Ok(thread)
+}
+
+/// Nobody waits for this thread: opening a bus may take as long as the kernel likes, and it ends with the process.
+fn start_workshop(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    mut workshop: Workshop,
+    broken: Receiver<usize>,
+) -> Result<(), RunError> {
+    let (settings, orders) = (settings.clone(), Arc::clone(orders));
+    let run = move || workshop.run(&settings, &broken, || orders.are(Orders::STOP));
+    let _detached = Builder::new().name("motord-reopen".into()).spawn(run)?;
+    Ok(())
 }
 
 fn start_cycle(

@@ -7,6 +7,7 @@ use crate::control::Event;
 use crate::cycle::{Counters, Record};
 use hdrhistogram::Histogram;
 use motord_bus::{Duration, Instant};
+use motord_shared::BusCondition;
 use motord_shared::ports::Housekeeper;
 use motord_shared::roster::{Percentiles, Telemetry};
 use rtrb::Consumer;
@@ -72,6 +73,8 @@ pub struct Recorder {
     answers: Answers,
     names: Names,
     exchange: Option<Thread>,
+    broken: Option<Sender<usize>>,
+    off: Vec<usize>,
     distributions: Distributions,
     skipped: u64,
     told_dropped: u64,
@@ -114,6 +117,8 @@ impl Recorder {
             distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
             names,
             exchange: None,
+            broken: None,
+            off: Vec::new(),
             skipped: 0,
             told_dropped: 0,
             told_errors: 0,
@@ -124,6 +129,11 @@ impl Recorder {
     /// The thread to wake when an answer is ready.
     pub fn wakes(&mut self, exchange: Thread) {
         self.exchange = Some(exchange);
+    }
+
+    /// Where to tell of buses that must be opened again.
+    pub fn reports_broken(&mut self, broken: Sender<usize>) {
+        self.broken = Some(broken);
     }
 
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
@@ -141,6 +151,7 @@ impl Recorder {
                 cleaned = now;
                 let _removed = housekeeper.map(Housekeeper::clean);
                 self.tell_once_a_second();
+                self.report_off();
                 self.feed_watchdog();
             }
         }
@@ -214,6 +225,12 @@ impl Recorder {
             }
             Event::Owner { group, pid: None } => tracing::info!(cycle, group = groups[group], "has no owner"),
             Event::Bus { bus, condition } => {
+                self.off.retain(|off| *off != bus);
+                match condition {
+                    BusCondition::Gone => self.report_broken(bus),
+                    BusCondition::Off => self.off.push(bus),
+                    _ => {}
+                }
                 tracing::warn!(
                     cycle,
                     bus = buses[bus],
@@ -241,6 +258,18 @@ impl Recorder {
                 errors,
                 "the exchange with clients failed: are its files damaged, or is the disk full?"
             );
+        }
+    }
+
+    /// A controller that left its bus comes back by itself where `restart-ms` is set; else it is set up again.
+    fn report_off(&mut self) {
+        let off = std::mem::take(&mut self.off);
+        off.into_iter().for_each(|bus| self.report_broken(bus));
+    }
+
+    fn report_broken(&self, bus: usize) {
+        if let Some(broken) = &self.broken {
+            let _ended = broken.send(bus);
         }
     }
 

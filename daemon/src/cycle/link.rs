@@ -6,12 +6,14 @@
 //! | states | cycle | exchange | the newest replaces the one before |
 //! | requests | exchange | cycle | refused: busy |
 //! | answers | cycle | exchange | as many as requests, so never |
+//! | opened buses, old buses | reopening, cycle | cycle, reopening | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
 use super::Tick;
 use crate::control::{Control, Event};
-use motord_bus::Instant;
+use crate::reopen::{Indexed, Replacements};
 use motord_bus::time::nanos;
+use motord_bus::{Bus, Instant};
 use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
 use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -74,6 +76,7 @@ pub struct Link {
     events: Producer<(u64, Event)>,
     counters: Arc<Counters>,
     exchange: Option<Thread>,
+    replacements: Option<Replacements>,
 }
 
 /// The other threads' end.
@@ -126,6 +129,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         events: event_producer,
         counters: Arc::clone(&counters),
         exchange: None,
+        replacements: None,
     };
     let ends = Ends {
         setpoints: setpoint_inputs,
@@ -143,6 +147,21 @@ impl Link {
     /// The thread to wake when states are ready: a system call only if it sleeps.
     pub fn wakes(&mut self, exchange: Thread) {
         self.exchange = Some(exchange);
+    }
+
+    /// Where buses come from that were opened again; without it, a bus that is gone stays gone.
+    pub fn repairs(&mut self, replacements: Replacements) {
+        self.replacements = Some(replacements);
+    }
+
+    pub(super) fn next_bus(&mut self) -> Option<Indexed> {
+        self.replacements.as_mut()?.take()
+    }
+
+    pub(super) fn retire_bus(&mut self, index: usize, bus: Box<dyn Bus>) {
+        if let Some(replacements) = &mut self.replacements {
+            replacements.retire(index, bus);
+        }
     }
 
     pub(super) fn beat(&self, cycle: u64) {

@@ -121,12 +121,21 @@ impl<C: Clock> Cycle<C> {
 
     fn cycle(&mut self, tick: &Tick) {
         self.link.beat(tick.cycle);
+        self.replace_buses();
         self.serve(tick.begun);
         let sent = self.transmit(tick);
         self.collect(sent + self.reply_deadline);
         self.control.end_cycle();
         self.publish(tick);
         self.poll_faults(tick.begun + self.period);
+    }
+
+    /// Takes at most one bus that was opened again; its motors are as lost as they were.
+    fn replace_buses(&mut self) {
+        if let Some((index, bus)) = self.link.next_bus() {
+            let old = self.slots[index].replace(bus);
+            self.link.retire_bus(index, old);
+        }
     }
 
     /// What clients want: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group.

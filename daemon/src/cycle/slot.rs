@@ -4,7 +4,7 @@ use crate::config::settings::Settings;
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_shared::{BusCondition, BusState};
 
 /// A bus, and everything the cycle knows of it.
@@ -66,6 +66,12 @@ impl Slot {
         }
     }
 
+    /// Puts an opened bus in the place of one that went away.
+    pub(super) fn replace(&mut self, bus: Box<dyn Bus>) -> Box<dyn Bus> {
+        self.condition = BusCondition::Active;
+        std::mem::replace(&mut self.bus, bus)
+    }
+
     /// Begins a round: forgets the frames of the one before.
     pub(super) fn begin(&mut self, asks: Asks) {
         self.asks = asks;
@@ -81,15 +87,18 @@ impl Slot {
         }
     }
 
-    /// Sends what was queued. What is not accepted is dropped and counted: its motor was not asked. Tells whether all
-    /// was accepted.
+    /// Sends what was queued; to a bus that is off or gone, nothing. What is not accepted is dropped and counted: its
+    /// motor was not asked. Tells whether all was accepted.
     pub(super) fn send(&mut self, now: Instant, mut unask: impl FnMut(usize)) -> bool {
         self.sent_at = now;
         self.heard_at = now;
         if self.frames.is_empty() {
             return true;
         }
-        let sent = self.bus.send(now, &self.frames);
+        let sent = match self.condition {
+            BusCondition::Off | BusCondition::Gone => Sent { accepted: 0, refusal: None },
+            _ => self.bus.send(now, &self.frames),
+        };
         let accepted = sent.accepted.min(self.frames.len());
         let dropped = self.frames.len() - accepted;
         self.senders[accepted..].iter().for_each(|&motor| unask(motor));
@@ -99,7 +108,7 @@ impl Slot {
             Some(Refusal::Down) => self.condition = BusCondition::Down,
             Some(Refusal::Gone) => self.condition = BusCondition::Gone,
             Some(Refusal::Full | Refusal::Error(_)) => {}
-            None if matches!(self.condition, BusCondition::Down) => self.condition = BusCondition::Active,
+            None if self.condition == BusCondition::Down => self.condition = BusCondition::Active,
             None => {}
         }
         dropped == 0
