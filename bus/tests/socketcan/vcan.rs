@@ -171,7 +171,7 @@ fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
     let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     let mut vcan = Vcan::new();
     let before = descriptors();
-    for round in 0..100 {
+    for round in 0..20 {
         assert!(vcan.set(Condition::Gone));
         let _error = vcan.receive_all();
         assert_eq!(vcan.send(&[frame(1)]).refusal, Some(Refusal::Gone), "round {round}");
