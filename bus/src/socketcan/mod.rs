@@ -94,7 +94,27 @@ impl SocketCanBus {
         let interface = settings.interface;
         let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
         let socket = open_socket(interface, link.index, |socket| configure(socket, settings))?;
-        Ok(Self {
+        Ok(Self::on(link, socket))
+    }
+
+    /// Opens the interface as it is, only to send up to `frames` at a time: for whoever stops the motors of a daemon that
+    /// has died, and must not take down what the daemon has set up. Nothing is ever received. Off the real-time thread.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::Missing`], [`OpenError::NotCan`] or [`OpenError::System`]. An interface that is down opens; sending
+    /// then meets [`Refusal::Down`] until it is up.
+    pub fn open_to_send(interface: InterfaceName, frames: u32) -> Result<Self, OpenError> {
+        let link = Link::read(interface)?;
+        let socket = open_socket(interface, link.index, |socket| {
+            socket.set_filters::<(u32, u32)>(&[])?;
+            limit_queue(socket, frames)
+        })?;
+        Ok(Self::on(link, socket))
+    }
+
+    fn on(link: Link, socket: CanSocket) -> Self {
+        Self {
             socket,
             link,
             outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES),
@@ -102,7 +122,7 @@ impl SocketCanBus {
             realtime: RealtimeOffset::measure(),
             latest: clock::monotonic(),
             dropped: 0,
-        })
+        }
     }
 
     /// What the interface was set to when it was opened.
@@ -158,8 +178,13 @@ fn configure(socket: &CanSocket, settings: &Settings) -> io::Result<()> {
     socket.set_recv_own_msgs(false)?;
     socket.set_timestamping(libc::SOF_TIMESTAMPING_RX_SOFTWARE | libc::SOF_TIMESTAMPING_SOFTWARE)?;
     socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
+    limit_queue(socket, settings.queue_length())
+}
+
+/// Lets at most `frames` wait for the wire.
+fn limit_queue(socket: &CanSocket, frames: u32) -> io::Result<()> {
     // The kernel doubles what it is given.
-    let send_buffer = settings.queue_length() * QUEUED_FRAME_BYTES / 2;
+    let send_buffer = frames.saturating_mul(QUEUED_FRAME_BYTES) / 2;
     socket.as_raw_socket().set_send_buffer_size(send_buffer as usize)
 }
 
