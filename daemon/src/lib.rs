@@ -7,6 +7,7 @@
 //! - [`cycle`]: wake, decide, transmit, collect, publish, on a [`clock`] that may be a test's.
 //! - [`exchange`]: clients, through shared memory.
 //! - [`telemetry`]: histograms and the log.
+//! - [`heartbeat`]: what shows another process that the cycle lives.
 //! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`] and [`run`]: putting it all together.
 
 pub mod buses;
@@ -17,7 +18,10 @@ pub mod control;
 pub mod cycle;
 pub mod drive;
 pub mod exchange;
+pub mod heartbeat;
 pub mod joint;
+#[allow(unsafe_code, reason = "system calls that no safe crate offers")]
+mod kernel;
 pub mod plan;
 pub mod reopen;
 pub mod rt;

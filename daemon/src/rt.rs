@@ -1,7 +1,6 @@
-//! What makes a thread real-time, and what the machine refused of it. The only file of the daemon with `unsafe`.
+//! What makes a thread real-time, and what the machine refused of it.
 
-#![allow(unsafe_code, reason = "nix has no safe sched_setscheduler")]
-
+use crate::kernel;
 use nix::errno::Errno;
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{Resource, getrlimit};
@@ -52,7 +51,7 @@ pub fn prepare_thread(wish: Wish) -> Vec<Step> {
     if let Some(priority) = wish.priority {
         steps.push(Step {
             what: "SCHED_FIFO",
-            outcome: schedule_fifo(priority),
+            outcome: kernel::schedule_fifo(priority),
             without: "any other program can delay the cycle by milliseconds",
             remedy: "give it the right: LimitRTPRIO=90 in the unit, or `ulimit -r 90`",
         });
@@ -113,17 +112,6 @@ pub fn tighten_timers() -> Step {
 fn pin(cpu: usize) -> Result<(), Errno> {
     let pinned = core_affinity::set_for_current(core_affinity::CoreId { id: cpu });
     if pinned { Ok(()) } else { Err(Errno::last()) }
-}
-
-/// # Errors
-///
-/// `EPERM` without `CAP_SYS_NICE` or a high enough `RLIMIT_RTPRIO`.
-fn schedule_fifo(priority: u8) -> Result<(), Errno> {
-    let param = libc::sched_param { sched_priority: i32::from(priority) };
-    // SAFETY: pid 0 names the calling thread, and `param` is a fully initialised `sched_param` that outlives the call;
-    // the kernel only reads it.
-    let status = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const param) };
-    Errno::result(status).map(drop)
 }
 
 fn prefault_stack() {

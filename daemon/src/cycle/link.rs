@@ -11,6 +11,7 @@
 
 use super::Tick;
 use crate::control::{Control, Event};
+use crate::heartbeat::Heartbeat;
 use crate::reopen::{Indexed, Replacements};
 use motord_bus::time::nanos;
 use motord_bus::{Bus, Instant};
@@ -76,6 +77,7 @@ pub struct Link {
     events: Producer<(u64, Event)>,
     counters: Arc<Counters>,
     exchange: Option<Thread>,
+    heartbeat: Option<Heartbeat>,
     replacements: Option<Replacements>,
 }
 
@@ -129,6 +131,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         events: event_producer,
         counters: Arc::clone(&counters),
         exchange: None,
+        heartbeat: None,
         replacements: None,
     };
     let ends = Ends {
@@ -164,8 +167,16 @@ impl Link {
         }
     }
 
+    /// What shows other processes that the cycle lives.
+    pub fn beats(&mut self, heartbeat: Heartbeat) {
+        self.heartbeat = Some(heartbeat);
+    }
+
     pub(super) fn beat(&self, cycle: u64) {
         self.counters.cycle.store(cycle, Ordering::Release);
+        if let Some(heartbeat) = self.heartbeat {
+            heartbeat.beat(cycle);
+        }
     }
 
     pub(super) fn next_request(&mut self) -> Option<(u32, AdminRequest)> {

@@ -1,0 +1,43 @@
+//! The system calls that no safe crate offers. All `unsafe` of the daemon is in this file.
+
+use nix::errno::Errno;
+use nix::sys::mman::{MapFlags, ProtFlags, mmap};
+use std::num::NonZeroUsize;
+use std::os::fd::BorrowedFd;
+use std::sync::atomic::AtomicU64;
+
+const COUNTER_BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU64>()).expect("a counter has bytes");
+
+/// Puts the calling thread under `SCHED_FIFO`.
+///
+/// # Errors
+///
+/// `EPERM` without `CAP_SYS_NICE` or a high enough `RLIMIT_RTPRIO`.
+pub(crate) fn schedule_fifo(priority: u8) -> Result<(), Errno> {
+    let param = libc::sched_param { sched_priority: i32::from(priority) };
+    // SAFETY: pid 0 names the calling thread, and `param` is a fully initialised `sched_param` that outlives the call;
+    // the kernel only reads it.
+    let status = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const param) };
+    Errno::result(status).map(drop)
+}
+
+/// Maps the first eight bytes of `file` as a counter that is shared with whoever else has the file. The mapping stays
+/// until the process ends.
+///
+/// # Errors
+///
+/// `EINVAL` when the file has another size, or may still shrink: reading past the end of a shrunken file kills.
+pub(crate) fn map_counter(file: BorrowedFd<'_>) -> Result<&'static AtomicU64, Errno> {
+    use nix::fcntl::{FcntlArg::F_GET_SEALS, SealFlag, fcntl};
+    let sealed = SealFlag::from_bits_truncate(fcntl(file, F_GET_SEALS)?).contains(SealFlag::F_SEAL_SHRINK);
+    let size = nix::sys::stat::fstat(file)?.st_size;
+    if !sealed || usize::try_from(size) != Ok(COUNTER_BYTES.get()) {
+        return Err(Errno::EINVAL);
+    }
+    let protection = ProtFlags::PROT_READ | ProtFlags::PROT_WRITE;
+    // SAFETY: the kernel chooses the address, so nothing of ours is mapped over.
+    let address = unsafe { mmap(None, COUNTER_BYTES, protection, MapFlags::MAP_SHARED, file, 0) }?;
+    // SAFETY: a mapping is aligned to a page and never unmapped; the file keeps its eight bytes by its seal, any bits are
+    // a valid `AtomicU64`, and this process reaches them through this reference only.
+    Ok(unsafe { address.cast::<AtomicU64>().as_ref() })
+}
