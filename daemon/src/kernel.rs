@@ -3,7 +3,7 @@
 use nix::errno::Errno;
 use nix::sys::mman::{MapFlags, ProtFlags, mmap};
 use std::num::NonZeroUsize;
-use std::os::fd::BorrowedFd;
+use std::os::fd::{BorrowedFd, FromRawFd, OwnedFd, RawFd};
 use std::sync::atomic::AtomicU64;
 
 const COUNTER_BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU64>()).expect("a counter has bytes");
@@ -40,4 +40,10 @@ pub(crate) fn map_counter(file: BorrowedFd<'_>) -> Result<&'static AtomicU64, Er
     // SAFETY: a mapping is aligned to a page and never unmapped; the file keeps its eight bytes by its seal, any bits are
     // a valid `AtomicU64`, and this process reaches them through this reference only.
     Ok(unsafe { address.cast::<AtomicU64>().as_ref() })
+}
+
+/// Takes over a descriptor that the kernel has just handed to this process.
+pub(crate) fn adopt(descriptor: RawFd) -> OwnedFd {
+    // SAFETY: callers pass what `accept4` or `recvmsg` returned, once; nothing else knows the number yet.
+    unsafe { OwnedFd::from_raw_fd(descriptor) }
 }

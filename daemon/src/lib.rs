@@ -7,7 +7,7 @@
 //! - [`cycle`]: wake, decide, transmit, collect, publish, on a [`clock`] that may be a test's.
 //! - [`exchange`]: clients, through shared memory.
 //! - [`telemetry`]: histograms and the log.
-//! - [`heartbeat`]: what shows another process that the cycle lives.
+//! - [`deadman`], [`heartbeat`] and [`safe_stop`]: what stops the motors when the daemon cannot.
 //! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`] and [`run`]: putting it all together.
 
 pub mod buses;
@@ -16,6 +16,7 @@ pub mod clock;
 pub mod config;
 pub mod control;
 pub mod cycle;
+pub mod deadman;
 pub mod drive;
 pub mod exchange;
 pub mod heartbeat;
@@ -26,4 +27,5 @@ pub mod plan;
 pub mod reopen;
 pub mod rt;
 pub mod run;
+pub mod safe_stop;
 pub mod telemetry;

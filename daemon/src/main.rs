@@ -1,6 +1,11 @@
 //! `motord`: the daemon's command line.
 
 use clap::{Parser, Subcommand};
+use motord::deadman::will::open_interface;
+use motord::deadman::{self, DeadmanError};
+use motord::run::RunError;
+use motord::safe_stop::{SafeStopError, safe_stop};
+use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -21,6 +26,18 @@ struct Arguments {
 enum Command {
     /// Run the daemon.
     Run {
+        /// The configuration.
+        #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
+        config: PathBuf,
+    },
+    /// Be the dead man's switch of the instance: damp and stop its motors when the daemon dies or stands still.
+    Deadman {
+        /// The configuration.
+        #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
+        config: PathBuf,
+    },
+    /// Damp and stop every motor on a CAN interface once, when no daemon runs. Takes at most a second.
+    SafeStop {
         /// The configuration.
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
         config: PathBuf,
@@ -55,15 +72,23 @@ fn main() -> ExitCode {
         }
         Command::Run { config } => {
             log_to_stderr();
-            match motord::run::run(&config) {
-                Ok(()) => ExitCode::SUCCESS,
-                Err(error) => {
-                    let _unwritable = writeln!(std::io::stderr(), "motord: {error}");
-                    ExitCode::from(error.exit_status())
-                }
-            }
+            ended(motord::run::run(&config), RunError::exit_status)
+        }
+        Command::Deadman { config } => {
+            log_to_stderr();
+            ended(deadman::run(&config), DeadmanError::exit_status)
+        }
+        Command::SafeStop { config } => {
+            log_to_stderr();
+            ended(safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
         }
     }
+}
+
+fn ended<E: Display>(outcome: Result<(), E>, exit_status: fn(&E) -> u8) -> ExitCode {
+    let Err(error) = outcome else { return ExitCode::SUCCESS };
+    let _unwritable = writeln!(std::io::stderr(), "motord: {error}");
+    ExitCode::from(exit_status(&error))
 }
 
 fn log_to_stderr() {

@@ -35,6 +35,19 @@ pub struct Step {
     pub remedy: &'static str,
 }
 
+impl Step {
+    /// Logs it for `thread`.
+    pub fn tell(&self, thread: &str) {
+        let Self { what, outcome, without, remedy } = *self;
+        match outcome {
+            Ok(()) => tracing::info!(thread, "{what}: yes"),
+            Err(errno) => {
+                tracing::warn!(thread, "{what}: no ({}). Without it {without}. {remedy}.", errno.desc());
+            }
+        }
+    }
+}
+
 /// Puts the calling thread under `SCHED_FIFO` on its processor, with a stack that is in memory.
 #[must_use]
 pub fn prepare_thread(wish: Wish) -> Vec<Step> {

@@ -6,6 +6,7 @@
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-exchange` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
+//! | `motord-registrar` | leaves the daemon's will with its dead man's switch |
 //! | `motord-reopen` | opens buses again that went away |
 
 use crate::buses::{self, BusError, Buses};
@@ -13,10 +14,13 @@ use crate::clock::Monotonic;
 use crate::config::settings::Settings;
 use crate::config::{self, ConfigError};
 use crate::cycle::{self, Cycle, Place};
+use crate::deadman::registrar::Registrar;
+use crate::deadman::will::Will;
 use crate::exchange::{self, Exchange};
+use crate::heartbeat::{Heartbeat, Pulse};
 use crate::plan::BusPlan;
 use crate::reopen::{self, Workshop};
-use crate::rt::{self, Step, Wish};
+use crate::rt::{self, Wish};
 use crate::telemetry::{self, Recorder};
 use motord_bus::socketcan::LockError;
 use motord_bus::{Duration, clock};
@@ -161,8 +165,11 @@ impl Daemon {
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
         let plans = BusPlan::of(&settings);
+        let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
+        link.beats(heartbeat);
         let cycle = Cycle::new(&settings, &plans, buses.buses, Monotonic, link, boot_id);
-        let cycle = start_cycle(&settings, &orders, cycle, buses.locks)?;
+        let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
+        start_registrar(&settings, lock.instance(), &orders, pulse)?;
         Ok(Self { orders, cycle, exchange, telemetry })
     }
 
@@ -224,7 +231,7 @@ fn start_exchange(
             Err(error) => return report(&opened, Err(error)),
         };
         let wish = Wish { cpu: exchange.cpu, priority: exchange.priority };
-        rt::prepare_thread(wish).iter().for_each(|step| tell_step("exchange", step));
+        rt::prepare_thread(wish).iter().for_each(|step| step.tell("exchange"));
         report(&opened, Ok(()));
         Exchange::new(ports, end, questions, roster, &exchange, period).run(|| orders.are(Orders::END));
     })?;
@@ -265,6 +272,7 @@ fn start_cycle(
     settings: &Settings,
     orders: &Arc<Orders>,
     mut cycle: Cycle<Monotonic>,
+    heartbeat: Heartbeat,
     locks: Vec<motord_bus::socketcan::InterfaceLock>,
 ) -> Result<JoinHandle<()>, RunError> {
     let orders = Arc::clone(orders);
@@ -278,7 +286,7 @@ fn start_cycle(
         steps.push(rt::tighten_timers());
         steps.push(rt::lock_memory());
         let refused = steps.iter().find_map(|step| step.outcome.err().map(|errno| (*step, errno)));
-        steps.iter().for_each(|step| tell_step("cycle", step));
+        steps.iter().for_each(|step| step.tell("cycle"));
         if let Some((step, errno)) = refused.filter(|_| required) {
             return report(
                 &prepared,
@@ -289,9 +297,32 @@ fn start_cycle(
         report(&prepared, Ok(()));
         drop(prepared);
         run_cycles(&mut cycle, &orders, period);
+        // Without it the dead man's switch acts: on motors that would not come to rest it should.
+        if cycle.is_still() {
+            heartbeat.rest();
+        }
     })?;
     await_report(&ready, "cycle")??;
     Ok(thread)
+}
+
+/// Nobody waits for this thread: it may wait for the switch, and ends with the process.
+fn start_registrar(
+    settings: &Settings,
+    instance: &Instance,
+    orders: &Arc<Orders>,
+    pulse: Pulse,
+) -> Result<(), RunError> {
+    let will = Will::of(settings);
+    if will.buses.is_empty() {
+        tracing::info!("no dead man's switch: it serves CAN interfaces, and there is none");
+        return Ok(());
+    }
+    let mut registrar = Registrar::new(instance.clone(), will, pulse);
+    let orders = Arc::clone(orders);
+    let run = move || registrar.run(|| orders.are(Orders::END));
+    let _detached = Builder::new().name("motord-registrar".into()).spawn(run)?;
+    Ok(())
 }
 
 /// The real-time loop. Ends when it was told to stop and every motor has been stopped for [`LAST_CYCLES`].
@@ -321,16 +352,6 @@ fn report<T>(sender: &Sender<T>, outcome: T) {
 
 fn await_report<T>(receiver: &Receiver<T>, thread: &'static str) -> Result<T, RunError> {
     receiver.recv().map_err(|_| RunError::Thread(thread))
-}
-
-fn tell_step(thread: &str, step: &Step) {
-    let Step { what, outcome, without, remedy } = *step;
-    match outcome {
-        Ok(()) => tracing::info!(thread, "{what}: yes"),
-        Err(errno) => {
-            tracing::warn!(thread, "{what}: no ({}). Without it {without}. {remedy}.", errno.desc());
-        }
-    }
 }
 
 /// Differs from that of every daemon before: the standard library's seed for hash maps is random.

@@ -1,0 +1,212 @@
+//! Between a daemon and its dead man's switch: a socket that carries messages, and one file with the first.
+//!
+//! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, are heard: whoever registers
+//! decides which frames are sent.
+
+use crate::heartbeat::Pulse;
+use crate::kernel::adopt;
+use motord_shared::instance::Instance;
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::fcntl::{Flock, FlockArg};
+use nix::sys::socket::{
+    AddressFamily, Backlog, ControlMessage, ControlMessageOwned, MsgFlags, SockFlag, SockType, UnixAddr,
+    accept4, bind, connect, getsockopt, listen, recv, recvmsg, sendmsg, setsockopt, socket, sockopt,
+};
+use nix::sys::time::TimeVal;
+use nix::unistd::geteuid;
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, IoSlice, IoSliceMut};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd, RawFd};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::PathBuf;
+
+use super::will::{Will, WillError};
+
+/// Most bytes of a message: a will of 64 motors has about 6 000.
+const MESSAGE_BYTES_MAX: usize = 32 * 1024;
+/// How long a client waits for the switch, s: it opens an interface in milliseconds.
+const PATIENCE_S: i64 = 2;
+
+/// What a client wants.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Request {
+    /// Carry this out when I die. Comes with the file of the heartbeat.
+    Register(Will),
+    /// Are you carrying out a will?
+    AskWhetherActing,
+}
+
+/// What the switch answers.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Answer {
+    /// The will is accepted and can be carried out.
+    Registered,
+    /// It is not.
+    Refused(Refusal),
+    /// It is carrying out a will, or not.
+    Acting(bool),
+}
+
+/// Why a registration is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
+pub enum Refusal {
+    /// It works for another process that lives.
+    #[error("it works for process {pid}, which lives")]
+    Busy {
+        /// That process.
+        pid: i32,
+    },
+    /// There is no heartbeat, or it is at rest: nobody cycles any motor.
+    #[error("the heartbeat is missing or at rest")]
+    NoHeartbeat,
+    /// The will cannot be carried out.
+    #[error("{0}")]
+    Will(WillError),
+}
+
+/// One end of a connection.
+#[derive(Debug)]
+pub struct Channel(OwnedFd);
+
+impl Channel {
+    /// Connects to the switch of an instance.
+    ///
+    /// # Errors
+    ///
+    /// `NotFound` or `ConnectionRefused` when there is none.
+    pub fn connect(instance: &Instance) -> io::Result<Self> {
+        let socket = open(SockFlag::empty())?;
+        let patience = TimeVal::new(PATIENCE_S, 0);
+        setsockopt(&socket, sockopt::SendTimeout, &patience)?;
+        setsockopt(&socket, sockopt::ReceiveTimeout, &patience)?;
+        connect(socket.as_raw_fd(), &address(instance)?)?;
+        Ok(Self(socket))
+    }
+
+    /// Sends `message`, and the file behind `pulse` with it.
+    ///
+    /// # Errors
+    ///
+    /// `BrokenPipe` when the other end is gone, `WouldBlock` when it does not read.
+    pub fn send(&self, message: &impl Serialize, pulse: Option<&Pulse>) -> io::Result<()> {
+        let text = serde_json::to_vec(message)?;
+        let files: Vec<RawFd> = pulse.iter().map(|pulse| pulse.as_fd().as_raw_fd()).collect();
+        let control = [ControlMessage::ScmRights(&files)];
+        let control = if files.is_empty() { &[][..] } else { &control };
+        let flags = MsgFlags::MSG_NOSIGNAL;
+        sendmsg::<()>(self.0.as_raw_fd(), &[IoSlice::new(&text)], control, flags, None)?;
+        Ok(())
+    }
+
+    /// The next message, and the first file that came with it.
+    ///
+    /// # Errors
+    ///
+    /// `UnexpectedEof` when the other end is gone, `InvalidData` when it sends something else, `WouldBlock` when nothing
+    /// has come.
+    pub fn receive<T: DeserializeOwned>(&self) -> io::Result<(T, Option<Pulse>)> {
+        let mut text = vec![0; MESSAGE_BYTES_MAX];
+        let mut control = cmsg_space!([RawFd; 1]);
+        let (bytes, whole, files) = {
+            let mut room = [IoSliceMut::new(&mut text)];
+            let flags = MsgFlags::MSG_CMSG_CLOEXEC;
+            let message = recvmsg::<()>(self.0.as_raw_fd(), &mut room, Some(&mut control), flags)?;
+            let files: Vec<OwnedFd> = message.cmsgs()?.flat_map(files_in).collect();
+            (message.bytes, !message.flags.contains(MsgFlags::MSG_TRUNC), files)
+        };
+        if bytes == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        if !whole {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
+        Ok((serde_json::from_slice(&text[..bytes])?, files.into_iter().next().map(Pulse::from)))
+    }
+
+    /// Whether the other end is gone, or says what it should not. Neither allocates nor blocks; one system call.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        recv(self.0.as_raw_fd(), &mut [0], MsgFlags::MSG_DONTWAIT) != Err(Errno::EAGAIN)
+    }
+
+    /// The process at the other end; `None` when it belongs to another user.
+    #[must_use]
+    pub fn peer(&self) -> Option<i32> {
+        let peer = getsockopt(&self.0, sockopt::PeerCredentials).ok()?;
+        (peer.uid() == 0 || peer.uid() == geteuid().as_raw()).then(|| peer.pid())
+    }
+}
+
+impl AsRawFd for Channel {
+    fn as_raw_fd(&self) -> RawFd {
+        self.0.as_raw_fd()
+    }
+}
+
+fn files_in(message: ControlMessageOwned) -> Vec<OwnedFd> {
+    match message {
+        ControlMessageOwned::ScmRights(files) => files.into_iter().map(adopt).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// Where the switch of an instance is called.
+#[derive(Debug)]
+pub struct Listener {
+    socket: OwnedFd,
+    _lock: Flock<File>,
+}
+
+impl Listener {
+    /// Becomes the one switch of an instance, until it is dropped or the process dies.
+    ///
+    /// # Errors
+    ///
+    /// `ResourceBusy` when another process is; others when the runtime directory does not exist or is not ours.
+    pub fn bind(instance: &Instance) -> io::Result<Self> {
+        let path = instance.runtime().join(format!("{}.deadman.lock", instance.name()));
+        let mut options = OpenOptions::new();
+        options.write(true).create(true).truncate(false).mode(0o600).custom_flags(libc::O_NOFOLLOW);
+        let lock = Flock::lock(options.open(path)?, FlockArg::LockExclusiveNonblock)
+            .map_err(|_| io::Error::from(io::ErrorKind::ResourceBusy))?;
+        // What a dead switch left behind. The lock says that it is dead.
+        match fs::remove_file(path_of(instance)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            Ok(()) | Err(_) => {}
+        }
+        let socket = open(SockFlag::SOCK_NONBLOCK)?;
+        bind(socket.as_raw_fd(), &address(instance)?)?;
+        listen(&socket, Backlog::new(8)?)?;
+        Ok(Self { socket, _lock: lock })
+    }
+
+    /// The next one who calls.
+    ///
+    /// # Errors
+    ///
+    /// `WouldBlock` when nobody does, others when there are no descriptors left.
+    pub fn accept(&self) -> io::Result<Channel> {
+        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+        Ok(Channel(adopt(accept4(self.socket.as_raw_fd(), flags)?)))
+    }
+}
+
+impl AsRawFd for Listener {
+    fn as_raw_fd(&self) -> RawFd {
+        self.socket.as_raw_fd()
+    }
+}
+
+fn open(flags: SockFlag) -> nix::Result<OwnedFd> {
+    socket(AddressFamily::Unix, SockType::SeqPacket, SockFlag::SOCK_CLOEXEC | flags, None)
+}
+
+fn address(instance: &Instance) -> nix::Result<UnixAddr> {
+    UnixAddr::new(&path_of(instance))
+}
+
+fn path_of(instance: &Instance) -> PathBuf {
+    instance.runtime().join(format!("{}.deadman", instance.name()))
+}

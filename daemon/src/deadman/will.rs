@@ -1,0 +1,156 @@
+//! A last will: the frames that damp and stop every motor, made beforehand by whoever knows how.
+
+use crate::config::settings::{BusKind, MotorProtocol, MotorSettings, Settings};
+use crate::control::Command;
+use crate::drive::Drive;
+use crate::joint::Impedance;
+use motord_bus::socketcan::{InterfaceName, SocketCanBus};
+use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant};
+use motord_shared::SetpointMode;
+use serde::{Deserialize, Serialize};
+
+use super::switch::Order;
+
+/// What to tell the motors of a daemon that cannot any more, and when.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Will {
+    /// A heartbeat that stands still for this long is dead.
+    pub patience: Duration,
+    /// Motors are damped for this long, then stopped.
+    pub damp: Duration,
+    /// CAN interfaces, and the frames for each.
+    pub buses: Vec<BusWill>,
+}
+
+/// The frames for one CAN interface.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BusWill {
+    /// The interface.
+    pub interface: String,
+    /// One frame per motor that damps it.
+    pub damp: Vec<WrittenFrame>,
+    /// One frame per motor that stops it.
+    pub stop: Vec<WrittenFrame>,
+}
+
+/// A frame on its way between processes: arbitration id and payload.
+pub type WrittenFrame = (u16, [u8; 8]);
+
+/// Why a will cannot be carried out.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
+pub enum WillError {
+    /// An interface cannot be opened.
+    #[error("{reason}")]
+    Interface {
+        /// The error of the interface, as text: it comes from another process.
+        reason: String,
+    },
+    /// An arbitration id has more than 11 bits.
+    #[error("{id:#x} is no arbitration id: it has more than 11 bits")]
+    Id {
+        /// What was given.
+        id: u16,
+    },
+    /// More frames for an interface than fit into one call.
+    #[error("{count} motors on {interface}: at most {} fit", Inbox::CAPACITY)]
+    Count {
+        /// The interface.
+        interface: String,
+        /// How many there are.
+        count: usize,
+    },
+}
+
+impl Will {
+    /// The will of a daemon with these settings. Simulated buses are inside the daemon and die with it; serial ones are not
+    /// cycled. Neither takes part.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let bus = |(index, bus): (usize, &_)| BusWill::of(settings, index, bus);
+        Self {
+            patience: settings.safety.deadman,
+            damp: settings.safety.damp,
+            buses: settings.buses.iter().map(|bus| &bus.kind).enumerate().filter_map(bus).collect(),
+        }
+    }
+}
+
+impl BusWill {
+    fn of(settings: &Settings, index: usize, kind: &BusKind) -> Option<Self> {
+        let BusKind::SocketCan { interface, .. } = kind else { return None };
+        let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+        let (damp, stop) = motors.filter_map(last_frames).unzip();
+        Some(Self { interface: interface.clone(), damp, stop })
+    }
+}
+
+/// The frames that damp and stop a motor. In native mode damping is made of the last state, which nobody knows then:
+/// such a motor is stopped at once.
+fn last_frames(motor: &MotorSettings) -> Option<(WrittenFrame, WrittenFrame)> {
+    let make = |command| {
+        let frame = Drive::new(motor, Duration::ZERO, false).ask(&command, Instant::ZERO)?;
+        Some((frame.id().raw(), frame.payload().try_into().ok()?))
+    };
+    let stop = make(Command::Stop)?;
+    let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);
+    let damp = match motor.protocol {
+        MotorProtocol::Mit => make(Command::Control(damping, SetpointMode::Impedance))?,
+        MotorProtocol::Gim => stop,
+    };
+    Some((damp, stop))
+}
+
+/// Opens an interface by name, to send up to so many frames at a time.
+pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Bus>, WillError>;
+
+/// Opens an interface of this machine as it is.
+///
+/// # Errors
+///
+/// [`WillError::Interface`].
+pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Bus>, WillError> {
+    let failed = |reason: &dyn core::fmt::Display| WillError::Interface { reason: reason.to_string() };
+    let interface: InterfaceName = name.parse().map_err(|error| failed(&error))?;
+    let bus = SocketCanBus::open_to_send(interface, frames).map_err(|error| failed(&error))?;
+    Ok(Box::new(bus))
+}
+
+/// A [`BusWill`] that is ready to be carried out.
+pub struct Executor {
+    bus: Box<dyn Bus>,
+    damp: Vec<Frame>,
+    stop: Vec<Frame>,
+}
+
+impl Executor {
+    /// Opens the interface and checks the frames. Allocates; nothing after it does.
+    ///
+    /// # Errors
+    ///
+    /// Why the will cannot be carried out.
+    pub fn new(will: &BusWill, open: Open<'_>) -> Result<Self, WillError> {
+        let count = will.damp.len().max(will.stop.len());
+        if count > Inbox::CAPACITY {
+            return Err(WillError::Count { interface: will.interface.clone(), count });
+        }
+        let (damp, stop) = (frames(&will.damp)?, frames(&will.stop)?);
+        Ok(Self { bus: open(&will.interface, 2 * count as u32)?, damp, stop })
+    }
+
+    /// Sends the frame of every motor. What the bus refuses is lost: the next order repeats it. Real-time: does not
+    /// allocate or block; one system call.
+    pub fn carry_out(&mut self, order: Order, now: Instant) {
+        let frames = match order {
+            Order::Damp => &self.damp,
+            Order::Stop => &self.stop,
+        };
+        let _repeated = self.bus.send(now, frames);
+    }
+}
+
+fn frames(written: &[WrittenFrame]) -> Result<Vec<Frame>, WillError> {
+    let frame = |&(id, bytes): &WrittenFrame| {
+        FrameId::new(id).map(|id| Frame::full(id, bytes)).ok_or(WillError::Id { id })
+    };
+    written.iter().map(frame).collect()
+}

@@ -1,0 +1,367 @@
+//! The dead man's switch, between real processes. Its bus is a recorder: interfaces are for `rigs/test-deadman`.
+
+use motord::config;
+use motord::deadman::channel::{Answer, Channel, Listener, Refusal, Request};
+use motord::deadman::registrar::Registrar;
+use motord::deadman::server::Server;
+use motord::deadman::will::{BusWill, Will, WillError, WrittenFrame};
+use motord::heartbeat::{Heartbeat, Pulse};
+use motord::safe_stop::safe_stop;
+use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent, clock};
+use motord_shared::instance::Instance;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::thread::{JoinHandle, sleep, spawn};
+use std::time::Duration;
+use tempfile::TempDir;
+
+/// Longer than a shared machine stalls a process, so that only what a test does makes the switch act.
+const PATIENCE: Duration = Duration::from_millis(400);
+const DAMP: Duration = Duration::from_millis(200);
+const DAMPING: WrittenFrame = (1, *b"damping!");
+const STOPPING: WrittenFrame = (1, *b"stopping");
+/// Where a child that plays the daemon finds its runtime directory.
+const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
+
+fn will() -> Will {
+    let bus = BusWill { interface: "can0".into(), damp: vec![DAMPING], stop: vec![STOPPING] };
+    Will { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
+}
+
+/// Tells what was sent, and when.
+struct Recorder(Sender<(Instant, Frame)>);
+
+impl Bus for Recorder {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        frames.iter().for_each(|frame| self.0.send((now, *frame)).unwrap());
+        Sent::all(frames.len())
+    }
+
+    fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
+
+    fn readiness(&self) -> Readiness {
+        Readiness::Never
+    }
+}
+
+/// A switch in a thread of its own, for `instance`.
+struct Switch {
+    sent: Receiver<(Instant, Frame)>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Switch {
+    fn start(instance: &Instance) -> Self {
+        let (recorder, sent) = channel();
+        let recorder = Mutex::new(recorder);
+        let open = move |interface: &str, _frames: u32| -> Result<Box<dyn Bus>, WillError> {
+            match interface {
+                "can0" => Ok(Box::new(Recorder(recorder.lock().unwrap().clone()))),
+                _ => Err(WillError::Interface { reason: format!("{interface} is not there") }),
+            }
+        };
+        let mut server = Server::new(Listener::bind(instance).unwrap(), open);
+        let end = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&end);
+        let thread = spawn(move || {
+            while !ended.load(Ordering::Relaxed) {
+                server.turn(clock::monotonic() + Duration::from_millis(20));
+            }
+        });
+        Self { sent, end, thread: Some(thread) }
+    }
+
+    fn sends_nothing_for(&self, time: Duration) {
+        assert_eq!(self.sent.recv_timeout(time), Err(RecvTimeoutError::Timeout));
+    }
+
+    /// The whole will: damping for [`DAMP`], three stops, and no more. Returns when it began.
+    fn carries_the_will_out(&self) -> Instant {
+        let mut frames = Vec::new();
+        while let Ok(sent) = self.sent.recv_timeout(Duration::from_millis(1000)) {
+            frames.push(sent);
+        }
+        let (damped, stopped) = frames.split_at(frames.len() - 3);
+        let payloads = |frames: &[(Instant, Frame)], of: WrittenFrame| {
+            frames.iter().all(|(_, frame)| frame.id().raw() == of.0 && *frame.payload() == of.1)
+        };
+        assert!(!damped.is_empty() && payloads(damped, DAMPING) && payloads(stopped, STOPPING), "{frames:?}");
+        assert!(damped.len() <= 20, "100 Hz at most");
+        assert!(stopped[0].0.since(damped[0].0) >= DAMP);
+        damped[0].0
+    }
+}
+
+impl Drop for Switch {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        let _panicked = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+fn runtime() -> (TempDir, Instance) {
+    let directory = TempDir::new().unwrap();
+    let instance = Instance::below(directory.path(), "test").unwrap();
+    (directory, instance)
+}
+
+/// Registers as this process.
+fn register(instance: &Instance, will: Will, pulse: &Pulse) -> (Channel, Answer) {
+    let switch = Channel::connect(instance).unwrap();
+    switch.send(&Request::Register(will), Some(pulse)).unwrap();
+    let (answer, _) = switch.receive().unwrap();
+    (switch, answer)
+}
+
+/// A living daemon, as a process that can be killed.
+struct Daemon(Child);
+
+impl Daemon {
+    fn start(runtime: &Path) -> Self {
+        let child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "plays_the_daemon", "--nocapture"])
+            .env(PLAY, runtime)
+            .stdout(Stdio::piped())
+            .spawn();
+        let mut daemon = Self(child.unwrap());
+        let lines = BufReader::new(daemon.0.stdout.take().unwrap()).lines();
+        assert!(lines.map_while(Result::ok).any(|line| line.contains("registered")));
+        daemon
+    }
+
+    fn signal(&self, signal: Signal) -> Instant {
+        let now = clock::monotonic();
+        kill(Pid::from_raw(self.0.id() as i32), signal).unwrap();
+        now
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _dead_already = self.0.kill();
+        let _reaped = self.0.wait();
+    }
+}
+
+/// No test by itself: what [`Daemon`] runs.
+#[test]
+fn plays_the_daemon() {
+    let Some(runtime) = std::env::var_os(PLAY) else { return };
+    let instance = Instance::below(&PathBuf::from(runtime), "test").unwrap();
+    let (heartbeat, pulse) = Heartbeat::create().unwrap();
+    heartbeat.beat(1);
+    let (_switch, answer) = register(&instance, will(), &pulse);
+    assert_eq!(answer, Answer::Registered);
+    println!("registered");
+    (2..).for_each(|cycle| {
+        heartbeat.beat(cycle);
+        sleep(Duration::from_millis(1));
+    });
+}
+
+#[test]
+fn a_killed_daemon_leaves_every_motor_damped_and_then_stopped() {
+    let (directory, instance) = runtime();
+    let switch = Switch::start(&instance);
+    let daemon = Daemon::start(directory.path());
+    switch.sends_nothing_for(2 * PATIENCE);
+    let killed = daemon.signal(Signal::SIGKILL);
+    let latency = switch.carries_the_will_out().since(killed);
+    println!("from SIGKILL to the first damping frame: {latency:?}");
+    assert!(latency < PATIENCE, "the closed connection tells, not the heartbeat: {latency:?}");
+}
+
+#[test]
+fn a_daemon_that_stands_still_is_damped_until_it_goes_on() {
+    let (directory, instance) = runtime();
+    let switch = Switch::start(&instance);
+    let daemon = Daemon::start(directory.path());
+    let stopped = daemon.signal(Signal::SIGSTOP);
+    let (first, frame) = switch.sent.recv().unwrap();
+    assert_eq!(*frame.payload(), DAMPING.1);
+    assert!(first.since(stopped) >= PATIENCE - Duration::from_millis(100));
+    daemon.signal(Signal::SIGCONT);
+    sleep(Duration::from_millis(100));
+    while switch.sent.try_recv().is_ok() {}
+    switch.sends_nothing_for(2 * PATIENCE);
+}
+
+#[test]
+fn a_daemon_that_left_a_stopped_robot_is_not_followed_by_a_frame() {
+    let (_directory, instance) = runtime();
+    let switch = Switch::start(&instance);
+    let (heartbeat, pulse) = Heartbeat::create().unwrap();
+    heartbeat.beat(1);
+    let (connection, _) = register(&instance, will(), &pulse);
+    heartbeat.rest();
+    drop((connection, pulse));
+    switch.sends_nothing_for(2 * PATIENCE);
+}
+
+#[test]
+fn a_second_daemon_is_refused_while_the_first_lives_and_watched_after_its_death() {
+    let (directory, instance) = runtime();
+    let switch = Switch::start(&instance);
+    let first = Daemon::start(directory.path());
+    let (_heartbeat, pulse) = beating();
+    let busy = Answer::Refused(Refusal::Busy { pid: first.0.id() as i32 });
+    assert_eq!(register(&instance, will(), &pulse).1, busy);
+    first.signal(Signal::SIGKILL);
+    assert_eq!(switch.sent.recv().map(|(_, frame)| frame.payload() == DAMPING.1), Ok(true));
+
+    let unfit =
+        Will { buses: vec![BusWill { interface: "can9".into(), damp: vec![], stop: vec![] }], ..will() };
+    assert!(matches!(register(&instance, unfit, &pulse).1, Answer::Refused(Refusal::Will(_))));
+    assert!(switch.sent.recv().is_ok(), "a registration that failed does not end the will of the dead");
+
+    let second = Daemon::start(directory.path());
+    while switch.sent.try_recv().is_ok() {}
+    switch.sends_nothing_for(PATIENCE);
+    second.signal(Signal::SIGKILL);
+    switch.carries_the_will_out();
+}
+
+fn beating() -> (Heartbeat, Pulse) {
+    let (heartbeat, pulse) = Heartbeat::create().unwrap();
+    heartbeat.beat(1);
+    (heartbeat, pulse)
+}
+
+#[test]
+fn a_registration_needs_a_heartbeat_that_has_begun() {
+    let (_directory, instance) = runtime();
+    let _switch = Switch::start(&instance);
+    let (_heartbeat, at_rest) = Heartbeat::create().unwrap();
+    assert_eq!(register(&instance, will(), &at_rest).1, Answer::Refused(Refusal::NoHeartbeat));
+    let channel = Channel::connect(&instance).unwrap();
+    channel.send(&Request::Register(will()), None).unwrap();
+    assert_eq!(channel.receive::<Answer>().unwrap().0, Answer::Refused(Refusal::NoHeartbeat));
+}
+
+#[test]
+fn nonsense_and_silence_do_not_keep_others_out() {
+    let (directory, instance) = runtime();
+    let switch = Switch::start(&instance);
+    let _silent = Channel::connect(&instance).unwrap();
+    let nonsense = Channel::connect(&instance).unwrap();
+    nonsense.send(&vec![0; 1000], None).unwrap();
+    assert!(nonsense.receive::<Answer>().is_err(), "hung up on");
+    let too_wide = Will {
+        buses: vec![BusWill { interface: "can0".into(), damp: vec![(0x800, [0; 8])], stop: vec![] }],
+        ..will()
+    };
+    let (_heartbeat, pulse) = beating();
+    let refused = Answer::Refused(Refusal::Will(WillError::Id { id: 0x800 }));
+    assert_eq!(register(&instance, too_wide, &pulse).1, refused);
+    let daemon = Daemon::start(directory.path());
+    daemon.signal(Signal::SIGKILL);
+    switch.carries_the_will_out();
+}
+
+#[test]
+fn a_daemon_finds_a_switch_that_starts_after_it() {
+    let (_directory, instance) = runtime();
+    let (heartbeat, pulse) = beating();
+    let end = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&end);
+    let mut registrar = Registrar::new(instance.clone(), will(), pulse);
+    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
+    let switch = Switch::start(&instance);
+    assert!(switch.sent.recv_timeout(Duration::from_secs(10)).is_ok(), "this heartbeat stands still");
+    heartbeat.rest();
+    end.store(true, Ordering::Relaxed);
+    registrar.join().unwrap();
+}
+
+/// A file with a motor of each protocol on `interface`.
+fn configuration(directory: &Path, bus: &str) -> PathBuf {
+    let path = directory.join("test.toml");
+    let text = format!(
+        "[daemon]\ninstance = 'test'\n[safety]\ndamp-seconds = 0.2\n[[bus]]\nname = 'front'\n{bus}\n\
+         [[motor]]\nname = 'hip'\nbus = 'front'\nid = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'\ndamping-kd = 2.0\n\
+         [[motor]]\nname = 'jaw'\nbus = 'front'\nid = 2\nprotocol = 'gim'\nmodel = 'GIM3505-8'\n"
+    );
+    fs::write(&path, text).unwrap();
+    path
+}
+
+const CAN: &str = "type = 'socketcan'\ninterface = 'nocan0'";
+const SIMULATED: &str = "type = 'simulated'";
+
+/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in the middle or at the
+/// given fraction of its code. Stop is its special frame. The native stop has a tail that is neutral in MIT.
+#[test]
+fn the_will_of_a_configuration_is_what_the_documents_call_damping_and_stop() {
+    let directory = TempDir::new().unwrap();
+    let settings = config::load(&configuration(directory.path(), CAN)).unwrap().settings;
+    let will = Will::of(&settings);
+    let native_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
+    let expected = BusWill {
+        interface: "nocan0".into(),
+        damp: vec![(1, [0x80, 0x00, 0x80, 0x00, 0x00, 0x66, 0x68, 0x00]), native_stop],
+        stop: vec![(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]), native_stop],
+    };
+    assert_eq!((will.damp, will.buses), (Duration::from_millis(200), vec![expected]));
+}
+
+#[test]
+fn a_safe_stop_damps_and_stops_once() {
+    let directory = TempDir::new().unwrap();
+    let (recorder, sent) = channel();
+    let path = configuration(directory.path(), CAN);
+    safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder(recorder.clone())))).unwrap();
+    let sent: Vec<u8> = sent.try_iter().map(|(_, frame)| frame.payload()[7]).collect();
+    // The last bytes of damping and stop of the one motor, and of stop of the other.
+    let (damped, stopped) = sent.split_at(sent.len() - 6);
+    assert!(damped.len() >= 2 && damped.iter().all(|byte| *byte == 0x00), "{sent:x?}");
+    assert_eq!(stopped, [0xFD, 0x00, 0xFD, 0x00, 0xFD, 0x00]);
+}
+
+fn motord(runtime: &Path, arguments: &[&str], config: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+    command.args(arguments).arg("--config").arg(config).env("MOTORD_RUNTIME_DIR", runtime);
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn a_safe_stop_tells_which_interface_it_could_not_serve() {
+    let directory = TempDir::new().unwrap();
+    let output =
+        motord(directory.path(), &["safe-stop"], &configuration(directory.path(), CAN)).output().unwrap();
+    assert_eq!(output.status.code(), Some(69), "{}", text(&output));
+    assert!(text(&output).contains("nocan0"), "{}", text(&output));
+    let simulated = configuration(directory.path(), SIMULATED);
+    let output = motord(directory.path(), &["safe-stop"], &simulated).output().unwrap();
+    assert!(output.status.success(), "simulated motors died with their daemon: {}", text(&output));
+}
+
+#[test]
+fn an_instance_has_one_switch_which_ends_when_it_is_told() {
+    let directory = TempDir::new().unwrap();
+    let config = configuration(directory.path(), SIMULATED);
+    let mut first = motord(directory.path(), &["deadman"], &config).spawn().unwrap();
+    let mut log = BufReader::new(first.stderr.take().unwrap()).lines().map_while(Result::ok);
+    assert!(log.any(|line| line.contains("ready")));
+    let second = motord(directory.path(), &["deadman"], &config).output().unwrap();
+    assert_eq!(second.status.code(), Some(75), "{}", text(&second));
+    kill(Pid::from_raw(first.id() as i32), Signal::SIGTERM).unwrap();
+    assert!(first.wait().unwrap().success());
+    let mut next = motord(directory.path(), &["deadman"], &config).spawn().unwrap();
+    let mut log = BufReader::new(next.stderr.take().unwrap()).lines().map_while(Result::ok);
+    assert!(log.any(|line| line.contains("ready")), "the socket of the one before is no obstacle");
+    kill(Pid::from_raw(next.id() as i32), Signal::SIGTERM).unwrap();
+    assert!(next.wait().unwrap().success());
+}
