@@ -190,3 +190,25 @@ fn an_emergency_stop_acts_in_the_cycle_that_hears_it_and_stays_latched() {
     robot.operate(Operation::Reset).unwrap();
     robot.activate();
 }
+
+#[test]
+fn states_that_come_late_after_a_stall_are_never_taken_for_faults() {
+    for delay in 2..=9 {
+        let mut robot = Robot::new(robot::three_motors(), delay);
+        let joints = robot.activate();
+        robot.disturb(&format!("thigh delayed {delay}ms"));
+        for _ in 0..20 {
+            robot.follow(&joints);
+        }
+        robot.disturb("thigh ok");
+        for _ in 0..300 {
+            robot.follow(&joints);
+            assert_eq!(robot.joint(1).fault, 0, "delayed by {delay} ms");
+            let cause = robot.cause();
+            assert!(
+                !matches!(cause, Some(Cause::MotorFault | Cause::DuplicateId)),
+                "{cause:?}, delayed by {delay} ms"
+            );
+        }
+    }
+}

@@ -23,6 +23,8 @@ use motord_shared::{Applied, JointState, MotorMode, message};
 const NEUTRAL_CYCLES: u32 = 10;
 /// A motor that is offline is asked this often whether it is back.
 const PROBE_PERIOD: Duration = Duration::from_millis(100);
+/// One of so many such questions is for its faults: in fault it may answer nothing else.
+const PROBES_PER_FAULT: u32 = 5;
 /// A motor that has been silent for this many cycles is asked for its faults instead.
 const SILENT_CYCLES: u32 = 5;
 
@@ -62,7 +64,7 @@ pub(super) struct Motor {
     late: u32,
     reply_latency_ns: u32,
     probe_at: Instant,
-    probe_fault: bool,
+    probes: u32,
     last_missed: u64,
     poll_at: Instant,
     plausibility: Plausibility,
@@ -89,7 +91,7 @@ impl Motor {
             late: 0,
             reply_latency_ns: 0,
             probe_at: Instant::ZERO,
-            probe_fault: false,
+            probes: 0,
             last_missed: 0,
             poll_at: Instant::ZERO,
             plausibility: Plausibility::default(),
@@ -173,14 +175,14 @@ impl Motor {
             return Command::Nothing;
         }
         self.probe_at = now + PROBE_PERIOD;
-        self.probe_fault = !self.probe_fault;
-        if self.probe_fault { Command::Stop } else { Command::GetFault }
+        self.probes = (self.probes + 1) % PROBES_PER_FAULT;
+        if self.probes == 0 { Command::GetFault } else { Command::Stop }
     }
 
     /// A faulted motor stopped by itself, and may refuse to answer anything but a question for its fault.
     const fn fault_command(&mut self) -> Command {
-        self.probe_fault = !self.probe_fault;
-        if self.probe_fault { Command::GetFault } else { Command::Stop }
+        self.probes = (self.probes + 1) % 2;
+        if self.probes == 0 { Command::GetFault } else { Command::Stop }
     }
 
     fn start_command(&mut self) -> Command {

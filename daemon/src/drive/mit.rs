@@ -4,9 +4,9 @@ use super::Answer;
 use crate::config::settings::{BeyondRange, MotorSettings};
 use crate::control::{Command, Heard};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
-use motord_bus::Duration;
+use motord_bus::{Duration, Instant};
 use motord_protocol::TorqueScale;
-use motord_protocol::mit::{self, Asked, ControlCodes, Reply};
+use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
 
 /// What the position code wraps by, rad: 65536 codes of 25/65535 rad.
 const TURN: f32 = 25.0 * 65536.0 / 65535.0;
@@ -19,7 +19,15 @@ pub(super) struct Mit {
     asked: Asked,
     feedback: Option<Feedback>,
     unwrap: Option<Unwrap>,
+    /// The state told last, and when.
+    last: Option<(State, Instant)>,
 }
+
+/// Faster than any of these motors turns, rad/s.
+const VELOCITY_TOP: f32 = 65.0;
+/// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
+const POSITION_MARGIN: f32 = 0.05;
+const VELOCITY_MARGIN: f32 = 15.0;
 
 /// Follows a position whose code wraps.
 #[derive(Debug, Default)]
@@ -60,6 +68,7 @@ impl Mit {
             asked: Asked::State,
             feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scale)),
             unwrap: (settings.beyond_range == BeyondRange::Wrap).then(Unwrap::default),
+            last: None,
         }
     }
 
@@ -109,7 +118,19 @@ impl Mit {
         Some(codes.pack())
     }
 
-    pub(super) fn decode(&mut self, payload: &[u8], latency: Duration) -> Answer {
+    /// `payload`, read as a state, goes on from the state told last.
+    pub(super) fn continues(&self, payload: &[u8], at: Instant) -> bool {
+        let (Some((last, then)), Ok(Reply::State(state))) =
+            (self.last, mit::decode_reply(payload, Asked::State, &self.scale))
+        else {
+            return false;
+        };
+        let reach = VELOCITY_TOP * at.since(then).as_secs_f32() + POSITION_MARGIN;
+        (state.position - last.position).abs() < reach
+            && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
+    }
+
+    pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
         let reply = match mit::decode_reply(payload, self.asked, &self.scale) {
             Ok(reply) if reply.id() == self.id => reply,
             Ok(_) => return Answer::Stranger,
@@ -117,6 +138,7 @@ impl Mit {
         };
         Answer::Heard(match reply {
             Reply::State(state) => {
+                self.last = Some((state, at));
                 let position =
                     self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
                 let motor = Measured::new(position, state.velocity, state.torque, None);

@@ -3,7 +3,9 @@
 //! A reply in MIT does not say what it answers, and a late one looks like a timely one, so a drive keeps at most one
 //! request open and judges by time: what arrives before its question was sent, or sooner than the wire could carry
 //! both, answers an earlier one. After a question for the fault that was not answered in its cycle, the next answer is
-//! dropped whatever it is: its bytes could be fault bits that look like a position (protocol note M2).
+//! dropped whatever it is: its bytes could be fault bits that look like a position (protocol note M2). The other way
+//! round, shortly after unanswered requests, an answer to a question for the fault that continues the last state is taken
+//! for one of theirs.
 //!
 //! Nothing here allocates, blocks or loops.
 
@@ -42,10 +44,14 @@ pub struct Drive {
     dialect: Dialect,
     fastest_answer: Duration,
     open: Option<Open>,
-    /// The request before this one was never answered.
-    owes: bool,
+    /// Requests that were not answered in their cycle, as long as their answers may still come.
+    owed: u32,
+    owed_since: Instant,
     drop_next: bool,
 }
+
+/// An answer that is later than this never comes.
+const LATEST_ANSWER: Duration = Duration::from_millis(50);
 
 #[derive(Debug)]
 enum Dialect {
@@ -63,7 +69,15 @@ impl Drive {
             MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
             MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.torque_scale, transmission)),
         };
-        Self { command_id, dialect, fastest_answer, open: None, owes: false, drop_next: false }
+        Self {
+            command_id,
+            dialect,
+            fastest_answer,
+            open: None,
+            owed: 0,
+            owed_since: Instant::ZERO,
+            drop_next: false,
+        }
     }
 
     /// The frame for `command`, sent at `now`; `None` for [`Command::Nothing`]. Opens a request.
@@ -72,7 +86,12 @@ impl Drive {
             Dialect::Mit(mit) => mit.encode(command),
             Dialect::Gim(gim) => gim.encode(command),
         }?;
-        self.owes = self.open.is_some();
+        if self.open.is_some() {
+            self.owed = self.owed.saturating_add(1);
+            self.owed_since = now;
+        } else if now.since(self.owed_since) > LATEST_ANSWER {
+            self.owed = 0;
+        }
         self.drop_next |= self.open.is_some_and(|open| open.asks_fault);
         self.open = Some(Open { at: now, asks_fault: *command == Command::GetFault });
         Some(Frame::full(self.command_id, bytes))
@@ -94,9 +113,12 @@ impl Drive {
         let Some(open) = self.open.filter(|open| at >= open.at + self.fastest_answer) else {
             return self.read_unasked();
         };
+        if open.asks_fault && self.owed > 0 && self.continues(payload, at) {
+            return self.read_unasked();
+        }
         let latency = at.since(open.at);
         let answer = match &mut self.dialect {
-            Dialect::Mit(mit) => mit.decode(payload, latency),
+            Dialect::Mit(mit) => mit.decode(payload, at, latency),
             Dialect::Gim(gim) => gim.decode(payload, latency),
         };
         if matches!(answer, Answer::Heard(_)) {
@@ -108,9 +130,23 @@ impl Drive {
         answer
     }
 
-    /// It answers the request before, if that was not answered yet; else something answers twice.
+    /// It answers an earlier request, if one was not answered yet; else something answers twice.
     fn read_unasked(&mut self) -> Answer {
         self.drop_next = false;
-        if core::mem::take(&mut self.owes) { Answer::Heard(Heard::Late) } else { Answer::Duplicate }
+        match self.owed.checked_sub(1) {
+            Some(owed) => {
+                self.owed = owed;
+                Answer::Heard(Heard::Late)
+            }
+            None => Answer::Duplicate,
+        }
+    }
+
+    /// Natively an answer names its question.
+    fn continues(&self, payload: &[u8], at: Instant) -> bool {
+        match &self.dialect {
+            Dialect::Mit(mit) => mit.continues(payload, at),
+            Dialect::Gim(_) => false,
+        }
     }
 }
