@@ -2,7 +2,7 @@
 //!
 //! Nothing waits for it. What the cycle tells faster than it can be taken is dropped and counted.
 
-use crate::config::settings::Settings;
+use crate::config::{self, settings::Settings};
 use crate::control::Event;
 use crate::cycle::{Counters, Record};
 use hdrhistogram::Histogram;
@@ -11,6 +11,7 @@ use motord_shared::BusCondition;
 use motord_shared::ports::Housekeeper;
 use motord_shared::roster::{Percentiles, Telemetry};
 use rtrb::Consumer;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -73,6 +74,8 @@ pub struct Recorder {
     answers: Answers,
     names: Names,
     exchange: Option<Thread>,
+    config: Option<(PathBuf, u64)>,
+    config_changed: bool,
     broken: Option<Sender<usize>>,
     off: Vec<usize>,
     distributions: Distributions,
@@ -117,6 +120,8 @@ impl Recorder {
             distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
             names,
             exchange: None,
+            config: None,
+            config_changed: false,
             broken: None,
             off: Vec::new(),
             skipped: 0,
@@ -129,6 +134,11 @@ impl Recorder {
     /// The thread to wake when an answer is ready.
     pub fn wakes(&mut self, exchange: Thread) {
         self.exchange = Some(exchange);
+    }
+
+    /// The configuration's file and its hash, to be watched.
+    pub fn watches(&mut self, config: PathBuf, hash: u64) {
+        self.config = Some((config, hash));
     }
 
     /// Where to tell of buses that must be opened again.
@@ -152,6 +162,7 @@ impl Recorder {
                 let _removed = housekeeper.map(Housekeeper::clean);
                 self.tell_once_a_second();
                 self.report_off();
+                self.watch_config();
                 self.feed_watchdog();
             }
         }
@@ -171,6 +182,7 @@ impl Recorder {
     fn answer(&mut self, ticket: u32) {
         self.turn();
         let mut telemetry = self.distributions.telemetry();
+        telemetry.config_changed = self.config_changed;
         telemetry.dropped_records = self.cycle.counters.dropped.load(Ordering::Relaxed);
         let text = serde_json::to_string(&telemetry).expect("numbers and lists of them are JSON");
         let _gone = self.answers.answers.send((ticket, text));
@@ -259,6 +271,15 @@ impl Recorder {
                 "the exchange with clients failed: are its files damaged, or is the disk full?"
             );
         }
+    }
+
+    fn watch_config(&mut self) {
+        let Some((path, hash)) = &self.config else { return };
+        let changed = config::has_changed(path, *hash);
+        if changed && !self.config_changed {
+            tracing::warn!("{} was changed: it is read again when the daemon is restarted", path.display());
+        }
+        self.config_changed = changed;
     }
 
     /// A controller that left its bus comes back by itself where `restart-ms` is set; else it is set up again.

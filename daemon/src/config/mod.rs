@@ -76,6 +76,12 @@ pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
     parse(path, &bytes, &Machine::here())
 }
 
+/// Whether the file at `path` is no longer the one with this `hash`. A file that cannot be read is another one.
+#[must_use]
+pub fn has_changed(path: &Path, hash: u64) -> bool {
+    read(path).map_or(true, |bytes| fnv1a(&bytes) != hash)
+}
+
 /// Judges `bytes`, the content of `file`, against what `machine` allows. Opens nothing.
 ///
 /// # Errors
