@@ -1,0 +1,154 @@
+//! Goal: a controller or a daemon that is killed leaves a damped robot, and the others know at once what happened.
+//! Method: real processes with the shipped simulated quadruped. What the daemon published is judged, cycle by cycle, by
+//! its own times: how long something took on this machine is not.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord_client::{Cause, Client, Error, Phase, Setpoint, State};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Where the killed controller finds its daemon. It is this program, started again for one ignored test.
+const RUNTIME: &str = "MOTORD_TEST_RUNTIME";
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn config() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml")
+}
+
+/// A process that does not outlive its test.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _gone = self.0.kill();
+        let _status = self.0.wait();
+    }
+}
+
+fn daemon(runtime: &TempDir) -> Process {
+    let motord = Path::new(env!("CARGO_BIN_EXE_motorctl")).with_file_name("motord");
+    assert!(motord.is_file(), "{} is missing: run `cargo build --workspace` first", motord.display());
+    let mut command = Command::new(motord);
+    command.arg("run").arg("--config").arg(config()).env("MOTORD_RUNTIME_DIR", runtime.path());
+    Process(command.stderr(Stdio::null()).spawn().unwrap())
+}
+
+fn controller(runtime: &TempDir) -> Process {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--ignored", "--exact", "controller_process"]).env(RUNTIME, runtime.path());
+    Process(command.stdout(Stdio::null()).spawn().unwrap())
+}
+
+fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        if let Some(found) = attempt() {
+            return found;
+        }
+        assert!(Instant::now() < deadline, "{what} did not happen");
+    }
+}
+
+fn connect(runtime: &TempDir) -> Client {
+    let mut client = until("a connection", || Client::connect_in(runtime.path(), "demo").ok());
+    until("a standing robot", || {
+        let state = client.wait(Duration::from_secs(1)).ok()?;
+        state.joints().all(|joint| joint.fresh).then_some(())
+    });
+    client
+}
+
+fn group(state: &State) -> motord_client::Group {
+    state.group(0).unwrap()
+}
+
+/// Claims, enables and holds, until it is killed.
+#[test]
+#[ignore = "the process that other tests kill"]
+fn controller_process() {
+    let Some(runtime) = std::env::var_os(RUNTIME) else { return };
+    let mut client = Client::connect_in(Path::new(&runtime), "demo").unwrap();
+    let mut claim = client.claim("legs").unwrap();
+    let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
+    let hold: Vec<_> =
+        state.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 40.0, 1.0, 0.0)).collect();
+    claim.send(&hold).unwrap();
+    claim.enable().unwrap();
+    loop {
+        let _state = client.wait(Duration::from_secs(1)).unwrap();
+        claim.send(&hold).unwrap();
+    }
+}
+
+#[test]
+fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enables() {
+    let runtime = TempDir::new().unwrap();
+    let _daemon = daemon(&runtime);
+    let mut client = connect(&runtime);
+    let mut controller = controller(&runtime);
+    until("motion", || {
+        let state = client.wait(Duration::from_secs(1)).unwrap();
+        let stiff = state.joints().all(|joint| joint.applied.kp > 39.0);
+        (stiff && group(&state).phase == Some(Phase::Active)).then_some(())
+    });
+    controller.0.kill().unwrap();
+
+    let timeout = Duration::from_secs_f64(client.roster().setpoint_timeout);
+    let period = Duration::from_secs_f64(1.0 / client.roster().rate_hz);
+    let mut before = (0, Duration::ZERO);
+    let damped = until("damping", || {
+        let state = client.wait(Duration::from_secs(1)).unwrap();
+        let age = group(&state).setpoint_age;
+        if group(&state).phase == Some(Phase::Damping) {
+            return Some(state);
+        }
+        assert!(age.unwrap() <= timeout, "a setpoint that is {age:?} old was followed");
+        before = (state.cycle(), age.unwrap());
+        None
+    });
+    // The cycles that this watcher missed, and those that the machine did not run, are no delay of the daemon.
+    let unseen = u32::try_from(damped.cycle() - before.0).unwrap();
+    assert!(before.1 + unseen * period + 2 * period >= timeout, "it was damped too early");
+    assert!(
+        damped.joints().all(|joint| joint.applied.kp == 0.0 && joint.applied.kd > 0.0),
+        "every joint is damped"
+    );
+    assert_eq!(group(&damped).cause, Some(Cause::SetpointTimeout));
+
+    until("rest", || {
+        let state = client.wait(Duration::from_secs(1)).unwrap();
+        (group(&state).phase == Some(Phase::Disarmed)).then_some(())
+    });
+    let mut claim = client.claim("legs").unwrap();
+    let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
+    let hold: Vec<_> =
+        state.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 40.0, 1.0, 0.0)).collect();
+    claim.send(&hold).unwrap();
+    let refused = claim.enable().unwrap_err();
+    assert!(matches!(refused, Error::Refused { .. }), "{refused}");
+    claim.reset().unwrap();
+    claim.send(&hold).unwrap();
+    claim.enable().unwrap();
+}
+
+#[test]
+fn a_killed_daemon_is_an_error_at_once_and_its_successor_is_found_without_a_restart() {
+    let runtime = TempDir::new().unwrap();
+    let mut first = daemon(&runtime);
+    let mut client = connect(&runtime);
+    first.0.kill().unwrap();
+    first.0.wait().unwrap();
+    let error = until("an error", || client.wait(Duration::from_secs(5)).err());
+    assert!(matches!(error, Error::NotRunning { .. } | Error::Silent { .. }), "{error}");
+
+    let _second = daemon(&runtime);
+    let told = until("the restart", || match client.wait(Duration::from_secs(1)) {
+        Err(error @ Error::Restarted) => Some(error.to_string()),
+        Ok(_) | Err(_) => None,
+    });
+    assert!(!told.is_empty());
+    until("states of the successor", || client.wait(Duration::from_secs(1)).ok());
+}
