@@ -1,0 +1,86 @@
+//! The decisions of one cycle, for an active robot of 12 motors: take a setpoint, make the commands, take the answers,
+//! write the states. No buses, no threads.
+
+#[path = "../../daemon/tests/robot/mod.rs"]
+mod robot;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use motord::control::{Control, Heard, Tick};
+use motord::joint::Measured;
+use motord_bus::{Duration, Instant};
+use motord_protocol::FaultBits;
+use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
+use std::hint::black_box;
+
+/// Within the time a start may take.
+const START_CYCLES: u32 = 1000;
+
+/// Twelve motors that stand still, and an owner that holds them there.
+struct Robot {
+    control: Control,
+    message: SetpointMessage,
+    state: StateMessage,
+    cycle: u64,
+}
+
+impl Robot {
+    fn active() -> Self {
+        let control = Control::new(&robot::quadruped(), 7);
+        let message = SetpointMessage { joint_count: 12, ..Default::default() };
+        let mut robot = Self { control, message, state: StateMessage::default(), cycle: 0 };
+        robot.step();
+        robot.message.lease = robot.operate(Operation::Claim);
+        let hold = JointSetpoint { kp: 40.0, kd: 1.0, ..Default::default() };
+        robot.message.joints[..12].fill(hold);
+        (0..10).for_each(|_| robot.step());
+        robot.operate(Operation::Enable);
+        (0..START_CYCLES).for_each(|_| robot.step());
+        assert_eq!(robot.state.groups[0].phase, Phase::Active.code(), "{:?}", robot.state.groups[0]);
+        robot
+    }
+
+    /// Returns the lease of a claim.
+    fn operate(&mut self, operation: Operation) -> u64 {
+        let request =
+            AdminRequest { operation: operation.code(), lease: self.message.lease, ..Default::default() };
+        let now = self.now();
+        self.control.request(1, &request, now).map_or(0, |reply| {
+            assert_eq!(reply.refusal, 0, "{operation:?}");
+            reply.lease
+        })
+    }
+
+    fn now(&self) -> Instant {
+        Instant::from_nanos(1_000_000_000) + Duration::from_millis(self.cycle)
+    }
+
+    fn step(&mut self) {
+        self.cycle += 1;
+        let (cycle, now) = (self.cycle, self.now());
+        (self.message.sequence, self.message.time_ns) = (cycle, now.as_nanos());
+        self.control.offer(&self.message, now);
+        black_box(self.control.decide(Tick { cycle, scheduled: now, begun: now, skipped: 0 }));
+        let latency = Duration::from_micros(300);
+        for motor in 0..12 {
+            let still = Measured::new(0.0, 0.0, 0.0, None);
+            self.control.heard(motor, Heard::State(still, latency), now + latency);
+        }
+        self.control.end_cycle();
+        self.control.report(&mut self.state);
+        for bus in 0..4 {
+            if let Some(motor) = self.control.fault_poll(bus) {
+                self.control.heard(motor, Heard::Fault(FaultBits(0)), now + 2 * latency);
+            }
+        }
+        self.control.clear_events();
+    }
+}
+
+fn control(criterion: &mut Criterion) {
+    let mut robot = Robot::active();
+    criterion.bench_function("control/12 motors", |bencher| bencher.iter(|| robot.step()));
+    assert_eq!(robot.state.groups[0].phase, Phase::Active.code(), "{:?}", robot.state.groups[0]);
+}
+
+criterion_group!(benches, control);
+criterion_main!(benches);

@@ -1,0 +1,136 @@
+//! A whole cycle of an active robot, on virtual time: what a cycle costs the host, without the wait for the wire.
+//!
+//! The simulated motors take most of the time, and a robot has none. So the time spent inside the buses is measured and
+//! reported apart: `host` is everything else, `with simulator` is all of it. Each call into a bus costs one reading of
+//! the clock that `host` pays for, some 30 ns.
+
+#[path = "../../daemon/tests/robot/mod.rs"]
+mod robot;
+
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use motord::config::settings::Settings;
+use motord::cycle::{self, Cycle, Place};
+use motord::plan::BusPlan;
+use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
+use motord_shared::limits::BUSES_MAX;
+use motord_shared::{JointSetpoint, Phase};
+use motord_simulator::SharedBus;
+use robot::Robot;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+/// What fits on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.
+const MOTORS_PER_BUS: usize = 3;
+
+/// `motors` on as many buses as they need; where there are too few buses, more motors share one at half the rate.
+fn settings(motors: usize) -> Settings {
+    let per_bus = motors.div_ceil(BUSES_MAX).max(MOTORS_PER_BUS);
+    let rate_hz = if per_bus > MOTORS_PER_BUS { 500 } else { 1000 };
+    let mut text = format!("[cycle]\nrate-hz = {rate_hz}\n");
+    for bus in 0..motors.div_ceil(per_bus) {
+        text += &format!("[[bus]]\nname = \"bus-{bus}\"\ntype = \"simulated\"\n");
+    }
+    for motor in 0..motors {
+        let (bus, id) = (motor / per_bus, (motor % per_bus + 1) as u8);
+        text += &robot::motor(id, &format!("motor-{motor}"), &format!("bus-{bus}"), "");
+    }
+    robot::settings(&text)
+}
+
+/// A bus, and the time spent in it, ns.
+struct Metered {
+    bus: SharedBus,
+    spent_ns: Arc<AtomicU64>,
+}
+
+impl Metered {
+    fn meter<T>(spent_ns: &AtomicU64, call: impl FnOnce() -> T) -> T {
+        let begun = std::time::Instant::now();
+        let result = call();
+        spent_ns.fetch_add(begun.elapsed().as_nanos() as u64, Ordering::Relaxed);
+        result
+    }
+}
+
+impl Bus for Metered {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        Self::meter(&self.spent_ns, || self.bus.send(now, frames))
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        Self::meter(&self.spent_ns, || self.bus.receive(now, inbox));
+    }
+
+    fn readiness(&self) -> Readiness {
+        Self::meter(&self.spent_ns, || self.bus.readiness())
+    }
+}
+
+/// How long a cycle took.
+struct Cost {
+    all: Duration,
+    in_buses: Duration,
+}
+
+/// An active robot whose owner sends a setpoint in every cycle.
+struct Running {
+    robot: Robot,
+    place: Place,
+    joints: Vec<JointSetpoint>,
+    spent_ns: Arc<AtomicU64>,
+}
+
+impl Running {
+    fn new(motors: usize) -> Self {
+        let mut robot = Robot::new(settings(motors), 1);
+        let spent_ns = Arc::default();
+        let metered = |bus: &SharedBus| Metered { bus: bus.clone(), spent_ns: Arc::clone(&spent_ns) };
+        let buses = robot.buses.iter().map(|bus| Box::new(metered(bus)) as Box<dyn Bus>).collect();
+        let (link, ends) = cycle::link(robot.settings.groups.len());
+        let plans = BusPlan::of(&robot.settings);
+        robot.cycle = Cycle::new(&robot.settings, &plans, buses, robot.clock.clone(), link, 7);
+        robot.ends = ends;
+        let joints = robot.activate();
+        let state = robot.state();
+        let at = Instant::from_nanos(state.tick_ns) + robot.settings.cycle.period;
+        Self { place: Place { cycle: state.cycle + 1, at }, robot, joints, spent_ns }
+    }
+
+    fn cycle(&mut self) -> Cost {
+        self.robot.send(&self.joints);
+        self.spent_ns.store(0, Ordering::Relaxed);
+        let begun = std::time::Instant::now();
+        self.place = self.robot.cycle.run(self.place);
+        let all = begun.elapsed();
+        let in_buses = Duration::from_nanos(self.spent_ns.load(Ordering::Relaxed));
+        self.robot.ends.states.update();
+        while self.robot.ends.records.pop().is_ok() {}
+        while self.robot.ends.events.pop().is_ok() {}
+        Cost { all, in_buses }
+    }
+
+    fn cycles(&mut self, count: u64, share: impl Fn(Cost) -> Duration) -> Duration {
+        let spent = (0..count).map(|_| share(self.cycle())).sum();
+        assert_eq!(self.robot.phase(), Phase::Active, "{:?}", self.robot.cause());
+        spent
+    }
+}
+
+fn cycle_of_an_active_robot(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("cycle");
+    group.sample_size(20).warm_up_time(Duration::from_secs(1)).measurement_time(Duration::from_secs(2));
+    for motors in [1, 4, 12, 32, 64] {
+        let mut running = Running::new(motors);
+        group.bench_function(BenchmarkId::new("host", motors), |bencher| {
+            bencher.iter_custom(|count| running.cycles(count, |cost| cost.all - cost.in_buses));
+        });
+        group.bench_function(BenchmarkId::new("with simulator", motors), |bencher| {
+            bencher.iter_custom(|count| running.cycles(count, |cost| cost.all));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, cycle_of_an_active_robot);
+criterion_main!(benches);

@@ -1,0 +1,163 @@
+//! A round trip controller -> daemon -> controller: a setpoint through the client crate, shared memory and the exchange
+//! thread to the cycle's side, and the state that answers it all the way back.
+//!
+//! A real cycle answers on its grid, once a millisecond, and would hide what the way costs. So the cycle's side answers
+//! every setpoint at once here, within the exchange thread, which spins. The controller sleeps on the cycle event
+//! (`event`) or keeps looking (`spin`). Both threads need a core of their own.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use motord::config::settings::{ExchangeMode, ExchangeSettings};
+use motord::cycle::{self, Ends, REQUESTS_MAX};
+use motord::exchange::{CycleEnd, Exchange};
+use motord::telemetry;
+use motord_client::{Claim, Client, Setpoint, State};
+use motord_shared::ports::DaemonPorts;
+use motord_shared::roster::{GroupDescription, JointDescription, Roster};
+use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, SetpointMessage, StateMessage};
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::cell::RefCell;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use triple_buffer::TripleBuffer;
+
+const INSTANCE: &str = "bench";
+const JOINTS: usize = 12;
+const BOOT_ID: u64 = 7;
+/// The first lease of the first group.
+const LEASE: u64 = 0x101;
+/// Longer than any stall; also than the pauses between two measurements, in which there are no states.
+const PATIENCE: Duration = Duration::from_secs(3600);
+
+/// Stands where the cycle stands, and answers every setpoint with a state that tells its sequence.
+struct Echo {
+    setpoints: triple_buffer::Output<SetpointMessage>,
+    states: triple_buffer::Input<StateMessage>,
+    requests: Consumer<(u32, AdminRequest)>,
+    answers: Producer<(u32, AdminReply)>,
+}
+
+impl Echo {
+    fn new() -> (Self, Ends) {
+        let (setpoint_input, setpoints) = TripleBuffer::new(&SetpointMessage::default()).split();
+        let (states, state_output) = TripleBuffer::new(&StateMessage::default()).split();
+        let (request_producer, requests) = RingBuffer::new(REQUESTS_MAX);
+        let (answers, answer_consumer) = RingBuffer::new(REQUESTS_MAX);
+        let (_, unused) = cycle::link(1);
+        let ends = Ends {
+            setpoints: vec![setpoint_input],
+            states: state_output,
+            requests: request_producer,
+            answers: answer_consumer,
+            ..unused
+        };
+        (Self { setpoints, states, requests, answers }, ends)
+    }
+
+    fn turn(&mut self) {
+        while let Ok((ticket, _)) = self.requests.pop() {
+            let granted = AdminReply { lease: LEASE, ..Default::default() };
+            self.answers.push((ticket, granted)).expect("there are as many answers as requests");
+        }
+        if self.setpoints.update() {
+            let setpoint = self.setpoints.output_buffer();
+            let state = self.states.input_buffer_mut();
+            (state.boot_id, state.cycle) = (BOOT_ID, setpoint.sequence);
+            (state.joint_count, state.group_count) = (JOINTS as u32, 1);
+            (state.groups[0].lease, state.groups[0].sequence) = (LEASE, setpoint.sequence);
+            self.states.publish();
+        }
+    }
+}
+
+/// The exchange thread of a daemon without motors, until it is dropped.
+struct Daemon {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Daemon {
+    fn start(runtime: &Path) -> Self {
+        let lock = Instance::below(runtime, INSTANCE)
+            .and_then(|instance| instance.lock())
+            .expect("the directory is ours");
+        let stop = Arc::new(AtomicBool::new(false));
+        let (open, opened) = std::sync::mpsc::channel();
+        let thread = std::thread::spawn({
+            let stop = Arc::clone(&stop);
+            move || {
+                let (mut exchange, echo) = exchange(&lock);
+                let echo = RefCell::new(echo);
+                open.send(()).expect("the starting thread waits");
+                exchange.run(|| {
+                    echo.borrow_mut().turn();
+                    stop.load(Ordering::Relaxed)
+                });
+            }
+        });
+        opened.recv().expect("the exchange starts");
+        Self { stop, thread: Some(thread) }
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let ended = self.thread.take().map(JoinHandle::join);
+        assert!(matches!(ended, Some(Ok(()))), "the exchange thread panicked");
+    }
+}
+
+fn exchange(lock: &InstanceLock) -> (Exchange, Echo) {
+    let ports = DaemonPorts::open(lock).expect("nobody else uses the directory");
+    let (echo, ends) = Echo::new();
+    let (end, _telemetry) = CycleEnd::split(ends);
+    let (questions, _answers) = telemetry::questions();
+    let roster = Roster {
+        pid: std::process::id(),
+        boot_id: BOOT_ID,
+        rate_hz: 1000.0,
+        joints: vec![JointDescription::default(); JOINTS],
+        groups: vec![GroupDescription { name: "all".into(), joints: (0..JOINTS).collect() }],
+        ..Default::default()
+    };
+    let roster = serde_json::to_string(&roster).expect("names and numbers are JSON");
+    let settings =
+        ExchangeSettings { mode: ExchangeMode::Spin, lead: Duration::ZERO, cpu: None, priority: None };
+    (Exchange::new(ports, end, questions, roster, &settings, Duration::from_millis(1)), echo)
+}
+
+/// Sends a setpoint, and takes the state that answers it.
+fn round_trip(
+    client: &mut Client,
+    claim: &mut Claim,
+    take: fn(&mut Client, Duration) -> Result<State, motord_client::Error>,
+) -> u64 {
+    claim.send(&[Setpoint::damping(1.0); JOINTS]).expect("the daemon runs");
+    let state = take(client, PATIENCE).expect("the daemon answers");
+    state.group(0).map_or(0, |group| group.sequence)
+}
+
+fn ipc(criterion: &mut Criterion) {
+    let runtime = tempfile::tempdir().expect("the temporary directory is writable");
+    let _daemon = Daemon::start(runtime.path());
+    let mut client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
+    client.set_silence(PATIENCE);
+    let mut claim = client.claim("all").expect("nobody owns the group");
+    let mut answered = 0;
+    let mut group = criterion.benchmark_group("ipc round trip");
+    for (name, take) in [("event", Client::wait as fn(&mut Client, _) -> _), ("spin", Client::spin)] {
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                answered += 1;
+                assert_eq!(round_trip(&mut client, &mut claim, take), answered);
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, ipc);
+criterion_main!(benches);
