@@ -118,14 +118,14 @@ impl Orders {
 ///
 /// Why it could not start, or why it ended by itself.
 pub fn run(path: &Path) -> Result<(), RunError> {
-    let config::Loaded { settings, warnings, .. } = config::load(path)?;
+    let config::Loaded { settings, warnings, hash } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let buses = buses::open(&settings, lock.instance().runtime())?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
     let (_deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
 
-    let daemon = Daemon::start(settings, buses, &lock)?;
+    let daemon = Daemon::start(settings, (path, hash), buses, &lock)?;
     tracing::info!(instance = lock.instance().name(), "ready");
     let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     while !daemon.has_ended() {
@@ -146,7 +146,12 @@ struct Daemon {
 }
 
 impl Daemon {
-    fn start(settings: Settings, buses: Buses, lock: &Arc<InstanceLock>) -> Result<Self, RunError> {
+    fn start(
+        settings: Settings,
+        (config, hash): (&Path, u64),
+        buses: Buses,
+        lock: &Arc<InstanceLock>,
+    ) -> Result<Self, RunError> {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
         let (mut link, ends) = cycle::link(settings.groups.len());
@@ -157,6 +162,7 @@ impl Daemon {
         link.wakes(exchange.thread().clone());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
         recorder.wakes(exchange.thread().clone());
+        recorder.watches(config.to_owned(), hash);
         let (replacements, workshop) = reopen::ends();
         link.repairs(replacements);
         let (broken, hears_broken) = channel();

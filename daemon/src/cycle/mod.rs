@@ -2,7 +2,7 @@
 //!
 //! The functions here run in the real-time thread. After [`Cycle::new`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: a silent motor is data for a later phase. System
-//! calls of a cycle: one sleep, one send per bus, and at most [`CALLS_PER_BUS`] further calls per bus for waiting and
+//! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
 //! receiving.
 
 mod link;
