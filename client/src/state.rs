@@ -4,7 +4,8 @@
 //! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
 
 use motord_shared::message::{
-    FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH, JOINT_VALID,
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
+    JOINT_VALID,
 };
 use motord_shared::{
     Applied, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Phase, Rejection,
@@ -83,6 +84,12 @@ impl State {
     #[must_use]
     pub fn shutting_down(&self) -> bool {
         self.has(FLAG_SHUTDOWN)
+    }
+
+    /// The configuration's file was changed since the daemon read it; the daemon goes on with what it read.
+    #[must_use]
+    pub fn config_changed(&self) -> bool {
+        self.has(FLAG_CONFIG_CHANGED)
     }
 
     /// The joints, in the order of the roster.

@@ -9,7 +9,9 @@ use crate::telemetry::Questions;
 use motord_bus::{Duration, Instant, clock};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::ports::{DaemonPorts, Request};
-use motord_shared::{AdminReply, AdminRequest, Operation, Refusal, Rejection, SetpointMessage, StateMessage};
+use motord_shared::{
+    AdminReply, AdminRequest, Operation, Refusal, Rejection, SetpointMessage, StateMessage, message,
+};
 use rtrb::{Consumer, Producer};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -131,6 +133,8 @@ impl Exchange {
         }
         let state = self.cycle.states.output_buffer_mut();
         self.tick = Instant::from_nanos(state.tick_ns);
+        let changed = self.cycle.counters.config_changed.load(Ordering::Relaxed);
+        state.flags |= if changed { message::FLAG_CONFIG_CHANGED } else { 0 };
         for (group, told) in state.groups.iter_mut().enumerate() {
             self.leases[group] = told.lease;
             let counter = &mut told.rejected[Rejection::WrongLease.code() as usize];

@@ -75,7 +75,6 @@ pub struct Recorder {
     names: Names,
     exchange: Option<Thread>,
     config: Option<(PathBuf, u64)>,
-    config_changed: bool,
     broken: Option<Sender<usize>>,
     off: Vec<usize>,
     distributions: Distributions,
@@ -121,7 +120,6 @@ impl Recorder {
             names,
             exchange: None,
             config: None,
-            config_changed: false,
             broken: None,
             off: Vec::new(),
             skipped: 0,
@@ -182,7 +180,6 @@ impl Recorder {
     fn answer(&mut self, ticket: u32) {
         self.turn();
         let mut telemetry = self.distributions.telemetry();
-        telemetry.config_changed = self.config_changed;
         telemetry.dropped_records = self.cycle.counters.dropped.load(Ordering::Relaxed);
         let text = serde_json::to_string(&telemetry).expect("numbers and lists of them are JSON");
         let _gone = self.answers.answers.send((ticket, text));
@@ -276,10 +273,9 @@ impl Recorder {
     fn watch_config(&mut self) {
         let Some((path, hash)) = &self.config else { return };
         let changed = config::has_changed(path, *hash);
-        if changed && !self.config_changed {
+        if changed && !self.cycle.counters.config_changed.swap(changed, Ordering::Relaxed) {
             tracing::warn!("{} was changed: it is read again when the daemon is restarted", path.display());
         }
-        self.config_changed = changed;
     }
 
     /// A controller that left its bus comes back by itself where `restart-ms` is set; else it is set up again.

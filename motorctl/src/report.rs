@@ -25,6 +25,8 @@ pub(crate) struct Report {
     realtime: bool,
     emergency_stop: bool,
     shutting_down: bool,
+    /// The configuration's file was changed since the daemon read it.
+    config_changed: bool,
     /// Places on the grid of cycles that were skipped since the daemon started.
     overruns: u64,
     groups: Vec<GroupReport>,
@@ -111,6 +113,7 @@ impl Report {
             realtime: state.realtime(),
             emergency_stop: state.emergency_stop(),
             shutting_down: state.shutting_down(),
+            config_changed: state.config_changed(),
             overruns: state.overruns(),
             groups: groups.map(|(name, group)| GroupReport::new(name, &group, roster)).collect(),
             joints: roster.joints.iter().zip(state.joints()).map(JointReport::from).collect(),
@@ -137,6 +140,7 @@ impl Report {
         for (alarm, sentence) in [
             (self.emergency_stop, "The emergency stop is latched."),
             (self.shutting_down, "The daemon is shutting down."),
+            (self.config_changed, "The configuration was changed: restart the daemon to use it."),
         ] {
             if alarm {
                 writeln!(out, "{}", palette.paint(&Cell::new(sentence, Colour::Red)))?;

@@ -194,3 +194,15 @@ fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
     kill(Pid::from_raw(watch.id().cast_signed()), Signal::SIGINT).unwrap();
     assert!(watch.wait().unwrap().success());
 }
+
+#[test]
+fn a_configuration_that_was_changed_is_told_and_not_used() {
+    let daemon = Daemon::start();
+    assert_eq!(daemon.status()["config_changed"], false);
+    std::fs::write(daemon.directory.path().join("motord.toml"), "nonsense").unwrap();
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while daemon.status()["config_changed"] != true {
+        assert!(Instant::now() < deadline, "the change is not told");
+    }
+    assert_eq!(daemon.status()["joints"][0]["mode"], "idle");
+}

@@ -16,6 +16,9 @@ pub const FLAG_OVERRUN: u32 = 1 << 2;
 /// `StateMessage::flags`: the daemon is shutting down.
 pub const FLAG_SHUTDOWN: u32 = 1 << 3;
 
+/// `StateMessage::flags`: the configuration's file is no longer the one that the daemon read at its start.
+pub const FLAG_CONFIG_CHANGED: u32 = 1 << 4;
+
 /// `JointState::flags`: position, velocity and torque were received in this very cycle.
 pub const JOINT_FRESH: u32 = 1 << 0;
 /// `JointState::flags`: position, velocity and torque have been received at least once since the motor came online.

@@ -73,8 +73,6 @@ pub struct Telemetry {
     pub seconds: f64,
     /// Replies that did not come in their cycle, over all motors that were online.
     pub missed_replies: u64,
-    /// The configuration's file is no longer the one that was read at the start; the daemon goes on with that one.
-    pub config_changed: bool,
     /// Records that telemetry could not keep up with.
     pub dropped_records: u64,
     /// From a cycle's place on the grid to its beginning.

@@ -19,7 +19,7 @@ use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
 use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::Thread;
 use triple_buffer::TripleBuffer;
 
@@ -108,6 +108,8 @@ pub struct Counters {
     pub dropped: AtomicU64,
     /// Exchanges with clients that failed.
     pub exchange_errors: AtomicU64,
+    /// The configuration's file is no longer the one that was read at the start.
+    pub config_changed: AtomicBool,
 }
 
 /// Makes both ends. Allocates; nothing after it does.
