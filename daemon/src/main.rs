@@ -1,6 +1,6 @@
 //! `motord`: the daemon's command line.
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use motord::deadman::will::open_interface;
 use motord::deadman::{self, DeadmanError};
 use motord::run::RunError;
@@ -51,6 +51,12 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Write the manual pages, for a package.
+    #[command(hide = true)]
+    Manual {
+        /// Where to.
+        directory: PathBuf,
+    },
 }
 
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
@@ -69,6 +75,10 @@ fn main() -> ExitCode {
         Command::Check { config, json } => {
             let status = motord::check::check(&config, json, &mut std::io::stdout().lock());
             ExitCode::from(status.unwrap_or(EXIT_IO))
+        }
+        Command::Manual { directory } => {
+            let written = clap_mangen::generate_to(Arguments::command(), directory);
+            ended(written, |_| EXIT_IO)
         }
         Command::Run { config } => {
             log_to_stderr();

@@ -18,7 +18,7 @@ mod status;
 mod table;
 mod watch;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use failure::{Failure, status::USAGE};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -133,6 +133,12 @@ enum Command {
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
     Frame(frame::Frame),
+    /// Write the manual pages, for a package.
+    #[command(hide = true)]
+    Manual {
+        /// Where to.
+        directory: PathBuf,
+    },
     #[command(hide = true)]
     DemoController { seconds: f64 },
     #[command(hide = true)]
@@ -190,6 +196,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Fault(Fault::Clear { joint }) => operate::clear_fault(instance, &joint),
         Command::Zero { joint, yes } => operate::zero(instance, &joint, yes),
         Command::Frame(frame) => Ok(frame::run(frame)?),
+        Command::Manual { directory } => Ok(clap_mangen::generate_to(Arguments::command(), directory)?),
         Command::DemoController { seconds } => demo::control(instance, seconds),
         Command::Tether { parent, program, arguments } => {
             Err(demo::tether(parent, &program, &arguments).into())
