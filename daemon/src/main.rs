@@ -106,5 +106,7 @@ fn log_to_stderr() {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
+        // A log that nobody reads any more must not end a thread.
+        .log_internal_errors(false)
         .init();
 }

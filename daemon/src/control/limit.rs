@@ -1,7 +1,7 @@
 //! Limits: the last thing before the wire.
 //!
-//! Order: clamp (position, velocity, kp, kd, torque), slew (position, kp, kd, torque), start ramp, temperature, and a
-//! bound on |kp·Δp + kd·Δv + torque|. What acted is told bit by bit next to the applied command.
+//! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque), a bound on
+//! |kp·Δp + kd·Δv + torque|, and temperature. What acted is told bit by bit next to the applied command.
 
 use crate::config::settings::LimitSettings;
 use crate::joint::{Impedance, Joint, Measured};
@@ -38,8 +38,8 @@ pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Li
     limiter.clamp(circumstances.limits);
     limiter.ramp(circumstances.ramp);
     limiter.slew(circumstances);
-    limiter.derate(circumstances);
     limiter.bound(circumstances.limits.torque, circumstances.measured);
+    limiter.derate(circumstances);
     Limited { applied: limiter.value, acted: limiter.acted }
 }
 

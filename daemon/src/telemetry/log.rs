@@ -1,0 +1,150 @@
+//! What the cycle told as codes, as sentences. A motor or bus that changes all the time is told of once a second.
+
+use crate::config::settings::Settings;
+use crate::control::Event;
+use crate::cycle::Counters;
+use motord_protocol::FaultBits;
+use motord_shared::{BusCondition, Cause, MotorMode};
+use std::sync::atomic::Ordering;
+
+/// Changes of one kind that one motor or bus may make in a second and have told: a start or a stop makes two.
+const CHANGES_TOLD: u32 = 4;
+
+/// What events are about, and what was already told.
+pub(super) struct Log {
+    motors: Vec<Subject>,
+    groups: Vec<String>,
+    buses: Vec<Subject>,
+    skipped: u64,
+    dropped: u64,
+    errors: u64,
+}
+
+/// A motor or a bus.
+struct Subject {
+    name: String,
+    changes: u32,
+}
+
+impl Subject {
+    fn new(name: &str) -> Self {
+        Self { name: name.to_owned(), changes: 0 }
+    }
+
+    /// Counts a change. Tells whether it is worth a line.
+    fn changes(&mut self) -> bool {
+        self.changes += 1;
+        self.changes <= CHANGES_TOLD
+    }
+
+    /// A second is over: tells of the changes that were not told.
+    fn summarise(&mut self) {
+        let changes = std::mem::take(&mut self.changes);
+        if changes > CHANGES_TOLD {
+            tracing::warn!(name = self.name, changes, "changed its state all the time");
+        }
+    }
+}
+
+impl Log {
+    pub(super) fn new(settings: &Settings) -> Self {
+        Self {
+            motors: settings.motors.iter().map(|motor| Subject::new(&motor.name)).collect(),
+            groups: settings.groups.iter().map(|group| group.name.clone()).collect(),
+            buses: settings.buses.iter().map(|bus| Subject::new(&bus.name)).collect(),
+            skipped: 0,
+            dropped: 0,
+            errors: 0,
+        }
+    }
+
+    pub(super) fn tell(&mut self, cycle: u64, event: Event) {
+        match event {
+            Event::Motor { motor, mode } => self.tell_mode(cycle, motor, mode),
+            Event::Silent { motor } => tracing::error!(
+                cycle,
+                motor = self.motors[motor].name,
+                "has never answered: check its power and wiring, its id (ConfID 0x12) and host id (ConfID 0x13), the bit \
+                 rate (0x18), and that it speaks the configured protocol (0x1C: 1 is MIT)"
+            ),
+            Event::Fault { motor, bits } => self.tell_fault(cycle, motor, FaultBits(bits)),
+            Event::Group { group, phase } => {
+                tracing::info!(
+                    cycle,
+                    group = self.groups[group],
+                    phase = phase.name(),
+                    "{}",
+                    phase.sentence()
+                );
+            }
+            Event::Stopped { group, cause, motor } => self.tell_stop(cycle, group, cause, motor),
+            Event::Reset { group } => tracing::info!(cycle, group = self.groups[group], "reset"),
+            Event::Owner { group, pid: Some(pid) } => {
+                tracing::info!(cycle, group = self.groups[group], pid, "claimed");
+            }
+            Event::Owner { group, pid: None } => {
+                tracing::info!(cycle, group = self.groups[group], "has no owner");
+            }
+            Event::Bus { bus, condition } => self.tell_condition(cycle, bus, condition),
+            Event::Overrun { skipped } => self.skipped += skipped,
+        }
+    }
+
+    fn tell_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
+        let motor = &mut self.motors[motor];
+        if motor.changes() {
+            tracing::info!(cycle, motor = motor.name, mode = mode.name(), "{}", mode.sentence());
+        }
+    }
+
+    fn tell_fault(&mut self, cycle: u64, motor: usize, bits: FaultBits) {
+        let motor = &mut self.motors[motor];
+        if !motor.changes() {
+            return;
+        }
+        if bits.is_none() {
+            return tracing::info!(cycle, motor = motor.name, "no fault any more");
+        }
+        let sentences: Vec<_> = bits.named().map(|fault| fault.sentence).collect();
+        tracing::error!(cycle, motor = motor.name, bits = bits.0, "motor fault: {}", sentences.join(" "));
+    }
+
+    fn tell_stop(&self, cycle: u64, group: usize, cause: Cause, motor: Option<usize>) {
+        tracing::error!(
+            cycle,
+            group = self.groups[group],
+            motor = motor.map_or("-", |motor| &self.motors[motor].name),
+            cause = cause.name(),
+            "{} The group is damped and stopped; it stays so until it is reset and enabled.",
+            cause.sentence()
+        );
+    }
+
+    fn tell_condition(&mut self, cycle: u64, bus: usize, condition: BusCondition) {
+        let bus = &mut self.buses[bus];
+        if bus.changes() {
+            let condition_name = condition.name();
+            tracing::warn!(cycle, bus = bus.name, condition = condition_name, "{}", condition.sentence());
+        }
+    }
+
+    /// A second is over: tells what was only counted.
+    pub(super) fn tell_counts(&mut self, counters: &Counters) {
+        self.motors.iter_mut().chain(&mut self.buses).for_each(Subject::summarise);
+        let skipped = std::mem::take(&mut self.skipped);
+        if skipped > 0 {
+            tracing::warn!(skipped, "cycles were skipped: the cycle thread woke up too late");
+        }
+        let dropped = counters.dropped.load(Ordering::Relaxed);
+        if dropped > std::mem::replace(&mut self.dropped, dropped) {
+            tracing::warn!(dropped, "telemetry could not keep up: records were dropped");
+        }
+        let errors = counters.exchange_errors.load(Ordering::Relaxed);
+        if errors > std::mem::replace(&mut self.errors, errors) {
+            tracing::error!(
+                errors,
+                "the exchange with clients failed: are its files damaged, or is the disk full?"
+            );
+        }
+    }
+}

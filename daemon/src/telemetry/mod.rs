@@ -1,0 +1,201 @@
+//! The telemetry thread: histograms, the log, the watchdog of systemd, and the cleaning up after dead clients.
+//!
+//! Nothing waits for it. What the cycle tells faster than it can be taken is dropped and counted.
+
+mod distributions;
+mod log;
+
+use crate::config::{self, settings::Settings};
+use crate::control::Event;
+use crate::cycle::{Counters, Record};
+use distributions::Distributions;
+use log::Log;
+use motord_bus::Duration;
+use motord_shared::BusCondition;
+use motord_shared::ports::Housekeeper;
+use rtrb::Consumer;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::Thread;
+
+/// How often the thread looks after everything.
+const TURN: Duration = Duration::from_millis(50);
+/// How often it cleans up after dead clients, and tells systemd that the cycle lives.
+const CLEANING: Duration = Duration::from_secs(1);
+
+/// The cycle's other end, as far as telemetry is concerned.
+pub struct CycleEnd {
+    /// One per cycle.
+    pub records: Consumer<Record>,
+    /// With the number of their cycle.
+    pub events: Consumer<(u64, Event)>,
+    /// Counters.
+    pub counters: Arc<Counters>,
+}
+
+/// How the exchange asks for telemetry without waiting for it.
+pub struct Questions {
+    questions: Sender<u32>,
+    answers: Receiver<(u32, String)>,
+}
+
+impl Questions {
+    /// Asks; the answer will bear the same ticket. Without a telemetry thread it never comes.
+    pub fn ask(&self, ticket: u32) {
+        let _lost = self.questions.send(ticket);
+    }
+
+    /// The next answer, if there is one.
+    #[must_use]
+    pub fn answer(&self) -> Option<(u32, String)> {
+        self.answers.try_recv().ok()
+    }
+}
+
+/// Where the telemetry thread hears questions.
+pub struct Answers {
+    questions: Receiver<u32>,
+    answers: Sender<(u32, String)>,
+}
+
+/// Both ends of the questions.
+#[must_use]
+pub fn questions() -> (Questions, Answers) {
+    let (question_sender, question_receiver) = channel();
+    let (answer_sender, answer_receiver) = channel();
+    let questions = Questions { questions: question_sender, answers: answer_receiver };
+    (questions, Answers { questions: question_receiver, answers: answer_sender })
+}
+
+/// What the telemetry thread knows.
+pub struct Recorder {
+    cycle: CycleEnd,
+    answers: Answers,
+    exchange: Option<Thread>,
+    config: Option<(PathBuf, u64)>,
+    broken: Option<Sender<usize>>,
+    off: Vec<usize>,
+    distributions: Distributions,
+    log: Log,
+    watched_cycle: u64,
+}
+
+impl Recorder {
+    /// Everything in place.
+    #[must_use]
+    pub fn new(settings: &Settings, cycle: CycleEnd, answers: Answers) -> Self {
+        Self {
+            cycle,
+            answers,
+            distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
+            log: Log::new(settings),
+            exchange: None,
+            config: None,
+            broken: None,
+            off: Vec::new(),
+            watched_cycle: 0,
+        }
+    }
+
+    /// The thread to wake when an answer is ready.
+    pub fn wakes(&mut self, exchange: Thread) {
+        self.exchange = Some(exchange);
+    }
+
+    /// The configuration's file and its hash, to be watched.
+    pub fn watches(&mut self, config: PathBuf, hash: u64) {
+        self.config = Some((config, hash));
+    }
+
+    /// Where to tell of buses that must be opened again.
+    pub fn reports_broken(&mut self, broken: Sender<usize>) {
+        self.broken = Some(broken);
+    }
+
+    /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
+    pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
+        let mut cleaned = motord_bus::clock::monotonic();
+        while !stop() {
+            match self.answers.questions.recv_timeout(TURN) {
+                Ok(ticket) => self.answer(ticket),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => std::thread::sleep(TURN),
+            }
+            self.turn();
+            let now = motord_bus::clock::monotonic();
+            if now.since(cleaned) >= CLEANING {
+                cleaned = now;
+                let _removed = housekeeper.map(Housekeeper::clean);
+                self.log.tell_counts(&self.cycle.counters);
+                self.report_off();
+                self.watch_config();
+                self.feed_watchdog();
+            }
+        }
+        self.turn();
+        self.log.tell_counts(&self.cycle.counters);
+    }
+
+    fn turn(&mut self) {
+        while let Ok(record) = self.cycle.records.pop() {
+            self.distributions.record(&record);
+        }
+        while let Ok((cycle, event)) = self.cycle.events.pop() {
+            if let Event::Bus { bus, condition } = event {
+                self.watch_bus(bus, condition);
+            }
+            self.log.tell(cycle, event);
+        }
+    }
+
+    fn answer(&mut self, ticket: u32) {
+        self.turn();
+        let mut telemetry = self.distributions.telemetry();
+        telemetry.dropped_records = self.cycle.counters.dropped.load(Ordering::Relaxed);
+        let text = serde_json::to_string(&telemetry).expect("numbers and lists of them are JSON");
+        let _gone = self.answers.answers.send((ticket, text));
+        if let Some(exchange) = &self.exchange {
+            exchange.unpark();
+        }
+    }
+
+    fn watch_config(&mut self) {
+        let Some((path, hash)) = &self.config else { return };
+        let changed = config::has_changed(path, *hash);
+        let told = self.cycle.counters.config_changed.swap(changed, Ordering::Relaxed);
+        if changed && !told {
+            tracing::warn!("{} was changed: it is read again when the daemon is restarted", path.display());
+        }
+    }
+
+    fn watch_bus(&mut self, bus: usize, condition: BusCondition) {
+        self.off.retain(|off| *off != bus);
+        match condition {
+            BusCondition::Gone => self.report_broken(bus),
+            BusCondition::Off => self.off.push(bus),
+            _ => {}
+        }
+    }
+
+    /// A controller that left its bus comes back by itself where `restart-ms` is set; else it is set up again.
+    fn report_off(&mut self) {
+        let off = std::mem::take(&mut self.off);
+        off.into_iter().for_each(|bus| self.report_broken(bus));
+    }
+
+    fn report_broken(&self, bus: usize) {
+        if let Some(broken) = &self.broken {
+            let _ended = broken.send(bus);
+        }
+    }
+
+    /// Only while the cycle moves: a watchdog that is fed by a thread of its own proves nothing.
+    fn feed_watchdog(&mut self) {
+        let cycle = self.cycle.counters.cycle.load(Ordering::Acquire);
+        if cycle != std::mem::replace(&mut self.watched_cycle, cycle) {
+            let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+        }
+    }
+}
