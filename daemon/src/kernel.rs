@@ -1,9 +1,10 @@
 //! The system calls that no safe crate offers. All `unsafe` of the daemon is in this file.
 
 use nix::errno::Errno;
+use nix::sched::{CloneFlags, unshare};
 use nix::sys::mman::{MapFlags, ProtFlags, mmap};
 use std::num::NonZeroUsize;
-use std::os::fd::{BorrowedFd, FromRawFd, OwnedFd, RawFd};
+use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
 use std::sync::atomic::AtomicU64;
 
 const COUNTER_BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU64>()).expect("a counter has bytes");
@@ -46,4 +47,24 @@ pub(crate) fn map_counter(file: BorrowedFd<'_>) -> Result<&'static AtomicU64, Er
 pub(crate) fn adopt(descriptor: RawFd) -> OwnedFd {
     // SAFETY: callers pass what `accept4` or `recvmsg` returned, once; nothing else knows the number yet.
     unsafe { OwnedFd::from_raw_fd(descriptor) }
+}
+
+/// Gives the calling thread a table of descriptors of its own, with `keep` and the standard streams in it. All others stay
+/// open for the other threads, and only for them; this thread must not use them any more.
+///
+/// # Errors
+///
+/// `EPERM` or `ENOSYS` from a sandbox or an old kernel; then the thread goes on sharing what it shared.
+pub(crate) fn keep_only(keep: BorrowedFd<'_>) -> Result<(), Errno> {
+    const STANDARD_STREAMS: u32 = 3;
+    unshare(CloneFlags::CLONE_FILES)?;
+    let keep = keep.as_raw_fd().cast_unsigned();
+    for (first, last) in [(STANDARD_STREAMS, keep - 1), (keep + 1, u32::MAX)] {
+        if first <= last {
+            // SAFETY: it closes nothing that anybody uses: the table is this thread's own since the call above, and by
+            // contract the thread uses `keep` only.
+            Errno::result(unsafe { libc::close_range(first, last, 0) })?;
+        }
+    }
+    Ok(())
 }

@@ -1,11 +1,12 @@
 //! The daemon's side: leaves its will with the switch, and does so again whenever the switch is gone.
 
 use crate::heartbeat::{AT_REST, Pulse};
+use crate::kernel;
 use motord_bus::wait::wait;
 use motord_bus::{Duration, Readiness, clock};
 use motord_shared::instance::Instance;
 use std::io;
-use std::os::fd::AsRawFd;
+use std::os::fd::{AsFd, AsRawFd};
 
 use super::channel::{Answer, Channel, Refusal, Request};
 use super::will::Will;
@@ -42,8 +43,12 @@ impl Registrar {
         Self { instance, will, pulse, told: false }
     }
 
-    /// Runs until `stop` says so. Nothing waits for it: the daemon drives its motors with or without a switch.
+    /// Runs until `stop` says so, in a thread of its own, which loses the descriptors of all others. Nothing waits for it:
+    /// the daemon drives its motors with or without a switch.
     pub fn run(&mut self, stop: impl Fn() -> bool) {
+        // A killed process closes what its threads share after it has given back all of its memory, which takes
+        // milliseconds. What only this thread has is closed at once. Refused, the switch hears of the death later.
+        let _later = kernel::keep_only(self.pulse.as_fd());
         while !stop() {
             match self.register() {
                 Ok(switch) => {
