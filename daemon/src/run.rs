@@ -33,6 +33,7 @@ use signal_hook::iterator::Signals;
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -302,7 +303,11 @@ fn start_cycle(
         cycle.set_realtime(refused.is_none());
         report(&prepared, Ok(()));
         drop(prepared);
-        run_cycles(&mut cycle, &orders, period);
+        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &orders, period)));
+        if let Err(panic) = ran {
+            cycle.carry_out_will();
+            resume_unwind(panic);
+        }
         // Without it the dead man's switch acts: on motors that would not come to rest it should.
         if cycle.is_still() {
             heartbeat.rest();

@@ -212,3 +212,31 @@ fn states_that_come_late_after_a_stall_are_never_taken_for_faults() {
         }
     }
 }
+
+/// Goal: a bug in the cycle does not leave motors with their last command.
+/// Method: the clock panics in mid-cycle; what the daemon's thread does then is done here.
+#[test]
+fn a_panic_in_the_cycle_leaves_every_joint_damped_and_then_stopped() {
+    let mut robot = Robot::new(robot::quadruped(), 1);
+    let joints = robot.activate();
+    robot.follow(&joints);
+    robot.take_sent();
+    robot.clock.broken.set(true);
+    let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| robot.step()));
+    assert!(panicked.is_err());
+    let begun = robot.now();
+    robot.cycle.carry_out_will();
+    for bus in 0..4 {
+        robot.collect_sent(bus);
+    }
+    let sent = robot.take_sent();
+    assert!(sent.iter().all(|sent| sent.meaning.is_safe()));
+    for (bus, id) in (0..4).flat_map(|bus| (1..=3).map(move |id| (bus, id))) {
+        let heard: Vec<_> = sent.iter().filter(|sent| (sent.bus, sent.id) == (bus, id)).collect();
+        let (first, last) =
+            (heard.first().expect("each motor hears it"), heard.last().expect("each motor hears it"));
+        assert!(matches!(first.meaning, Meaning::Control { kd, .. } if kd > 0.0));
+        assert!(first.at.since(begun) < Duration::from_millis(2));
+        assert_eq!(last.meaning, Meaning::Stop);
+    }
+}

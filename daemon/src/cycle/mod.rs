@@ -7,6 +7,7 @@
 
 mod link;
 mod slot;
+mod will;
 
 pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
 
@@ -18,6 +19,7 @@ use crate::plan::BusPlan;
 use motord_bus::{Bus, Duration, Instant, Readiness, wait::Ready};
 use motord_shared::message;
 use slot::{Asks, Slot};
+use will::Will;
 
 /// Most requests answered in one cycle; the rest wait for the next.
 const REQUESTS_PER_CYCLE: usize = 16;
@@ -34,6 +36,7 @@ pub struct Cycle<C> {
     bus_of: Vec<usize>,
     control: Control,
     link: Link,
+    will: Will,
     readiness: Vec<Readiness>,
     overruns: u64,
     boot_id: u64,
@@ -66,6 +69,7 @@ impl<C: Clock> Cycle<C> {
             bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
             control: Control::new(settings, boot_id),
             link,
+            will: Will::new(settings),
             readiness: vec![Readiness::Never; settings.buses.len()],
             overruns: 0,
             boot_id,
@@ -92,6 +96,11 @@ impl<C: Clock> Cycle<C> {
     /// Stops every motor without damping it first.
     pub fn stop_now(&mut self) {
         self.control.stop_now();
+    }
+
+    /// Damps and stops every motor after a panic in [`run`](Self::run); the cycle must not be run again.
+    pub fn carry_out_will(&mut self) {
+        self.will.carry_out(&mut self.slots, &mut self.clock);
     }
 
     /// Every motor is stopped.

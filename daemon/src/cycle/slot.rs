@@ -114,6 +114,13 @@ impl Slot {
         dropped == 0
     }
 
+    /// Sends frames whose answers nobody waits for, after what came meanwhile was thrown away.
+    pub(super) fn send_unasked(&mut self, now: Instant, frames: &[Frame], unread: &mut Inbox) {
+        unread.clear();
+        self.bus.receive(now, unread);
+        let _refused = self.bus.send(now, frames);
+    }
+
     /// When all answers to this round are usually there.
     pub(super) fn expected(&self) -> Instant {
         self.sent_at + self.usual[self.asks as usize].0

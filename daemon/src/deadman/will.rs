@@ -1,12 +1,9 @@
 //! A last will: the frames that damp and stop every motor, made beforehand by whoever knows how.
 
-use crate::config::settings::{BusKind, MotorProtocol, MotorSettings, Settings};
-use crate::control::Command;
-use crate::drive::Drive;
-use crate::joint::Impedance;
+use crate::config::settings::{BusKind, Settings};
+use crate::drive::last_frames;
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant};
-use motord_shared::SetpointMode;
 use serde::{Deserialize, Serialize};
 
 use super::switch::Order;
@@ -79,25 +76,11 @@ impl BusWill {
     fn of(settings: &Settings, index: usize, kind: &BusKind) -> Option<Self> {
         let BusKind::SocketCan { interface, .. } = kind else { return None };
         let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-        let (damp, stop) = motors.filter_map(last_frames).unzip();
+        let written = |frame: Frame| Some((frame.id().raw(), frame.payload().try_into().ok()?));
+        let frames = motors.filter_map(last_frames);
+        let (damp, stop) = frames.filter_map(|(damp, stop)| Some((written(damp)?, written(stop)?))).unzip();
         Some(Self { interface: interface.clone(), damp, stop })
     }
-}
-
-/// The frames that damp and stop a motor. In native mode damping is made of the last state, which nobody knows then:
-/// such a motor is stopped at once.
-fn last_frames(motor: &MotorSettings) -> Option<(WrittenFrame, WrittenFrame)> {
-    let make = |command| {
-        let frame = Drive::new(motor, Duration::ZERO, false).ask(&command, Instant::ZERO)?;
-        Some((frame.id().raw(), frame.payload().try_into().ok()?))
-    };
-    let stop = make(Command::Stop)?;
-    let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);
-    let damp = match motor.protocol {
-        MotorProtocol::Mit => make(Command::Control(damping, SetpointMode::Impedance))?,
-        MotorProtocol::Gim => stop,
-    };
-    Some((damp, stop))
 }
 
 /// Opens an interface by name, to send up to so many frames at a time.

@@ -14,8 +14,9 @@ mod mit;
 
 use crate::config::settings::{MotorProtocol, MotorSettings};
 use crate::control::{Command, Heard};
-use crate::joint::Transmission;
+use crate::joint::{Impedance, Transmission};
 use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_shared::SetpointMode;
 
 /// What a frame turned out to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,6 +29,20 @@ pub enum Answer {
     Stranger,
     /// It does not decode, or does not answer what was asked.
     Malformed,
+}
+
+/// The frames that damp and stop a motor when nobody controls it any more. In native mode damping is made of the last
+/// state, which nobody knows then: such a motor is stopped at once.
+#[must_use]
+pub fn last_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
+    let make = |command| Drive::new(motor, Duration::ZERO, false).ask(&command, Instant::ZERO);
+    let stop = make(Command::Stop)?;
+    let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);
+    let damp = match motor.protocol {
+        MotorProtocol::Mit => make(Command::Control(damping, SetpointMode::Impedance))?,
+        MotorProtocol::Gim => stop,
+    };
+    Some((damp, stop))
 }
 
 /// What was asked and not yet answered.

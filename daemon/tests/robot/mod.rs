@@ -73,10 +73,13 @@ pub struct Virtual {
     now: Rc<Cell<Instant>>,
     /// How much too late the next sleep ends.
     pub late: Rc<Cell<Duration>>,
+    /// The next reading of the clock panics.
+    pub broken: Rc<Cell<bool>>,
 }
 
 impl Clock for Virtual {
     fn now(&self) -> Instant {
+        assert!(!self.broken.take(), "a panic in the cycle, as a test asked for");
         self.now.get()
     }
 
@@ -176,7 +179,7 @@ pub struct Robot {
 impl Robot {
     pub fn new(settings: Settings, seed: u64) -> Self {
         let start = Instant::from_nanos(1_000_000_000);
-        let clock = Virtual { now: Rc::new(Cell::new(start)), late: Rc::default() };
+        let clock = Virtual { now: Rc::new(Cell::new(start)), late: Rc::default(), broken: Rc::default() };
         let buses: Vec<_> =
             settings.buses.iter().enumerate().map(|(index, _)| bus(&settings, index, seed)).collect();
         let (link, ends) = cycle::link(settings.groups.len());
@@ -216,7 +219,7 @@ impl Robot {
         (0..cycles).for_each(|_| self.step());
     }
 
-    fn collect_sent(&mut self, bus: usize) {
+    pub fn collect_sent(&mut self, bus: usize) {
         let mut guard = self.buses[bus].lock();
         for recorded in guard.take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
             let id = recorded.frame.id().raw();
@@ -395,7 +398,7 @@ fn bus(settings: &Settings, index: usize, seed: u64) -> SharedBus {
     let bus = motord_simulator::BusSettings {
         name: settings.buses[index].name.clone(),
         bitrate,
-        record: 256,
+        record: 4096,
         ..Default::default()
     };
     SharedBus::new(motord_simulator::SimulatedBus::new(bus, motors, seed + index as u64))
