@@ -8,7 +8,7 @@
 //! - [`exchange`]: clients, through shared memory.
 //! - [`telemetry`]: histograms and the log.
 //! - [`deadman`], [`heartbeat`] and [`safe_stop`]: what stops the motors when the daemon cannot.
-//! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`] and [`run`]: putting it all together.
+//! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`], [`threads`] and [`run`]: putting it all together.
 
 pub mod buses;
 pub mod check;
@@ -25,7 +25,9 @@ pub mod joint;
 mod kernel;
 pub mod plan;
 pub mod reopen;
+pub mod roster;
 pub mod rt;
 pub mod run;
 pub mod safe_stop;
 pub mod telemetry;
+pub mod threads;

@@ -1,0 +1,305 @@
+//! The daemon's threads: starts them, and ends them so that the motors are stopped first.
+//!
+//! | thread | what it does |
+//! |---|---|
+//! | `motord-cycle` | the cycle; real-time where the machine allows it |
+//! | `motord-exchange` | clients |
+//! | `motord-telemetry` | histograms, log, watchdog |
+//! | `motord-registrar` | leaves the daemon's will with its dead man's switch |
+//! | `motord-reopen` | opens buses again that went away |
+
+use crate::buses::Buses;
+use crate::clock::Monotonic;
+use crate::config::settings::Settings;
+use crate::cycle::{self, Cycle, Place};
+use crate::deadman::registrar::Registrar;
+use crate::deadman::will::Will;
+use crate::exchange::{self, Exchange};
+use crate::heartbeat::{Heartbeat, Pulse};
+use crate::plan::BusPlan;
+use crate::reopen::{self, Workshop};
+use crate::roster::roster;
+use crate::rt::{self, Wish};
+use crate::run::RunError;
+use crate::telemetry::{self, Recorder};
+use motord_bus::{Duration, clock};
+use motord_shared::instance::{Instance, InstanceLock};
+use motord_shared::ports::{DaemonPorts, Housekeeper};
+use std::collections::hash_map::RandomState;
+use std::hash::{BuildHasher, Hasher};
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{Builder, JoinHandle};
+
+/// Cycles with stop frames before the daemon leaves a stopped robot.
+const LAST_CYCLES: u32 = 3;
+/// A robot that is not still by then is stopped without more damping.
+const SHUTDOWN_MAX: Duration = Duration::from_secs(3);
+
+/// What the threads are told: run, stop with damping, stop now, or end.
+#[derive(Debug, Default)]
+struct Orders(AtomicU32);
+
+impl Orders {
+    const STOP: u32 = 1;
+    const STOP_NOW: u32 = 2;
+    const END: u32 = 3;
+
+    fn give(&self, order: u32) {
+        self.0.fetch_max(order, Ordering::Relaxed);
+    }
+
+    fn are(&self, order: u32) -> bool {
+        self.0.load(Ordering::Relaxed) >= order
+    }
+}
+
+/// The running threads.
+pub struct Daemon {
+    orders: Arc<Orders>,
+    cycle: JoinHandle<()>,
+    exchange: JoinHandle<()>,
+    telemetry: JoinHandle<()>,
+}
+
+impl Daemon {
+    /// Starts everything on `buses`, for the instance that `lock` holds. The file of the configuration and its hash are
+    /// watched for changes, if there is one.
+    ///
+    /// # Errors
+    ///
+    /// What could not be started. Nothing has moved then.
+    pub fn start(
+        settings: Settings,
+        config: Option<(&Path, u64)>,
+        buses: Buses,
+        lock: &Arc<InstanceLock>,
+    ) -> Result<Self, RunError> {
+        let orders = Arc::new(Orders::default());
+        let boot_id = boot_id();
+        let (mut link, ends) = cycle::link(settings.groups.len());
+        let (exchange_end, telemetry_end) = exchange::CycleEnd::split(ends);
+        let (questions, answers) = telemetry::questions();
+
+        let exchange = start_exchange(&settings, lock, &orders, exchange_end, questions, boot_id)?;
+        link.wakes(exchange.thread().clone());
+        let mut recorder = Recorder::new(&settings, telemetry_end, answers);
+        recorder.wakes(exchange.thread().clone());
+        if let Some((path, hash)) = config {
+            recorder.watches(path.to_owned(), hash);
+        }
+        let (replacements, workshop) = reopen::ends();
+        link.repairs(replacements);
+        let (broken, hears_broken) = channel();
+        recorder.reports_broken(broken);
+        start_workshop(&settings, &orders, workshop, hears_broken)?;
+        let telemetry = start_telemetry(lock, &orders, recorder)?;
+
+        let plans = BusPlan::of(&settings);
+        let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
+        link.beats(heartbeat);
+        let cycle = Cycle::new(&settings, &plans, buses.buses, Monotonic, link, boot_id);
+        let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
+        start_registrar(&settings, lock.instance(), &orders, pulse)?;
+        Ok(Self { orders, cycle, exchange, telemetry })
+    }
+
+    /// A thread has ended, by request or not.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.cycle.is_finished() || self.exchange.is_finished() || self.telemetry.is_finished()
+    }
+
+    /// Damps and stops the motors; the cycle ends when they are stopped.
+    pub fn stop(&self) {
+        self.orders.give(Orders::STOP);
+    }
+
+    /// Stops the motors without damping them first.
+    pub fn stop_now(&self) {
+        self.orders.give(Orders::STOP_NOW);
+    }
+
+    /// It was told to stop.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.orders.are(Orders::STOP)
+    }
+
+    /// Stops, and waits for the threads.
+    ///
+    /// # Errors
+    ///
+    /// When a thread has ended by itself.
+    pub fn end(self) -> Result<(), RunError> {
+        let asked = self.is_stopping();
+        self.stop();
+        let cycle = self.cycle.join();
+        self.orders.give(Orders::END);
+        self.exchange.thread().unpark();
+        let exchange = self.exchange.join();
+        let telemetry = self.telemetry.join();
+        cycle.map_err(|_| RunError::Thread("cycle"))?;
+        exchange.map_err(|_| RunError::Thread("exchange"))?;
+        telemetry.map_err(|_| RunError::Thread("telemetry"))?;
+        if !asked {
+            return Err(RunError::Thread("cycle, exchange or telemetry"));
+        }
+        tracing::info!("the motors are stopped");
+        Ok(())
+    }
+}
+
+fn start_exchange(
+    settings: &Settings,
+    lock: &Arc<InstanceLock>,
+    orders: &Arc<Orders>,
+    end: exchange::CycleEnd,
+    questions: telemetry::Questions,
+    boot_id: u64,
+) -> Result<JoinHandle<()>, RunError> {
+    let (opened, ready) = channel();
+    let (lock, orders) = (Arc::clone(lock), Arc::clone(orders));
+    let exchange = settings.exchange.clone();
+    let period = settings.cycle.period;
+    let roster = serde_json::to_string(&roster(settings, boot_id)).expect("names and numbers are JSON");
+    let thread = Builder::new().name("motord-exchange".into()).spawn(move || {
+        // The ports cannot be sent to another thread.
+        let ports = match DaemonPorts::open(&lock) {
+            Ok(ports) => ports,
+            Err(error) => return report(&opened, Err(error)),
+        };
+        let wish = Wish { cpu: exchange.cpu, priority: exchange.priority };
+        rt::prepare_thread(wish).iter().for_each(|step| step.tell("exchange"));
+        report(&opened, Ok(()));
+        Exchange::new(ports, end, questions, roster, &exchange, period).run(|| orders.are(Orders::END));
+    })?;
+    await_report(&ready, "exchange")??;
+    Ok(thread)
+}
+
+fn start_telemetry(
+    lock: &Arc<InstanceLock>,
+    orders: &Arc<Orders>,
+    mut recorder: Recorder,
+) -> Result<JoinHandle<()>, RunError> {
+    let (lock, orders) = (Arc::clone(lock), Arc::clone(orders));
+    let thread = Builder::new().name("motord-telemetry".into()).spawn(move || {
+        let housekeeper = Housekeeper::open(&lock);
+        if let Err(error) = &housekeeper {
+            tracing::warn!("dead clients will keep their places: {error}");
+        }
+        recorder.run(housekeeper.ok().as_ref(), || orders.are(Orders::END));
+    })?;
+    Ok(thread)
+}
+
+/// Nobody waits for this thread: opening a bus may take as long as the kernel likes, and it ends with the process.
+fn start_workshop(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    mut workshop: Workshop,
+    broken: Receiver<usize>,
+) -> Result<(), RunError> {
+    let (settings, orders) = (settings.clone(), Arc::clone(orders));
+    let run = move || workshop.run(&settings, &broken, || orders.are(Orders::STOP));
+    let _detached = Builder::new().name("motord-reopen".into()).spawn(run)?;
+    Ok(())
+}
+
+fn start_cycle(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    mut cycle: Cycle<Monotonic>,
+    heartbeat: Heartbeat,
+    locks: Vec<motord_bus::socketcan::InterfaceLock>,
+) -> Result<JoinHandle<()>, RunError> {
+    let orders = Arc::clone(orders);
+    let wish = Wish { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
+    let required = settings.cycle.require_realtime;
+    let period = settings.cycle.period;
+    let (prepared, ready) = channel();
+    let thread = Builder::new().name("motord-cycle".into()).spawn(move || {
+        let _held = locks;
+        let mut steps = rt::prepare_thread(wish);
+        steps.push(rt::tighten_timers());
+        steps.push(rt::lock_memory());
+        let refused = steps.iter().find_map(|step| step.outcome.err().map(|errno| (*step, errno)));
+        steps.iter().for_each(|step| step.tell("cycle"));
+        if let Some((step, errno)) = refused.filter(|_| required) {
+            return report(
+                &prepared,
+                Err(RunError::Realtime { what: step.what, errno, remedy: step.remedy }),
+            );
+        }
+        cycle.set_realtime(refused.is_none());
+        report(&prepared, Ok(()));
+        drop(prepared);
+        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &orders, period)));
+        if let Err(panic) = ran {
+            cycle.carry_out_will();
+            resume_unwind(panic);
+        }
+        // Without it the dead man's switch acts: on motors that would not come to rest it should.
+        if cycle.is_still() {
+            heartbeat.rest();
+        }
+    })?;
+    await_report(&ready, "cycle")??;
+    Ok(thread)
+}
+
+/// Nobody waits for this thread: it may wait for the switch, and ends with the process.
+fn start_registrar(
+    settings: &Settings,
+    instance: &Instance,
+    orders: &Arc<Orders>,
+    pulse: Pulse,
+) -> Result<(), RunError> {
+    let will = Will::of(settings);
+    if will.buses.is_empty() {
+        tracing::info!("no dead man's switch: it serves CAN interfaces, and there is none");
+        return Ok(());
+    }
+    let mut registrar = Registrar::new(instance.clone(), will, pulse);
+    let orders = Arc::clone(orders);
+    let run = move || registrar.run(|| orders.are(Orders::END));
+    let _detached = Builder::new().name("motord-registrar".into()).spawn(run)?;
+    Ok(())
+}
+
+/// The real-time loop. Ends when it was told to stop and every motor has been stopped for [`LAST_CYCLES`].
+fn run_cycles(cycle: &mut Cycle<Monotonic>, orders: &Orders, period: Duration) {
+    let mut place = Place { cycle: 1, at: clock::monotonic() + period };
+    while !orders.are(Orders::STOP) {
+        place = cycle.run(place);
+    }
+    cycle.shut_down();
+    let end = place.at + SHUTDOWN_MAX;
+    let mut last = LAST_CYCLES;
+    while last > 0 {
+        place = cycle.run(place);
+        if orders.are(Orders::STOP_NOW) || place.at > end {
+            cycle.stop_now();
+        }
+        last -= u32::from(cycle.is_still());
+    }
+}
+
+/// The starting thread waits for the report: nobody else can miss it.
+fn report<T>(sender: &Sender<T>, outcome: T) {
+    let _gone = sender.send(outcome);
+}
+
+fn await_report<T>(receiver: &Receiver<T>, thread: &'static str) -> Result<T, RunError> {
+    receiver.recv().map_err(|_| RunError::Thread(thread))
+}
+
+/// Differs from that of every daemon before: the standard library's seed for hash maps is random.
+fn boot_id() -> u64 {
+    RandomState::new().build_hasher().finish()
+}
