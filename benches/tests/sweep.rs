@@ -1,0 +1,171 @@
+//! Goal: no value that a controller can send makes a forbidden frame, and every rejection is counted where people look.
+//! Method: the whole daemon in this process, on a bus that records what is on its wire, and the real client, which sends
+//! every absurd value in every field of every joint. The frames are judged by their bytes.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
+use motord::buses::{self, Buses};
+use motord::config::{self, Machine};
+use motord::threads::Daemon;
+use motord_client::{Claim, Client, Group, Rejection, Setpoint, State};
+use motord_shared::instance::Instance;
+use motord_simulator::{BusSettings, Direction, SharedBus, SimulatedBus};
+use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+const CONFIG: &str = r#"
+[daemon]
+instance = "sweep"
+[cycle]
+rate-hz = 250
+max-lateness-ms = 1000.0
+[safety]
+setpoint-timeout-ms = 1000.0
+lost-cycles = 250
+deadman-ms = 2000.0
+start-timeout-ms = 5000.0
+[[bus]]
+name = "can"
+type = "simulated"
+[[motor]]
+name = "hip"
+bus = "can"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+[[motor]]
+name = "thigh"
+bus = "can"
+id = 2
+protocol = "mit"
+model = "GIM8108-8"
+[[motor]]
+name = "knee"
+bus = "can"
+id = 3
+protocol = "mit"
+model = "GIM8108-8"
+"#;
+
+const NOT_FINITE: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+const ABSURD: [f32; 5] = [f32::MAX, f32::MIN, f32::MIN_POSITIVE / 2.0, -0.0, 500.0];
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        if let Some(found) = attempt() {
+            return found;
+        }
+        assert!(Instant::now() < deadline, "{what} did not happen");
+    }
+}
+
+fn group(state: &State) -> Group {
+    state.group(0).unwrap()
+}
+
+fn rejections(state: &State) -> u32 {
+    Rejection::ALL.iter().map(|&reason| group(state).rejected(reason)).sum()
+}
+
+/// The setpoint with `value` in one of its five fields.
+fn spoiled(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
+    let fields = [
+        &mut setpoint.position,
+        &mut setpoint.velocity,
+        &mut setpoint.kp,
+        &mut setpoint.kd,
+        &mut setpoint.torque,
+    ];
+    *fields.into_iter().nth(field).unwrap() = value;
+    setpoint
+}
+
+/// Sends, and waits until the daemon has either accepted or rejected it.
+fn send(client: &mut Client, claim: &mut Claim, setpoints: &[Setpoint]) -> State {
+    let before = client.wait(PATIENCE).unwrap();
+    let counted = |state: &State| group(state).accepted.wrapping_add(rejections(state));
+    claim.send(setpoints).unwrap();
+    until("a verdict", || {
+        Some(client.wait(PATIENCE).unwrap()).filter(|state| counted(state) > counted(&before))
+    })
+}
+
+#[test]
+fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
+    let place = tempfile::TempDir::new().unwrap();
+    let settings =
+        config::parse(Path::new("sweep.toml"), CONFIG.as_bytes(), &Machine::here()).unwrap().settings;
+    let motors = settings.motors.iter().map(buses::simulated).collect();
+    let wire = BusSettings { name: "can".into(), record: 1 << 17, ..Default::default() };
+    let bus = SharedBus::new(SimulatedBus::new(wire, motors, 1));
+    let lock = Arc::new(Instance::below(place.path(), "sweep").unwrap().lock().unwrap());
+    let torque_max = settings.motors[0].limits.torque;
+    let torque_scale = settings.motors[0].torque_scale;
+    let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new() };
+    let daemon = Daemon::start(settings, None, opened, &lock).unwrap();
+
+    let mut client = Client::connect_in(place.path(), "sweep").unwrap();
+    let standing = until("a standing robot", || {
+        Some(client.wait(PATIENCE).unwrap()).filter(|state| state.joints().all(|joint| joint.fresh))
+    });
+    let hold: Vec<_> =
+        standing.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 20.0, 0.5, 0.0)).collect();
+    let mut claim = client.claim("all").unwrap();
+    claim.send(&hold).unwrap();
+    claim.enable().unwrap();
+    let (mut not_finite, mut negative, mut limited) = (0, 0, 0);
+    for joint in 0..hold.len() {
+        for field in 0..5 {
+            for value in NOT_FINITE.into_iter().chain(ABSURD) {
+                let mut setpoints = hold.clone();
+                setpoints[joint] = spoiled(setpoints[joint], field, value);
+                let gain = field == 2 || field == 3;
+                let state = send(&mut client, &mut claim, &setpoints);
+                not_finite += u32::from(!value.is_finite());
+                negative += u32::from(gain && value.is_finite() && value < 0.0);
+                limited += u32::from(value.is_finite() && !(gain && value < 0.0));
+                assert_eq!(
+                    group(&state).rejected(Rejection::NotFinite),
+                    not_finite,
+                    "{value} in field {field}"
+                );
+                assert_eq!(group(&state).rejected(Rejection::Negative), negative, "{value} in field {field}");
+                send(&mut client, &mut claim, &hold);
+            }
+        }
+    }
+    assert!(limited > 0 && not_finite == 3 * 5 * 3, "the sweep covered every field");
+
+    let told = Command::new(std::env::current_exe().unwrap().with_file_name("../motorctl"))
+        .args(["--instance", "sweep", "status", "--json"])
+        .env("MOTORD_RUNTIME_DIR", place.path())
+        .output()
+        .unwrap();
+    let status: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+    assert_eq!(status["groups"][0]["rejected"]["not-finite"], not_finite);
+    drop(claim);
+    daemon.stop();
+    daemon.end().unwrap();
+
+    let mut guard = bus.lock();
+    let frames: Vec<_> = guard.take_record().filter(|frame| frame.direction == Direction::ToMotor).collect();
+    assert!(frames.len() < 1 << 16, "the record kept everything");
+    let starts =
+        frames.iter().filter(|frame| frame.frame.payload() == [255, 255, 255, 255, 255, 255, 255, 0xFC]);
+    assert_eq!(starts.count(), 3, "each motor was started once");
+    for frame in &frames {
+        let bytes: [u8; 8] = frame.frame.payload().try_into().unwrap();
+        assert_ne!(bytes, [0; 8]);
+        assert!(bytes[7] != 0xFE || bytes[..7] != [255; 7], "nobody asked for a new zero");
+        if bytes[..6] != [255; 6] {
+            let code = u16::from_be_bytes([bytes[6] & 0x0F, bytes[7]]);
+            let torque =
+                f64::from(code) * 2.0 * torque_scale.field().max() / 4095.0 - torque_scale.field().max();
+            assert!(torque.abs() <= f64::from(torque_max) + 0.12, "{torque} N·m");
+        }
+    }
+}
