@@ -288,7 +288,7 @@ impl Motor {
     /// The cycle is over. Tells whether the motor is lost by its silence.
     pub(super) fn end_cycle(&mut self, cycle: u64, lost_cycles: u32) -> bool {
         self.plausibility.end_cycle();
-        if self.answered || !self.asked && self.mode == MotorMode::Offline {
+        if self.answered {
             return false;
         }
         self.age_cycles = self.age_cycles.saturating_add(1);
