@@ -62,7 +62,8 @@ pub struct Drive {
     /// Requests that were not answered in their cycle, as long as their answers may still come.
     owed: u32,
     owed_since: Instant,
-    drop_next: bool,
+    /// Until then, the next answer is dropped whatever it is.
+    drop_until: Instant,
 }
 
 /// An answer that is later than this never comes.
@@ -91,7 +92,7 @@ impl Drive {
             open: None,
             owed: 0,
             owed_since: Instant::ZERO,
-            drop_next: false,
+            drop_until: Instant::ZERO,
         }
     }
 
@@ -107,7 +108,9 @@ impl Drive {
         } else if now.since(self.owed_since) > LATEST_ANSWER {
             self.owed = 0;
         }
-        self.drop_next |= self.open.is_some_and(|open| open.asks_fault);
+        if let Some(open) = self.open.filter(|open| open.asks_fault) {
+            self.drop_until = open.at + LATEST_ANSWER;
+        }
         self.open = Some(Open { at: now, asks_fault: *command == Command::GetFault });
         Some(Frame::full(self.command_id, bytes))
     }
@@ -137,7 +140,9 @@ impl Drive {
             Dialect::Gim(gim) => gim.decode(payload, latency),
         };
         if matches!(answer, Answer::Heard(_)) {
-            if self.drop_next {
+            if at < self.drop_until {
+                // A second question for the fault is given up with the first, or every next one would be.
+                self.open = self.open.filter(|open| !open.asks_fault);
                 return self.read_unasked();
             }
             self.open = None;
@@ -147,7 +152,7 @@ impl Drive {
 
     /// It answers an earlier request, if one was not answered yet; else something answers twice.
     fn read_unasked(&mut self) -> Answer {
-        self.drop_next = false;
+        self.drop_until = Instant::ZERO;
         match self.owed.checked_sub(1) {
             Some(owed) => {
                 self.owed = owed;
