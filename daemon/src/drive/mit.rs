@@ -137,6 +137,8 @@ impl Mit {
             Err(_) => return Answer::Malformed,
         };
         Answer::Heard(match reply {
+            // Fault bits that were taken for a state: full speed and full torque backward, which no motor has at once.
+            Reply::State(_) if payload.get(3..6) == Some(&[0; 3]) => return Answer::Malformed,
             Reply::State(state) => {
                 self.last = Some((state, at));
                 let position =
