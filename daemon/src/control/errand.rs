@@ -2,8 +2,8 @@
 //!
 //! ```text
 //!   SetZero:    send ──▶ wait for a state within 0.01 rad of zero ──▶ done      (MIT document 1.1; protocol note M13)
-//!   ClearFault: send ──▶ ask for the fault until it says none     ──▶ done      (MIT document 1.2: the clear reply
-//!                                                                                tells nothing, so it is confirmed)
+//!   ClearFault: send ──▶ ask for the fault, and when it still     ──▶ done      (MIT document 1.2: the clear reply
+//!               has one send again, until it says none                           tells nothing, so it is confirmed)
 //!   either:     not confirmed in time ──▶ refused
 //! ```
 
@@ -41,6 +41,11 @@ impl Errand {
             Kind::ClearFault => CLEAR_TIME,
         };
         Self { kind, ticket, deadline: now + time, sent: false }
+    }
+
+    /// The motor still has its fault: the command may have been lost on the way.
+    pub(super) const fn repeat_clear(&mut self) {
+        self.sent &= !matches!(self.kind, Kind::ClearFault);
     }
 
     /// The command of this cycle.

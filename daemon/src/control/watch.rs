@@ -109,6 +109,9 @@ impl Control {
         if bits.is_none() {
             return self.confirm_cleared(motor);
         }
+        if let Some(errand) = &mut self.motors[motor].errand {
+            errand.repeat_clear();
+        }
         if self.motors[motor].mode() != before {
             self.motor_changed(motor);
         }
