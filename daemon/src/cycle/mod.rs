@@ -181,7 +181,11 @@ impl<C: Clock> Cycle<C> {
     fn collect(&mut self, deadline: Instant) {
         let mut calls = CALLS_PER_BUS * self.slots.len();
         let open = self.slots.iter().filter(|slot| slot.is_open(&self.drives));
-        let Some(expected) = open.map(Slot::expected).max() else { return };
+        let Some(expected) = open.map(Slot::expected).max() else {
+            // Buses without a question have news, too: a controller that is back, frames of strangers.
+            self.receive(None);
+            return;
+        };
         let mut ready = self.wait(Interest::Nothing, expected.min(deadline));
         loop {
             let read = self.receive(ready);
