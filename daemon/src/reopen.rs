@@ -69,7 +69,7 @@ impl Workshop {
                 Ok(_) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            while self.retired.pop().is_ok() {}
+            self.close_retired();
             let before = waiting.len();
             waiting.retain(|&bus| !self.reopen(settings, bus));
             let failing = !waiting.is_empty() && waiting.len() == before;
@@ -77,12 +77,22 @@ impl Workshop {
         }
     }
 
+    fn close_retired(&mut self) {
+        while self.retired.pop().is_ok() {}
+    }
+
+    /// Gives an opened bus to the cycle. Tells whether there was room.
+    pub fn hand_over(&mut self, index: usize, bus: Box<dyn Bus>) -> bool {
+        self.close_retired();
+        self.opened.push((index, bus)).is_ok()
+    }
+
     fn reopen(&mut self, settings: &Settings, index: usize) -> bool {
         let name = &settings.buses[index].name;
         match buses::open_one(settings, index) {
             Ok(bus) => {
                 tracing::info!(bus = name, "opened again; its motors are stopped until they are enabled");
-                self.opened.push((index, bus)).is_ok()
+                self.hand_over(index, bus)
             }
             Err(error) => {
                 tracing::warn!("{error}; trying again");
