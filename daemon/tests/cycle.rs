@@ -227,7 +227,7 @@ fn a_panic_in_the_cycle_leaves_every_joint_damped_and_then_stopped() {
     let begun = robot.now();
     robot.cycle.carry_out_will();
     for bus in 0..4 {
-        robot.collect_sent(bus);
+        robot.collect_record(bus);
     }
     let sent = robot.take_sent();
     assert!(sent.iter().all(|sent| sent.meaning.is_safe()));

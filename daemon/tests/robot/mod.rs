@@ -6,21 +6,24 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part of the robot")]
 
 pub mod random;
+pub mod rough;
 pub mod witness;
 
 use motord::buses;
 use motord::clock::Clock;
 use motord::config::settings::{BusKind, Settings};
 use motord::config::{self, Machine};
+use motord::control::Event;
 use motord::cycle::{self, Cycle, Ends, Place};
 use motord::plan::BusPlan;
+use motord::reopen::{self, Workshop};
 use motord_bus::wait::Ready;
-use motord_bus::{Bus, Duration, Instant, Readiness};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness};
 use motord_shared::{
-    AdminReply, AdminRequest, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation, Phase,
-    Refusal, SetpointMessage, StateMessage,
+    AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation,
+    Phase, Refusal, SetpointMessage, StateMessage,
 };
-use motord_simulator::{Direction, FaultVerb, SharedBus};
+use motord_simulator::{BusSettings, Direction, FaultVerb, Motor, MotorSettings, SharedBus, SimulatedBus};
 use std::cell::Cell;
 use std::path::Path;
 use std::rc::Rc;
@@ -151,14 +154,26 @@ impl Meaning {
         }
     }
 
-    /// Neither stiffness nor torque beyond a code: at most it brakes.
+    /// Neither stiffness, nor torque, nor a speed to follow beyond a code: at most it brakes.
     pub fn is_safe(&self) -> bool {
         match *self {
             Self::Start | Self::SetZero => false,
             Self::Stop | Self::GetFault | Self::ClearFault => true,
-            Self::Control { kp, torque, .. } => kp == 0.0 && torque.abs() < 0.2,
+            Self::Control { velocity, kp, torque, .. } => {
+                kp == 0.0 && torque.abs() < 0.2 && velocity.abs() < 0.02
+            }
         }
     }
+}
+
+/// A reply, as it was on the wire.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Told {
+    /// The end of the frame.
+    pub at: Instant,
+    /// Which bus.
+    pub bus: usize,
+    pub frame: Frame,
 }
 
 /// The robot, its client, and what can be done to both.
@@ -168,21 +183,42 @@ pub struct Robot {
     pub ends: Ends,
     pub clock: Virtual,
     pub buses: Vec<SharedBus>,
+    workshop: Workshop,
     place: Place,
     tickets: u32,
     sequence: u64,
     pub lease: u64,
     /// Frames to motors since the last [`Robot::take_sent`].
     sent: Vec<Sent>,
+    /// Frames to the host since the last [`Robot::take_told`].
+    told: Vec<Told>,
+    /// What the log was told since the last [`Robot::take_events`].
+    events: Vec<Event>,
 }
 
 impl Robot {
     pub fn new(settings: Settings, seed: u64) -> Self {
+        Self::built(settings, seed, |_, _| {})
+    }
+
+    /// A robot that is not built as it is configured: `build` sees each bus and its motors before they exist.
+    pub fn built(
+        settings: Settings,
+        seed: u64,
+        mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
+    ) -> Self {
         let start = Instant::from_nanos(1_000_000_000);
         let clock = Virtual { now: Rc::new(Cell::new(start)), late: Rc::default(), broken: Rc::default() };
-        let buses: Vec<_> =
-            settings.buses.iter().enumerate().map(|(index, _)| bus(&settings, index, seed)).collect();
-        let (link, ends) = cycle::link(settings.groups.len());
+        let buses: Vec<_> = (0..settings.buses.len())
+            .map(|index| {
+                let (mut bus, mut motors) = physics(&settings, index);
+                build(&mut bus, &mut motors);
+                SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
+            })
+            .collect();
+        let (mut link, ends) = cycle::link(settings.groups.len());
+        let (replacements, workshop) = reopen::ends();
+        link.repairs(replacements);
         let plans = BusPlan::of(&settings);
         let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
         let cycle = Cycle::new(&settings, &plans, boxed, clock.clone(), link, 7);
@@ -193,11 +229,14 @@ impl Robot {
             ends,
             clock,
             buses,
+            workshop,
             place,
             tickets: 0,
             sequence: 0,
             lease: 0,
             sent: Vec::new(),
+            told: Vec::new(),
+            events: Vec::new(),
         }
     }
 
@@ -210,8 +249,11 @@ impl Robot {
         self.place = self.cycle.run(self.place);
         self.ends.states.update();
         while self.ends.records.pop().is_ok() {}
+        while let Ok((_, event)) = self.ends.events.pop() {
+            self.events.push(event);
+        }
         for bus in 0..self.buses.len() {
-            self.collect_sent(bus);
+            self.collect_record(bus);
         }
     }
 
@@ -219,15 +261,21 @@ impl Robot {
         (0..cycles).for_each(|_| self.step());
     }
 
-    pub fn collect_sent(&mut self, bus: usize) {
+    /// Takes what was on the wire of a bus; every step does.
+    pub fn collect_record(&mut self, bus: usize) {
         let mut guard = self.buses[bus].lock();
-        for recorded in guard.take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
-            let id = recorded.frame.id().raw();
+        for recorded in guard.take_record() {
+            let (at, frame) = (recorded.at, recorded.frame);
+            if recorded.direction == Direction::ToHost {
+                self.told.push(Told { at, bus, frame });
+                continue;
+            }
+            let id = frame.id().raw();
             let motor =
                 self.settings.motors.iter().find(|motor| motor.bus == bus && u16::from(motor.id) == id);
             let torque_max = motor.expect("frames go to motors of the bus").torque_scale.field().max();
-            let bytes = recorded.frame.payload().try_into().expect("every command has eight bytes");
-            self.sent.push(Sent { at: recorded.at, bus, id, bytes, meaning: Meaning::of(bytes, torque_max) });
+            let bytes = frame.payload().try_into().expect("every command has eight bytes");
+            self.sent.push(Sent { at, bus, id, bytes, meaning: Meaning::of(bytes, torque_max) });
         }
     }
 
@@ -236,12 +284,52 @@ impl Robot {
         std::mem::take(&mut self.sent)
     }
 
+    /// What the motor with this id heard since the last call; what the others heard is forgotten.
+    pub fn take_sent_to(&mut self, id: u16) -> Vec<Sent> {
+        self.take_sent().into_iter().filter(|sent| sent.id == id).collect()
+    }
+
+    /// What was on the wire for the host since the last call.
+    pub fn take_told(&mut self) -> Vec<Told> {
+        std::mem::take(&mut self.told)
+    }
+
+    /// What the log was told since the last call.
+    pub fn take_events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// The host hears a frame that none of the motors sent.
+    pub fn hear(&mut self, bus: usize, id: u16, payload: &[u8]) {
+        let id = FrameId::new(id).expect("an id has eleven bits");
+        let frame = Frame::new(id, payload).expect("a frame has at most eight bytes");
+        let now = self.now();
+        self.buses[bus].lock().deliver(now, Content::Frame(frame));
+    }
+
+    /// Opens a bus again that the cycle gave up, as the daemon's own thread does.
+    pub fn reopen(&mut self, bus: usize) {
+        let opened = Box::new(self.buses[bus].clone());
+        assert!(self.workshop.hand_over(bus, opened), "there is room for every bus");
+    }
+
+    /// The truth about a motor, which it would not tell.
+    pub fn truth(&self, joint: usize) -> Motor {
+        let motor = &self.settings.motors[joint];
+        let bus = self.buses[motor.bus].lock();
+        bus.motor(&motor.name).expect("every joint has a motor").clone()
+    }
+
     pub fn state(&mut self) -> StateMessage {
         *self.ends.states.output_buffer()
     }
 
     pub fn joint(&mut self, index: usize) -> JointState {
         self.state().joints[index]
+    }
+
+    pub fn bus(&mut self, index: usize) -> BusState {
+        self.state().buses[index]
     }
 
     pub fn mode(&mut self, index: usize) -> MotorMode {
@@ -286,48 +374,33 @@ impl Robot {
         Ok(reply.lease)
     }
 
-    /// Asks without waiting for the answer.
-    pub fn post(&mut self, request: AdminRequest) {
+    /// Asks without waiting for the answer, which bears the ticket that is returned.
+    pub fn post(&mut self, request: AdminRequest) -> u32 {
         self.tickets += 1;
         // A ring that is full means many requests are under way, and the client is told that it is busy.
         let _busy = self.ends.requests.push((self.tickets, request));
-        while self.ends.answers.pop().is_ok() {}
+        self.tickets
     }
 
-    /// Asks for the group without waiting; [`Robot::take_lease`] takes the answer after the next cycle.
-    pub fn post_claim(&mut self) {
-        self.post(AdminRequest { operation: Operation::Claim.code(), ..Default::default() });
-    }
-
-    /// The lease that was granted, if one was.
-    pub fn take_lease(&mut self) -> bool {
-        let mut granted = false;
-        while let Ok((_, reply)) = self.ends.answers.pop() {
-            if reply.lease != 0 {
-                (self.lease, self.sequence, granted) = (reply.lease, 0, true);
-            }
-        }
-        granted
+    /// The next answer to what was posted.
+    pub fn take_answer(&mut self) -> Option<(u32, AdminReply)> {
+        self.ends.answers.pop().ok()
     }
 
     /// A good message in the owner's name.
     pub fn message(&mut self, joints: &[JointSetpoint]) -> SetpointMessage {
         self.sequence += 1;
-        let mut message = SetpointMessage {
-            lease: self.lease,
-            sequence: self.sequence,
-            time_ns: self.now().as_nanos(),
-            joint_count: joints.len() as u32,
-            ..Default::default()
-        };
-        message.joints[..joints.len()].copy_from_slice(joints);
-        message
+        message(self.lease, self.sequence, self.now(), joints)
     }
 
     /// Hands a message to the cycle as the exchange does.
     pub fn deliver(&mut self, message: &SetpointMessage) {
-        *self.ends.setpoints[0].input_buffer_mut() = *message;
-        self.ends.setpoints[0].publish();
+        self.deliver_to(0, message);
+    }
+
+    pub fn deliver_to(&mut self, group: usize, message: &SetpointMessage) {
+        *self.ends.setpoints[group].input_buffer_mut() = *message;
+        self.ends.setpoints[group].publish();
     }
 
     pub fn send(&mut self, joints: &[JointSetpoint]) {
@@ -335,10 +408,14 @@ impl Robot {
         self.deliver(&message);
     }
 
-    /// Every joint of the group is asked to stay where it is, with these gains.
+    /// Every joint of the first group is asked to stay where it is, with these gains.
     pub fn hold(&mut self, kp: f32, kd: f32) -> Vec<JointSetpoint> {
+        self.hold_group(0, kp, kd)
+    }
+
+    pub fn hold_group(&mut self, group: usize, kp: f32, kd: f32) -> Vec<JointSetpoint> {
         let state = self.state();
-        let motors = self.settings.groups[0].motors.iter();
+        let motors = self.settings.groups[group].motors.iter();
         motors
             .map(|&motor| JointSetpoint {
                 position: state.joints[motor].position,
@@ -380,26 +457,80 @@ impl Robot {
         assert!(done, "{line}: nobody is called so");
     }
 
+    /// Runs cycles with `joints` as setpoints until `end` holds, at most `cycles` of them.
+    pub fn follow_until(&mut self, joints: &[JointSetpoint], cycles: usize, end: impl Fn(&mut Self) -> bool) {
+        for _ in 0..cycles {
+            if end(self) {
+                return;
+            }
+            self.follow(joints);
+        }
+        assert!(end(self), "not within {cycles} cycles: {} for {:?}", self.phase(), self.cause());
+    }
+
+    /// The clock tells an earlier time than before, as only a broken one does.
+    pub fn turn_clock_back(&mut self, back: Duration) {
+        self.clock.now.set(self.now() - back);
+    }
+
     /// The next sleep of the cycle ends this much too late.
     pub fn oversleep(&mut self, late: Duration) {
         self.clock.late.set(late);
     }
 }
 
+/// A message that asks for `joints`.
+pub fn message(lease: u64, sequence: u64, now: Instant, joints: &[JointSetpoint]) -> SetpointMessage {
+    let mut message = SetpointMessage {
+        lease,
+        sequence,
+        time_ns: now.as_nanos(),
+        joint_count: joints.len() as u32,
+        ..Default::default()
+    };
+    message.joints[..joints.len()].copy_from_slice(joints);
+    message
+}
+
 fn refusal(reply: AdminReply) -> Refusal {
     reply.refusal.try_into().expect("refusals are known")
 }
 
-fn bus(settings: &Settings, index: usize, seed: u64) -> SharedBus {
+/// The bus and the motors that a configuration means.
+fn physics(settings: &Settings, index: usize) -> (BusSettings, Vec<MotorSettings>) {
     let BusKind::Simulated { bitrate, .. } = settings.buses[index].kind else {
         panic!("the harness is simulated")
     };
-    let motors = settings.motors.iter().filter(|motor| motor.bus == index).map(buses::simulated).collect();
-    let bus = motord_simulator::BusSettings {
+    let motors: Vec<_> =
+        settings.motors.iter().filter(|motor| motor.bus == index).map(buses::simulated).collect();
+    let bus = BusSettings {
         name: settings.buses[index].name.clone(),
         bitrate,
         record: 4096,
+        // As the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
+        tx_queue: 2 * (motors.len() + 1),
         ..Default::default()
     };
-    SharedBus::new(motord_simulator::SimulatedBus::new(bus, motors, seed + index as u64))
+    (bus, motors)
+}
+
+/// A number from the environment, such as `MOTORD_SEEDS`.
+pub fn number(variable: &str) -> Option<u64> {
+    std::env::var(variable).ok().and_then(|text| text.parse().ok())
+}
+
+/// Lives `count` seeds, or as many as `MOTORD_SEEDS` says, or the one that `MOTORD_SEED` names. Tells how long they
+/// took, and how to live one again that failed.
+pub fn for_each_seed(test: &str, count: u64, live: impl Fn(u64) + std::panic::RefUnwindSafe) {
+    let begun = motord_bus::clock::monotonic();
+    let seeds = match number("MOTORD_SEED") {
+        Some(seed) => seed..seed + 1,
+        None => 0..number("MOTORD_SEEDS").unwrap_or(count),
+    };
+    for seed in seeds.clone() {
+        let lived = std::panic::catch_unwind(|| live(seed));
+        assert!(lived.is_ok(), "run it alone with: MOTORD_SEED={seed} cargo test -p motord --test {test}");
+    }
+    let took = motord_bus::clock::monotonic().since(begun);
+    println!("{test}: seeds {seeds:?} took {took:.1?}");
 }

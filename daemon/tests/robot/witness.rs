@@ -1,205 +1,341 @@
-//! Judges every cycle by what reached the wire and what was published: the invariants that hold whatever anybody does.
+//! Judges every cycle by what was on the wire and what was published: the invariants that hold whatever anybody does.
 //!
 //! | | |
 //! |---|---|
 //! | I1 | no start, zero or clear command that nobody asked for; never the all-zero frame |
-//! | I2 | position, velocity, gains, torque and their slews are within the limits after decoding the bytes |
-//! | I3 | no frame but a safe one, when the owner's newest good setpoint is older than its timeout and two cycles |
-//! | I4 | a disarmed motor hears stop and questions only |
-//! | I5 | at most one frame per motor, and one question for faults per bus, in a cycle |
-//! | I6 | a published state is fresh, or says how old it is |
+//! | I2 | after decoding the bytes: position, velocity, gains, torque, their slews, and the torque they make together are within the limits |
+//! | I3 | no motion when the owner's newest good setpoint is older than its timeout |
+//! | I4 | a stopped motor hears stop and questions only, and only an active group moves |
+//! | I5 | at most one command per motor, and one question for faults per bus, in a cycle |
+//! | I6 | a state is fresh when a reply with it was on the wire in this cycle, and else says how old it is |
 //! | I7 | only messages of the owner's lease move motors |
-//! | I8 | counters never fall, and as many frames are on the wire as were counted |
-//! | I9 | a latched cause is left by a reset only |
-//! | I10 | no frame but a safe one from the second cycle after a cause on |
+//! | I8 | counters never fall; every message is counted once; as many frames are on the wire as were counted |
+//! | I9 | a latched cause is left by a reset only, and nothing starts while it is latched |
+//! | I10 | no motion from the first cycle after a cause on |
 
-use super::{Meaning, Robot, Sent};
-use motord::config::settings::MotorSettings;
+mod slope;
+
+use super::{Meaning, Robot, Sent, Told};
+use motord::config::settings::{MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
-use motord_shared::{Cause, Limit, MotorMode, Phase, StateMessage, message};
+use motord_shared::{
+    AdminRequest, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation, Phase, StateMessage,
+    message,
+};
+use slope::Slopes;
 
-/// The stiffness that only messages without the owner's lease ask for (I7).
-pub const FOREIGN_KP: f32 = 177.0;
+/// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
+/// in the cycle that uses it.
+pub const FOREIGN_VELOCITY: f32 = 18.0;
 
-/// A frame may leave up to this long after the setpoint it follows has grown too old.
-const GRACE: Duration = Duration::from_millis(2);
+/// A fault that was not cleared by then is not cleared any more: a second, and a late cycle.
+const CLEAR_TIME: Duration = Duration::from_millis(1020);
 
-/// The last control frame of a motor.
-#[derive(Debug, Clone, Copy)]
-struct Control {
-    at: Instant,
-    position: f64,
-    kp: f64,
-    kd: f64,
-    torque: f64,
+/// What a test did to a group, and what was seen of it.
+#[derive(Debug, Clone, Default)]
+struct Watched {
+    /// When its owner last sent a message that is good in every respect.
+    good_setpoint: Option<Instant>,
+    /// A message came since the last cycle.
+    delivered: bool,
+    /// A reset was asked for since the last cycle.
+    reset: bool,
+    /// An enable was asked for, and nothing has stopped the group since.
+    enabled: bool,
 }
 
 /// What was seen so far.
 #[derive(Debug)]
 pub struct Witness {
     before: Option<StateMessage>,
-    controls: Vec<Option<Control>>,
-    /// When the owner last sent a message that is good in every respect.
-    pub good_setpoint: Option<Instant>,
-    /// Groups whose reset was asked for since the last cycle.
-    pub reset: bool,
-    /// An enable was accepted since the last stop.
-    pub enabled: bool,
-    /// Motors that may hear set zero or clear fault.
-    pub errand: bool,
-    caused: Option<u32>,
-    sent: [u32; 16],
-    lost_on_the_way: bool,
+    begun: Instant,
+    groups: Vec<Watched>,
+    slopes: Vec<Slopes>,
+    /// Set zero commands that each motor may still hear.
+    zeros: Vec<u32>,
+    /// Until when each motor may hear clear fault commands.
+    clears: Vec<Instant>,
+    sent: Vec<u32>,
+    /// Frames that each bus may still carry from the time when it was jammed.
+    stale: Vec<usize>,
+    lossy: bool,
 }
 
 impl Witness {
     pub fn new(robot: &Robot) -> Self {
+        let settings = &robot.settings;
         Self {
             before: None,
-            controls: vec![None; robot.settings.motors.len()],
-            good_setpoint: None,
-            reset: false,
-            enabled: false,
-            errand: false,
-            caused: None,
-            sent: [0; 16],
-            lost_on_the_way: false,
+            begun: robot.now(),
+            groups: vec![Watched::default(); settings.groups.len()],
+            slopes: vec![Slopes::default(); settings.motors.len()],
+            zeros: vec![0; settings.motors.len()],
+            clears: vec![Instant::ZERO; settings.motors.len()],
+            sent: vec![0; settings.buses.len()],
+            stale: vec![0; settings.buses.len()],
+            lossy: false,
         }
     }
 
     /// Buses lose frames from now on, so that counters and the wire cannot be compared any more.
     pub fn allow_loss(&mut self) {
-        self.lost_on_the_way = true;
+        self.lossy = true;
+    }
+
+    /// A bus was jammed and moves again: what had been queued, at most `frames`, leaves now.
+    pub fn allow_stale(&mut self, bus: usize, frames: usize) {
+        self.stale[bus] = frames;
+    }
+
+    /// Somebody asked for this.
+    pub fn asked(&mut self, request: &AdminRequest) {
+        let group = request.group as usize;
+        match Operation::try_from(request.operation) {
+            Ok(Operation::Reset) => self.groups[group].reset = true,
+            Ok(Operation::Enable) => self.groups[group].enabled = true,
+            Ok(Operation::SetZero) => self.zeros[request.joint as usize] += 1,
+            Ok(Operation::ClearFault) => self.clears[request.joint as usize] = self.begun + CLEAR_TIME,
+            _ => {}
+        }
+    }
+
+    /// The group's owner sends a message that is good in every respect.
+    pub fn good_setpoint(&mut self, group: usize, now: Instant) {
+        self.groups[group].good_setpoint = Some(now);
+    }
+
+    /// A message is under way that names the group.
+    pub fn delivered(&mut self, group: usize) {
+        self.groups[group].delivered = true;
     }
 
     /// Judges the cycle that `robot` has just run.
     pub fn judge(&mut self, robot: &mut Robot) {
-        let state = robot.state();
+        let cycle = Cycle {
+            before: self.before.unwrap_or_else(|| robot.state()),
+            state: robot.state(),
+            begun: Instant::from_nanos(robot.state().tick_ns + robot.state().wake_latency_ns),
+            told: robot.take_told(),
+        };
         let sent = robot.take_sent();
-        self.judge_counts(robot, &state, &sent);
+        let elapsed = cycle.begun.since(self.begun).min(2 * super::PERIOD);
+        self.judge_counts(robot, &cycle, &sent);
+        for (motor, settings) in robot.settings.motors.iter().enumerate() {
+            self.judge_activation(motor, &cycle);
+            self.slopes[motor].pass(elapsed.as_secs_f64());
+            judge_joint(settings, motor, &cycle);
+        }
         for frame in &sent {
-            let index = robot
-                .settings
-                .motors
-                .iter()
-                .position(|motor| motor.bus == frame.bus && u16::from(motor.id) == frame.id);
-            let index = index.expect("frames go to motors");
-            self.judge_frame(
-                &robot.settings.motors[index],
-                robot.settings.safety.setpoint_timeout,
-                &state,
-                index,
-                frame,
-            );
+            let motor = robot.settings.motors.iter().position(|motor| is_to(frame, motor));
+            let motor = motor.expect("frames go to motors");
+            self.judge_values(&robot.settings.motors[motor], &cycle, motor, frame);
+            if cycle.has_sent(frame) {
+                self.judge_meaning(robot, &cycle, motor, frame);
+            }
         }
-        self.judge_state(&state);
-        self.reset = false;
-        self.before = Some(state);
+        for (group, watched) in self.groups.iter_mut().enumerate() {
+            judge_group(watched, &cycle.before.groups[group], &cycle.state.groups[group]);
+        }
+        judge_counters(&cycle.before, &cycle.state);
+        self.begun = cycle.begun;
+        self.before = Some(cycle.state);
     }
 
-    fn judge_counts(&mut self, robot: &Robot, state: &StateMessage, sent: &[Sent]) {
+    fn judge_counts(&mut self, robot: &Robot, cycle: &Cycle, sent: &[Sent]) {
         for bus in 0..robot.buses.len() {
-            let motors = robot.settings.motors.iter().filter(|motor| motor.bus == bus).count();
-            let frames = sent.iter().filter(|frame| frame.bus == bus).count();
-            assert!(frames <= motors + 1, "I5: {frames} frames for {motors} motors");
-            self.sent[bus] += frames as u32;
-            if !self.lost_on_the_way {
-                // A question for faults is sent after the states were published.
-                let unpublished = self.sent[bus].wrapping_sub(state.buses[bus].sent);
-                assert!(unpublished <= 1, "I8: {unpublished} frames more on the wire than counted");
+            let mut frames: Vec<_> = sent.iter().filter(|frame| frame.bus == bus).collect();
+            self.sent[bus] += frames.len() as u32;
+            frames.retain(|frame| cycle.has_sent(frame));
+            // A question for faults is sent after the states were published.
+            let unpublished = self.sent[bus].wrapping_sub(cycle.state.buses[bus].sent) as i32;
+            assert!(unpublished <= 1, "I8: {unpublished} frames more on the wire than counted");
+            assert!(self.lossy || unpublished >= 0, "I8: {unpublished} frames on the wire");
+            if self.stale[bus] > 0 {
+                continue;
+            }
+            let motors: Vec<_> = robot.settings.motors.iter().filter(|motor| motor.bus == bus).collect();
+            assert!(
+                frames.len() <= motors.len() + 1,
+                "I5: {} frames for {} motors",
+                frames.len(),
+                motors.len()
+            );
+            for motor in motors {
+                let mine = frames.iter().filter(|frame| is_to(frame, motor));
+                let commands = mine.filter(|frame| frame.meaning != Meaning::GetFault).count();
+                assert!(commands <= 1, "I5: {commands} commands for {}", motor.name);
             }
         }
     }
 
-    fn judge_frame(
-        &mut self,
-        motor: &MotorSettings,
-        timeout: Duration,
-        state: &StateMessage,
-        index: usize,
-        frame: &Sent,
-    ) {
-        let mode = MotorMode::try_from(state.joints[index].mode).expect("a mode");
-        let phase = Phase::try_from(state.groups[0].phase).expect("a phase");
-        assert_ne!(frame.bytes, [0; 8], "I1: the all-zero frame");
+    /// A motor that begins to follow setpoints begins with nothing, and from where it stands.
+    fn judge_activation(&mut self, motor: usize, cycle: &Cycle) {
+        let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
+        if before.mode == MotorMode::Starting.code() {
+            self.slopes[motor] = Slopes::from(f64::from(before.position));
+        }
+        if before.mode != MotorMode::Damping.code() {
+            self.slopes[motor].may_be_held_at([before, now].map(|joint| f64::from(joint.position)));
+        }
+        let started = now.mode == MotorMode::Active.code() && before.mode != now.mode;
+        assert!(!started || before.mode == MotorMode::Starting.code(), "I1: active without a start");
+    }
+
+    fn judge_meaning(&mut self, robot: &Robot, cycle: &Cycle, motor: usize, frame: &Sent) {
+        let settings = &robot.settings.motors[motor];
+        if self.stale[frame.bus] > 0 {
+            self.stale[frame.bus] -= 1;
+            return;
+        }
+        let group = robot.settings.groups.iter().position(|group| group.motors.contains(&motor));
+        let group = group.expect("every motor is in a group");
+        let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
+        let either = |phase: Phase| before.phase == phase.code() || now.phase == phase.code();
         match frame.meaning {
-            Meaning::Start => assert!(self.enabled && phase == Phase::Starting, "I1: start in {phase}"),
-            Meaning::SetZero | Meaning::ClearFault => assert!(self.errand, "I1: {:?}", frame.meaning),
             Meaning::Stop | Meaning::GetFault => {}
+            Meaning::Start => {
+                assert!(self.groups[group].enabled && either(Phase::Starting), "I1: start in {}", now.phase);
+            }
+            Meaning::SetZero => {
+                assert!(self.zeros[motor] > 0 && either(Phase::Disarmed), "I1: set zero");
+                self.zeros[motor] -= 1;
+            }
+            Meaning::ClearFault => {
+                assert!(cycle.begun <= self.clears[motor] && either(Phase::Disarmed), "I1: clear fault");
+            }
             Meaning::Control { .. } => {
-                let fell = self.before.is_some_and(|before| before.groups[0].phase != Phase::Disarmed.code());
-                assert!(phase != Phase::Disarmed || fell, "I4: control of a disarmed {mode} motor");
-                self.judge_control(motor, state, index, frame);
+                let stopped = before.phase == Phase::Disarmed.code() && now.phase == before.phase;
+                assert!(!stopped, "I4: {:?} to a stopped motor", frame.meaning);
+                let holds = robot.settings.groups[group].safe_stop == SafeStop::Hold
+                    && now.phase == Phase::Damping.code()
+                    && self.slopes[motor].is_held(settings, &frame.meaning);
+                if !frame.meaning.is_safe() && !holds {
+                    self.judge_motion(robot.settings.safety.setpoint_timeout, cycle, group);
+                }
             }
         }
-        if frame.meaning.is_safe() || frame.meaning == Meaning::Start {
-            return;
-        }
-        if frame.meaning == Meaning::SetZero {
-            return;
-        }
-        let good = self.good_setpoint.expect("I3: motion without any setpoint");
-        let age = frame.at.since(good);
-        assert!(age <= timeout + GRACE, "I3: motion on a setpoint that is {age:?} old");
-        assert!(self.caused.is_none_or(|cycles| cycles < 2), "I10: motion after a stop");
     }
 
-    fn judge_control(&mut self, motor: &MotorSettings, state: &StateMessage, index: usize, frame: &Sent) {
+    fn judge_motion(&self, timeout: Duration, cycle: &Cycle, group: usize) {
+        let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
+        assert_eq!(before.cause, 0, "I10: motion in the cycle after a cause");
+        assert!(now.phase == Phase::Active.code() || now.cause != 0, "I4: motion in phase {}", now.phase);
+        let good = self.groups[group].good_setpoint.expect("I3: motion without any setpoint");
+        let age = cycle.begun.since(good);
+        assert!(age <= timeout, "I3: motion on a setpoint that is {age:?} old");
+    }
+
+    fn judge_values(&mut self, settings: &MotorSettings, cycle: &Cycle, motor: usize, frame: &Sent) {
+        assert_ne!(frame.bytes, [0; 8], "I1: the all-zero frame");
         let Meaning::Control { position, velocity, kp, kd, torque } = frame.meaning else { return };
-        let limits = &motor.limits;
-        let code = 2.0 * motor.torque_scale.field().max() / 4095.0;
-        let joint = f64::from(motor.direction) * position + f64::from(motor.offset);
-        assert!((kp - f64::from(FOREIGN_KP)).abs() > 1.0, "I7: a foreign setpoint was followed");
+        let (limits, direction) = (&settings.limits, f64::from(settings.direction));
+        let torque_code = 2.0 * settings.torque_scale.field().max() / 4095.0;
+        let told = &cycle.before.joints[motor];
+        let position = direction * position + f64::from(settings.offset);
+        let (velocity, torque) = (direction * velocity, direction * torque);
+        assert!((velocity - f64::from(FOREIGN_VELOCITY)).abs() > 0.05, "I7: a foreign setpoint was followed");
         assert!(kp <= f64::from(limits.kp) + 0.07, "I2: kp {kp}");
-        assert!(kd <= f64::from(limits.kd).max(f64::from(motor.damping_kd)) + 0.001, "I2: kd {kd}");
+        assert!(kd <= f64::from(limits.kd.max(settings.damping_kd)) + 0.001, "I2: kd {kd}");
         assert!(velocity.abs() <= f64::from(limits.velocity) + 0.02, "I2: velocity {velocity}");
-        assert!(torque.abs() <= f64::from(limits.torque) + code, "I2: torque {torque}");
-        let told = Control { at: frame.at, position: joint, kp, kd, torque };
+        assert!(torque.abs() <= f64::from(limits.torque) + torque_code, "I2: torque {torque}");
         if kp > 0.0 {
             let [low, high] = limits.position.map(f64::from);
-            let entering = state.joints[index].limits & Limit::PositionSlew.bit() != 0;
-            assert!(entering || (low - 4e-4..=high + 4e-4).contains(&joint), "I2: position {joint}");
-        }
-        let active = state.joints[index].mode == MotorMode::Active.code();
-        if let (Some(before), true) =
-            (self.controls[index].filter(|before| before.kp > 0.0 && kp > 0.0), active)
-        {
-            let time = frame.at.since(before.at).as_secs_f64().min(0.002) + 1e-4;
-            let within = |name: &str, change: f64, slew: f32, code: f64| {
-                assert!(
-                    change <= f64::from(slew) * time + 2.0 * code,
-                    "I2: {name} changed by {change} in {time} s"
-                );
-            };
-            within("position", (told.position - before.position).abs(), limits.velocity, 4e-4);
-            within("kp", told.kp - before.kp, limits.kp_slew, 0.13);
-            within("kd", told.kd - before.kd, limits.kd_slew, 0.0013);
-        }
-        self.controls[index] = Some(told);
-    }
-
-    fn judge_state(&mut self, state: &StateMessage) {
-        let group = &state.groups[0];
-        for joint in state.joints() {
-            let fresh = joint.flags & message::JOINT_FRESH != 0;
-            assert_eq!(fresh, joint.age_cycles == 0 && joint.receive_ns > 0, "I6: {joint:?}");
-            let valid = joint.flags & message::JOINT_VALID != 0;
-            assert_eq!(valid, joint.position.is_finite(), "I6: {joint:?}");
-        }
-        if let Some(before) = &self.before {
-            assert!(state.cycle > before.cycle && state.overruns >= before.overruns, "I8");
-            for (now, before) in state.buses().iter().zip(before.buses()) {
-                assert!(now.sent >= before.sent && now.received >= before.received, "I8");
-            }
-            let (was, is) = (before.groups[0].cause, group.cause);
+            let entering = cycle.state.joints[motor].limits & Limit::PositionSlew.bit() != 0;
+            let active = cycle.state.joints[motor].mode == MotorMode::Active.code();
             assert!(
-                is == was || was == 0 || self.reset || is == Cause::EmergencyStop.code(),
-                "I9: {was} became {is}"
+                entering || !active || (low - 4e-4..=high + 4e-4).contains(&position),
+                "I2: position {position}"
             );
         }
-        self.caused = (group.cause != 0).then(|| self.caused.map_or(0, |cycles| cycles + 1));
-        if group.cause != 0 || group.phase == Phase::Disarmed.code() {
-            self.enabled = self.enabled && group.phase == Phase::Starting.code();
+        if told.position.is_finite() {
+            let (far, fast) = (position - f64::from(told.position), velocity - f64::from(told.velocity));
+            let total = kp * far + kd * fast + torque;
+            let codes = 0.07 * far.abs() + 4e-4 * kp + 7e-4 * fast.abs() + 0.017 * kd + torque_code;
+            assert!(total.abs() <= f64::from(limits.torque) + codes, "I2: {total} N·m in all");
         }
+        if cycle.state.joints[motor].mode == MotorMode::Active.code() {
+            self.slopes[motor].judge(limits, position, [kp, kd, torque], torque_code);
+        }
+    }
+}
+
+/// One cycle, as it was seen from outside.
+struct Cycle {
+    before: StateMessage,
+    state: StateMessage,
+    begun: Instant,
+    told: Vec<Told>,
+}
+
+/// No command is shorter on a wire of 1 Mbit/s.
+const FRAME_TIME: Duration = Duration::from_micros(111);
+
+impl Cycle {
+    /// The frame was sent in this cycle: it was not still on the wire when the cycle began.
+    fn has_sent(&self, frame: &Sent) -> bool {
+        frame.at >= self.begun + FRAME_TIME
+    }
+}
+
+fn is_to(frame: &Sent, motor: &MotorSettings) -> bool {
+    frame.bus == motor.bus && frame.id == u16::from(motor.id)
+}
+
+fn judge_joint(settings: &MotorSettings, motor: usize, cycle: &Cycle) {
+    let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
+    let fresh = now.flags & message::JOINT_FRESH != 0;
+    assert_eq!(fresh, now.age_cycles == 0 && now.receive_ns > 0, "I6: {now:?}");
+    assert_eq!(now.flags & message::JOINT_VALID != 0, now.position.is_finite(), "I6: {now:?}");
+    if fresh {
+        let said = cycle.told.iter().any(|told| says(told, settings, now));
+        assert!(said, "I6: no reply said {now:?}");
+    } else if cycle.state.cycle > cycle.before.cycle {
+        assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");
+        assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
+    }
+}
+
+/// The reply is the motor's, came when `joint` says, and tells its position (MIT document 1.1).
+fn says(told: &Told, motor: &MotorSettings, joint: &JointState) -> bool {
+    let [id, high, low, rest @ ..] = told.frame.payload() else { return false };
+    let position = f64::from(u16::from_be_bytes([*high, *low])) * 25.0 / 65535.0 - 12.5;
+    let position = f64::from(motor.direction) * position + f64::from(motor.offset);
+    let fault = rest.iter().all(|byte| *byte == 0);
+    (told.bus, told.frame.id(), *id) == (motor.bus, motor.host_id, motor.id)
+        && told.at.as_nanos() == joint.receive_ns
+        && (position - f64::from(joint.position)).abs() < 1e-3
+        && !fault
+}
+
+fn judge_group(watched: &mut Watched, before: &GroupState, now: &GroupState) {
+    let (was, is) = (before.cause, now.cause);
+    let kept = is == was || was == 0 || watched.reset && is == 0 || is == Cause::EmergencyStop.code();
+    assert!(kept || watched.reset, "I9: cause {was} became {is}");
+    let stopped = now.phase == Phase::Disarmed.code() || now.phase == Phase::Damping.code();
+    assert!(is == 0 || stopped, "I9: phase {} with cause {is}", now.phase);
+    let counted =
+        |group: &GroupState| group.rejected.iter().fold(group.accepted, |sum, n| sum.wrapping_add(*n));
+    let new = counted(now).wrapping_sub(counted(before));
+    assert_eq!(new, u32::from(watched.delivered), "I8: messages counted in this cycle");
+    if is != 0 || now.phase == Phase::Disarmed.code() {
+        watched.enabled = false;
+    }
+    (watched.reset, watched.delivered) = (false, false);
+}
+
+fn judge_counters(before: &StateMessage, now: &StateMessage) {
+    assert!(now.cycle >= before.cycle && now.overruns >= before.overruns, "I8: cycles");
+    let counters = |bus: &BusState| {
+        let BusState { sent, dropped, received, unknown, duplicate, malformed, errors, lost, .. } = *bus;
+        [sent, dropped, received, unknown, duplicate, malformed, errors, lost]
+    };
+    for (before, now) in before.buses().iter().zip(now.buses()) {
+        assert!(
+            counters(before).iter().zip(counters(now)).all(|(before, now)| now >= *before),
+            "I8: {now:?}"
+        );
+    }
+    for (before, now) in before.joints().iter().zip(now.joints()) {
+        assert!(now.missed >= before.missed && now.late >= before.late, "I8: {now:?}");
     }
 }

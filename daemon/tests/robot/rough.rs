@@ -1,0 +1,148 @@
+//! A controller that does everything a controller should not.
+
+use super::random::Random;
+use super::witness::{FOREIGN_VELOCITY, Witness};
+use super::{Robot, message};
+use motord_bus::{Duration, Instant};
+use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, SetpointMessage};
+
+const ABSURD: [f32; 12] = [
+    f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    f32::MAX,
+    f32::MIN,
+    f32::MIN_POSITIVE / 2.0,
+    -0.0,
+    1e9,
+    -1e9,
+    500.0,
+    -12.5,
+    12.5,
+];
+
+/// The would-be owner of a group.
+#[derive(Debug)]
+pub struct Rough {
+    group: usize,
+    pub lease: u64,
+    sequence: u64,
+    claim: u32,
+    pub wishes: Vec<JointSetpoint>,
+}
+
+impl Rough {
+    pub fn new(group: usize) -> Self {
+        Self { group, lease: 0, sequence: 0, claim: 0, wishes: Vec::new() }
+    }
+
+    /// Whether the daemon takes it for the owner.
+    pub fn owns(&self, robot: &mut Robot) -> bool {
+        self.lease != 0 && robot.state().groups[self.group].lease == self.lease
+    }
+
+    /// Asks for its group; the answer comes with the next cycle, to [`Rough::hear`].
+    pub fn claim(&mut self, robot: &mut Robot) {
+        let operation = Operation::Claim.code();
+        self.claim = robot.post(AdminRequest { operation, group: self.group as u32, ..Default::default() });
+    }
+
+    /// Takes an answer, if it is its own.
+    pub fn hear(&mut self, robot: &mut Robot, ticket: u32, reply: &AdminReply) {
+        if ticket == self.claim && reply.lease != 0 {
+            (self.lease, self.sequence) = (reply.lease, 0);
+            self.wishes = robot.hold_group(self.group, 30.0, 1.0);
+        }
+    }
+
+    /// Asks for something, at the right time or not. The answer will bear the ticket that is returned.
+    pub fn request(&self, random: &mut Random, robot: &mut Robot, witness: &mut Witness) -> u32 {
+        let operation = *random.pick(&[
+            Operation::Enable,
+            Operation::Enable,
+            Operation::Disable,
+            Operation::Reset,
+            Operation::EmergencyStop,
+            Operation::SetZero,
+            Operation::ClearFault,
+        ]);
+        let request = AdminRequest {
+            operation: operation.code(),
+            group: self.group as u32,
+            joint: random.below(robot.settings.motors.len()) as u32,
+            lease: *random.pick(&[0, self.lease]),
+            ..Default::default()
+        };
+        witness.asked(&request);
+        robot.post(request)
+    }
+
+    /// Sends a message that is good in every respect.
+    pub fn follow(&mut self, robot: &mut Robot, witness: &mut Witness) {
+        let message = self.message(robot.now());
+        witness.good_setpoint(self.group, robot.now());
+        self.deliver(robot, witness, &message);
+    }
+
+    /// Sends what is good, bad, or nothing.
+    pub fn misbehave(&mut self, random: &mut Random, robot: &mut Robot, witness: &mut Witness) {
+        match random.below(40) {
+            0..=2 => {}
+            3 => self.wishes.iter_mut().for_each(|wish| wish.position += random.between(-3.0, 3.0)),
+            4 => self.wishes.iter_mut().for_each(|wish| wish.torque = random.between(-50.0, 50.0)),
+            5 => self.wishes.iter_mut().for_each(|wish| wish.kp = random.between(0.0, 120.0)),
+            6 => self.wishes.iter_mut().for_each(|wish| wish.velocity = random.between(-16.0, 16.0)),
+            7..=9 => {
+                let mut message = self.message(robot.now());
+                if spoil(random, &mut message, robot.now()) {
+                    witness.good_setpoint(self.group, robot.now());
+                }
+                self.deliver(robot, witness, &message);
+            }
+            _ => self.follow(robot, witness),
+        }
+    }
+
+    fn message(&mut self, now: Instant) -> SetpointMessage {
+        self.sequence += 1;
+        message(self.lease, self.sequence, now, &self.wishes)
+    }
+
+    fn deliver(&self, robot: &mut Robot, witness: &mut Witness, message: &SetpointMessage) {
+        if self.lease != 0 {
+            witness.delivered(self.group);
+        }
+        robot.deliver_to(self.group, message);
+    }
+}
+
+/// Makes a message one that must be rejected, or whose values must be limited: then it is as good as any.
+fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bool {
+    let joint = random.below(3);
+    let mut only_values = false;
+    match random.below(10) {
+        0..=4 => {
+            let wish = &mut message.joints[joint];
+            let absurd = *random.pick(&ABSURD);
+            match random.below(5) {
+                0 => wish.position = absurd,
+                1 => wish.velocity = absurd,
+                2 => wish.kp = absurd,
+                3 => wish.kd = absurd,
+                _ => wish.torque = absurd,
+            }
+            only_values = true;
+        }
+        5 => message.joints[joint].mode = random.next() as u32,
+        6 => message.joint_count = random.next() as u32,
+        7 => message.time_ns = *random.pick(&[0, u64::MAX, (now - Duration::from_millis(21)).as_nanos()]),
+        8 => message.sequence = *random.pick(&[0, message.sequence.wrapping_sub(1), 1 << 63, u64::MAX]),
+        _ => {
+            message.lease ^= 1 << (8 + random.below(56));
+            message.joints.iter_mut().for_each(|joint| joint.velocity = FOREIGN_VELOCITY);
+        }
+    }
+    let JointSetpoint { position, velocity, kp, kd, torque, .. } = message.joints[joint];
+    let finite = [position, velocity, kp, kd, torque].iter().all(|value| value.is_finite());
+    only_values && finite && kp >= 0.0 && kd >= 0.0
+}

@@ -1,0 +1,352 @@
+//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `robot/witness.rs` hold in every cycle;
+//! and when they stop doing it, the robot can be armed again within a second.
+//! Method: seeded storms on virtual time over two buses, six motors and two groups. `MOTORD_SEEDS` sets how many,
+//! `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
+
+mod robot;
+
+use motord::config::settings::Settings;
+use motord_bus::Duration;
+use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
+use robot::Robot;
+use robot::random::Random;
+use robot::rough::Rough;
+use robot::witness::Witness;
+
+/// Storms of a plain `cargo test`.
+const SEEDS: u64 = 100;
+/// How long each of them blows, s.
+const SECONDS: u64 = 2;
+/// When the faults have stopped, an operator and a well-behaved controller need this many cycles at most.
+const ARMABLE_CYCLES: u32 = 1000;
+
+/// Buses that the cycle has given up are opened again this often.
+const REOPEN_CYCLES: u64 = 100;
+
+/// Two groups that share both buses, and every policy once.
+fn settings() -> Settings {
+    let mut text = String::from("[safety]\nsetpoint-timeout-ms = 20\ndamp-seconds = 0.3\n");
+    for bus in ["left", "right"] {
+        text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
+    }
+    for (bus, policy) in [("left", "stop-joint"), ("right", "stop-all")] {
+        text += &robot::motor(1, &format!("{bus}-hip"), bus, "");
+        text += &robot::motor(2, &format!("{bus}-thigh"), bus, "direction = -1\noffset-rad = 0.3");
+        text += &robot::motor(3, &format!("{bus}-knee"), bus, &format!("fault-policy = \"{policy}\""));
+    }
+    text += "[[group]]\nname = \"legs\"\njoints = [\"left-hip\", \"left-thigh\", \"right-hip\"]\n";
+    text += "[[group]]\nname = \"arms\"\njoints = [\"left-knee\", \"right-thigh\", \"right-knee\"]\nsafe-stop = \"hold\"\n";
+    robot::settings(&text)
+}
+
+const BUS_FAULTS: [&str; 13] = [
+    "gone",
+    "bus-off",
+    "tx-full",
+    "tx-full 1",
+    "no-ack",
+    "down",
+    "flood 3000",
+    "warning",
+    "passive",
+    "extended",
+    "remote",
+    "fd",
+    "overflow 5",
+];
+const MOTOR_FAULTS: [&str; 14] = [
+    "off",
+    "stuck",
+    "garbage",
+    "wrong",
+    "slow 10ms",
+    "delayed 300us",
+    "delayed 2ms",
+    "intermittent 30%",
+    "duplicate",
+    "reorder",
+    "short",
+    "fault 0x02",
+    "fault 0x40",
+    "power-cycle",
+];
+
+#[test]
+fn no_storm_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
+    let seconds = robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(SECONDS);
+    robot::for_each_seed("storm", SEEDS, |seed| {
+        let mut storm = Storm::new(seed);
+        for _ in 0..seconds * 1000 {
+            storm.rage();
+        }
+        storm.calm();
+        storm.must_be_armable();
+    });
+}
+
+/// Goal: a robot whose controllers are sane is never stopped for nothing.
+/// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of sound hardware.
+#[test]
+#[ignore = "an hour of robot time takes minutes: run it with --release and --ignored"]
+fn an_hour_of_sane_control_is_never_stopped() {
+    sane::walk(robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(3600));
+}
+
+/// A robot in a storm.
+struct Storm {
+    random: Random,
+    robot: Robot,
+    witness: Witness,
+    controllers: [Rough; 2],
+    jammed: Vec<bool>,
+    /// Requests that were not answered yet: all but errands to motors are at once.
+    pending: Vec<u32>,
+}
+
+impl Storm {
+    fn new(seed: u64) -> Self {
+        let robot = Robot::new(settings(), seed);
+        let mut witness = Witness::new(&robot);
+        witness.allow_loss();
+        let jammed = vec![false; robot.buses.len()];
+        let controllers = [0, 1].map(Rough::new);
+        Self { random: Random::new(seed), robot, witness, controllers, jammed, pending: Vec::new() }
+    }
+
+    /// One cycle in which anything may happen.
+    fn rage(&mut self) {
+        if self.random.once_in(60) {
+            self.disturb();
+        }
+        if self.random.once_in(60) {
+            self.lift();
+        }
+        if self.random.once_in(300) {
+            let late = self.random.between(0.1e-3, 12e-3);
+            self.robot.oversleep(Duration::from_secs_f32(late));
+        }
+        if self.random.once_in(500) {
+            let back = Duration::from_nanos(self.random.next() % 1_000_000);
+            self.robot.turn_clock_back(back);
+        }
+        let Self { random, robot, witness, controllers, pending, .. } = self;
+        for controller in controllers {
+            if !controller.owns(robot) {
+                if random.once_in(10) {
+                    controller.claim(robot);
+                }
+            } else if random.once_in(40) {
+                pending.push(controller.request(random, robot, witness));
+            } else {
+                controller.misbehave(random, robot, witness);
+            }
+        }
+        self.step();
+    }
+
+    fn step(&mut self) {
+        let Self { robot, witness, controllers, pending, .. } = self;
+        robot.step();
+        witness.judge(robot);
+        if robot.state().cycle % REOPEN_CYCLES == 0 {
+            reopen(robot);
+        }
+        while let Some((ticket, reply)) = robot.take_answer() {
+            pending.retain(|pending| *pending != ticket);
+            controllers.iter_mut().for_each(|controller| controller.hear(robot, ticket, &reply));
+        }
+    }
+
+    fn disturb(&mut self) {
+        if self.random.once_in(4) {
+            let bus = self.random.below(self.robot.buses.len());
+            let fault = *self.random.pick(&BUS_FAULTS);
+            self.disturb_bus(bus, fault);
+        } else {
+            let motor = self.random.below(self.robot.settings.motors.len());
+            let name = self.robot.settings.motors[motor].name.clone();
+            let fault = *self.random.pick(&MOTOR_FAULTS);
+            self.robot.disturb(&format!("{name} {fault}"));
+        }
+    }
+
+    fn disturb_bus(&mut self, bus: usize, fault: &str) {
+        let settings = &self.robot.settings;
+        let cut = ["bus-off", "down", "gone"].contains(&fault);
+        if std::mem::replace(&mut self.jammed[bus], fault == "no-ack") && !cut {
+            let motors = settings.motors.iter().filter(|motor| motor.bus == bus).count();
+            self.witness.allow_stale(bus, 2 * (motors + 1));
+        }
+        let name = settings.buses[bus].name.clone();
+        self.robot.disturb(&format!("{name} {fault}"));
+    }
+
+    /// A bus or a motor is well again.
+    fn lift(&mut self) {
+        let (buses, motors) = (self.robot.buses.len(), self.robot.settings.motors.len());
+        match self.random.below(buses + motors) {
+            bus if bus < buses => self.disturb_bus(bus, "ok"),
+            motor => {
+                let name = self.robot.settings.motors[motor - buses].name.clone();
+                self.robot.disturb(&format!("{name} ok"));
+            }
+        }
+    }
+
+    /// Every fault is lifted.
+    fn calm(&mut self) {
+        (0..self.robot.buses.len()).for_each(|bus| self.disturb_bus(bus, "ok"));
+        for motor in self.robot.settings.motors.clone() {
+            self.robot.disturb(&format!("{} ok", motor.name));
+        }
+    }
+
+    /// An operator who clears, resets and enables, and controllers that hold still, get the robot to `Active`. What was
+    /// asked of motors during the storm may take the time it is given.
+    fn must_be_armable(&mut self) {
+        while !self.pending.is_empty() {
+            self.hold_still();
+            self.step();
+        }
+        for cycle in 0..ARMABLE_CYCLES {
+            let state = self.robot.state();
+            if state.groups().iter().all(|group| group.phase == Phase::Active.code()) {
+                return;
+            }
+            self.hold_still();
+            if cycle % 20 == 0 {
+                (0..self.controllers.len()).for_each(|group| self.arm(group));
+            }
+            self.step();
+        }
+        panic!("not armable: {:?} {:?}", self.robot.state().groups(), self.robot.state().joints());
+    }
+
+    fn hold_still(&mut self) {
+        let Self { robot, witness, controllers, .. } = self;
+        for (group, controller) in controllers.iter_mut().enumerate() {
+            if !controller.owns(robot) {
+                continue;
+            }
+            if robot.state().groups[group].phase != Phase::Active.code() {
+                controller.wishes = robot.hold_group(group, 20.0, 1.0);
+                controller.wishes.iter_mut().for_each(|wish| *wish = finite(*wish));
+            }
+            controller.follow(robot, witness);
+        }
+    }
+
+    /// What an operator does again and again until the group is active.
+    fn arm(&mut self, group: usize) {
+        let state = self.robot.state();
+        if state.groups[group].lease == 0 {
+            self.controllers[group].claim(&mut self.robot);
+        }
+        for motor in self.robot.settings.groups[group].motors.clone() {
+            let joint = &state.joints[motor];
+            if joint.mode == MotorMode::Fault.code() {
+                self.ask(Operation::ClearFault, group, motor);
+            } else if joint.position.abs() > 11.0 {
+                self.ask(Operation::SetZero, group, motor);
+            }
+        }
+        self.ask(Operation::Reset, group, 0);
+        self.ask(Operation::Enable, group, 0);
+    }
+
+    fn ask(&mut self, operation: Operation, group: usize, joint: usize) {
+        let (group, joint) = (group as u32, joint as u32);
+        let request = AdminRequest { operation: operation.code(), group, joint, ..Default::default() };
+        self.witness.asked(&request);
+        self.robot.post(request);
+    }
+}
+
+/// Opens the buses again that the cycle has given up.
+fn reopen(robot: &mut Robot) {
+    let given_up = [BusCondition::Off.code(), BusCondition::Gone.code()];
+    for bus in
+        (0..robot.buses.len()).filter(|&bus| given_up.contains(&robot.bus(bus).condition)).collect::<Vec<_>>()
+    {
+        robot.reopen(bus);
+    }
+}
+
+/// Where a joint is not known yet, the owner asks for nothing.
+fn finite(wish: JointSetpoint) -> JointSetpoint {
+    if wish.position.is_finite() { wish } else { JointSetpoint::default() }
+}
+
+/// Controllers that behave.
+mod sane {
+    use super::robot::random::Random;
+    use super::robot::{self, Robot};
+    use motord_bus::Duration;
+    use motord_shared::{JointSetpoint, Phase};
+
+    /// A smooth motion of one joint.
+    struct Wave {
+        amplitude: f64,
+        frequency: f64,
+    }
+
+    impl Wave {
+        fn new(random: &mut Random) -> Self {
+            let between = |random: &mut Random, low, high| f64::from(random.between(low, high));
+            Self { amplitude: between(random, 0.05, 0.3), frequency: between(random, 0.2, 2.0) }
+        }
+
+        /// Position and velocity, rad and rad/s.
+        fn at(&self, time: f64) -> (f32, f32) {
+            let omega = std::f64::consts::TAU * self.frequency;
+            let (sine, cosine) = (omega * time).sin_cos();
+            ((self.amplitude * sine) as f32, (self.amplitude * omega * cosine) as f32)
+        }
+    }
+
+    pub(super) fn walk(seconds: u64) {
+        let mut random = Random::new(6);
+        let mut robot = Robot::built(robot::quadruped(), 6, |_, motors| {
+            motors.iter_mut().for_each(|motor| motor.reply_jitter = Duration::from_micros(20));
+        });
+        let still = robot.activate();
+        let waves: Vec<_> = still.iter().map(|_| Wave::new(&mut random)).collect();
+        let mut pause = 0;
+        for cycle in 0..seconds * 1000 {
+            disturb(&mut random, &mut robot);
+            if pause == 0 && random.once_in(500) {
+                pause = 1 + random.below(15);
+            }
+            pause = pause.saturating_sub(1);
+            if pause == 0 {
+                robot.send(&wishes(&still, &waves, cycle));
+            }
+            robot.step();
+            robot.take_sent();
+            robot.take_told();
+            robot.take_events();
+            assert_eq!(robot.phase(), Phase::Active, "stopped after {cycle} cycles: {:?}", robot.cause());
+        }
+    }
+
+    /// A cycle that begins late, or a reply that is lost, now and then.
+    fn disturb(random: &mut Random, robot: &mut Robot) {
+        if random.once_in(1000) {
+            robot.oversleep(Duration::from_nanos(random.next() % 1_500_000));
+        }
+        if random.once_in(1000) {
+            let joint = random.below(robot.settings.motors.len());
+            let name = robot.settings.motors[joint].name.clone();
+            robot.disturb(&format!("{name} {}", random.pick(&["intermittent 20%", "ok", "ok"])));
+        }
+    }
+
+    fn wishes(still: &[JointSetpoint], waves: &[Wave], cycle: u64) -> Vec<JointSetpoint> {
+        let time = cycle as f64 / 1000.0;
+        let wish = |(still, wave): (&JointSetpoint, &Wave)| {
+            let (position, velocity) = wave.at(time);
+            JointSetpoint { position: still.position + position, velocity, kp: 30.0, ..*still }
+        };
+        still.iter().zip(waves).map(wish).collect()
+    }
+}
