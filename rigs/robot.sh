@@ -1,0 +1,79 @@
+# Sourced by the rigs that run the daemon. Such a script runs twice: on this machine, where it builds and judges, and in
+# between in the guest, where it measures.
+
+. "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/common.sh"
+export MOTORD_INSTANCE=demo
+
+inside() { [ -n "${RIG_PLACE:-}" ]; }
+
+# run_inside SCRIPT [KEY=VALUE...]: builds the programs and runs the script in a guest, with these keys changed in the
+# robot's configuration. Both work in one folder, which goes when the calling script ends.
+run_inside() {
+    local script
+    script=$(realpath "$1")
+    shift
+    provide candump=can-utils jq=jq
+    cd "$(dirname "$rigs")"
+    cargo build --quiet --locked --release -p motord -p motorctl
+    RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
+    trap 'rm -rf "$RIG_PLACE"' EXIT
+    cp "${CARGO_TARGET_DIR:-target}"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
+    quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
+    cd "$RIG_PLACE"
+    RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
+}
+
+# quadruped [KEY=VALUE...]: the simulated quadruped with its buses on vcan0 to vcan3. Its times are those of a machine that
+# stalls now and then.
+quadruped() {
+    awk -v changes="$*" '
+        BEGIN { for (n = split(changes, change, " "); n; n--) { split(change[n], pair, "="); value[pair[1]] = pair[2] } }
+        $1 in value { $0 = $1 " = " value[$1] }
+        /^type = "simulated"/ { $0 = "type = \"socketcan\"\ninterface = \"vcan" buses++ "\"\nbitrate = 1000000" }
+        1'
+}
+
+# Starts 12 simulated motors on vcan0 to vcan3, then the daemon, and waits for both. Their process ids are $simulator and $daemon.
+start_robot() {
+    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=$RIG_PLACE:$PATH
+    mkdir -m 700 "$MOTORD_RUNTIME_DIR"
+    # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
+    # They are hardware: no program keeps them from answering.
+    chrt -f 70 motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
+    simulator=$!
+    await "motord-sim is ready" grep -q ready simulator.log
+    motord run --config robot.toml >motord.log 2>&1 &
+    daemon=$!
+    await "all motors are idle" motors_are idle
+}
+
+stop_robot() {
+    kill "$daemon"
+    wait "$daemon"
+    kill "$simulator"
+}
+
+# status FILTER: what jq's FILTER makes of the daemon's state.
+status() { motorctl status --json 2>/dev/null | jq -r "$1"; }
+
+# motors_are MODE: all of them.
+motors_are() { [ "$(status "[.joints[].mode == \"$1\"] | all")" = true ]; }
+
+# group_is PHASE
+group_is() { [ "$(status '.groups[0].phase')" = "$1" ]; }
+
+# await WHAT COMMAND...: repeats the command until it succeeds, at most for 20 s.
+await() {
+    local what=$1 end=$((SECONDS + 20))
+    shift
+    until "$@"; do
+        [ $SECONDS -lt $end ] || fail "not within 20 s: $what"
+        sleep 0.1
+    done
+}
+
+fail() {
+    echo "$(basename "$0"): $*" >&2
+    inside && tail -n 40 motord.log >&2
+    exit 1
+}
