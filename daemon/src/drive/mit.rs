@@ -118,6 +118,11 @@ impl Mit {
         Some(codes.pack())
     }
 
+    /// The first byte is another motor's id.
+    pub(super) fn is_from_another(&self, payload: &[u8]) -> bool {
+        payload.first().is_some_and(|id| *id != self.id)
+    }
+
     /// `payload`, read as a state, goes on from the state told last.
     pub(super) fn continues(&self, payload: &[u8], at: Instant) -> bool {
         let (Some((last, then)), Ok(Reply::State(state))) =
@@ -132,8 +137,7 @@ impl Mit {
 
     pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
         let reply = match mit::decode_reply(payload, self.asked, &self.scale) {
-            Ok(reply) if reply.id() == self.id => reply,
-            Ok(_) => return Answer::Stranger,
+            Ok(reply) => reply,
             Err(_) => return Answer::Malformed,
         };
         Answer::Heard(match reply {

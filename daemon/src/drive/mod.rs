@@ -128,6 +128,9 @@ impl Drive {
 
     /// What `payload` says, which arrived at `at` under this drive's reply id.
     pub fn read(&mut self, payload: &[u8], at: Instant) -> Answer {
+        if self.is_from_another(payload) {
+            return Answer::Stranger;
+        }
         let Some(open) = self.open.filter(|open| at >= open.at + self.fastest_answer) else {
             return self.read_unasked();
         };
@@ -159,6 +162,14 @@ impl Drive {
                 Answer::Heard(Heard::Late)
             }
             None => Answer::Duplicate,
+        }
+    }
+
+    /// Natively an answer does not say who gave it.
+    fn is_from_another(&self, payload: &[u8]) -> bool {
+        match &self.dialect {
+            Dialect::Mit(mit) => mit.is_from_another(payload),
+            Dialect::Gim(_) => false,
         }
     }
 
