@@ -1,0 +1,578 @@
+//! The fault catalogue, part A: what motors and buses do, against simulated buses on virtual time. `docs/faults.md`
+//! tells which item each test holds.
+
+mod robot;
+
+use motord::config::settings::Settings;
+use motord::control::{Command, Event, Heard};
+use motord::drive::{Answer, Drive};
+use motord_bus::{Duration, Instant};
+use motord_shared::{AdminRequest, BusCondition, Cause, MotorMode, Operation, Phase, Refusal, message};
+use motord_simulator::{Dialect, MotorSettings};
+use robot::random::Random;
+use robot::{Meaning, PERIOD, Robot};
+
+/// An active robot of three motors, and what its owner asks.
+fn active() -> (Robot, Vec<motord_shared::JointSetpoint>) {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    (robot, joints)
+}
+
+/// Runs cycles until the group is stopped, and tells how many that took. From the cycle after, nothing moves.
+fn stopped_within(
+    robot: &mut Robot,
+    joints: &[motord_shared::JointSetpoint],
+    cycles: usize,
+) -> (Cause, usize) {
+    for cycle in 1..=cycles {
+        robot.follow(joints);
+        if let Some(cause) = robot.cause() {
+            robot.take_sent();
+            robot.follow(joints);
+            assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "damped in the next cycle");
+            assert_ne!(robot.phase(), Phase::Active);
+            return (cause, cycle);
+        }
+    }
+    panic!("not stopped within {cycles} cycles");
+}
+
+fn is_fresh(robot: &mut Robot, joint: usize) -> bool {
+    robot.joint(joint).flags & message::JOINT_FRESH != 0
+}
+
+#[test]
+fn one_missed_reply_makes_a_state_stale_and_nothing_else() {
+    let (mut robot, joints) = active();
+    let missed = robot.joint(1).missed;
+    robot.disturb("thigh off");
+    robot.follow(&joints);
+    assert!(!is_fresh(&mut robot, 1) && is_fresh(&mut robot, 0) && is_fresh(&mut robot, 2));
+    assert_eq!((robot.joint(1).age_cycles, robot.joint(1).missed - missed), (1, 1));
+    robot.disturb("thigh ok");
+    robot.follow(&joints);
+    assert!(is_fresh(&mut robot, 1));
+    assert_eq!((robot.phase(), robot.mode(1)), (Phase::Active, MotorMode::Active));
+}
+
+#[test]
+fn a_lost_motor_is_told_to_stop_at_most_ten_times_a_second_while_the_others_are_damped() {
+    let (mut robot, joints) = active();
+    robot.disturb("thigh off");
+    for missed in 1..=3 {
+        robot.follow(&joints);
+        assert_eq!((robot.joint(1).age_cycles, robot.phase()), (missed, Phase::Active));
+        assert!(!is_fresh(&mut robot, 1), "a silent motor's state is never fresh");
+    }
+    let (cause, _) = stopped_within(&mut robot, &joints, 8);
+    assert_eq!(cause, Cause::MotorLost);
+    robot.take_sent();
+    robot.steps(1000);
+    let heard = robot.take_sent();
+    let thigh: Vec<_> = heard.iter().filter(|sent| sent.id == 2).map(|sent| sent.meaning).collect();
+    assert!(thigh.len() <= 10 && thigh.contains(&Meaning::Stop), "{thigh:?}");
+    assert!(thigh.iter().all(|meaning| matches!(meaning, Meaning::Stop | Meaning::GetFault)));
+    assert!(heard.iter().all(|sent| sent.meaning.is_safe()));
+}
+
+#[test]
+fn the_first_thing_a_lost_motor_hears_is_stop() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    for loss in 0..6 {
+        let joints = robot.activate();
+        // It hears, and its answers are lost.
+        robot.disturb("thigh intermittent 100%");
+        robot.follow_until(&joints, 12, |robot| robot.mode(1) == MotorMode::Offline);
+        robot.take_sent();
+        robot.step();
+        assert_eq!(
+            robot.take_sent_to(2).first().map(|sent| sent.meaning),
+            Some(Meaning::Stop),
+            "loss {loss}"
+        );
+        robot.disturb("thigh ok");
+        robot.steps(3000);
+        robot.operate(Operation::Reset).unwrap();
+    }
+}
+
+#[test]
+fn a_late_reply_is_counted_late_and_once() {
+    let (mut robot, joints) = active();
+    robot.disturb("hip delayed 850us");
+    robot.follow(&joints);
+    robot.disturb("hip ok");
+    robot.follow(&joints);
+    let hip = robot.joint(0);
+    assert_eq!((hip.late, hip.age_cycles, hip.missed), (1, 0, 1));
+    assert!(hip.reply_latency_ns < 800_000, "the timely reply is measured, not the late one");
+    assert_eq!((robot.bus(0).duplicate, robot.phase()), (0, Phase::Active));
+}
+
+#[test]
+fn a_second_copy_of_a_reply_is_counted_and_ignored() {
+    let (mut robot, joints) = active();
+    robot.disturb("hip duplicate");
+    robot.follow(&joints);
+    robot.disturb("hip ok");
+    robot.follow(&joints);
+    assert_eq!((robot.bus(0).duplicate, robot.phase(), robot.joint(0).missed), (1, Phase::Active, 0));
+}
+
+#[test]
+fn frames_of_strangers_are_counted_and_change_nothing() {
+    let (mut robot, joints) = active();
+    robot.take_events();
+    let unknown = robot.bus(0).unknown;
+    for cycle in 0..1000_u16 {
+        robot.hear(0, cycle % 0x800, &[9, 0x80, 0, 0x80, 8, 0]);
+        robot.hear(0, 0x101, &[77, 0x80, 0, 0x80, 8, 0]);
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.bus(0).unknown - unknown, 2000);
+    assert_eq!((robot.phase(), robot.take_events()), (Phase::Active, vec![]), "nothing is told to the log");
+}
+
+/// A second motor with the thigh's ids, somewhere else.
+fn with_a_double() -> Robot {
+    Robot::built(robot::three_motors(), 1, |_, motors| {
+        let double = MotorSettings { name: "double".into(), initial_position: 1.0, ..motors[1].clone() };
+        motors.push(MotorSettings { reply_latency: Duration::from_micros(80), ..double });
+    })
+}
+
+#[test]
+fn two_motors_with_one_id_are_never_started() {
+    let mut robot = with_a_double();
+    robot.steps(100);
+    robot.claim().unwrap();
+    let joints = robot.hold(0.0, 1.0);
+    for _ in 0..100 {
+        robot.follow(&joints);
+    }
+    let refusal = robot.operate(Operation::Enable).unwrap_err();
+    assert!(matches!(refusal, Refusal::DuplicateId | Refusal::StateStale), "{refusal}");
+}
+
+#[test]
+fn a_motor_that_joins_with_a_used_id_stops_the_group_within_ten_cycles() {
+    let mut robot = with_a_double();
+    robot.disturb("double off");
+    let joints = robot.activate();
+    robot.disturb("double ok");
+    let (cause, cycles) = stopped_within(&mut robot, &joints, 10);
+    assert!(matches!(cause, Cause::DuplicateId | Cause::Implausible), "{cause}");
+    assert!(cycles <= 10);
+}
+
+#[test]
+fn frames_that_no_motor_sends_are_counted_and_not_decoded() {
+    let (mut robot, joints) = active();
+    let malformed = robot.bus(0).malformed;
+    for verb in ["extended", "remote", "fd"] {
+        robot.disturb(&format!("can {verb}"));
+    }
+    robot.disturb("hip short");
+    robot.follow(&joints);
+    robot.disturb("hip ok");
+    assert_eq!(robot.bus(0).malformed - malformed, 4);
+    assert!(!is_fresh(&mut robot, 0), "a short reply is none");
+    robot.follow(&joints);
+    assert_eq!(robot.phase(), Phase::Active);
+}
+
+/// The hip's drive, that was asked at 1 s, and when an answer comes.
+fn asked_drive(settings: &Settings, command: &Command) -> (Drive, Instant) {
+    let mut drive = Drive::new(&settings.motors[0], Duration::ZERO, false);
+    let now = Instant::from_nanos(1_000_000_000);
+    drive.ask(command, now).expect("it is a frame");
+    (drive, now + Duration::from_micros(300))
+}
+
+#[test]
+fn six_bytes_of_a_reply_count_and_fewer_are_none() {
+    let reply = [1, 0x80, 0, 0x80, 8, 0, 0, 0];
+    for length in 0..=8 {
+        let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::Stop);
+        let heard = matches!(drive.read(&reply[..length], later), Answer::Heard(Heard::State(..)));
+        assert_eq!(heard, length >= 6, "{length} bytes");
+    }
+}
+
+#[test]
+fn no_bytes_make_a_state_that_is_no_number() {
+    let (mut random, settings) = (Random::new(9), robot::three_motors());
+    for _ in 0..1_000_000 {
+        let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
+        let bytes = random.next().to_be_bytes();
+        if let Answer::Heard(Heard::State(state, _)) = drive.read(&bytes[..random.below(9)], later) {
+            assert!([state.position, state.velocity, state.torque].iter().all(|value| value.is_finite()));
+        }
+    }
+}
+
+#[test]
+fn garbage_is_never_believed_once_and_stops_the_group_when_it_goes_on() {
+    let (mut robot, joints) = active();
+    let before = robot.joint(2).position;
+    robot.disturb("knee garbage");
+    let (cause, cycles) = stopped_within(&mut robot, &joints, 12);
+    assert!(matches!(cause, Cause::Implausible | Cause::MotorLost), "{cause}");
+    assert!(cycles >= 3, "one or two odd replies are noise");
+    robot.disturb("knee ok");
+    robot.steps(100);
+    assert!((robot.joint(2).position - before).abs() < 0.1, "the truth is believed again");
+}
+
+#[test]
+fn an_encoder_that_stands_still_while_its_joint_turns_stops_the_group() {
+    let (mut robot, mut joints) = active();
+    joints.iter_mut().for_each(|joint| (joint.kp, joint.kd, joint.velocity) = (0.0, 2.0, 3.0));
+    for _ in 0..100 {
+        robot.follow(&joints);
+    }
+    robot.disturb("thigh stuck");
+    let (cause, cycles) = stopped_within(&mut robot, &joints, 60);
+    assert_eq!(cause, Cause::EncoderStuck);
+    assert!(cycles >= 50);
+}
+
+#[test]
+fn a_fault_is_known_although_its_states_and_answers_get_lost() {
+    let (mut robot, joints) = active();
+    robot.disturb("knee intermittent 60%");
+    robot.disturb("knee fault 0x40");
+    robot.follow_until(&joints, 50, |robot| robot.cause().is_some());
+    for _ in 0..3000 {
+        robot.follow(&joints);
+        let knee = robot.joint(2);
+        assert!(knee.position.is_nan() || knee.position.abs() < 0.05, "{knee:?}");
+        assert!(knee.fault == 0 || knee.fault == 0x40, "{knee:?}");
+    }
+    assert_eq!((robot.phase(), robot.joint(2).fault), (Phase::Disarmed, 0x40));
+}
+
+#[test]
+fn an_answer_to_an_old_question_for_the_fault_is_no_state() {
+    let fault = [1, 0x40, 0, 0, 0, 0];
+    let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::GetFault);
+    drive.ask(&Command::Stop, later);
+    // The last four bytes of a fault report mean nothing (MIT document 1.2), so they may be anything.
+    let answer = drive.read(&[1, 0x40, 0x80, 8, 8, 0], later + Duration::from_micros(300));
+    assert_eq!(answer, Answer::Heard(Heard::Late));
+    let (mut first, later) = asked_drive(&robot::three_motors(), &Command::Stop);
+    assert_eq!(first.read(&fault, later), Answer::Malformed, "not even as the first state of all");
+}
+
+#[test]
+fn a_lost_answer_about_a_fault_costs_one_more_and_not_all() {
+    let fault = [1, 0x40, 0, 0, 0, 0];
+    let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::GetFault);
+    let mut heard = Vec::new();
+    for _ in 0..2 {
+        now = now + PERIOD;
+        drive.ask(&Command::GetFault, now);
+        heard.push(drive.read(&fault, now + Duration::from_micros(300)));
+        now = now + PERIOD;
+        drive.ask(&Command::Stop, now);
+    }
+    assert_eq!(heard[0], Answer::Heard(Heard::Late));
+    assert!(matches!(heard[1], Answer::Heard(Heard::Fault(_))), "{heard:?}");
+}
+
+#[test]
+fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
+    let (mut robot, joints) = active();
+    let before = robot.bus(0);
+    robot.disturb("can warning");
+    robot.follow(&joints);
+    let now = robot.bus(0);
+    assert_eq!(
+        (now.errors - before.errors, now.malformed, now.unknown),
+        (1, before.malformed, before.unknown)
+    );
+    assert_eq!((now.condition, robot.phase()), (BusCondition::Warning.code(), Phase::Active));
+}
+
+#[test]
+fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
+    let mut robot = Robot::new(robot::quadruped(), 1);
+    let joints = robot.activate();
+    robot.disturb("front-left bus-off");
+    let (cause, cycles) = stopped_within(&mut robot, &joints, 3);
+    assert_eq!((cause, robot.bus(0).condition), (Cause::BusOff, BusCondition::Off.code()));
+    assert!(cycles <= 2);
+    let sent = robot.bus(0).sent;
+    robot.steps(500);
+    assert_eq!(robot.bus(0).sent, sent, "nothing is sent to a bus that is off");
+    robot.disturb("front-left ok");
+    robot.take_sent();
+    robot.steps(3000);
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "nothing starts by itself");
+    assert_eq!((robot.bus(0).condition, robot.mode(0)), (BusCondition::Active.code(), MotorMode::Idle));
+    robot.operate(Operation::Reset).unwrap();
+    robot.activate();
+}
+
+#[test]
+fn the_only_bus_of_a_robot_is_heard_when_it_comes_back() {
+    let (mut robot, _) = active();
+    robot.disturb("can bus-off");
+    robot.steps(500);
+    assert_eq!(robot.bus(0).condition, BusCondition::Off.code());
+    robot.disturb("can ok");
+    robot.steps(500);
+    assert_eq!(robot.bus(0).condition, BusCondition::Active.code());
+    assert!((0..3).all(|joint| robot.mode(joint) == MotorMode::Idle));
+}
+
+#[test]
+fn a_flapping_controller_warns_and_stops_nothing() {
+    let (mut robot, joints) = active();
+    for cycle in 0..1000 {
+        robot.disturb(if cycle % 10 < 5 { "can passive" } else { "can active" });
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.phase(), robot.bus(0).errors), (Phase::Active, 1000));
+}
+
+#[test]
+fn a_full_queue_drops_the_rest_of_the_cycle_and_three_in_a_row_stop_the_group() {
+    let (mut robot, joints) = active();
+    let before = robot.bus(0);
+    robot.disturb("can tx-full 1");
+    robot.follow(&joints);
+    robot.disturb("can ok");
+    let now = robot.bus(0);
+    assert_eq!((now.sent - before.sent, now.dropped - before.dropped), (1, 2), "no frame is tried again");
+    assert_eq!(robot.take_sent().len(), 1);
+    robot.follow(&joints);
+    assert_eq!((robot.phase(), robot.take_sent().len()), (Phase::Active, 3));
+
+    robot.disturb("can tx-full 1");
+    let (cause, cycles) = stopped_within(&mut robot, &joints, 4);
+    assert_eq!((cause, cycles), (Cause::TransmitStall, 4), "told in the cycle after the third");
+}
+
+#[test]
+fn what_was_refused_is_never_sent_later() {
+    let (mut robot, joints) = active();
+    robot.disturb("can tx-full");
+    for _ in 0..500 {
+        robot.follow(&joints);
+    }
+    robot.disturb("can ok");
+    robot.take_sent();
+    for _ in 0..100 {
+        robot.follow(&joints);
+    }
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+}
+
+#[test]
+fn a_jammed_bus_holds_no_more_than_two_cycles_of_old_commands() {
+    let (mut robot, joints) = active();
+    robot.disturb("can no-ack");
+    for _ in 0..500 {
+        robot.follow(&joints);
+    }
+    robot.disturb("can ok");
+    robot.take_sent();
+    for _ in 0..100 {
+        robot.follow(&joints);
+    }
+    let sent = robot.take_sent();
+    assert!(sent.iter().take_while(|sent| !sent.meaning.is_safe()).count() <= 8);
+    assert!(sent.iter().skip(8).all(|sent| sent.meaning.is_safe()));
+}
+
+#[test]
+fn an_interface_that_goes_away_stops_the_group_and_comes_back_without_starting() {
+    for (verb, condition) in [("down", BusCondition::Down), ("gone", BusCondition::Gone)] {
+        let (mut robot, joints) = active();
+        robot.disturb(&format!("can {verb}"));
+        let (cause, cycles) = stopped_within(&mut robot, &joints, 3);
+        assert_eq!((cause, robot.bus(0).condition), (Cause::BusGone, condition.code()));
+        assert!(cycles <= 2);
+        robot.steps(2500);
+        assert_eq!(robot.operate(Operation::Reset).unwrap_err(), Refusal::BusDown);
+        robot.disturb("can ok");
+        robot.reopen(0);
+        robot.take_sent();
+        robot.steps(500);
+        assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+        robot.operate(Operation::Reset).unwrap();
+        robot.activate();
+    }
+}
+
+#[test]
+fn a_flood_of_strangers_neither_delays_a_cycle_nor_hides_a_reply() {
+    let mut text = String::from("[cycle]\nrate-hz = 250\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+    for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
+        text += &robot::motor(id, name, "can", "");
+    }
+    let mut robot = Robot::new(robot::settings(&text), 1);
+    let joints = robot.activate();
+    let before: Vec<_> = (0..3).map(|joint| robot.joint(joint).missed).collect();
+    robot.disturb("can flood 8000");
+    for _ in 0..1000 {
+        robot.follow(&joints);
+    }
+    assert!(robot.bus(0).unknown > 20_000, "the wire is full");
+    assert_eq!((robot.phase(), robot.state().overruns), (Phase::Active, 0));
+    assert_eq!((0..3).map(|joint| robot.joint(joint).missed).collect::<Vec<_>>(), before);
+}
+
+#[test]
+fn frames_lost_before_they_were_read_are_counted() {
+    let (mut robot, joints) = active();
+    robot.disturb("can overflow 5");
+    robot.follow(&joints);
+    assert_eq!((robot.bus(0).lost, robot.phase()), (5, Phase::Active));
+}
+
+#[test]
+fn motors_that_lose_every_other_reply_are_named_and_stopped_by_the_rule() {
+    let mut text = String::from("[cycle]\nrate-hz = 500\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+    for (id, name) in [(1, "a"), (2, "b"), (3, "c"), (4, "d")] {
+        text += &robot::motor(id, name, "can", "");
+    }
+    let mut robot = Robot::new(robot::settings(&text), 3);
+    let joints = robot.activate();
+    robot.disturb("b intermittent 70%");
+    robot.disturb("c intermittent 70%");
+    let (cause, _) = stopped_within(&mut robot, &joints, 3000);
+    assert_eq!(cause, Cause::MotorLost);
+    assert!([1, 2].contains(&robot.group().cause_joint));
+    let missed: Vec<_> = (0..4).map(|joint| robot.joint(joint).missed).collect();
+    assert!(missed[0] == 0 && missed[3] == 0 && missed[1] > 5 && missed[2] > 5, "{missed:?}");
+}
+
+#[test]
+fn a_motor_whose_power_failed_is_stopped_and_never_started_by_itself() {
+    let (mut robot, joints) = active();
+    robot.disturb("thigh power-cycle");
+    let (cause, _) = stopped_within(&mut robot, &joints, 12);
+    assert_eq!((cause, robot.group().cause_joint), (Cause::MotorLost, 1));
+    robot.take_sent();
+    robot.steps(3000);
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+    assert_eq!((robot.mode(1), robot.truth(1).mode()), (MotorMode::Idle, motord_simulator::Mode::Stopped));
+    robot.operate(Operation::Reset).unwrap();
+    let mut far = robot.hold(40.0, 1.0);
+    far[1].position += 0.5;
+    robot.follow(&far);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::NoOwner, "its owner was given up");
+    robot.activate();
+}
+
+#[test]
+fn a_motor_left_running_by_a_dead_daemon_is_stopped_and_forgets_its_target() {
+    use motord_bus::{Bus, Frame, FrameId};
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let id = FrameId::new(1).unwrap();
+    let start = Frame::full(id, [255, 255, 255, 255, 255, 255, 255, 0xFC]);
+    // Position 2 rad, kp 100, kd 1.
+    let pull = Frame::full(id, [0x94, 0x7A, 0x80, 0x03, 0x33, 0x33, 0x38, 0x00]);
+    let before = robot.now() - Duration::from_millis(5);
+    robot.buses[0].send(before, &[start, pull]);
+    robot.steps(50);
+    assert_eq!(robot.truth(0).mode(), motord_simulator::Mode::Stopped);
+    assert!(
+        robot
+            .take_sent_to(1)
+            .iter()
+            .filter(|sent| sent.at > before + PERIOD)
+            .all(|sent| sent.meaning.is_safe())
+    );
+    robot.steps(500);
+    let stands = robot.truth(0).position();
+    robot.activate();
+    robot.steps(19);
+    assert!((robot.truth(0).position() - stands).abs() < 0.02, "the old target does not move it");
+}
+
+#[test]
+fn a_drive_that_stopped_by_itself_is_found_by_its_following_error() {
+    let mut settings = robot::three_motors();
+    settings.motors.iter_mut().for_each(|motor| motor.limits.following_error = Some(0.1));
+    let mut robot = Robot::built(settings, 1, |_, motors| {
+        motors.iter_mut().for_each(|motor| motor.boot_time = Duration::from_millis(3));
+    });
+    let mut joints = robot.activate();
+    robot.disturb("thigh power-cycle");
+    for _ in 0..10 {
+        robot.follow(&joints);
+    }
+    joints[1].position += 0.3;
+    let (cause, _) = stopped_within(&mut robot, &joints, 200);
+    assert_eq!((cause, robot.group().cause_joint), (Cause::FollowingError, 1));
+}
+
+#[test]
+fn a_drive_that_never_answers_is_named_within_two_seconds_and_never_started() {
+    let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[1].dialect = Dialect::Gim);
+    robot.disturb("knee off");
+    robot.steps(2100);
+    let silent: Vec<_> =
+        robot.take_events().into_iter().filter(|event| matches!(event, Event::Silent { .. })).collect();
+    assert_eq!(silent, [Event::Silent { motor: 1 }, Event::Silent { motor: 2 }]);
+    robot.claim().unwrap();
+    let joints = [motord_shared::JointSetpoint::default(); 3];
+    robot.follow(&joints);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::MotorOffline);
+    let heard = robot.take_sent_to(2);
+    assert!(
+        heard.iter().all(|sent| !matches!(sent.meaning, Meaning::Control { .. })),
+        "it may read it as another command"
+    );
+}
+
+#[test]
+fn over_voltage_is_damped_less() {
+    let (mut robot, joints) = active();
+    robot.disturb("hip voltage 70");
+    let (cause, _) = stopped_within(&mut robot, &joints, 150);
+    assert_eq!((cause, robot.joint(0).fault & 0x02), (Cause::MotorFault, 0x02));
+    robot.take_sent();
+    robot.step();
+    let damping: Vec<_> =
+        robot.take_sent().into_iter().filter(|sent| sent.id != 1).map(|sent| sent.meaning).collect();
+    assert!(
+        damping
+            .iter()
+            .all(|meaning| matches!(meaning, Meaning::Control { kd, .. } if *kd > 0.1 && *kd < 0.6)),
+        "{damping:?}"
+    );
+}
+
+#[test]
+fn a_joint_that_runs_away_stops_the_group() {
+    let (mut robot, joints) = active();
+    robot.disturb("hip load 60");
+    let (cause, _) = stopped_within(&mut robot, &joints, 300);
+    assert!(matches!(cause, Cause::Overspeed | Cause::Implausible), "{cause}");
+}
+
+#[test]
+fn a_joint_that_cannot_follow_stops_the_group() {
+    let mut settings = robot::three_motors();
+    settings.motors[2].limits.following_error = Some(0.2);
+    let mut robot = Robot::new(settings, 1);
+    let joints = robot.activate();
+    robot.disturb("knee load 12");
+    let (cause, cycles) = stopped_within(&mut robot, &joints, 500);
+    assert_eq!((cause, robot.group().cause_joint), (Cause::FollowingError, 2));
+    assert!(cycles >= 50);
+}
+
+#[test]
+fn set_zero_of_a_silent_motor_is_refused_in_the_end() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    robot.disturb("hip off");
+    let request = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
+    assert_eq!(robot.ask(request).unwrap_err(), Refusal::NotConfirmed);
+}
