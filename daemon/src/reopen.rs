@@ -91,7 +91,11 @@ impl Workshop {
         let name = &settings.buses[index].name;
         match buses::open_one(settings, index) {
             Ok(bus) => {
-                tracing::info!(bus = name, "opened again; its motors are stopped until they are enabled");
+                tracing::warn!(
+                    bus = name,
+                    "opened again; its motors are stopped until they are enabled. If it was unplugged, a dead man's \
+                     switch knows it again only when the daemon is restarted"
+                );
                 self.hand_over(index, bus)
             }
             Err(error) => {

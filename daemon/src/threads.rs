@@ -37,8 +37,8 @@ use std::thread::{Builder, JoinHandle};
 
 /// Cycles with stop frames before the daemon leaves a stopped robot.
 const LAST_CYCLES: u32 = 3;
-/// A robot that is not still by then is stopped without more damping.
-const SHUTDOWN_MAX: Duration = Duration::from_secs(3);
+/// A robot that is not still so long after its damping should have ended is stopped without more of it.
+const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
 
 /// What the threads are told: run, stop with damping, stop now, or end.
 #[derive(Debug, Default)]
@@ -222,6 +222,7 @@ fn start_cycle(
     let wish = Wish { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
     let period = settings.cycle.period;
+    let damp = settings.safety.damp;
     let (prepared, ready) = channel();
     let thread = Builder::new().name("motord-cycle".into()).spawn(move || {
         let _held = locks;
@@ -239,7 +240,7 @@ fn start_cycle(
         cycle.set_realtime(refused.is_none());
         report(&prepared, Ok(()));
         drop(prepared);
-        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &orders, period)));
+        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &orders, period, damp)));
         if let Err(panic) = ran {
             cycle.carry_out_will();
             resume_unwind(panic);
@@ -273,13 +274,13 @@ fn start_registrar(
 }
 
 /// The real-time loop. Ends when it was told to stop and every motor has been stopped for [`LAST_CYCLES`].
-fn run_cycles(cycle: &mut Cycle<Monotonic>, orders: &Orders, period: Duration) {
+fn run_cycles(cycle: &mut Cycle<Monotonic>, orders: &Orders, period: Duration, damp: Duration) {
     let mut place = Place { cycle: 1, at: clock::monotonic() + period };
     while !orders.are(Orders::STOP) {
         place = cycle.run(place);
     }
     cycle.shut_down();
-    let end = place.at + SHUTDOWN_MAX;
+    let end = place.at + damp + SHUTDOWN_MARGIN;
     let mut last = LAST_CYCLES;
     while last > 0 {
         place = cycle.run(place);

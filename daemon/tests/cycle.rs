@@ -240,3 +240,102 @@ fn a_panic_in_the_cycle_leaves_every_joint_damped_and_then_stopped() {
         assert_eq!(last.meaning, Meaning::Stop);
     }
 }
+
+#[test]
+fn a_joint_outside_its_limits_is_not_enabled_to_be_pulled_back() {
+    let mut settings = robot::three_motors();
+    settings.motors[1].simulation.initial_position = 4.5;
+    let mut robot = Robot::new(settings, 1);
+    robot.steps(10);
+    robot.claim().unwrap();
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::SetpointTooFar);
+}
+
+#[test]
+fn stiffness_that_comes_back_pulls_from_where_the_joint_is() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let mut joints = robot.activate();
+    for _ in 0..300 {
+        joints
+            .iter_mut()
+            .for_each(|joint| (joint.kp, joint.kd, joint.torque, joint.position) = (0.0, 0.2, 1.0, 0.0));
+        robot.follow(&joints);
+    }
+    robot.take_sent();
+    let stiff = robot.hold(40.0, 1.0);
+    assert!(stiff[0].position > 0.2, "it was turned away from zero: {}", stiff[0].position);
+    robot.follow(&stiff);
+    for sent in robot.take_sent().iter().filter(|sent| sent.id == 1) {
+        if let Meaning::Control { position, kp, .. } = sent.meaning {
+            assert!(
+                kp == 0.0 || (position - f64::from(stiff[0].position)).abs() < 0.05,
+                "pulled to {position}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_holding_stop_holds_for_a_dead_owner_and_damps_for_an_emergency() {
+    for (emergency, stiff) in [(false, true), (true, false)] {
+        let mut settings = robot::three_motors();
+        settings.groups[0].safe_stop = motord::config::settings::SafeStop::Hold;
+        let mut robot = Robot::new(settings, 1);
+        robot.activate();
+        robot.steps(25);
+        robot.take_sent();
+        if emergency {
+            robot.operate(Operation::EmergencyStop).unwrap();
+        }
+        robot.step();
+        let held = |sent: &robot::Sent| matches!(sent.meaning, Meaning::Control { kp, .. } if kp > 0.0);
+        assert_eq!(robot.take_sent().iter().any(held), stiff, "emergency: {emergency}");
+        robot.steps(5000);
+        assert_eq!(robot.phase(), Phase::Disarmed);
+    }
+}
+
+#[test]
+fn a_start_command_that_the_bus_dropped_is_sent_again() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    robot.claim().unwrap();
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    robot.operate(Operation::Enable).unwrap();
+    for _ in 0..8 {
+        robot.follow(&joints);
+    }
+    robot.disturb("can tx-full");
+    for _ in 0..2 {
+        robot.follow(&joints);
+    }
+    robot.disturb("can ok");
+    for _ in 0..100 {
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active);
+    let sent = robot.take_sent();
+    for id in 1..=3 {
+        assert!(sent.iter().any(|sent| sent.id == id && sent.meaning == Meaning::Start), "motor {id}");
+    }
+}
+
+#[test]
+fn a_lost_motor_is_told_to_stop_in_the_next_cycle() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    robot.disturb("thigh off");
+    while robot.mode(1) != MotorMode::Offline {
+        robot.follow(&joints);
+    }
+    robot.take_sent();
+    robot.step();
+    let sent = robot.take_sent();
+    assert!(
+        sent.iter().any(|sent| sent.id == 2 && sent.meaning == Meaning::Stop),
+        "it may hear and not be heard"
+    );
+}

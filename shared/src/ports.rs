@@ -91,12 +91,13 @@ impl DaemonPorts {
     }
 
     /// Shows `accept` the newest setpoints of each controller, as copies: their sender may still write to the original.
-    /// Takes no more than twice as many messages as there may be controllers. Never blocks.
+    /// Takes at most sixteen times as many messages as there may be controllers: others that send without pause cannot keep
+    /// the owner's from being reached. Never blocks.
     ///
     /// # Errors
     /// When a connection is damaged; what came before it was shown.
     pub fn take_setpoint(&self, mut accept: impl FnMut(&SetpointMessage)) -> Result<(), ServiceError> {
-        for _ in 0..2 * CONTROLLERS_MAX {
+        for _ in 0..16 * CONTROLLERS_MAX {
             let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
             let setpoint = *sample.payload();
             accept(&setpoint);

@@ -99,7 +99,7 @@ codes! {
         Shutdown = 17 "shutdown" "The daemon is shutting down.",
         StartFailed = 18 "start-failed" "A motor did not start in time.",
         PowerCycled = 19 "power-cycled" "A motor was silent and came back at another position.",
-        OwnerLost = 20 "owner-lost" "The owner gave the group up, or it was taken from it, while it was active.",
+        OwnerLost = 20 "owner-lost" "The group was taken from its owner while it was active.",
         Suspended = 21 "suspended" "The computer was suspended.",
         RangeEnd = 22 "range-end" "A motor came to the end of the positions its protocol can tell.",
     }

@@ -52,6 +52,7 @@ impl Control {
     /// Answers a request, now or, when it is an errand to a motor, later through
     /// [`next_answer`](Self::next_answer) with the same ticket. Bounded by groups and joints.
     pub fn request(&mut self, ticket: u32, request: &AdminRequest, now: Instant) -> Option<AdminReply> {
+        self.now = now;
         let Ok(operation) = Operation::try_from(request.operation) else {
             return Some(reply(Err((Refusal::UnknownOperation, request.operation))));
         };
@@ -99,7 +100,7 @@ impl Control {
     fn release(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
         let index = group_of_lease(request.lease).ok_or((Refusal::NotOwner, 0))?;
         self.must_own(index, request.lease)?;
-        self.begin_damping(index);
+        self.begin_damping(index, true);
         self.disown(index);
         Ok(0)
     }
@@ -183,7 +184,7 @@ impl Control {
                 self.must_own(index, request.lease)?;
             }
         }
-        self.some_groups(request)?.for_each(|index| self.begin_damping(index));
+        self.some_groups(request)?.for_each(|index| self.begin_damping(index, true));
         Ok(0)
     }
 

@@ -2,9 +2,8 @@
 
 use super::limit::{self, Circumstances, Limited, limit};
 use super::{Command, Control};
-use crate::config::settings::SafeStop;
+use crate::config::settings::MotorProtocol;
 use crate::joint::Impedance;
-use motord_bus::Instant;
 use motord_shared::{MotorMode, SetpointMode};
 
 /// Damping that is left when a motor tells over-voltage.
@@ -23,7 +22,7 @@ impl Control {
         }
         let (limited, mode) = match motor.mode() {
             MotorMode::Active => self.follow(index),
-            MotorMode::Damping => (self.damp(index, group.safe_stop, group.since()), SetpointMode::Impedance),
+            MotorMode::Damping => self.damp(index, group.holding),
             _ => {
                 motor.applied = Impedance::NEUTRAL;
                 return motor.command(self.tick.begun);
@@ -31,6 +30,7 @@ impl Control {
         };
         let motor = &mut self.motors[index];
         motor.applied = limited.applied;
+        motor.applied_mode = mode;
         motor.limits = limited.acted;
         Command::Control(limited.applied, mode)
     }
@@ -42,24 +42,34 @@ impl Control {
         let (Some((wanted, mode)), Some(measured)) =
             (place.and_then(|place| group.wanted(place)), motor.measured())
         else {
-            return (self.damp(index, SafeStop::Damp, group.since()), SetpointMode::Impedance);
+            return self.damp(index, false);
         };
         let ramp = self.tick.begun.since(group.since()).as_secs_f32() / self.safety.start_ramp.as_secs_f32();
         let limits = &self.settings[index].limits;
+        // Without a pull the position applied before is only a number: the way to a new one begins where the joint is.
+        let mut previous = motor.applied;
+        if !motor.is_pulled() {
+            previous.position = measured.position;
+        }
         let circumstances =
-            Circumstances { limits, previous: &motor.applied, measured, elapsed: self.elapsed, ramp };
+            Circumstances { limits, mode, previous: &previous, measured, elapsed: self.elapsed, ramp };
         (limit(&wanted, &circumstances), mode)
     }
 
-    pub(super) fn damp(&self, index: usize, safe_stop: SafeStop, since: Instant) -> Limited {
+    pub(super) fn damp(&self, index: usize, holding: bool) -> (Limited, SetpointMode) {
         let settings = &self.settings[index];
         let motor = &self.motors[index];
-        let holding = safe_stop == SafeStop::Hold && self.tick.begun.since(since) < self.safety.damp;
-        let gentle = self.groups[self.group_of[index]].over_voltage;
-        let kd = settings.damping_kd * if gentle { OVER_VOLTAGE_DAMPING } else { 1.0 };
+        let group = &self.groups[self.group_of[index]];
+        let holding = holding && self.tick.begun.since(group.since()) < self.safety.damp;
+        let kd = settings.damping_kd * if group.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
         match (motor.held, motor.measured()) {
-            (Some(held), Some(measured)) if holding => limit::hold(&held, kd, &settings.limits, measured),
-            (_, measured) => limit::damp(kd, &settings.limits, measured),
+            (Some(held), Some(measured)) if holding => {
+                let limited = limit::hold(&held, kd, &settings.limits, measured);
+                // A native motor holds by itself; its setpoints have no stiffness to hold with.
+                let native = settings.protocol == MotorProtocol::Gim;
+                (limited, if native { SetpointMode::Position } else { SetpointMode::Impedance })
+            }
+            (_, measured) => (limit::damp(kd, &settings.limits, measured), SetpointMode::Impedance),
         }
     }
 
@@ -69,8 +79,11 @@ impl Control {
         group.motors.iter().enumerate().find_map(|(place, &motor)| {
             let (wanted, mode) = group.wanted(place)?;
             let position = self.motors[motor].measured()?.position;
+            let [low, high] = self.settings[motor].limits.position;
+            // What will be applied, not what is asked for: outside its limits a joint would be pulled back into them.
+            let target = wanted.position.clamp(low, high);
             let pulls = mode == SetpointMode::Position || wanted.kp > 0.0;
-            (pulls && (wanted.position - position).abs() > self.safety.start_jump).then_some(motor)
+            (pulls && (target - position).abs() > self.safety.start_jump).then_some(motor)
         })
     }
 }

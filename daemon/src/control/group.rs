@@ -34,6 +34,8 @@ pub(super) struct Group {
     pub(super) resting_since: Option<Instant>,
     pub(super) owner: Option<Owner>,
     cause: Option<(Cause, Option<usize>)>,
+    /// The stop under way holds first.
+    pub(super) holding: bool,
     /// A motor told over-voltage: braking feeds the supply, so the group is damped less.
     pub(super) over_voltage: bool,
     setpoint: Option<Accepted>,
@@ -76,6 +78,7 @@ impl Group {
             resting_since: None,
             owner: None,
             cause: None,
+            holding: false,
             over_voltage: false,
             setpoint: None,
             accepted: 0,

@@ -5,7 +5,7 @@
 
 use crate::config::settings::LimitSettings;
 use crate::joint::{Impedance, Joint, Measured};
-use motord_shared::Limit;
+use motord_shared::{Limit, SetpointMode};
 
 /// An applied command and the [`Limit`] bits that acted on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,6 +21,8 @@ pub struct Limited {
 pub struct Circumstances<'a> {
     /// The limits of the joint.
     pub limits: &'a LimitSettings,
+    /// How the setpoint is meant.
+    pub mode: SetpointMode,
     /// What was applied in the cycle before.
     pub previous: &'a Impedance<Joint>,
     /// What the joint did last.
@@ -67,6 +69,9 @@ pub(super) fn hold(
     Limited { applied: limiter.value, acted: limiter.acted }
 }
 
+/// A speed setpoint rises from zero to the joint's limit in this time, s.
+const SPEED_RISE: f32 = 0.5;
+
 struct Limiter {
     value: Impedance<Joint>,
     acted: u32,
@@ -93,7 +98,7 @@ impl Limiter {
 
     fn slew(&mut self, circumstances: &Circumstances<'_>) {
         let Circumstances { limits, previous, elapsed, .. } = *circumstances;
-        let Impedance { position, velocity, kp, kd, torque, .. } = self.value;
+        let Impedance { position, kp, kd, torque, .. } = self.value;
         let step = |from: f32, rate: f32| (from - rate * elapsed, from + rate * elapsed);
         let (position_low, position_high) = step(previous.position, limits.velocity);
         let (kp_low, kp_high) = step(previous.kp, limits.kp_slew);
@@ -101,7 +106,7 @@ impl Limiter {
         let (torque_low, torque_high) = step(previous.torque, limits.torque_slew);
         self.value = Impedance::new(
             self.within(Limit::PositionSlew, position, position_low, position_high),
-            velocity,
+            self.slewed_velocity(circumstances),
             self.within(Limit::KpSlew, kp, kp_low, kp_high),
             self.within(Limit::KdSlew, kd, kd_low, kd_high),
             self.within(Limit::TorqueSlew, torque, torque_low, torque_high),
@@ -117,6 +122,23 @@ impl Limiter {
             let share = ((limits.temperature - temperature) / span).clamp(0.0, 1.0);
             self.bound_to(Limit::Temperature, share * limits.torque, measured);
         }
+    }
+
+    /// A speed setpoint rises like a gain does, and does not lead out of the joint's range. In the other modes the
+    /// velocity only feeds the damping forward.
+    fn slewed_velocity(&mut self, circumstances: &Circumstances<'_>) -> f32 {
+        let Circumstances { limits, mode, previous, measured, elapsed, ramp } = *circumstances;
+        let velocity = self.value.velocity;
+        if mode != SetpointMode::Speed {
+            return velocity;
+        }
+        let [low, high] = limits.position;
+        let upward = if measured.position < high { limits.velocity } else { 0.0 };
+        let downward = if measured.position > low { limits.velocity } else { 0.0 };
+        let within = self.within(Limit::Position, velocity, -downward, upward);
+        let step = limits.velocity / SPEED_RISE * elapsed;
+        let slewed = self.within(Limit::Velocity, within, previous.velocity - step, previous.velocity + step);
+        self.within(Limit::StartRamp, slewed, -ramp * limits.velocity, ramp * limits.velocity)
     }
 
     fn bound(&mut self, torque_max: f32, measured: &Measured<Joint>) {
@@ -176,6 +198,7 @@ mod tests {
             &wanted,
             &Circumstances {
                 limits: &LIMITS,
+                mode: SetpointMode::Impedance,
                 previous: &previous,
                 measured: &measured,
                 elapsed: 0.001,

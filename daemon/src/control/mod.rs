@@ -127,6 +127,8 @@ pub struct Control {
     boot_id: u64,
     epoch: u64,
     tick: Tick,
+    /// The time of the call that is running.
+    now: Instant,
     elapsed: f32,
     events: Events,
     answers: Answers,
@@ -160,6 +162,7 @@ impl Control {
             boot_id,
             epoch: 0,
             tick: Tick { cycle: 0, scheduled: Instant::ZERO, begun: Instant::ZERO, skipped: 0 },
+            now: Instant::ZERO,
             elapsed: 0.0,
             events: Events::new(),
             answers: Answers::new(),
@@ -186,6 +189,7 @@ impl Control {
         let elapsed = tick.begun.since(self.tick.begun).min(2 * self.period);
         self.elapsed = elapsed.as_secs_f32();
         self.tick = tick;
+        self.now = tick.begun;
         self.watch_time();
         self.watch_silence();
         for group in 0..self.groups.len() {
@@ -212,6 +216,11 @@ impl Control {
             Heard::Late => self.motors[motor].told_late(),
         }
         true
+    }
+
+    /// The bus did not take a motor's command of this cycle.
+    pub fn unsent(&mut self, motor: usize) {
+        self.motors[motor].unsent();
     }
 
     /// A motor answered one question twice.

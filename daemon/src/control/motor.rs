@@ -17,7 +17,7 @@ use crate::config::settings::MotorSettings;
 use crate::joint::{Impedance, Joint, Measured};
 use motord_bus::{Duration, Instant};
 use motord_protocol::FaultBits;
-use motord_shared::{Applied, JointState, MotorMode, message};
+use motord_shared::{Applied, JointState, MotorMode, SetpointMode, message};
 
 /// Neutral commands that a motor hears before it is started.
 const NEUTRAL_CYCLES: u32 = 10;
@@ -33,9 +33,11 @@ const SILENT_CYCLES: u32 = 5;
 enum Start {
     /// So many neutral commands were sent.
     Neutral(u32),
-    /// The start command was sent; its answer is awaited.
+    /// The start command is sent until it is answered.
     Told,
-    /// It answered a neutral command after it was told to start.
+    /// It answered the start command.
+    Heard,
+    /// It answered a neutral command after that.
     Ready,
 }
 
@@ -48,6 +50,8 @@ pub(super) struct Motor {
     measured_at: Instant,
     /// What was applied in this cycle; the slew limits start from it in the next.
     pub(super) applied: Impedance<Joint>,
+    /// How `applied` is meant.
+    pub(super) applied_mode: SetpointMode,
     /// `Limit` bits of `applied`.
     pub(super) limits: u32,
     /// Where it was, and with which gains, when a holding stop began.
@@ -78,6 +82,7 @@ impl Motor {
             measured: None,
             measured_at: Instant::ZERO,
             applied: Impedance::NEUTRAL,
+            applied_mode: SetpointMode::Impedance,
             limits: 0,
             held: None,
             errand: None,
@@ -137,12 +142,18 @@ impl Motor {
         self.applied = Impedance::new(position, 0.0, 0.0, 0.0, 0.0);
     }
 
+    /// What is applied pulls it to a position.
+    pub(super) fn is_pulled(&self) -> bool {
+        self.applied.kp > 0.0 || self.applied_mode == SetpointMode::Position
+    }
+
     /// Leaves setpoints behind. `true` when it was moving under control.
     pub(super) fn begin_damping(&mut self) {
         if matches!(self.mode, MotorMode::Starting | MotorMode::Active) {
             self.mode = MotorMode::Damping;
             let Impedance { kp, kd, .. } = self.applied;
-            self.held = self.measured.map(|measured| Impedance::new(measured.position, 0.0, kp, kd, 0.0));
+            let here = self.measured.filter(|_| self.is_fresh());
+            self.held = here.map(|measured| Impedance::new(measured.position, 0.0, kp, kd, 0.0));
         }
     }
 
@@ -186,14 +197,17 @@ impl Motor {
     }
 
     fn start_command(&mut self) -> Command {
-        if let Start::Neutral(sent) = self.start {
-            if sent == NEUTRAL_CYCLES {
+        match self.start {
+            Start::Neutral(NEUTRAL_CYCLES) | Start::Told => {
                 self.start = Start::Told;
-                return Command::Start;
+                Command::Start
             }
-            self.start = Start::Neutral(sent + 1);
+            Start::Neutral(sent) => {
+                self.start = Start::Neutral(sent + 1);
+                Command::Neutral
+            }
+            Start::Heard | Start::Ready => Command::Neutral,
         }
-        Command::Neutral
     }
 
     /// A question was sent whose answer is a state.
@@ -208,7 +222,8 @@ impl Motor {
         let zeroing = self.errand.is_some_and(|errand| errand.kind == Kind::SetZero);
         let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
         let active = self.mode == MotorMode::Active;
-        let expected = Expectation { settings, before, applied: &self.applied, active };
+        let pulled_to = self.is_pulled().then_some(self.applied.position);
+        let expected = Expectation { settings, before, pulled_to, active };
         self.plausibility.judge(told, at, &expected)
     }
 
@@ -239,22 +254,37 @@ impl Motor {
         if online {
             self.mode = if self.fault.is_none() { MotorMode::Idle } else { MotorMode::Fault };
         }
-        if self.mode == MotorMode::Starting && self.start == Start::Told {
-            self.start = Start::Ready;
+        if self.mode == MotorMode::Starting {
+            self.start = match self.start {
+                Start::Told => Start::Heard,
+                Start::Heard => Start::Ready,
+                start => start,
+            };
         }
         online
     }
 
     /// It answered, but not with a state.
-    pub(super) const fn told_alive(&mut self) {
+    pub(super) fn told_alive(&mut self) {
         self.asked = false;
         self.silent = 0;
+        if self.mode == MotorMode::Starting && self.start == Start::Told {
+            self.start = Start::Heard;
+        }
     }
 
     /// It answered, but does not do as it is told: it is asked for its fault in the next cycle.
     pub(super) const fn told_refusal(&mut self) {
-        self.told_alive();
+        self.asked = false;
+        self.silent = 0;
         self.refused = true;
+    }
+
+    /// The bus did not take its command of this cycle.
+    pub(super) const fn unsent(&mut self) {
+        if let Some(errand) = &mut self.errand {
+            errand.sent = false;
+        }
     }
 
     /// Its fault bits came. Tells whether they are news.
@@ -292,6 +322,10 @@ impl Motor {
             return false;
         }
         self.age_cycles = self.age_cycles.saturating_add(1);
+        if self.is_blind(lost_cycles) {
+            self.lose();
+            return true;
+        }
         if self.mode == MotorMode::Offline || self.errand.is_some() || !self.asked && self.silent == 0 {
             return false;
         }
@@ -302,11 +336,24 @@ impl Motor {
         }
         let lost = self.silent >= lost_cycles;
         if lost {
-            self.mode = MotorMode::Offline;
-            self.measured = None;
-            self.silent = 0;
+            self.lose();
         }
         lost
+    }
+
+    /// It answers, but has told no state for too long while it is meant to move: it refuses what it is told.
+    fn is_blind(&self, lost_cycles: u32) -> bool {
+        let moving = matches!(self.mode, MotorMode::Starting | MotorMode::Active | MotorMode::Damping);
+        moving && self.age_cycles >= lost_cycles
+    }
+
+    fn lose(&mut self) {
+        self.mode = MotorMode::Offline;
+        self.measured = None;
+        self.silent = 0;
+        // The first probe, in the next cycle, is a stop: it may hear and only not be heard.
+        self.probes = 0;
+        self.probe_at = Instant::ZERO;
     }
 
     /// When it should be asked for its faults next, if it may be asked now: its state has arrived, and nothing that

@@ -54,7 +54,7 @@ impl Control {
         let resting = group.motors.iter().all(slow);
         group.resting_since = if resting { group.resting_since.or(Some(now)) } else { None };
         let rested = group.resting_since.is_some_and(|since| now.since(since) >= REST_TIME);
-        let holding = if group.safe_stop == SafeStop::Hold { safety.damp } else { Duration::ZERO };
+        let holding = if group.holding { safety.damp } else { Duration::ZERO };
         let damped = now.since(group.since());
         if damped >= safety.damp + holding || rested && damped >= holding {
             self.disarm(index);
@@ -87,14 +87,19 @@ impl Control {
             self.events.push(Event::Stopped { group: index, cause, motor });
         }
         if moving {
-            self.begin_damping(index);
+            self.begin_damping(index, may_hold(cause));
         }
     }
 
-    pub(super) fn begin_damping(&mut self, index: usize) {
-        if !matches!(self.groups[index].phase(), Phase::Starting | Phase::Active) {
+    /// Damps the group if it is not damped or stopped yet, after holding it where that is its way to stop and the reason
+    /// allows it. A later reason that does not allow it ends the holding.
+    pub(super) fn begin_damping(&mut self, index: usize, may_hold: bool) {
+        let group = &mut self.groups[index];
+        if !matches!(group.phase(), Phase::Starting | Phase::Active) {
+            group.holding &= may_hold;
             return;
         }
+        group.holding = may_hold && group.safe_stop == SafeStop::Hold;
         for place in 0..self.groups[index].motors.len() {
             let motor = self.groups[index].motors[place];
             self.motors[motor].begin_damping();
@@ -107,7 +112,7 @@ impl Control {
     }
 
     pub(super) fn enter(&mut self, index: usize, phase: Phase) {
-        self.groups[index].enter(phase, self.tick.begun);
+        self.groups[index].enter(phase, self.now);
         self.events.push(Event::Group { group: index, phase });
     }
 
@@ -120,4 +125,9 @@ impl Control {
     pub(super) fn motor_changed(&mut self, motor: usize) {
         self.events.push(Event::Motor { motor, mode: self.motors[motor].mode() });
     }
+}
+
+/// A robot is only held still while everything but its owner is well: what its motors tell is true, and on time.
+fn may_hold(cause: Cause) -> bool {
+    matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost)
 }

@@ -11,7 +11,7 @@
 //! | two answers to one question | 5 times in 10 cycles | duplicate-id |
 
 use crate::config::settings::{BeyondRange, LimitSettings, MotorProtocol, MotorSettings};
-use crate::joint::{Impedance, Joint, Measured};
+use crate::joint::{Joint, Measured};
 use motord_bus::{Duration, Instant};
 use motord_shared::Cause;
 
@@ -67,8 +67,8 @@ pub(super) struct Expectation<'a> {
     pub(super) settings: &'a MotorSettings,
     /// The state before, and when it came.
     pub(super) before: Option<(&'a Measured<Joint>, Instant)>,
-    /// What the motor was told.
-    pub(super) applied: &'a Impedance<Joint>,
+    /// The position that the motor was told to go to, if it was.
+    pub(super) pulled_to: Option<f32>,
     /// It follows setpoints.
     pub(super) active: bool,
 }
@@ -133,12 +133,12 @@ impl Plausibility {
     }
 
     fn cause(&mut self, told: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> Option<Cause> {
-        let Expectation { settings, before, applied, active } = *expected;
+        let Expectation { settings, before, pulled_to, active } = *expected;
         let limits = &settings.limits;
         let still = before.is_some_and(|(before, _)| before.position.to_bits() == told.position.to_bits());
         let stuck = still && told.velocity.abs() > STUCK_VELOCITY;
         let fast = told.velocity.abs() > OVERSPEED_FACTOR * limits.velocity;
-        let far = active && is_far(told, applied, limits);
+        let far = active && is_far(told, pulled_to, limits);
         let hot = told.temperature.is_some_and(|temperature| temperature >= limits.temperature);
         if self.stuck.lasts(stuck, at, STUCK_TIME) {
             return Some(Cause::EncoderStuck);
@@ -152,7 +152,7 @@ impl Plausibility {
         if self.hot.lasts(hot, at, HOT_TIME) {
             return Some(Cause::OverTemperature);
         }
-        (active && is_at_range_end(told, applied, settings)).then_some(Cause::RangeEnd)
+        (active && is_at_range_end(told, pulled_to, settings)).then_some(Cause::RangeEnd)
     }
 
     /// One odd value is garbage; a row of them is the truth.
@@ -166,19 +166,19 @@ impl Plausibility {
         let last = before.and_then(|(before, _)| before.temperature);
         let stepped = last.is_some_and(|last| (temperature - last).abs() > TEMPERATURE_STEP);
         let odd = !TEMPERATURES.contains(&temperature) || stepped;
-        self.odd_temperatures = if odd { self.odd_temperatures + 1 } else { 0 };
+        self.odd_temperatures = if odd { self.odd_temperatures.saturating_add(1) } else { 0 };
         if odd && self.odd_temperatures < ODD_MAX { last } else { Some(temperature) }
     }
 }
 
-fn is_far(told: &Measured<Joint>, applied: &Impedance<Joint>, limits: &LimitSettings) -> bool {
-    let pulled = applied.kp > 0.0;
-    limits.following_error.is_some_and(|most| pulled && (applied.position - told.position).abs() > most)
+fn is_far(told: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
+    let Some((most, target)) = limits.following_error.zip(pulled_to) else { return false };
+    (target - told.position).abs() > most
 }
 
 /// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot tell one beyond the range.
-fn is_at_range_end(told: &Measured<Joint>, applied: &Impedance<Joint>, settings: &MotorSettings) -> bool {
+fn is_at_range_end(told: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
     let position = settings.direction * (told.position - settings.offset);
-    let free = settings.beyond_range == BeyondRange::Wrap && applied.kp == 0.0;
+    let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
     settings.protocol == MotorProtocol::Mit && position.abs() > RANGE_END && !free
 }

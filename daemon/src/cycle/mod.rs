@@ -136,7 +136,7 @@ impl<C: Clock> Cycle<C> {
         self.collect(sent + self.reply_deadline);
         self.control.end_cycle();
         self.publish(tick);
-        self.poll_faults(tick.begun + self.period);
+        self.poll_faults(tick.scheduled + self.period);
     }
 
     /// Takes at most one bus that was opened again; its motors are as lost as they were.
@@ -169,7 +169,10 @@ impl<C: Clock> Cycle<C> {
             slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
         }
         for (bus, slot) in slots.iter_mut().enumerate() {
-            let took_all = slot.send(now, |motor| drives[motor].unask());
+            let took_all = slot.send(now, |motor| {
+                drives[motor].unask();
+                control.unsent(motor);
+            });
             control.bus_took(bus, took_all);
             control.bus_changed(bus, slot.condition());
         }

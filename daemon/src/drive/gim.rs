@@ -24,6 +24,8 @@ pub(super) struct Gim {
     transmission: Transmission,
     asked: gim::Command,
     turn: u32,
+    /// It confirmed the start command, and was not told to stop since: before, it refuses control commands.
+    started: bool,
     /// The last state, motor side.
     state: Measured<Motor>,
 }
@@ -31,21 +33,25 @@ pub(super) struct Gim {
 impl Gim {
     pub(super) fn new(scale: TorqueScale, transmission: Transmission) -> Self {
         let state = Measured::new(0.0, 0.0, 0.0, None);
-        Self { scale, transmission, asked: gim::Command::StopMotor, turn: 0, state }
+        Self { scale, transmission, asked: gim::Command::StopMotor, turn: 0, started: false, state }
     }
 
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
-        if *command != Command::Stop {
+        if !matches!(command, Command::Stop | Command::Nothing) {
             self.turn = 0;
         }
         self.asked = match command {
             Command::Nothing => return None,
-            Command::Stop => self.stopped(),
+            Command::Stop => {
+                self.started = false;
+                self.stopped()
+            }
             Command::Start => gim::Command::StartMotor,
             Command::GetFault => gim::Command::GetFault,
             Command::ClearFault => gim::Command::AcknowledgeFault,
             // The zero of a native motor is a configuration item (ConfID 0x14): not a matter of the cycle.
             Command::SetZero => gim::Command::StopMotor,
+            Command::Neutral if !self.started => gim::Command::RetrieveIndicator { ind_id: SHAFT_ANGLE },
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(joint, mode) => self.control(joint, *mode)?,
         };
@@ -106,7 +112,10 @@ impl Gim {
             Reply::Done { outcome: Ok(()), .. } if self.asked == gim::Command::AcknowledgeFault => {
                 Heard::Cleared
             }
-            Reply::Done { outcome: Ok(()), .. } => Heard::Alive,
+            Reply::Done { outcome: Ok(()), .. } => {
+                self.started |= self.asked == gim::Command::StartMotor;
+                Heard::Alive
+            }
             _ => Heard::Refused,
         })
     }

@@ -230,7 +230,7 @@ pub(super) fn judge_damping(
     for group in groups.iter().filter(|group| group.safe_stop != SafeStop::Stop) {
         for &index in &group.motors {
             let (keys, motor) = (written[index].get_ref(), &motors[index]);
-            let Some(place) = keys.damping_kd.as_ref().map(Spanned::span) else { continue };
+            let place = keys.damping_kd.as_ref().map_or_else(|| written[index].span(), Spanned::span);
             let (damping, kd_max) = (f64::from(motor.damping_kd), f64::from(motor.limits.kd));
             if damping == 0.0 {
                 findings.error(place, Wrong::NoDamping);

@@ -1,0 +1,77 @@
+//! The cycle with motors in native mode, on virtual time.
+
+mod robot;
+
+use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
+use robot::Robot;
+
+fn arm() -> Robot {
+    let mut text =
+        String::from("[safety]\nsetpoint-timeout-ms = 20\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+    for (id, name) in [(1, "shoulder"), (2, "elbow")] {
+        text += &robot::motor(id, name, "can", "").replace("\"mit\"", "\"gim\"");
+    }
+    Robot::new(robot::settings(&text), 1)
+}
+
+/// Setpoints of one mode, with `value` in its field, for both joints.
+fn setpoints(mode: SetpointMode, value: f32) -> Vec<JointSetpoint> {
+    let mut joint = JointSetpoint { mode: mode.code(), ..Default::default() };
+    match mode {
+        SetpointMode::Torque => joint.torque = value,
+        SetpointMode::Speed => joint.velocity = value,
+        SetpointMode::Position | SetpointMode::Impedance => joint.position = value,
+    }
+    vec![joint; 2]
+}
+
+fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
+    robot.steps(300);
+    assert_eq!([robot.mode(0), robot.mode(1)], [MotorMode::Idle; 2], "they tell their angle while stopped");
+    robot.claim().unwrap();
+    robot.follow(joints);
+    robot.operate(Operation::Enable).unwrap();
+    for _ in 0..60 {
+        robot.follow(joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+}
+
+#[test]
+fn native_motors_start_and_follow_torque_speed_and_position() {
+    for (mode, value) in
+        [(SetpointMode::Torque, 0.5), (SetpointMode::Speed, 2.0), (SetpointMode::Position, 0.05)]
+    {
+        let mut robot = arm();
+        let joints = setpoints(mode, value);
+        activate(&mut robot, &joints);
+        for _ in 0..500 {
+            robot.follow(&joints);
+        }
+        assert_eq!(robot.phase(), Phase::Active, "{mode}: {:?}", robot.cause());
+        let joint = robot.joint(0);
+        match mode {
+            SetpointMode::Speed => assert!((joint.velocity - value).abs() < 0.5, "{}", joint.velocity),
+            SetpointMode::Position => assert!((joint.position - value).abs() < 0.02, "{}", joint.position),
+            _ => assert!(joint.position > 0.1, "{}", joint.position),
+        }
+        assert!(joint.temperature.is_finite(), "native replies tell a temperature");
+    }
+}
+
+#[test]
+fn native_motors_are_damped_when_their_owner_dies() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Speed, 3.0);
+    activate(&mut robot, &joints);
+    for _ in 0..600 {
+        robot.follow(&joints);
+    }
+    let before = robot.joint(0).velocity;
+    robot.steps(25);
+    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
+    robot.steps(200);
+    assert!(robot.joint(0).velocity.abs() < 0.2 * before, "{before} became {}", robot.joint(0).velocity);
+    robot.steps(2500);
+    assert_eq!(robot.phase(), Phase::Disarmed);
+}
