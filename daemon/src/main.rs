@@ -36,7 +36,7 @@ enum Command {
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
         config: PathBuf,
     },
-    /// Damp and stop every motor on a CAN interface once, when no daemon runs. Takes at most a second.
+    /// Damp and stop every motor on a CAN interface once, when no daemon runs. Waits for a dead man's switch that is at it.
     SafeStop {
         /// The configuration.
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]

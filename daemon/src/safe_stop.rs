@@ -12,6 +12,9 @@ use std::path::Path;
 
 /// systemd waits for this program before it starts the daemon again.
 const DAMP_MAX: Duration = Duration::from_secs(1);
+/// A switch that acts needs so much longer than its damping.
+const SWITCH_MARGIN: Duration = Duration::from_secs(1);
+const SWITCH_TURN: Duration = Duration::from_millis(50);
 
 /// Why not every motor was told to stop.
 #[derive(Debug, thiserror::Error)]
@@ -47,8 +50,8 @@ impl SafeStopError {
 }
 
 /// Damps and stops the motors on every CAN interface of a configuration, which takes at most a second. Interfaces are
-/// used as they are. Leaves the work to a dead man's switch that is at it already: two senders would stop each other's
-/// damping. `open` opens an interface to send.
+/// used as they are. Leaves the work to a dead man's switch that is at it already, and waits for its end: two senders
+/// would stop each other's damping, and so would the daemon that systemd starts next. `open` opens an interface to send.
 ///
 /// # Errors
 ///
@@ -57,8 +60,8 @@ pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
     let will = Will::of(&settings);
     let instance = Instance::find(&settings.instance).ok();
-    if instance.as_ref().is_some_and(|instance| switch_acts(instance).unwrap_or(false)) {
-        tracing::info!("the dead man's switch is stopping the motors");
+    if instance.as_ref().is_some_and(|instance| await_switch(instance, will.damp + SWITCH_MARGIN)) {
+        tracing::info!("the dead man's switch stopped the motors");
         return Ok(());
     }
     let directory = instance.as_ref().map(Instance::runtime);
@@ -71,6 +74,17 @@ pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
     }
     carry_out(&mut ready, will.damp.min(DAMP_MAX));
     if left_out.is_empty() { Ok(()) } else { Err(SafeStopError::LeftOut(left_out)) }
+}
+
+/// Waits while the switch acts, at most for `patience`. Tells whether it did.
+fn await_switch(instance: &Instance, patience: Duration) -> bool {
+    let end = clock::monotonic() + patience;
+    let mut acted = false;
+    while switch_acts(instance).unwrap_or(false) && clock::monotonic() < end {
+        acted = true;
+        std::thread::sleep(SWITCH_TURN);
+    }
+    acted
 }
 
 fn switch_acts(instance: &Instance) -> io::Result<bool> {
