@@ -6,7 +6,7 @@ export MOTORD_INSTANCE=demo
 
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
-# run_inside SCRIPT [KEY=VALUE...]: builds the programs and runs the script in a guest, with these keys changed in the
+# run_inside SCRIPT [SECTION.KEY=VALUE...]: builds the programs and runs the script in a guest, with these settings in the
 # robot's configuration. Both work in one folder, which goes when the calling script ends.
 run_inside() {
     local script
@@ -23,14 +23,20 @@ run_inside() {
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
 }
 
-# quadruped [KEY=VALUE...]: the simulated quadruped with its buses on vcan0 to vcan3. Its times are those of a machine that
-# stalls now and then.
+# quadruped [SECTION.KEY=VALUE...]: the simulated quadruped with its buses on vcan0 to vcan3 and these settings. Its times
+# are those of a machine that stalls now and then.
 quadruped() {
-    awk -v changes="$*" '
-        BEGIN { for (n = split(changes, change, " "); n; n--) { split(change[n], pair, "="); value[pair[1]] = pair[2] } }
-        $1 in value { $0 = $1 " = " value[$1] }
+    awk -v settings="$*" '
+        BEGIN {
+            for (n = split(settings, setting, " "); n; n--) {
+                split(setting[n], part, /[.=]/)
+                added["[" part[1] "]"] = added["[" part[1] "]"] "\n" part[2] " = " part[3]
+                replaced[part[2]]
+            }
+        }
+        $1 in replaced { next }
         /^type = "simulated"/ { $0 = "type = \"socketcan\"\ninterface = \"vcan" buses++ "\"\nbitrate = 1000000" }
-        1'
+        { print $0 added[$0] }'
 }
 
 # Starts 12 simulated motors on vcan0 to vcan3, then the daemon, and waits for both. Their process ids are $simulator and $daemon.
@@ -38,8 +44,7 @@ start_robot() {
     export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=$RIG_PLACE:$PATH
     mkdir -m 700 "$MOTORD_RUNTIME_DIR"
     # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
-    # They are hardware: no program keeps them from answering.
-    chrt -f 70 motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
+    motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
     await "motord-sim is ready" grep -q ready simulator.log
     motord run --config robot.toml >motord.log 2>&1 &
