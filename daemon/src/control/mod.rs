@@ -220,7 +220,9 @@ impl Control {
 
     /// The bus did not take a motor's command of this cycle.
     pub fn unsent(&mut self, motor: usize) {
-        self.motors[motor].unsent();
+        if matches!(self.commands[motor], Command::SetZero | Command::ClearFault) {
+            self.motors[motor].resume_errand();
+        }
     }
 
     /// A motor answered one question twice.

@@ -280,8 +280,8 @@ impl Motor {
         self.refused = true;
     }
 
-    /// The bus did not take its command of this cycle.
-    pub(super) const fn unsent(&mut self) {
+    /// The bus did not take the command that its errand is about.
+    pub(super) const fn resume_errand(&mut self) {
         if let Some(errand) = &mut self.errand {
             errand.sent = false;
         }
