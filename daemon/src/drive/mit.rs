@@ -136,10 +136,7 @@ impl Mit {
     }
 
     pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
-        let reply = match mit::decode_reply(payload, self.asked, &self.scale) {
-            Ok(reply) => reply,
-            Err(_) => return Answer::Malformed,
-        };
+        let Ok(reply) = mit::decode_reply(payload, self.asked, &self.scale) else { return Answer::Malformed };
         Answer::Heard(match reply {
             // Fault bits that were taken for a state: full speed and full torque backward, which no motor has at once.
             Reply::State(_) if payload.get(3..6) == Some(&[0; 3]) => return Answer::Malformed,
