@@ -246,7 +246,7 @@ impl Storm {
             let joint = &state.joints[motor];
             if joint.mode == MotorMode::Fault.code() {
                 self.ask(Operation::ClearFault, group, motor);
-            } else if joint.position.abs() > 11.0 {
+            } else if joint.age_cycles == 0 && joint.position.abs() > 2.0 {
                 self.ask(Operation::SetZero, group, motor);
             }
         }

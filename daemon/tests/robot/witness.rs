@@ -206,7 +206,9 @@ impl Witness {
             Meaning::Control { .. } => {
                 let stopped = before.phase == Phase::Disarmed.code() && now.phase == before.phase;
                 assert!(!stopped, "I4: {:?} to a stopped motor", frame.meaning);
+                let reasons = [0, Cause::SetpointTimeout.code(), Cause::OwnerLost.code()];
                 let holds = robot.settings.groups[group].safe_stop == SafeStop::Hold
+                    && reasons.contains(&before.cause)
                     && now.phase == Phase::Damping.code()
                     && self.slopes[motor].is_held(settings, &frame.meaning);
                 if !frame.meaning.is_safe() && !holds {
@@ -252,6 +254,9 @@ impl Witness {
             let total = kp * far + kd * fast + torque;
             let codes = 0.07 * far.abs() + 4e-4 * kp + 7e-4 * fast.abs() + 0.017 * kd + torque_code;
             assert!(total.abs() <= f64::from(limits.torque) + codes, "I2: {total} N·m in all");
+        }
+        if told.applied.kp == 0.0 {
+            self.slopes[motor].rest_at(f64::from(told.position));
         }
         if cycle.state.joints[motor].mode == MotorMode::Active.code() {
             self.slopes[motor].judge(limits, position, [kp, kd, torque], torque_code);

@@ -30,6 +30,8 @@ pub(super) struct Slopes {
     position: f64,
     /// Time since `position`, s.
     time: f64,
+    /// Of the cycle before, s.
+    elapsed: f64,
     /// Where it stood when the stop began, before and after the cycle's reply, rad.
     held: [f64; 2],
 }
@@ -46,6 +48,12 @@ impl Slopes {
             ceiling.time += elapsed;
         }
         self.time += elapsed;
+        self.elapsed = elapsed;
+    }
+
+    /// Nothing pulls the motor, which stands at `position`: a pull begins from there.
+    pub(super) fn rest_at(&mut self, position: f64) {
+        (self.position, self.time) = (position, self.elapsed);
     }
 
     /// Judges what an active motor hears: joint side, `[kp, kd, torque]`.
