@@ -205,9 +205,18 @@ impl Robot {
     pub fn built(
         settings: Settings,
         seed: u64,
+        build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
+    ) -> Self {
+        Self::begun_at(Instant::from_nanos(1_000_000_000), settings, seed, build)
+    }
+
+    /// A robot whose clock tells `start` in the beginning.
+    pub fn begun_at(
+        start: Instant,
+        settings: Settings,
+        seed: u64,
         mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
     ) -> Self {
-        let start = Instant::from_nanos(1_000_000_000);
         let clock = Virtual { now: Rc::new(Cell::new(start)), late: Rc::default(), broken: Rc::default() };
         let buses: Vec<_> = (0..settings.buses.len())
             .map(|index| {

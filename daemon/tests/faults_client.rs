@@ -1,0 +1,385 @@
+//! The fault catalogue, part B: what controllers and operators do, as far as it reaches the cycle. `docs/faults.md` tells
+//! which item each test holds.
+
+mod robot;
+
+use motord_bus::Duration;
+use motord_shared::{
+    AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMessage,
+};
+use robot::{Meaning, Robot};
+
+fn active() -> (Robot, Vec<JointSetpoint>) {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    (robot, joints)
+}
+
+fn rejected(robot: &mut Robot, rejection: Rejection) -> u32 {
+    robot.group().rejected[rejection.code() as usize]
+}
+
+/// Sends `message` and runs a cycle; it must be rejected for this reason, and leave the setpoint before in use.
+fn must_reject(robot: &mut Robot, message: &SetpointMessage, reason: Rejection) {
+    let (before, accepted) = (rejected(robot, reason), robot.group().accepted);
+    robot.deliver(message);
+    robot.step();
+    assert_eq!(rejected(robot, reason) - before, 1, "{reason}: {message:?}");
+    assert_eq!((robot.group().accepted, robot.phase()), (accepted, Phase::Active), "{reason}");
+}
+
+#[test]
+fn silence_of_the_owner_stops_the_group_after_twenty_milliseconds_for_good() {
+    let (mut robot, joints) = active();
+    robot.send(&joints);
+    let last = robot.now();
+    while robot.cause().is_none() {
+        robot.step();
+    }
+    let begun = robot.state().tick_ns - last.as_nanos();
+    assert!(
+        (20_000_000..=21_000_000).contains(&begun),
+        "stopped in the cycle {begun} ns after the last message"
+    );
+    robot.take_sent();
+    for _ in 0..200 {
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "new messages do not resume it");
+}
+
+#[test]
+fn a_short_pause_of_the_owner_is_no_silence_and_what_queued_in_a_long_one_moves_nothing() {
+    let (mut robot, joints) = active();
+    robot.steps(10);
+    robot.follow(&joints);
+    assert_eq!(robot.phase(), Phase::Active, "10 ms are within the timeout");
+
+    let queued = robot.message(&joints);
+    robot.steps(500);
+    assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
+    robot.deliver(&queued);
+    robot.steps(2);
+    assert_eq!(rejected(&mut robot, Rejection::WrongLease), 1, "its lease ended with its silence");
+    assert_eq!(robot.phase(), Phase::Disarmed);
+}
+
+#[test]
+fn a_message_from_before_the_timeout_is_stale() {
+    let (mut robot, joints) = active();
+    let mut message = robot.message(&joints);
+    message.time_ns -= 20_500_000;
+    must_reject(&mut robot, &message, Rejection::Stale);
+}
+
+/// The five values of a joint's setpoint.
+fn value(joint: &mut JointSetpoint, field: usize) -> &mut f32 {
+    let JointSetpoint { position, velocity, kp, kd, torque, .. } = joint;
+    [position, velocity, kp, kd, torque].into_iter().nth(field).expect("there are five")
+}
+
+#[test]
+fn one_value_that_is_no_number_rejects_the_message_and_never_reaches_a_motor() {
+    let (mut robot, joints) = active();
+    for (joint, field) in (0..3).flat_map(|joint| (0..5).map(move |field| (joint, field))) {
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut spoiled = robot.message(&joints);
+            *value(&mut spoiled.joints[joint], field) = odd;
+            must_reject(&mut robot, &spoiled, Rejection::NotFinite);
+            for sent in robot.take_sent() {
+                let Meaning::Control { torque, .. } = sent.meaning else { continue };
+                assert!(
+                    torque.abs() < 0.2,
+                    "the valid setpoint before is still followed: {:?}",
+                    sent.meaning
+                );
+            }
+            robot.follow(&joints);
+        }
+    }
+    assert_eq!(rejected(&mut robot, Rejection::NotFinite), 45);
+}
+
+#[test]
+fn the_smallest_numbers_and_negative_zero_are_numbers() {
+    let (mut robot, joints) = active();
+    for (field, odd) in
+        (0..5).flat_map(|field| [1e-45, f32::MIN_POSITIVE / 2.0, -0.0].map(|odd| (field, odd)))
+    {
+        let mut joints = joints.clone();
+        *value(&mut joints[1], field) = odd;
+        for _ in 0..100 {
+            robot.follow(&joints);
+        }
+        assert_eq!(robot.phase(), Phase::Active, "{odd} in field {field}");
+        assert!(robot.take_sent().iter().all(|sent| sent.bytes != [0; 8]));
+    }
+}
+
+#[test]
+fn a_value_beyond_its_range_is_clamped_and_leaves_its_neighbours_alone() {
+    for (field, factor) in (0..5).flat_map(|field| [1.0001, 10.0, f32::MAX].map(|factor| (field, factor))) {
+        let (mut robot, joints) = active();
+        let limits = robot.settings.motors[1].limits.clone();
+        let ends = [limits.position[1], limits.velocity, limits.kp, limits.kd, limits.torque];
+        let mut far = joints.clone();
+        let wanted = if factor == f32::MAX { f32::MAX } else { ends[field] * factor };
+        *value(&mut far[1], field) = wanted;
+        robot.follow(&joints);
+        robot.take_sent();
+        robot.follow(&far);
+        let Some(Meaning::Control { position, velocity, kp, kd, torque }) =
+            robot.take_sent_to(2).first().map(|sent| sent.meaning)
+        else {
+            panic!("it is controlled")
+        };
+        let told = [position, velocity, kp, kd, torque];
+        let asked = [joints[1].position, 0.0, 40.0, 1.0, 0.0].map(f64::from);
+        let codes = [4e-4, 0.033, 0.13, 0.002, 0.12];
+        for other in (0..5).filter(|other| *other != field) {
+            // A large value may make the bound on the whole torque scale the others down together, never up.
+            let excess = told[other].abs() - asked[other].abs();
+            assert!(
+                excess <= codes[other],
+                "field {field} × {factor} changed field {other} to {}",
+                told[other]
+            );
+        }
+        assert!(told[field].abs() <= f64::from(ends[field]) + codes[field]);
+    }
+}
+
+#[test]
+fn the_largest_and_the_smallest_of_everything_are_no_special_frames() {
+    for sign in [1.0, -1.0] {
+        let (mut robot, mut joints) = active();
+        for joint in &mut joints {
+            (joint.position, joint.velocity, joint.torque) =
+                (sign * f32::MAX, sign * f32::MAX, sign * f32::MAX);
+            (joint.kp, joint.kd) = if sign > 0.0 { (f32::MAX, f32::MAX) } else { (0.0, 0.0) };
+        }
+        robot.take_sent();
+        for _ in 0..300 {
+            robot.follow(&joints);
+        }
+        let sent = robot.take_sent();
+        assert!(
+            sent.iter()
+                .all(|sent| sent.bytes != [0; 8] && sent.bytes[..6] != [255; 6] || sent.meaning.is_safe())
+        );
+        assert!(sent.iter().all(|sent| sent.meaning != Meaning::Start && sent.meaning != Meaning::SetZero));
+    }
+}
+
+#[test]
+fn a_step_of_stiffness_or_torque_becomes_a_slope_on_the_wire() {
+    let (mut robot, joints) = active();
+    let limits = robot.settings.motors[0].limits.clone();
+    let mut step = joints.clone();
+    (step[0].kp, step[0].torque) = (limits.kp, limits.torque);
+    robot.take_sent();
+    for _ in 0..20 {
+        robot.follow(&step);
+    }
+    let sent = robot.take_sent_to(1);
+    let Meaning::Control { kp: first, torque: from, .. } = sent[0].meaning else {
+        panic!("it is controlled")
+    };
+    for (cycle, sent) in sent.iter().enumerate() {
+        let Meaning::Control { kp, torque, .. } = sent.meaning else { panic!("it is controlled") };
+        let time = cycle as f64 / 1000.0;
+        assert!(kp - first <= f64::from(limits.kp_slew) * time + 0.13, "kp {kp} after {cycle} cycles");
+        assert!(
+            torque - from <= f64::from(limits.torque_slew) * time + 0.23,
+            "{torque} N·m after {cycle} cycles"
+        );
+    }
+}
+
+#[test]
+fn a_second_controller_is_refused_and_the_owner_does_not_notice() {
+    let (mut robot, joints) = active();
+    let owner = robot.lease;
+    assert_eq!(robot.operate(Operation::Claim).unwrap_err(), Refusal::Owned);
+    for _ in 0..100 {
+        let mut foreign = robot.message(&joints);
+        foreign.lease ^= 1 << 40;
+        foreign.joints[0].position += 1.0;
+        must_reject(&mut robot, &foreign, Rejection::WrongLease);
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.group().lease, robot.phase()), (owner, Phase::Active));
+}
+
+#[test]
+fn a_successor_gets_a_stopped_group_and_the_old_lease_moves_nothing() {
+    let (mut robot, joints) = active();
+    let old = robot.message(&joints);
+    robot.steps(22);
+    let lease = robot.claim().unwrap();
+    assert_ne!(lease, old.lease);
+    assert!(lease >> 8 > old.lease >> 8, "epochs rise");
+    robot.follow(&joints);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::Latched);
+    robot.deliver(&SetpointMessage { time_ns: robot.now().as_nanos(), ..old });
+    robot.step();
+    assert!(rejected(&mut robot, Rejection::WrongLease) >= 1);
+    for _ in 0..3000 {
+        robot.follow(&joints);
+    }
+    robot.operate(Operation::Reset).unwrap();
+    robot.activate();
+}
+
+#[test]
+fn a_message_for_other_joints_or_in_an_unknown_mode_is_rejected() {
+    let (mut robot, joints) = active();
+    for count in [0, 2, 4, 64, 65, u32::MAX] {
+        let message = SetpointMessage { joint_count: count, ..robot.message(&joints) };
+        must_reject(&mut robot, &message, Rejection::JointCount);
+        robot.follow(&joints);
+    }
+    for mode in [1, 2, 3, 4, u32::MAX] {
+        let mut message = robot.message(&joints);
+        message.joints[2].mode = mode;
+        must_reject(&mut robot, &message, Rejection::Mode);
+        robot.follow(&joints);
+    }
+    for field in [2, 3] {
+        let mut message = robot.message(&joints);
+        *value(&mut message.joints[0], field) = -1.0;
+        must_reject(&mut robot, &message, Rejection::Negative);
+        robot.follow(&joints);
+    }
+}
+
+#[test]
+fn a_sequence_that_does_not_rise_and_a_time_from_another_clock_are_rejected() {
+    let (mut robot, joints) = active();
+    let used = robot.message(&joints);
+    robot.deliver(&used);
+    robot.step();
+    for sequence in [used.sequence, used.sequence - 1, 0, used.sequence + (1 << 63), u64::MAX] {
+        let message = SetpointMessage { sequence, ..robot.message(&joints) };
+        must_reject(&mut robot, &message, Rejection::Sequence);
+        robot.follow(&joints);
+    }
+    let wall_clock = 1_780_000_000_000_000_000;
+    for time_ns in [robot.now().as_nanos() + 2_500_000, wall_clock, u64::MAX] {
+        let message = SetpointMessage { time_ns, ..robot.message(&joints) };
+        must_reject(&mut robot, &message, Rejection::FromFuture);
+        robot.follow(&joints);
+    }
+}
+
+#[test]
+fn of_many_messages_in_a_cycle_the_newest_is_used() {
+    let (mut robot, joints) = active();
+    let accepted = robot.group().accepted;
+    for _ in 0..100 {
+        (0..20).for_each(|_| robot.send(&joints));
+        robot.step();
+    }
+    let group = robot.group();
+    assert_eq!((group.accepted - accepted, robot.phase()), (100, Phase::Active));
+    assert_eq!(group.sequence, robot.message(&joints).sequence - 1);
+}
+
+#[test]
+fn any_number_of_senseless_requests_is_answered_a_few_in_each_cycle() {
+    let (mut robot, joints) = active();
+    let mut answers = 0;
+    for cycle in 0..200_u32 {
+        for code in 0..20 {
+            let operation = if code < 10 { 1000 + code } else { cycle.wrapping_mul(2_654_435_761) };
+            robot.post(AdminRequest { operation, group: u32::MAX - 1, joint: 77, lease: 1, pid: 0 });
+        }
+        robot.follow(&joints);
+        let mut in_this_cycle = 0;
+        while let Some((_, reply)) = robot.take_answer() {
+            assert_ne!(reply.refusal, 0, "none of them makes sense");
+            in_this_cycle += 1;
+        }
+        assert!(in_this_cycle <= 16);
+        answers += in_this_cycle;
+    }
+    assert_eq!((answers, robot.phase()), (200 * 16, Phase::Active));
+}
+
+/// Asks to enable, and tells why not.
+fn refused_enable(robot: &mut Robot) -> Refusal {
+    robot.operate(Operation::Enable).expect_err("something is wrong")
+}
+
+#[test]
+fn a_group_is_not_enabled_before_everything_is_well() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    assert_eq!(refused_enable(&mut robot), Refusal::NoOwner);
+    robot.claim().unwrap();
+    assert_eq!(refused_enable(&mut robot), Refusal::NoSetpoint);
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    let stranger = AdminRequest { operation: Operation::Enable.code(), lease: 77, ..Default::default() };
+    assert_eq!(robot.ask(stranger).unwrap_err(), Refusal::NotOwner);
+    robot.disturb("hip off");
+    for _ in 0..3 {
+        robot.follow(&joints);
+    }
+    assert_eq!(refused_enable(&mut robot), Refusal::StateStale);
+    robot.follow_until(&joints, 20, |robot| robot.mode(0) == MotorMode::Offline);
+    assert_eq!(refused_enable(&mut robot), Refusal::MotorOffline);
+    robot.disturb("hip ok");
+    robot.disturb("knee fault 0x40");
+    robot.follow_until(&joints, 400, |robot| {
+        robot.mode(2) == MotorMode::Fault && robot.mode(0) == MotorMode::Idle
+    });
+    assert_eq!(refused_enable(&mut robot), Refusal::MotorFault);
+    robot.disturb("can down");
+    robot.follow(&joints);
+    assert_eq!(refused_enable(&mut robot), Refusal::BusDown);
+    robot.operate(Operation::EmergencyStop).unwrap();
+    assert_eq!(refused_enable(&mut robot), Refusal::EmergencyStopActive);
+}
+
+#[test]
+fn nothing_is_written_to_a_motor_that_may_move() {
+    let (mut robot, joints) = active();
+    robot.send(&joints);
+    for operation in [Operation::SetZero, Operation::ClearFault] {
+        let request = AdminRequest { operation: operation.code(), joint: 1, ..Default::default() };
+        assert_eq!(robot.ask(request).unwrap_err(), Refusal::NotDisarmed);
+    }
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::NotDisarmed);
+    assert_eq!(robot.operate(Operation::Reset).unwrap_err(), Refusal::NotNeutral);
+    assert!(
+        robot
+            .take_sent()
+            .iter()
+            .all(|sent| matches!(sent.meaning, Meaning::Control { .. } | Meaning::GetFault))
+    );
+}
+
+#[test]
+fn an_owner_that_lets_go_or_is_made_to_leaves_a_damped_group() {
+    for forced in [false, true] {
+        let (mut robot, joints) = active();
+        robot.send(&joints);
+        robot.take_sent();
+        let operation = if forced { Operation::ForceRelease } else { Operation::Release };
+        robot
+            .ask(AdminRequest { operation: operation.code(), lease: robot.lease, ..Default::default() })
+            .unwrap();
+        robot.deliver(&robot::message(robot.lease, 1 << 20, robot.now(), &joints));
+        robot.steps(2);
+        assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+        assert_eq!(
+            (robot.group().lease, robot.cause().is_some()),
+            (0, forced),
+            "only what was forced is latched"
+        );
+        robot.steps(Duration::from_secs(3).as_millis() as usize);
+        assert_eq!(robot.phase(), Phase::Disarmed);
+    }
+}
