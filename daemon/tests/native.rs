@@ -28,9 +28,9 @@ fn setpoints(mode: SetpointMode, value: f32) -> Vec<JointSetpoint> {
 fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
     robot.steps(300);
     assert_eq!([robot.mode(0), robot.mode(1)], [MotorMode::Idle; 2], "they tell their angle while stopped");
-    robot.claim().unwrap();
+    robot.claim().expect("the group is free");
     robot.follow(joints);
-    robot.operate(Operation::Enable).unwrap();
+    robot.operate(Operation::Enable).expect("all is well");
     for _ in 0..60 {
         robot.follow(joints);
     }
@@ -74,4 +74,35 @@ fn native_motors_are_damped_when_their_owner_dies() {
     assert!(robot.joint(0).velocity.abs() < 0.2 * before, "{before} became {}", robot.joint(0).velocity);
     robot.steps(2500);
     assert_eq!(robot.phase(), Phase::Disarmed);
+}
+
+#[test]
+fn a_temperature_that_no_winding_can_have_so_soon_is_not_believed_once() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Torque, 0.0);
+    activate(&mut robot, &joints);
+    for _ in 0..20 {
+        robot.disturb("shoulder temperature 95");
+        robot.follow(&joints);
+        assert!(robot.joint(0).temperature < 40.0, "{} °C", robot.joint(0).temperature);
+        robot.disturb("shoulder temperature 25");
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active);
+}
+
+#[test]
+fn a_motor_that_stays_too_hot_for_a_second_stops_its_group() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Torque, 0.0);
+    activate(&mut robot, &joints);
+    robot.disturb("elbow temperature 95");
+    for _ in 0..990 {
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    for _ in 0..50 {
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 1));
 }
