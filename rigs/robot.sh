@@ -16,6 +16,7 @@ run_inside() {
     cd "$(dirname "$rigs")"
     cargo build --quiet --locked --release -p motord -p motorctl
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
+    chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
     cp "${CARGO_TARGET_DIR:-target}"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
     quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
