@@ -25,6 +25,8 @@ pub(super) struct Mit {
 
 /// Faster than any of these motors turns, rad/s.
 const VELOCITY_TOP: f32 = 65.0;
+/// After a longer silence nothing that comes answers a request from before it.
+const SILENCE_MAX: Duration = Duration::from_millis(100);
 /// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
 const POSITION_MARGIN: f32 = 0.05;
 const VELOCITY_MARGIN: f32 = 15.0;
@@ -130,8 +132,10 @@ impl Mit {
         else {
             return false;
         };
-        let reach = VELOCITY_TOP * at.since(then).as_secs_f32() + POSITION_MARGIN;
-        (state.position - last.position).abs() < reach
+        let silence = at.since(then);
+        let reach = VELOCITY_TOP * silence.as_secs_f32() + POSITION_MARGIN;
+        silence <= SILENCE_MAX
+            && (state.position - last.position).abs() < reach
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
     }
 

@@ -102,11 +102,13 @@ impl Drive {
             Dialect::Mit(mit) => mit.encode(command),
             Dialect::Gim(gim) => gim.encode(command),
         }?;
-        if self.open.is_some() {
-            self.owed = self.owed.saturating_add(1);
-            self.owed_since = now;
-        } else if now.since(self.owed_since) > LATEST_ANSWER {
-            self.owed = 0;
+        match self.open {
+            Some(open) if now.since(open.at) <= LATEST_ANSWER => {
+                self.owed = self.owed.saturating_add(1);
+                self.owed_since = now;
+            }
+            _ if now.since(self.owed_since) > LATEST_ANSWER => self.owed = 0,
+            _ => {}
         }
         if let Some(open) = self.open.filter(|open| open.asks_fault) {
             self.drop_until = open.at + LATEST_ANSWER;
