@@ -148,6 +148,7 @@ codes! {
         Malformed = 21 "malformed" "The request is not well formed.",
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
+        Moving = 24 "moving" "The joint still turns, or nobody knows whether it does.",
     }
 }
 

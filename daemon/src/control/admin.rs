@@ -255,6 +255,10 @@ impl Control {
             (_, _) if told.errand.is_some() => Err((Refusal::Busy, request.joint)),
             (MotorMode::Offline, _) => Err((Refusal::MotorOffline, request.joint)),
             (MotorMode::Fault, Kind::SetZero) => Err((Refusal::MotorFault, request.joint)),
+            // Where a joint is zeroed that turns is nobody's intention, and its next state does not confirm it.
+            (_, Kind::SetZero) if !told.is_at_rest(self.safety.rest_velocity) => {
+                Err((Refusal::Moving, request.joint))
+            }
             _ => Ok(motor),
         }
     }

@@ -125,6 +125,11 @@ impl Motor {
         self.measured.is_some() && self.age_cycles <= 1
     }
 
+    /// It is known to turn slower than `rest_velocity`, rad/s.
+    pub(super) fn is_at_rest(&self, rest_velocity: f32) -> bool {
+        self.is_fresh() && self.measured.is_some_and(|told| told.velocity.abs() < rest_velocity)
+    }
+
     /// It answered after it was told to start.
     pub(super) fn is_ready(&self) -> bool {
         self.mode == MotorMode::Starting && self.start == Start::Ready
