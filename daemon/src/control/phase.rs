@@ -25,10 +25,13 @@ impl Control {
                 None => self.activate(index),
                 Some(motor) => self.stop(index, Cause::StartFailed, Some(motor)),
             },
-            Some(motor) if self.tick.begun.since(group.since()) > self.safety.start_timeout => {
-                self.stop(index, Cause::StartFailed, Some(motor));
+            Some(motor) => {
+                let late = self.tick.begun.since(group.since()) > self.safety.start_timeout;
+                // A fault may be its joint's matter only, but then this joint does not start any more.
+                if late || self.motors[motor].mode() != MotorMode::Starting {
+                    self.stop(index, Cause::StartFailed, Some(motor));
+                }
             }
-            Some(_) => {}
         }
     }
 
@@ -47,9 +50,7 @@ impl Control {
         let group = &mut groups[index];
         let slow = |motor: &usize| {
             let motor = &motors[*motor];
-            motor.mode() != MotorMode::Damping
-                || motor.is_fresh()
-                    && motor.measured().is_some_and(|told| told.velocity.abs() < safety.rest_velocity)
+            motor.mode() != MotorMode::Damping || motor.is_at_rest(safety.rest_velocity)
         };
         let resting = group.motors.iter().all(slow);
         group.resting_since = if resting { group.resting_since.or(Some(now)) } else { None };
