@@ -134,7 +134,8 @@ impl Mit {
         };
         let silence = at.since(then);
         let reach = VELOCITY_TOP * silence.as_secs_f32() + POSITION_MARGIN;
-        silence <= SILENCE_MAX
+        !is_fault_report(payload)
+            && silence <= SILENCE_MAX
             && (state.position - last.position).abs() < reach
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
     }
@@ -142,8 +143,7 @@ impl Mit {
     pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
         let Ok(reply) = mit::decode_reply(payload, self.asked, &self.scale) else { return Answer::Malformed };
         Answer::Heard(match reply {
-            // Fault bits that were taken for a state: full speed and full torque backward, which no motor has at once.
-            Reply::State(_) if payload.get(3..6) == Some(&[0; 3]) => return Answer::Malformed,
+            Reply::State(_) if is_fault_report(payload) => return Answer::Malformed,
             Reply::State(state) => {
                 self.last = Some((state, at));
                 let position =
@@ -155,6 +155,11 @@ impl Mit {
             Reply::Cleared { .. } => Heard::Cleared,
         })
     }
+}
+
+/// Its last bytes, which mean nothing, are zero: as a state, full speed and full torque backward, which no motor has.
+fn is_fault_report(payload: &[u8]) -> bool {
+    payload.get(3..6) == Some(&[0; 3])
 }
 
 impl Feedback {
