@@ -14,7 +14,7 @@ use robot::rough::Rough;
 use robot::witness::Witness;
 
 /// Storms of a plain `cargo test`.
-const SEEDS: u64 = 100;
+const SEEDS: u64 = 300;
 /// How long each of them blows, s.
 const SECONDS: u64 = 2;
 /// When the faults have stopped, an operator and a well-behaved controller need this many cycles at most.
@@ -98,6 +98,8 @@ struct Storm {
     robot: Robot,
     witness: Witness,
     controllers: [Rough; 2],
+    /// Cycles between two faults, on average.
+    lull: usize,
     jammed: Vec<bool>,
     /// Requests that were not answered yet: all but errands to motors are at once.
     pending: Vec<u32>,
@@ -105,43 +107,55 @@ struct Storm {
 
 impl Storm {
     fn new(seed: u64) -> Self {
-        let robot = Robot::new(settings(), seed);
+        // A limp joint comes to rest in a part of a second, as one with a leg on it does.
+        let robot = Robot::built(settings(), seed, |_, motors| {
+            motors.iter_mut().for_each(|motor| motor.coulomb_friction = 1.0);
+        });
         let mut witness = Witness::new(&robot);
         witness.allow_loss();
         let jammed = vec![false; robot.buses.len()];
         let controllers = [0, 1].map(Rough::new);
-        Self { random: Random::new(seed), robot, witness, controllers, jammed, pending: Vec::new() }
+        let mut random = Random::new(seed);
+        let lull = *random.pick(&[50, 200, 1000]);
+        Self { random, robot, witness, controllers, lull, jammed, pending: Vec::new() }
     }
 
     /// One cycle in which anything may happen.
     fn rage(&mut self) {
-        if self.random.once_in(60) {
+        if self.random.once_in(self.lull) {
             self.disturb();
         }
-        if self.random.once_in(60) {
+        if self.random.once_in(30) {
             self.lift();
         }
-        if self.random.once_in(300) {
-            let late = self.random.between(0.1e-3, 12e-3);
+        if self.random.once_in(4 * self.lull) {
+            let longest = *self.random.pick(&[1e-3, 3e-3, 12e-3]);
+            let late = self.random.between(0.1e-3, longest);
             self.robot.oversleep(Duration::from_secs_f32(late));
         }
-        if self.random.once_in(500) {
+        if self.random.once_in(4 * self.lull) {
             let back = Duration::from_nanos(self.random.next() % 1_000_000);
             self.robot.turn_clock_back(back);
         }
-        let Self { random, robot, witness, controllers, pending, .. } = self;
-        for controller in controllers {
-            if !controller.owns(robot) {
-                if random.once_in(10) {
-                    controller.claim(robot);
+        for group in 0..self.controllers.len() {
+            if !self.is_active(group) {
+                self.hold_still(group);
+                if self.random.once_in(20) {
+                    self.arm(group);
                 }
-            } else if random.once_in(40) {
-                pending.push(controller.request(random, robot, witness));
+            } else if self.random.once_in(500) {
+                let Self { random, robot, witness, controllers, pending, .. } = self;
+                pending.push(controllers[group].request(random, robot, witness));
             } else {
-                controller.misbehave(random, robot, witness);
+                let Self { random, robot, witness, controllers, .. } = self;
+                controllers[group].misbehave(random, robot, witness);
             }
         }
         self.step();
+    }
+
+    fn is_active(&mut self, group: usize) -> bool {
+        self.robot.state().groups[group].phase == Phase::Active.code()
     }
 
     fn step(&mut self) {
@@ -205,15 +219,14 @@ impl Storm {
     /// asked of motors during the storm may take the time it is given.
     fn must_be_armable(&mut self) {
         while !self.pending.is_empty() {
-            self.hold_still();
+            self.hold_all();
             self.step();
         }
         for cycle in 0..ARMABLE_CYCLES {
-            let state = self.robot.state();
-            if state.groups().iter().all(|group| group.phase == Phase::Active.code()) {
+            if (0..self.controllers.len()).all(|group| self.is_active(group)) {
                 return;
             }
-            self.hold_still();
+            self.hold_all();
             if cycle % 20 == 0 {
                 (0..self.controllers.len()).for_each(|group| self.arm(group));
             }
@@ -222,18 +235,23 @@ impl Storm {
         panic!("not armable: {:?} {:?}", self.robot.state().groups(), self.robot.state().joints());
     }
 
-    fn hold_still(&mut self) {
+    fn hold_all(&mut self) {
+        (0..self.controllers.len()).for_each(|group| self.hold_still(group));
+    }
+
+    /// The owner asks its joints to stay where they are, or went while it was active.
+    fn hold_still(&mut self, group: usize) {
+        let active = self.is_active(group);
         let Self { robot, witness, controllers, .. } = self;
-        for (group, controller) in controllers.iter_mut().enumerate() {
-            if !controller.owns(robot) {
-                continue;
-            }
-            if robot.state().groups[group].phase != Phase::Active.code() {
-                controller.wishes = robot.hold_group(group, 20.0, 1.0);
-                controller.wishes.iter_mut().for_each(|wish| *wish = finite(*wish));
-            }
-            controller.follow(robot, witness);
+        let controller = &mut controllers[group];
+        if !controller.owns(robot) {
+            return;
         }
+        if !active {
+            controller.wishes = robot.hold_group(group, 20.0, 1.0);
+            controller.wishes.iter_mut().for_each(|wish| *wish = finite(*wish));
+        }
+        controller.follow(robot, witness);
     }
 
     /// What an operator does again and again until the group is active.
@@ -258,7 +276,7 @@ impl Storm {
         let (group, joint) = (group as u32, joint as u32);
         let request = AdminRequest { operation: operation.code(), group, joint, ..Default::default() };
         self.witness.asked(&request);
-        self.robot.post(request);
+        self.pending.push(self.robot.post(request));
     }
 }
 

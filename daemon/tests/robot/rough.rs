@@ -28,12 +28,14 @@ pub struct Rough {
     pub lease: u64,
     sequence: u64,
     claim: u32,
+    /// Cycles for which it says nothing.
+    silent: usize,
     pub wishes: Vec<JointSetpoint>,
 }
 
 impl Rough {
     pub fn new(group: usize) -> Self {
-        Self { group, lease: 0, sequence: 0, claim: 0, wishes: Vec::new() }
+        Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, wishes: Vec::new() }
     }
 
     /// Whether the daemon takes it for the owner.
@@ -86,10 +88,18 @@ impl Rough {
 
     /// Sends what is good, bad, or nothing.
     pub fn misbehave(&mut self, random: &mut Random, robot: &mut Robot, witness: &mut Witness) {
+        if self.silent > 0 {
+            self.silent -= 1;
+            return;
+        }
         match random.below(40) {
-            0..=2 => {}
+            0..=1 => {}
+            2 => self.silent = if random.once_in(10) { 40 } else { random.below(19) },
             3 => self.wishes.iter_mut().for_each(|wish| wish.position += random.between(-3.0, 3.0)),
-            4 => self.wishes.iter_mut().for_each(|wish| wish.torque = random.between(-50.0, 50.0)),
+            4 => {
+                let most = if random.once_in(10) { 50.0 } else { 2.0 };
+                self.wishes.iter_mut().for_each(|wish| wish.torque = random.between(-most, most));
+            }
             5 => self.wishes.iter_mut().for_each(|wish| wish.kp = random.between(0.0, 120.0)),
             6 => self.wishes.iter_mut().for_each(|wish| wish.velocity = random.between(-16.0, 16.0)),
             7..=9 => {
@@ -136,7 +146,7 @@ fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bo
         5 => message.joints[joint].mode = random.next() as u32,
         6 => message.joint_count = random.next() as u32,
         7 => message.time_ns = *random.pick(&[0, u64::MAX, (now - Duration::from_millis(21)).as_nanos()]),
-        8 => message.sequence = *random.pick(&[0, message.sequence.wrapping_sub(1), 1 << 63, u64::MAX]),
+        8 => message.sequence = *random.pick(&[0, message.sequence / 2, 1 << 63, u64::MAX]),
         _ => {
             message.lease ^= 1 << (8 + random.below(56));
             message.joints.iter_mut().for_each(|joint| joint.velocity = FOREIGN_VELOCITY);

@@ -258,7 +258,8 @@ impl Witness {
         if told.applied.kp == 0.0 {
             self.slopes[motor].rest_at(f64::from(told.position));
         }
-        if cycle.state.joints[motor].mode == MotorMode::Active.code() {
+        // What a jammed bus lets go all at once rises as steeply as it was queued.
+        if cycle.state.joints[motor].mode == MotorMode::Active.code() && self.stale[frame.bus] == 0 {
             self.slopes[motor].judge(limits, position, [kp, kd, torque], torque_code);
         }
     }
