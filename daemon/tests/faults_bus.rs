@@ -3,7 +3,7 @@
 
 mod robot;
 
-use motord::config::settings::Settings;
+use motord::config::settings::{FaultPolicy, Settings};
 use motord::control::{Command, Event, Heard};
 use motord::drive::{Answer, Drive};
 use motord_bus::{Duration, Instant};
@@ -74,27 +74,6 @@ fn a_lost_motor_is_told_to_stop_at_most_ten_times_a_second_while_the_others_are_
     assert!(thigh.len() <= 10 && thigh.contains(&Meaning::Stop), "{thigh:?}");
     assert!(thigh.iter().all(|meaning| matches!(meaning, Meaning::Stop | Meaning::GetFault)));
     assert!(heard.iter().all(|sent| sent.meaning.is_safe()));
-}
-
-#[test]
-fn the_first_thing_a_lost_motor_hears_is_stop() {
-    let mut robot = Robot::new(robot::three_motors(), 1);
-    for loss in 0..6 {
-        let joints = robot.activate();
-        // It hears, and its answers are lost.
-        robot.disturb("thigh intermittent 100%");
-        robot.follow_until(&joints, 12, |robot| robot.mode(1) == MotorMode::Offline);
-        robot.take_sent();
-        robot.step();
-        assert_eq!(
-            robot.take_sent_to(2).first().map(|sent| sent.meaning),
-            Some(Meaning::Stop),
-            "loss {loss}"
-        );
-        robot.disturb("thigh ok");
-        robot.steps(3000);
-        robot.operate(Operation::Reset).unwrap();
-    }
 }
 
 #[test]
@@ -279,6 +258,21 @@ fn a_lost_answer_about_a_fault_costs_one_more_and_not_all() {
     }
     assert_eq!(heard[0], Answer::Heard(Heard::Late));
     assert!(matches!(heard[1], Answer::Heard(Heard::Fault(_))), "{heard:?}");
+}
+
+#[test]
+fn a_fault_report_is_heard_after_questions_that_were_never_answered() {
+    let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::Stop);
+    // Garbage, which is a state of full speed backward.
+    drive.read(&[1, 0x80, 0, 0, 8, 0], now);
+    for _ in 0..4 {
+        now = now + Duration::from_millis(100);
+        drive.ask(&Command::Stop, now);
+    }
+    now = now + Duration::from_millis(100);
+    drive.ask(&Command::GetFault, now);
+    let answer = drive.read(&[1, 0x40, 0, 0, 0, 0], now + Duration::from_micros(300));
+    assert!(matches!(answer, Answer::Heard(Heard::Fault(_))), "{answer:?}");
 }
 
 #[test]
@@ -531,6 +525,21 @@ fn a_drive_that_never_answers_is_named_within_two_seconds_and_never_started() {
 }
 
 #[test]
+fn a_motor_that_faults_while_it_starts_fails_the_start_at_once() {
+    let mut settings = robot::three_motors();
+    settings.motors.iter_mut().for_each(|motor| motor.fault_policy = FaultPolicy::StopJoint);
+    let mut robot = Robot::new(settings, 1);
+    robot.steps(200);
+    robot.claim().unwrap();
+    let joints = robot.hold(40.0, 1.0);
+    robot.follow(&joints);
+    robot.operate(Operation::Enable).unwrap();
+    robot.disturb("knee fault 0x40");
+    robot.follow_until(&joints, 150, |robot| robot.cause().is_some());
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::StartFailed), 2));
+}
+
+#[test]
 fn over_voltage_is_damped_less() {
     let (mut robot, joints) = active();
     robot.disturb("hip voltage 70");
@@ -566,6 +575,15 @@ fn a_joint_that_cannot_follow_stops_the_group() {
     let (cause, cycles) = stopped_within(&mut robot, &joints, 500);
     assert_eq!((cause, robot.group().cause_joint), (Cause::FollowingError, 2));
     assert!(cycles >= 50);
+}
+
+#[test]
+fn set_zero_of_a_joint_that_turns_is_refused() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.disturb("hip load 0.5");
+    robot.steps(300);
+    let request = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
+    assert_eq!(robot.ask(request).unwrap_err(), Refusal::Moving);
 }
 
 #[test]
