@@ -538,7 +538,13 @@ pub fn for_each_seed(test: &str, count: u64, live: impl Fn(u64) + std::panic::Re
     };
     for seed in seeds.clone() {
         let lived = std::panic::catch_unwind(|| live(seed));
-        assert!(lived.is_ok(), "run it alone with: MOTORD_SEED={seed} cargo test -p motord --test {test}");
+        let seconds =
+            number("MOTORD_ROBOT_SECONDS").map(|seconds| format!("MOTORD_ROBOT_SECONDS={seconds} "));
+        let seconds = seconds.unwrap_or_default();
+        assert!(
+            lived.is_ok(),
+            "run it alone with: MOTORD_SEED={seed} {seconds}cargo test -p motord --test {test}"
+        );
     }
     let took = motord_bus::clock::monotonic().since(begun);
     println!("{test}: seeds {seeds:?} took {took:.1?}");

@@ -258,8 +258,10 @@ impl Witness {
         if told.applied.kp == 0.0 {
             self.slopes[motor].rest_at(f64::from(told.position));
         }
-        // What a jammed bus lets go all at once rises as steeply as it was queued.
-        if cycle.state.joints[motor].mode == MotorMode::Active.code() && self.stale[frame.bus] == 0 {
+        // What a jammed bus lets go at once rises as steeply as it was queued; what was still on the wire when the cycle
+        // began rose in the cycle before.
+        let in_time = self.stale[frame.bus] == 0 && cycle.has_sent(frame);
+        if in_time && cycle.state.joints[motor].mode == MotorMode::Active.code() {
             self.slopes[motor].judge(limits, position, [kp, kd, torque], torque_code);
         }
     }
