@@ -355,7 +355,7 @@ mod sane {
         if random.once_in(1000) {
             let joint = random.below(robot.settings.motors.len());
             let name = robot.settings.motors[joint].name.clone();
-            robot.disturb(&format!("{name} {}", random.pick(&["intermittent 20%", "ok", "ok"])));
+            robot.disturb(&format!("{name} {}", random.pick(&["intermittent 1%", "ok", "ok"])));
         }
     }
 
