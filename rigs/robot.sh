@@ -45,7 +45,7 @@ start_robot() {
     export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=$RIG_PLACE:$PATH
     mkdir -m 700 "$MOTORD_RUNTIME_DIR"
     # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
-    motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
+    chrt --fifo 40 motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
     await "motord-sim is ready" grep -q ready simulator.log
     motord run --config robot.toml >motord.log 2>&1 &
@@ -80,6 +80,6 @@ await() {
 
 fail() {
     echo "$(basename "$0"): $*" >&2
-    inside && tail -n 40 motord.log >&2
+    inside && tail -n 40 motord.log controller.log simulator.log >&2
     exit 1
 }
