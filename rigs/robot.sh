@@ -12,13 +12,14 @@ run_inside() {
     local script
     script=$(realpath "$1")
     shift
-    provide candump=can-utils jq=jq
+    provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
     cargo build --quiet --locked --release -p motord -p motorctl
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
     cp "${CARGO_TARGET_DIR:-target}"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
+    cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
