@@ -23,8 +23,6 @@ pub struct BusPlan {
     pub unstuffed_utilisation: f64,
     /// The worst case of a cycle in which one motor is asked for its faults too.
     pub fault_poll_utilisation: f64,
-    /// Whether that fits into a cycle for certain.
-    pub fault_poll_fits: bool,
     /// How long the frames of a cycle take without stuffing bits: before it, the last reply cannot be complete.
     pub expected: Duration,
     /// How long one command and its reply take at least.
@@ -50,13 +48,11 @@ impl BusPlan {
         let unstuffed: u32 = exchanges.iter().map(|exchange| exchange.unstuffed).sum();
         let fault_poll = exchanges.iter().map(|exchange| exchange.worst_case).max().unwrap_or(0);
         let least = exchanges.iter().map(|exchange| exchange.unstuffed).min().unwrap_or(0);
-        let fault_poll_utilisation = utilisation(worst_case + fault_poll, rate_hz, bitrate);
         Self {
             motors: exchanges.len(),
             worst_case_utilisation: utilisation(worst_case, rate_hz, bitrate),
             unstuffed_utilisation: utilisation(unstuffed, rate_hz, bitrate),
-            fault_poll_utilisation,
-            fault_poll_fits: fault_poll_utilisation <= 1.0,
+            fault_poll_utilisation: utilisation(worst_case + fault_poll, rate_hz, bitrate),
             expected: wire_time(unstuffed, bitrate),
             exchange_least: wire_time(least, bitrate),
             exchange_worst: wire_time(fault_poll, bitrate),
@@ -94,7 +90,7 @@ mod tests {
     fn three_mit_motors_fill_a_bus_only_in_a_cycle_with_a_fault_poll() {
         let plan = BusPlan::of_bus(&[MIT, MIT, MIT], 1_000_000, 1000.0);
         assert_eq!((plan.worst_case_utilisation, plan.unstuffed_utilisation), (0.75, 0.618));
-        assert_eq!((plan.fault_poll_utilisation, plan.fault_poll_fits), (1.0, true));
+        assert_eq!(plan.fault_poll_utilisation, 1.0);
         assert_eq!(plan.expected, Duration::from_micros(618));
     }
 

@@ -30,10 +30,8 @@ fn remedy(cause: Cause) -> &'static str {
         }
         Cause::DuplicateId => "Unplug all motors of the bus but one and give each its own id",
         Cause::OverTemperature => "Let the motor cool down",
-        Cause::ExchangeLost => "See the daemon's log",
         Cause::Shutdown => "Start the daemon again",
         Cause::StartFailed => "Check the motor's power and that its protocol is the configured one",
-        Cause::PowerCycled => "Check the motor's power and its zero position",
         Cause::Suspended => "Keep the computer from suspending",
         Cause::RangeEnd => "Turn the joint back to the middle of its range by hand",
     }

@@ -93,12 +93,10 @@ codes! {
         Overspeed = 11 "overspeed" "A joint turned faster than its limit allows.",
         FollowingError = 12 "following-error" "A joint stayed too far from its position setpoint.",
         DuplicateId = 13 "duplicate-id" "Two motors answered to one id.",
-        OverTemperature = 14 "over-temperature" "A motor stayed too hot.",
-        ExchangeLost = 15 "exchange-lost" "The exchange with the clients stood still.",
+        OverTemperature = 14 "over-temperature" "A motor stayed too hot, or gave too much torque for too long.",
         Overload = 16 "overload" "Too many cycles came too late.",
         Shutdown = 17 "shutdown" "The daemon is shutting down.",
         StartFailed = 18 "start-failed" "A motor did not start in time.",
-        PowerCycled = 19 "power-cycled" "A motor was silent and came back at another position.",
         OwnerLost = 20 "owner-lost" "The group was taken from its owner while it was active.",
         Suspended = 21 "suspended" "The computer was suspended.",
         RangeEnd = 22 "range-end" "A motor came to the end of the positions its protocol can tell.",
@@ -196,6 +194,7 @@ codes! {
         TotalTorque = 9 "total-torque" "Stiffness, damping and torque together asked for too much torque.",
         Temperature = 10 "temperature" "The motor is hot: its torque is derated.",
         StartRamp = 11 "start-ramp" "The gains are still rising after the start.",
+        Overload = 12 "overload" "The winding gave more than its rated torque for long: its torque is derated.",
     }
 }
 

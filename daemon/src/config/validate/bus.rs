@@ -132,8 +132,8 @@ pub(super) fn judge_load(written: &[Written], settings: &Settings, findings: &mu
         } else if plan.worst_case_utilisation > WORST_CASE_SOUND {
             findings.warn(place.span(), Wrong::Tight { motors, rate_hz, percent });
         }
-        if plan.worst_case_utilisation <= 1.0 && !plan.fault_poll_fits && settings.safety.fault_poll_hz > 0.0
-        {
+        let polls = settings.safety.fault_poll_hz > 0.0;
+        if polls && plan.worst_case_utilisation <= 1.0 && plan.fault_poll_utilisation > 1.0 {
             let percent = 100.0 * plan.fault_poll_utilisation;
             findings.warn(place.span(), Wrong::FaultPollTight { percent });
         }
