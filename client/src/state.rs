@@ -283,15 +283,26 @@ pub struct Bus {
     pub errors: u32,
     /// Frames that were lost before they could be read.
     pub lost: u32,
+    /// Frames whose id belongs to no motor of this bus, on a CAN interface.
+    pub stray: u32,
 }
 
 impl From<&BusState> for Bus {
     fn from(bus: &BusState) -> Self {
         let BusState {
-            condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost, ..
+            condition,
+            sent,
+            dropped,
+            received,
+            unknown,
+            duplicate,
+            malformed,
+            errors,
+            lost,
+            stray,
         } = *bus;
         let condition = BusCondition::try_from(condition).ok();
-        Self { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost }
+        Self { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost, stray }
     }
 }
 

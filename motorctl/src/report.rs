@@ -98,6 +98,7 @@ struct BusReport {
     malformed: u32,
     errors: u32,
     lost: u32,
+    stray: u32,
 }
 
 impl Report {
@@ -205,7 +206,8 @@ impl From<(&JointDescription, Joint)> for JointReport {
 
 impl From<(&String, Bus)> for BusReport {
     fn from((name, bus): (&String, Bus)) -> Self {
-        let Bus { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost } = bus;
+        let Bus { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost, stray } =
+            bus;
         let condition = condition.map_or(UNKNOWN, BusCondition::name);
         Self {
             name: name.clone(),
@@ -218,6 +220,7 @@ impl From<(&String, Bus)> for BusReport {
             malformed,
             errors,
             lost,
+            stray,
         }
     }
 }
@@ -297,6 +300,7 @@ fn bus_table(buses: &[BusReport]) -> Table {
         "malformed",
         "errors",
         "lost",
+        "stray",
     ]);
     for bus in buses {
         let good = bus.condition == BusCondition::Active.name();
@@ -307,7 +311,9 @@ fn bus_table(buses: &[BusReport]) -> Table {
             Cell::counter(bus.dropped),
             Cell::plain(bus.received),
         ];
-        row.extend([bus.unknown, bus.duplicate, bus.malformed, bus.errors, bus.lost].map(Cell::counter));
+        row.extend(
+            [bus.unknown, bus.duplicate, bus.malformed, bus.errors, bus.lost, bus.stray].map(Cell::counter),
+        );
         table.row(row);
     }
     table

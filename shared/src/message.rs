@@ -115,7 +115,7 @@ pub struct BusState {
     pub dropped: u32,
     /// Frames received, of any kind.
     pub received: u32,
-    /// Frames whose id or first byte belongs to no motor of this bus.
+    /// Frames that were received, and whose id or first byte belongs to no motor of this bus.
     pub unknown: u32,
     /// Replies that nobody had asked for, among them second answers to one request.
     pub duplicate: u32,
@@ -125,8 +125,9 @@ pub struct BusState {
     pub errors: u32,
     /// Frames that were lost before they could be read.
     pub lost: u32,
-    /// Keeps the layout free of implicit padding.
-    pub reserved: u32,
+    /// Frames of any kind whose id belongs to no motor of this bus, and which the kernel kept from the daemon: those on a CAN
+    /// interface. Counted off the real-time thread, some 50 ms late.
+    pub stray: u32,
 }
 
 /// Everything that is known after a cycle.

@@ -15,11 +15,11 @@ use crate::heartbeat::Heartbeat;
 use crate::reopen::{Indexed, Replacements};
 use motord_bus::time::nanos;
 use motord_bus::{Bus, Instant};
-use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
+use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
 use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::thread::Thread;
 use triple_buffer::TripleBuffer;
 
@@ -106,6 +106,8 @@ pub struct Counters {
     pub cycle: AtomicU64,
     /// Records and events that telemetry was too slow for.
     pub dropped: AtomicU64,
+    /// Frames of strangers, by bus, modulo 2³².
+    pub strays: [AtomicU32; BUSES_MAX],
     /// Exchanges with clients that failed.
     pub exchange_errors: AtomicU64,
     /// The configuration's file is no longer the one that was read at the start.

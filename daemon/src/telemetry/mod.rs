@@ -1,9 +1,11 @@
-//! The telemetry thread: histograms, the log, the watchdog of systemd, and the cleaning up after dead clients.
+//! The telemetry thread: histograms, the log, frames of strangers, the watchdog of systemd, and the cleaning up after
+//! dead clients.
 //!
 //! Nothing waits for it. What the cycle tells faster than it can be taken is dropped and counted.
 
 mod distributions;
 mod log;
+mod strays;
 
 use crate::config::{self, settings::Settings};
 use crate::control::Event;
@@ -19,6 +21,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::Thread;
+use strays::StrayCounts;
 
 /// How often the thread looks after everything.
 const TURN: Duration = Duration::from_millis(50);
@@ -79,6 +82,7 @@ pub struct Recorder {
     off: Vec<usize>,
     distributions: Distributions,
     log: Log,
+    strays: StrayCounts,
     watched_cycle: u64,
 }
 
@@ -91,6 +95,7 @@ impl Recorder {
             answers,
             distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
             log: Log::new(settings),
+            strays: StrayCounts::new(settings),
             exchange: None,
             config: None,
             broken: None,
@@ -116,6 +121,7 @@ impl Recorder {
 
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
+        self.strays.open();
         let mut cleaned = motord_bus::clock::monotonic();
         while !stop() {
             match self.answers.questions.recv_timeout(TURN) {
@@ -130,6 +136,7 @@ impl Recorder {
                 let _removed = housekeeper.map(Housekeeper::clean);
                 self.log.tell_counts(&self.cycle.counters);
                 self.report_off();
+                self.strays.open();
                 self.watch_config();
                 self.feed_watchdog();
             }
@@ -148,6 +155,7 @@ impl Recorder {
             }
             self.log.tell(cycle, event);
         }
+        self.strays.tell(&self.cycle.counters);
     }
 
     fn answer(&mut self, ticket: u32) {
@@ -173,7 +181,10 @@ impl Recorder {
     fn watch_bus(&mut self, bus: usize, condition: BusCondition) {
         self.off.retain(|off| *off != bus);
         match condition {
-            BusCondition::Gone => self.report_broken(bus),
+            BusCondition::Gone => {
+                self.strays.close(bus);
+                self.report_broken(bus);
+            }
             BusCondition::Off => self.off.push(bus),
             _ => {}
         }
