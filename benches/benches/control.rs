@@ -59,7 +59,7 @@ impl Robot {
         let (cycle, now) = (self.cycle, self.now());
         (self.message.sequence, self.message.time_ns) = (cycle, now.as_nanos());
         self.control.offer(&self.message, now);
-        black_box(self.control.decide(Tick { cycle, scheduled: now, begun: now, skipped: 0 }));
+        black_box(self.control.decide(Tick { cycle, scheduled: now, begun: now, ..Tick::default() }));
         let latency = Duration::from_micros(300);
         for motor in 0..12 {
             let still = Measured::new(0.0, 0.0, 0.0, None);

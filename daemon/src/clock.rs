@@ -1,12 +1,15 @@
 //! Where the cycle gets its time: the machine's clock, or a test's.
 
 use motord_bus::wait::{self, Ready};
-use motord_bus::{Instant, Readiness, clock};
+use motord_bus::{Duration, Instant, Readiness, clock};
 
 /// Time, and waiting for it.
 pub trait Clock {
     /// The present time.
     fn now(&self) -> Instant;
+
+    /// How long time stood still because the computer was suspended, since it was started. No system call.
+    fn suspended(&self) -> Duration;
 
     /// Returns at `instant`, or at once when it has passed. At most one system call.
     fn sleep_until(&mut self, instant: Instant);
@@ -22,6 +25,10 @@ pub struct Monotonic;
 impl Clock for Monotonic {
     fn now(&self) -> Instant {
         clock::monotonic()
+    }
+
+    fn suspended(&self) -> Duration {
+        clock::suspended()
     }
 
     fn sleep_until(&mut self, instant: Instant) {

@@ -139,6 +139,14 @@ const REFUSED: &[Case] = &[
     ("torque-nm = 20.0", "torque-nm = 226 #!", "motor.limits.torque-nm", "beyond ±225"),
     ("torque-nm = 20.0", "torque-nm = 23 #!", "motor.limits.torque-nm", "more than the motor's peak of 22"),
     (
+        "damping-kd = 2.0",
+        "rated-torque-nm = 23 #!",
+        "motor.rated-torque-nm",
+        "more than the motor's peak of 22",
+    ),
+    ("damping-kd = 2.0", "overload-seconds = 0 #!", "motor.overload-seconds", "0 is out of range"),
+    ("rate-hz = 1000", "max-skipped-percent = 0 #!", "cycle.max-skipped-percent", "0 is out of range"),
+    (
         "position-rad = [-1.2, 1.2]",
         "position-rad = [0, 12.5] #!",
         "motor.limits.position-rad",
@@ -395,6 +403,19 @@ fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
     );
 }
 
+/// Without a key the switch waits for every daemon that is no later than it may be.
+#[test]
+fn a_dead_mans_switch_that_acts_on_a_daemon_that_is_only_late_is_worth_a_warning() {
+    for (text, expected_ms) in [("rate-hz = 1000", 7), ("rate-hz = 250", 13), ("max-lateness-ms = 100", 102)]
+    {
+        let Loaded { settings, warnings, .. } = judge(&GOOD.replacen("rate-hz = 1000", text, 1)).unwrap();
+        assert_eq!(settings.safety.deadman, Duration::from_millis(expected_ms), "{text}");
+        assert!(warnings.is_empty(), "{text}: {warnings:?}");
+    }
+    let warned = warnings(&GOOD.replacen("setpoint-timeout-ms = 20", "deadman-ms = 5", 1));
+    assert!(warned[0].contains("safety.deadman-ms") && warned[0].contains("at least 7 ms"), "{warned:?}");
+}
+
 #[test]
 fn an_interface_that_is_not_there_is_worth_a_warning() {
     let socketcan = "type = 'socketcan'\ninterface = 'nocan7'";
@@ -432,7 +453,7 @@ fn what_is_not_written_is_cautious() {
     assert_eq!(settings.cycle.max_lateness, Duration::from_millis(5));
     assert_eq!(settings.exchange.lead, Duration::from_micros(150));
     assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(20));
-    assert_eq!(settings.safety.deadman, Duration::from_millis(5));
+    assert_eq!(settings.safety.deadman, Duration::from_millis(7));
     assert_eq!((settings.safety.safe_stop, settings.safety.lost_cycles), (SafeStop::Damp, 10));
     let motor = &settings.motors[0];
     assert_eq!((motor.id, motor.host_id.raw()), (1, 0x101));
@@ -447,7 +468,7 @@ fn times_that_are_not_written_follow_a_slow_cycle() {
         judge(&GOOD.replace("setpoint-timeout-ms = 20", "").replace("rate-hz = 1000", "rate-hz = 50"))
             .expect("is good");
     assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(40));
-    assert_eq!(settings.safety.deadman, Duration::from_millis(100));
+    assert_eq!(settings.safety.deadman, Duration::from_millis(45));
 }
 
 #[test]

@@ -7,24 +7,22 @@ use motord::config::settings::{FaultPolicy, Settings};
 use motord::control::{Command, Event, Heard};
 use motord::drive::{Answer, Drive};
 use motord_bus::{Duration, Instant};
-use motord_shared::{AdminRequest, BusCondition, Cause, MotorMode, Operation, Phase, Refusal, message};
+use motord_shared::{
+    AdminRequest, BusCondition, Cause, JointSetpoint, Limit, MotorMode, Operation, Phase, Refusal, message,
+};
 use motord_simulator::{Dialect, MotorSettings};
 use robot::random::Random;
 use robot::{Meaning, PERIOD, Robot};
 
 /// An active robot of three motors, and what its owner asks.
-fn active() -> (Robot, Vec<motord_shared::JointSetpoint>) {
+fn active() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     (robot, joints)
 }
 
 /// Runs cycles until the group is stopped, and tells how many that took. From the cycle after, nothing moves.
-fn stopped_within(
-    robot: &mut Robot,
-    joints: &[motord_shared::JointSetpoint],
-    cycles: usize,
-) -> (Cause, usize) {
+fn stopped_within(robot: &mut Robot, joints: &[JointSetpoint], cycles: usize) -> (Cause, usize) {
     for cycle in 1..=cycles {
         robot.follow(joints);
         if let Some(cause) = robot.cause() {
@@ -514,7 +512,7 @@ fn a_drive_that_never_answers_is_named_within_two_seconds_and_never_started() {
         robot.take_events().into_iter().filter(|event| matches!(event, Event::Silent { .. })).collect();
     assert_eq!(silent, [Event::Silent { motor: 1 }, Event::Silent { motor: 2 }]);
     robot.claim().unwrap();
-    let joints = [motord_shared::JointSetpoint::default(); 3];
+    let joints = [JointSetpoint::default(); 3];
     robot.follow(&joints);
     assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::MotorOffline);
     let heard = robot.take_sent_to(2);
@@ -557,6 +555,35 @@ fn over_voltage_is_damped_less() {
     );
 }
 
+/// Goal: no setpoint warms a winding beyond what the rated torque warms it to.
+/// Method: a hip that cannot turn is asked for twice its rated torque for a minute; what was on the wire is judged by
+/// the square of its torque, weighed as the heat of the winding is.
+#[test]
+fn twice_the_rated_torque_is_given_for_a_while_and_then_sinks_to_the_rated() {
+    let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[0].coulomb_friction = 100.0);
+    let (rated, overload) = (robot.settings.motors[0].rated_torque, robot.settings.motors[0].overload);
+    let mut joints = robot.activate();
+    joints[0] = JointSetpoint { torque: 2.0 * rated, ..Default::default() };
+    let time = overload.as_secs_f64() / (4.0_f64 / 3.0).ln();
+    let (mut heat, mut full, mut last) = (0.0, 0, 0.0);
+    for cycle in 0..60_000 {
+        robot.follow(&joints);
+        for sent in robot.take_sent_to(1) {
+            let Meaning::Control { torque, .. } = sent.meaning else { continue };
+            full = if torque > 1.99 * f64::from(rated) { cycle } else { full };
+            heat += ((torque / f64::from(rated)).powi(2) - heat) * 1e-3 / time;
+            last = torque;
+        }
+    }
+    assert!((5_000..10_000).contains(&full), "the full torque for {full} ms of {overload:?}");
+    assert!(
+        (last / f64::from(rated) - 1.0).abs() < 0.02 && heat < 1.01,
+        "{last} N·m in the end, heat {heat}"
+    );
+    assert_ne!(robot.joint(0).limits & Limit::Overload.bit(), 0, "and it is told");
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+}
+
 #[test]
 fn a_joint_that_runs_away_stops_the_group() {
     let (mut robot, joints) = active();
@@ -584,6 +611,28 @@ fn set_zero_of_a_joint_that_turns_is_refused() {
     robot.steps(300);
     let request = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
     assert_eq!(robot.ask(request).unwrap_err(), Refusal::Moving);
+}
+
+/// While a motor writes its zero into its flash, nobody knows whether it is silent for that or for good.
+#[test]
+fn a_motor_that_dies_while_it_sets_its_zero_is_never_enabled_and_lost_when_the_time_for_it_is_over() {
+    let (mut robot, joints) = active();
+    robot.operate(Operation::Disable).expect("the group may be disabled");
+    robot.follow_until(&joints, 3000, |robot| robot.phase() == Phase::Disarmed);
+    let zero = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
+    robot.post(zero);
+    robot.disturb("hip off");
+    robot.take_sent();
+    let mut cycles = 0;
+    while robot.mode(0) != MotorMode::Offline {
+        robot.send(&joints);
+        assert!(robot.operate(Operation::Enable).is_err(), "its group stays stopped");
+        assert_eq!(robot.joint(0).flags & message::JOINT_FRESH, 0, "what it told last is not told as fresh");
+        cycles += 1;
+    }
+    assert!(cycles <= 3000 + 20, "{cycles}");
+    let commands = robot.take_sent().into_iter().filter(|sent| sent.id == 1 && sent.meaning != Meaning::Stop);
+    assert_eq!(commands.count(), 1, "the request itself, and no more");
 }
 
 #[test]

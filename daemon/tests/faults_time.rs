@@ -21,6 +21,65 @@ fn a_cycle_that_is_a_little_late_skips_and_goes_on() {
     assert_eq!(robot.state().overruns, 200);
 }
 
+/// Goal: a robot whose computer is too slow is stopped, not moved at a part of its rate.
+/// Method: with a fifth of the places allowed to be skipped, every cycle begins 1.2 ms late, so that half are.
+#[test]
+fn a_cycle_that_skips_too_many_places_stops_the_robot() {
+    let mut settings = robot::three_motors();
+    settings.cycle.max_skipped = 0.2;
+    let mut robot = Robot::new(settings, 1);
+    let joints = robot.activate();
+    let mut late = 0;
+    while robot.phase() == Phase::Active {
+        robot.oversleep(Duration::from_micros(1_200));
+        robot.follow(&joints);
+        late += 1;
+    }
+    assert_eq!(robot.cause(), Some(Cause::Overload));
+    assert!((100..500).contains(&late), "after {late} cycles of 2 ms: a second's share, not a moment's");
+}
+
+#[test]
+fn half_a_second_without_a_cycle_is_no_overload_where_such_a_stall_is_allowed() {
+    let mut settings = robot::three_motors();
+    settings.cycle.max_lateness = Duration::from_secs(1);
+    settings.safety.setpoint_timeout = Duration::from_secs(1);
+    let mut robot = Robot::new(settings, 1);
+    let joints = robot.activate();
+    robot.oversleep(Duration::from_millis(500));
+    for _ in 0..2000 {
+        robot.follow(&joints);
+        assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    }
+}
+
+#[test]
+fn a_computer_that_was_suspended_wakes_into_a_stop() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let mut joints = robot.activate();
+    joints.iter_mut().for_each(|joint| joint.torque = 3.0);
+    robot.suspend(Duration::from_secs(60));
+    robot.take_sent();
+    robot.follow(&joints);
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::Suspended)));
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "from the first frame on");
+}
+
+/// The two clocks cannot be read at once: a delay between the readings looks like less suspension for one cycle.
+#[test]
+fn a_delay_between_the_readings_of_two_clocks_is_no_suspension() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.suspend(Duration::from_secs(60));
+    let joints = robot.activate();
+    for _ in 0..100 {
+        robot.clock.suspended.set(Duration::from_secs(30));
+        robot.follow(&joints);
+        robot.clock.suspended.set(Duration::from_secs(60));
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+}
+
 #[test]
 fn a_daemon_that_slept_half_a_second_wakes_into_a_stop() {
     let mut robot = Robot::new(robot::three_motors(), 1);

@@ -137,6 +137,9 @@ impl Storm {
             let back = Duration::from_nanos(self.random.next() % 1_000_000);
             self.robot.turn_clock_back(back);
         }
+        if self.random.once_in(16 * self.lull) {
+            self.robot.suspend(Duration::from_secs(1));
+        }
         for group in 0..self.controllers.len() {
             if !self.is_active(group) {
                 self.hold_still(group);

@@ -86,6 +86,12 @@ pub enum Wrong {
     )]
     NotWithinCycle { value_us: f64, period_us: f64 },
 
+    #[error(
+        "the dead man's switch would act {deadman_ms} ms after a heartbeat, on a daemon that lives and is no later than \
+         cycle.max-lateness-ms allows; give it at least {late_ms} ms, or lower cycle.max-lateness-ms"
+    )]
+    DeadmanBeforeLateness { deadman_ms: f64, late_ms: f64 },
+
     // This machine.
     #[error("processor {cpu} is not online, or motord may not use it; use one of {allowed:?}")]
     Processor { cpu: i64, allowed: Vec<usize> },

@@ -27,6 +27,8 @@ pub(super) const RATE_HZ: Range = range(1000.0, 1.0, 4000.0);
 /// 99 belongs to the kernel's own threads.
 pub(super) const PRIORITY: Range = range(80.0, 1.0, 98.0);
 pub(super) const MAX_LATENESS_MS: Range = range(5.0, 0.1, 1000.0);
+/// A stall of a second, where `max-lateness-ms` allows it, is no overload yet.
+pub(super) const MAX_SKIPPED_PERCENT: Range = range(50.0, 1.0, 100.0);
 pub(super) const REPLY_DEADLINE_PERCENT: Range = range(80.0, 10.0, 95.0);
 pub(super) const BUSY_POLL_US: Range = range(0.0, 0.0, 1000.0);
 
@@ -42,9 +44,9 @@ pub(super) const START_JUMP_RAD: Range = range(0.1, 0.001, 3.2);
 pub(super) const START_RAMP_MS: Range = range(100.0, 10.0, 10_000.0);
 pub(super) const START_TIMEOUT_MS: Range = range(1000.0, 10.0, 10_000.0);
 pub(super) const FAULT_POLL_HZ: Range = range(10.0, 0.0, 100.0);
-/// The default of the dead man's switch, in cycles.
-pub(super) const DEADMAN_CYCLES: f64 = 5.0;
-pub(super) const DEADMAN_MS: Range = range(5.0, 0.5, 10_000.0);
+/// The dead man's switch waits for as long as a cycle may be late, and for this many more.
+pub(super) const DEADMAN_CYCLES: f64 = 2.0;
+pub(super) const DEADMAN_MS: Range = range(7.0, 0.5, 10_000.0);
 
 // [[bus]]
 /// Bit/s of classic CAN.
@@ -62,7 +64,10 @@ pub(super) const HOST_ID_CAN: Range = range(256.0, 0.0, 2047.0);
 pub(super) const HOST_ID_SERIAL: Range = range(0.0, 0.0, 255.0);
 pub(super) const TORQUE_CONSTANT_NM_PER_A: Range = range(0.1, 0.001, 2.0);
 pub(super) const GEAR_RATIO: Range = range(8.0, 1.0, 200.0);
+pub(super) const RATED_TORQUE_NM: Range = range(1.0, 0.01, 1000.0);
 pub(super) const PEAK_TORQUE_NM: Range = range(1.0, 0.01, 1000.0);
+/// The windings of this series are small against their housings.
+pub(super) const OVERLOAD_SECONDS: Range = range(10.0, 0.1, 600.0);
 pub(super) const MAX_VELOCITY_RAD_S: Range = range(30.0, 0.1, 1000.0);
 pub(super) const OFFSET_RAD: Range = range(0.0, -12.5, 12.5);
 pub(super) const DAMPING_KD: Range = range(2.0, 0.0, 5.0);

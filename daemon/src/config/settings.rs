@@ -38,6 +38,8 @@ pub struct CycleSettings {
     pub require_realtime: bool,
     /// A cycle that begins later than this has lost its time base: safe stop.
     pub max_lateness: Duration,
+    /// The part of the places on the grid, 0 to 1, that may be skipped over a second: beyond it, safe stop.
+    pub max_skipped: f32,
     /// From the sending of a cycle's commands: replies that have not come by then are missed.
     pub reply_deadline: Duration,
     /// Poll for this long at the end of each wait instead of sleeping; zero sleeps only.
@@ -212,8 +214,12 @@ pub struct MotorSettings {
     pub model: String,
     /// Rotor torque constant and gear ratio, as the scale of its torque code.
     pub torque_scale: TorqueScale,
+    /// The torque the motor can give for good, output side, N·m.
+    pub rated_torque: f32,
     /// The most torque the motor can give, output side, N·m.
     pub peak_torque: f32,
+    /// Twice the rated torque may be given for this long by a cold motor.
+    pub overload: Duration,
     /// Its fastest speed without load, output side, rad/s.
     pub max_velocity: f32,
     /// Joint angle = `direction` · motor angle + `offset`; +1 or -1.

@@ -41,6 +41,7 @@ sections! {
         priority: Integer,
         require_realtime: Option<Spanned<bool>>,
         max_lateness_ms: Number,
+        max_skipped_percent: Number,
         reply_deadline_percent: Number,
         busy_poll_us: Number,
     }
@@ -85,7 +86,9 @@ sections! {
         model: Text,
         torque_constant_nm_per_a: Number,
         gear_ratio: Number,
+        rated_torque_nm: Number,
         peak_torque_nm: Number,
+        overload_seconds: Number,
         max_velocity_rad_s: Number,
         direction: Integer,
         offset_rad: Number,

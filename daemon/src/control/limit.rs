@@ -1,7 +1,7 @@
 //! Limits: the last thing before the wire.
 //!
 //! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque), a bound on
-//! |kp·Δp + kd·Δv + torque|, and temperature. What acted is told bit by bit next to the applied command.
+//! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. What acted is told bit by bit next to the applied command.
 
 use crate::config::settings::LimitSettings;
 use crate::joint::{Impedance, Joint, Measured};
@@ -31,6 +31,8 @@ pub struct Circumstances<'a> {
     pub elapsed: f32,
     /// How far the start ramp is, 0 to 1.
     pub ramp: f32,
+    /// The torque that the winding may give, as warm as it is, N·m.
+    pub winding_torque: f32,
 }
 
 /// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
@@ -42,6 +44,7 @@ pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Li
     limiter.slew(circumstances);
     limiter.bound(circumstances.limits.torque, circumstances.measured);
     limiter.derate(circumstances);
+    limiter.bound_to(Limit::Overload, circumstances.winding_torque, circumstances.measured);
     Limited { applied: limiter.value, acted: limiter.acted }
 }
 
@@ -127,7 +130,7 @@ impl Limiter {
     /// A speed setpoint rises like a gain does, and does not lead out of the joint's range. In the other modes the
     /// velocity only feeds the damping forward.
     fn slewed_velocity(&mut self, circumstances: &Circumstances<'_>) -> f32 {
-        let Circumstances { limits, mode, previous, measured, elapsed, ramp } = *circumstances;
+        let Circumstances { limits, mode, previous, measured, elapsed, ramp, .. } = *circumstances;
         let velocity = self.value.velocity;
         if mode != SetpointMode::Speed {
             return velocity;
@@ -203,6 +206,7 @@ mod tests {
                 measured: &measured,
                 elapsed: 0.001,
                 ramp,
+                winding_torque: LIMITS.torque,
             },
         )
     }

@@ -11,6 +11,7 @@ mod command;
 mod errand;
 mod event;
 mod group;
+mod heat;
 mod limit;
 mod motor;
 mod phase;
@@ -81,7 +82,7 @@ pub enum Heard {
 }
 
 /// A place on the grid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tick {
     /// Its number, from 1.
     pub cycle: u64,
@@ -91,6 +92,8 @@ pub struct Tick {
     pub begun: Instant,
     /// Places skipped just before it.
     pub skipped: u64,
+    /// How long the computer was suspended, since it was started.
+    pub suspended: Duration,
 }
 
 /// What a bus is able to do, as far as safety cares.
@@ -117,6 +120,7 @@ pub struct Control {
     safety: SafetySettings,
     period: Duration,
     max_lateness: Duration,
+    max_skipped: f32,
     settings: Vec<MotorSettings>,
     group_of: Vec<usize>,
     motors: Vec<Motor>,
@@ -130,6 +134,10 @@ pub struct Control {
     /// The time of the call that is running.
     now: Instant,
     elapsed: f32,
+    /// How long the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
+    suspended: Duration,
+    /// The part of the places on the grid that were skipped of late, 0 to 1.
+    skipped: f32,
     events: Events,
     answers: Answers,
     started: Option<Instant>,
@@ -152,6 +160,7 @@ impl Control {
             safety: settings.safety.clone(),
             period: settings.cycle.period,
             max_lateness: settings.cycle.max_lateness,
+            max_skipped: settings.cycle.max_skipped,
             settings: settings.motors.clone(),
             group_of,
             motors: (0..motors).map(|_| Motor::new()).collect(),
@@ -161,9 +170,11 @@ impl Control {
             poll_next: vec![0; settings.buses.len()],
             boot_id,
             epoch: 0,
-            tick: Tick { cycle: 0, scheduled: Instant::ZERO, begun: Instant::ZERO, skipped: 0 },
+            tick: Tick::default(),
             now: Instant::ZERO,
             elapsed: 0.0,
+            suspended: Duration::ZERO,
+            skipped: 0.0,
             events: Events::new(),
             answers: Answers::new(),
             started: None,
@@ -186,12 +197,13 @@ impl Control {
 
     /// Begins a cycle: draws the consequences of time, and makes one command per motor. Bounded by motors and groups.
     pub fn decide(&mut self, tick: Tick) -> &[Command] {
-        let elapsed = tick.begun.since(self.tick.begun).min(2 * self.period);
-        self.elapsed = elapsed.as_secs_f32();
+        let elapsed = tick.begun.since(self.tick.begun);
+        self.elapsed = elapsed.min(2 * self.period).as_secs_f32();
         self.tick = tick;
         self.now = tick.begun;
-        self.watch_time();
+        self.watch_time(elapsed);
         self.watch_silence();
+        self.watch_heat(elapsed);
         for group in 0..self.groups.len() {
             self.watch_buses(group);
             self.watch_owner(group);

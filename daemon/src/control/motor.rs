@@ -12,6 +12,7 @@
 
 use super::Command;
 use super::errand::{Errand, Kind};
+use super::heat::Heat;
 use super::plausibility::{Expectation, Plausibility, Verdict};
 use crate::config::settings::MotorSettings;
 use crate::joint::{Impedance, Joint, Measured};
@@ -58,6 +59,8 @@ pub(super) struct Motor {
     pub(super) held: Option<Impedance<Joint>>,
     /// What an operator wants of it while it is stopped.
     pub(super) errand: Option<Errand>,
+    /// Of its winding.
+    pub(super) heat: Heat,
     fault: FaultBits,
     asked: bool,
     answered: bool,
@@ -86,6 +89,7 @@ impl Motor {
             limits: 0,
             held: None,
             errand: None,
+            heat: Heat::default(),
             fault: FaultBits(0),
             asked: false,
             answered: false,
@@ -167,6 +171,15 @@ impl Motor {
         if matches!(self.mode, MotorMode::Starting | MotorMode::Active | MotorMode::Damping) {
             self.mode = MotorMode::Idle;
         }
+    }
+
+    /// Its winding gave torque for `elapsed`: what it told, or what it was asked for when that is more. A motor that does
+    /// not tell the truth is not trusted with more heat for it.
+    pub(super) fn warm(&mut self, settings: &MotorSettings, elapsed: Duration) {
+        let torque = self.measured.map_or(0.0, |told| {
+            told.torque.abs().max(self.applied.predicted_torque(told.position, told.velocity).abs())
+        });
+        self.heat.warm(torque, settings.rated_torque, settings.overload, elapsed);
     }
 
     /// The command of this cycle for every mode but `Active` and `Damping`, which depend on the group.

@@ -2,7 +2,7 @@
 
 use super::errand::{Kind, ZERO_TOLERANCE};
 use super::plausibility::Verdict;
-use super::{Control, Event};
+use super::{Control, Event, Tick};
 use crate::config::settings::FaultPolicy;
 use crate::joint::{Joint, Measured};
 use motord_bus::{Duration, Instant};
@@ -11,16 +11,30 @@ use motord_shared::{Cause, Phase, Refusal};
 
 /// The owner of a stopped group that says nothing for this long has gone.
 const OWNER_SILENCE: Duration = Duration::from_secs(1);
+/// How long a skipped place on the grid is remembered.
+const SKIPPED_TIME: Duration = Duration::from_secs(1);
+/// A computer takes longer than this to be suspended and woken; the readings of two clocks differ by less.
+const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
 /// A motor that has not answered by then is told of, once.
 const SILENT_START: Duration = Duration::from_secs(2);
 
 impl Control {
-    pub(super) fn watch_time(&mut self) {
-        if self.tick.skipped > 0 {
-            self.events.push(Event::Overrun { skipped: self.tick.skipped });
+    /// The tick before this one began `elapsed` ago.
+    pub(super) fn watch_time(&mut self, elapsed: Duration) {
+        let Tick { scheduled, begun, skipped, suspended, .. } = self.tick;
+        if skipped > 0 {
+            self.events.push(Event::Overrun { skipped });
         }
-        if self.tick.begun.since(self.tick.scheduled) >= self.max_lateness {
+        let weight = (elapsed.as_secs_f32() / SKIPPED_TIME.as_secs_f32()).min(1.0);
+        self.skipped += weight * (skipped as f32 / (skipped + 1) as f32 - self.skipped);
+        let known = self.suspended;
+        self.suspended = known.max(suspended);
+        if begun.since(scheduled) >= self.max_lateness {
             self.stop_moving(Cause::TimeBase);
+        } else if suspended > known + SUSPENDED_LEAST {
+            self.stop_moving(Cause::Suspended);
+        } else if self.skipped > self.max_skipped {
+            self.stop_moving(Cause::Overload);
         }
     }
 
@@ -33,6 +47,16 @@ impl Control {
         self.told_silent = true;
         for (motor, _) in self.motors.iter().enumerate().filter(|(_, motor)| motor.was_never_heard()) {
             self.events.push(Event::Silent { motor });
+        }
+    }
+
+    /// In the modes of a drive that leave the torque to it, nothing can be derated: the group is stopped instead.
+    pub(super) fn watch_heat(&mut self, elapsed: Duration) {
+        for motor in 0..self.motors.len() {
+            self.motors[motor].warm(&self.settings[motor], elapsed);
+            if self.motors[motor].heat.is_overheated() {
+                self.stop(self.group_of[motor], Cause::OverTemperature, Some(motor));
+            }
         }
     }
 

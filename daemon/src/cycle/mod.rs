@@ -124,6 +124,7 @@ impl<C: Clock> Cycle<C> {
             scheduled: lateness_from,
             begun,
             skipped: u64::from(skipped),
+            suspended: self.clock.suspended(),
         });
         place.later(1, self.period)
     }

@@ -76,6 +76,8 @@ pub struct Virtual {
     now: Rc<Cell<Instant>>,
     /// How much too late the next sleep ends.
     pub late: Rc<Cell<Duration>>,
+    /// How long the computer was suspended.
+    pub suspended: Rc<Cell<Duration>>,
     /// The next reading of the clock panics.
     pub broken: Rc<Cell<bool>>,
 }
@@ -84,6 +86,10 @@ impl Clock for Virtual {
     fn now(&self) -> Instant {
         assert!(!self.broken.take(), "a panic in the cycle, as a test asked for");
         self.now.get()
+    }
+
+    fn suspended(&self) -> Duration {
+        self.suspended.get()
     }
 
     fn sleep_until(&mut self, instant: Instant) {
@@ -217,7 +223,12 @@ impl Robot {
         seed: u64,
         mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
     ) -> Self {
-        let clock = Virtual { now: Rc::new(Cell::new(start)), late: Rc::default(), broken: Rc::default() };
+        let clock = Virtual {
+            now: Rc::new(Cell::new(start)),
+            late: Rc::default(),
+            suspended: Rc::default(),
+            broken: Rc::default(),
+        };
         let buses: Vec<_> = (0..settings.buses.len())
             .map(|index| {
                 let (mut bus, mut motors) = physics(&settings, index);
@@ -480,6 +491,11 @@ impl Robot {
     /// The clock tells an earlier time than before, as only a broken one does.
     pub fn turn_clock_back(&mut self, back: Duration) {
         self.clock.now.set(self.now() - back);
+    }
+
+    /// The computer is suspended for `time`, which the cycle's clock does not tell.
+    pub fn suspend(&mut self, time: Duration) {
+        self.clock.suspended.set(self.clock.suspended.get() + time);
     }
 
     /// The next sleep of the cycle ends this much too late.

@@ -61,7 +61,7 @@ pub(super) fn limits(
 ) -> LimitSettings {
     let &Capability { full_scale_torque, rated_torque, peak_torque, max_velocity, .. } = capability;
     let torque_scale = Scale::with_margin(full_scale_torque);
-    let torque = range::TORQUE_NM.or(rated_torque.min(peak_torque).min(torque_scale.usable));
+    let torque = range::TORQUE_NM.or(rated_torque.min(torque_scale.usable));
     let torque = scaled(&written.torque_nm, torque, &torque_scale, findings);
     judge_peak(&written.torque_nm, torque, peak_torque, findings);
     let velocity = range::VELOCITY_RAD_S.or(max_velocity.min(range::VELOCITY_RAD_S.default));
@@ -123,7 +123,7 @@ fn scaled(written: &Number, range: Range, scale: &Scale, findings: &mut Findings
     findings.number(written, Range { max: scale.usable, ..range })
 }
 
-fn judge_peak(written: &Number, value: f64, peak: f64, findings: &mut Findings<'_>) {
+pub(super) fn judge_peak(written: &Number, value: f64, peak: f64, findings: &mut Findings<'_>) {
     if let Some(written) = written
         && value > peak
     {

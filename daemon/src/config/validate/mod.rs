@@ -65,6 +65,7 @@ fn cycle(written: &written::Cycle, findings: &mut Findings<'_>) -> CycleSettings
         priority,
         require_realtime,
         max_lateness: millis(findings.number(&written.max_lateness_ms, range::MAX_LATENESS_MS)),
+        max_skipped: findings.number(&written.max_skipped_percent, range::MAX_SKIPPED_PERCENT) as f32 / 100.0,
         reply_deadline: period.mul_f64(deadline_percent / 100.0),
         busy_poll,
     }
@@ -98,9 +99,14 @@ fn safety(written: &written::Safety, cycle: &CycleSettings, findings: &mut Findi
     let timeout = timeout.or(timeout.default.max(2.0 * cycle_ms));
     let setpoint_timeout_ms = findings.number(&written.setpoint_timeout_ms, timeout);
     findings.two_cycles(&written.setpoint_timeout_ms, setpoint_timeout_ms, cycle.period);
-    let deadman = range::DEADMAN_MS.or(range::DEADMAN_CYCLES * cycle_ms);
-    let deadman_ms = findings.number(&written.deadman_ms, deadman);
+    let late_ms = 1e3 * cycle.max_lateness.as_secs_f64() + range::DEADMAN_CYCLES * cycle_ms;
+    let deadman_ms = findings.number(&written.deadman_ms, range::DEADMAN_MS.or(late_ms));
     findings.two_cycles(&written.deadman_ms, deadman_ms, cycle.period);
+    if let Some(written) = &written.deadman_ms
+        && deadman_ms < late_ms
+    {
+        findings.warn(written.span(), Wrong::DeadmanBeforeLateness { deadman_ms, late_ms });
+    }
     SafetySettings {
         setpoint_timeout: millis(setpoint_timeout_ms),
         safe_stop: written.safe_stop.unwrap_or(SafeStop::Damp),

@@ -1,6 +1,6 @@
 //! `[[motor]]`, its limits, and its ids on the bus.
 
-use motord_bus::FrameId;
+use motord_bus::{Duration, FrameId};
 use motord_protocol::model::MODELS;
 use motord_protocol::{Model, TorqueScale};
 use motord_shared::limits::JOINTS_MAX;
@@ -53,7 +53,9 @@ fn motor(written: &Written, buses: &[BusSettings], findings: &mut Findings<'_>) 
         protocol,
         model: model.name.to_owned(),
         torque_scale,
+        rated_torque: capability.rated_torque as f32,
         peak_torque: capability.peak_torque as f32,
+        overload: Duration::from_secs_f64(findings.number(&keys.overload_seconds, range::OVERLOAD_SECONDS)),
         max_velocity: capability.max_velocity as f32,
         direction: capability.direction as f32,
         offset: capability.offset as f32,
@@ -139,15 +141,19 @@ fn capability(
     torque_scale: TorqueScale,
     findings: &mut Findings<'_>,
 ) -> Capability {
-    let peak_torque = range::PEAK_TORQUE_NM.or(model.peak_torque.into());
+    let peak_torque =
+        findings.number(&keys.peak_torque_nm, range::PEAK_TORQUE_NM.or(model.peak_torque.into()));
+    let rated_torque = range::RATED_TORQUE_NM.or(peak_torque.min(model.rated_torque.into()));
+    let rated_torque = findings.number(&keys.rated_torque_nm, rated_torque);
+    limits::judge_peak(&keys.rated_torque_nm, rated_torque, peak_torque, findings);
     let max_velocity = range::MAX_VELOCITY_RAD_S.or(model.max_velocity.into());
     Capability {
         direction: direction(&keys.direction, findings),
         offset: findings.number(&keys.offset_rad, range::OFFSET_RAD),
         beyond_range: keys.beyond_range.unwrap_or(BeyondRange::Stop),
         full_scale_torque: torque_scale.full_scale().into(),
-        rated_torque: model.rated_torque.into(),
-        peak_torque: findings.number(&keys.peak_torque_nm, peak_torque),
+        rated_torque,
+        peak_torque,
         max_velocity: findings.number(&keys.max_velocity_rad_s, max_velocity),
     }
 }

@@ -1,0 +1,106 @@
+//! How warm a winding is by the torque it gave: an I²t model, for the drive of an MIT motor tells no temperature.
+//!
+//! Loss goes with the square of the torque. In a measure where the rated torque, given for good, ends at 1, the heat
+//! follows d heat / dt = ((torque / rated)² − heat) / time constant, and the torque that may be given follows the heat:
+//!
+//! ```text
+//!   limit ────────────────╮
+//!                          ╲
+//!   rated                    ╲────────
+//!         0              0.8   1        heat
+//! ```
+
+use motord_bus::Duration;
+
+/// Where the torque that may be given begins to fall.
+const KNEE: f64 = 0.8;
+/// Beyond it the winding is warmer than any torque that was allowed makes it: something else warms it, or the motor does
+/// not do as it is told.
+const OVERHEATED: f64 = 1.2;
+/// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
+const TWICE_RATED: f64 = 0.287_682_072_451_781;
+
+/// The heat of one winding.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Heat(f64);
+
+impl Heat {
+    /// `torque`, N·m, flowed for `elapsed`, in a motor that can give `rated`, N·m, for good and twice that for `overload`.
+    pub(super) fn warm(&mut self, torque: f32, rated: f32, overload: Duration, elapsed: Duration) {
+        let loss = f64::from(torque / rated).powi(2);
+        let time = overload.as_secs_f64() / TWICE_RATED;
+        // Implicit, so that no elapsed time, however long, leads beyond the loss.
+        let elapsed = elapsed.as_secs_f64();
+        self.0 += (loss - self.0) * elapsed / (time + elapsed);
+    }
+
+    /// The torque that may be given now, of at most `limit`, N·m.
+    pub(super) fn allowed(self, rated: f32, limit: f32) -> f32 {
+        let share = ((1.0 - self.0) / (1.0 - KNEE)).clamp(0.0, 1.0) as f32;
+        limit.min(rated + (limit - rated).max(0.0) * share)
+    }
+
+    /// It is warmer than what was allowed can have made it.
+    pub(super) fn is_overheated(self) -> bool {
+        self.0 > OVERHEATED
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATED: f32 = 7.5;
+    const LIMIT: f32 = 20.0;
+    const OVERLOAD: Duration = Duration::from_secs(10);
+    const CYCLE: Duration = Duration::from_millis(1);
+
+    /// Gives `wanted` for `seconds`, as far as it is allowed. Returns what was allowed last.
+    fn give(heat: &mut Heat, wanted: f32, seconds: u32) -> f32 {
+        for _ in 0..seconds * 1000 {
+            heat.warm(wanted.min(heat.allowed(RATED, LIMIT)), RATED, OVERLOAD, CYCLE);
+        }
+        heat.allowed(RATED, LIMIT)
+    }
+
+    #[test]
+    fn the_rated_torque_is_allowed_for_good_and_no_torque_cools() {
+        let mut heat = Heat::default();
+        assert!(give(&mut heat, RATED, 1000) >= RATED);
+        assert!(heat.0 <= 1.0 && !heat.is_overheated());
+        give(&mut heat, 0.0, 100);
+        assert!(heat.0 < 0.1, "{heat:?}");
+        assert_eq!(heat.allowed(RATED, LIMIT), LIMIT);
+    }
+
+    #[test]
+    fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_it_is_told() {
+        let mut heat = Heat::default();
+        for _ in 0..10_000 {
+            heat.warm(2.0 * RATED, RATED, OVERLOAD, CYCLE);
+        }
+        assert!((heat.0 - 1.0).abs() < 1e-3, "{heat:?}");
+    }
+
+    #[test]
+    fn too_much_torque_sinks_to_the_rated_and_never_warms_the_winding_beyond_it() {
+        let mut heat = Heat::default();
+        assert!(give(&mut heat, 2.0 * RATED, 5) >= 2.0 * RATED, "for a while it is allowed");
+        assert!(
+            give(&mut heat, 2.0 * RATED, 5) < 2.0 * RATED,
+            "not as long as a winding without a model would take"
+        );
+        assert!(give(&mut heat, LIMIT, 20) < 1.01 * RATED);
+        assert!(heat.0 <= 1.0, "{heat:?}");
+    }
+
+    #[test]
+    fn a_limit_below_the_rated_torque_stays_the_limit() {
+        let mut heat = Heat::default();
+        for _ in 0..100 {
+            heat.warm(10.0 * RATED, RATED, OVERLOAD, Duration::from_secs(1));
+        }
+        assert!(heat.is_overheated());
+        assert_eq!(heat.allowed(RATED, 5.0), 5.0);
+    }
+}
