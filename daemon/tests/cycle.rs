@@ -3,7 +3,7 @@
 mod robot;
 
 use motord_bus::Duration;
-use motord_shared::{Cause, MotorMode, Operation, Phase, Refusal};
+use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 use robot::{Meaning, Robot};
 
 #[test]
@@ -210,6 +210,39 @@ fn states_that_come_late_after_a_stall_are_never_taken_for_faults() {
                 "{cause:?}, delayed by {delay} ms"
             );
         }
+    }
+}
+
+/// A robot whose thigh answers every question one cycle late, for so long that no miss is remembered.
+fn lagging_by_a_cycle() -> (Robot, Vec<JointSetpoint>) {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    robot.disturb("thigh delayed 1ms");
+    for _ in 0..200 {
+        robot.follow(&joints);
+    }
+    (robot, joints)
+}
+
+#[test]
+fn states_that_lag_by_a_cycle_for_long_stop_nothing() {
+    let (mut robot, joints) = lagging_by_a_cycle();
+    for verb in ["thigh delayed 1ms", "thigh ok"] {
+        robot.disturb(verb);
+        for _ in 0..1000 {
+            robot.follow(&joints);
+            assert_eq!((robot.joint(1).fault, robot.phase()), (0, Phase::Active), "{:?}", robot.cause());
+        }
+    }
+}
+
+#[test]
+fn a_fault_is_known_although_every_answer_lags_by_a_cycle() {
+    for bits in [0x01, 0x40, 0x80] {
+        let (mut robot, joints) = lagging_by_a_cycle();
+        robot.disturb(&format!("thigh fault {bits:#x}"));
+        robot.follow_until(&joints, 500, |robot| robot.cause().is_some());
+        assert_eq!((robot.cause(), robot.joint(1).fault), (Some(Cause::MotorFault), bits));
     }
 }
 

@@ -274,6 +274,45 @@ fn a_fault_report_is_heard_after_questions_that_were_never_answered() {
 }
 
 #[test]
+fn a_state_that_lags_by_a_cycle_is_no_fault_and_the_report_after_it_is_one() {
+    let state = [1, 0x80, 0, 0x80, 8, 0];
+    let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);
+    let lagging = |drive: &mut Drive, later: Instant| {
+        drive.ask(&Command::Stop, later - Duration::from_micros(100));
+        drive.read(&state, later)
+    };
+    for _ in 0..10 {
+        for _ in 0..100 {
+            later = later + PERIOD;
+            let answer = lagging(&mut drive, later);
+            assert!(matches!(answer, Answer::Heard(Heard::State(..))), "{answer:?}");
+        }
+        drive.ask(&Command::GetFault, later + Duration::from_micros(100));
+        let answer = drive.read(&state, later + Duration::from_micros(200));
+        assert_eq!(answer, Answer::Heard(Heard::Late));
+        later = later + PERIOD;
+        drive.ask(&Command::Stop, later - Duration::from_micros(200));
+        let answer = drive.read(&[1, 0x40, 0, 0, 0, 0], later - Duration::from_micros(100));
+        assert!(matches!(answer, Answer::Heard(Heard::Fault(bits)) if bits.0 == 0x40), "{answer:?}");
+    }
+}
+
+#[test]
+fn a_report_that_looks_like_the_motion_is_believed_in_the_end() {
+    let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);
+    let mut heard = Vec::new();
+    for _ in 0..4 {
+        // Fault 0x80, and bytes without a meaning that make it the state before.
+        for command in [Command::Stop, Command::GetFault] {
+            drive.ask(&command, later - Duration::from_micros(100));
+            heard.push(drive.read(&[1, 0x80, 0, 0x80, 8, 0], later));
+            later = later + Duration::from_millis(100);
+        }
+    }
+    assert!(matches!(heard[7], Answer::Heard(Heard::Fault(bits)) if bits.0 == 0x80), "{heard:?}");
+}
+
+#[test]
 fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
     let (mut robot, joints) = active();
     let before = robot.bus(0);

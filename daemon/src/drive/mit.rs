@@ -140,6 +140,14 @@ impl Mit {
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
     }
 
+    /// The fault report that `payload` is by its shape.
+    pub(super) fn report(&self, payload: &[u8]) -> Option<Heard> {
+        match mit::decode_reply(payload, Asked::Fault, &self.scale) {
+            Ok(Reply::Fault { fault, .. }) if is_fault_report(payload) => Some(Heard::Fault(fault)),
+            _ => None,
+        }
+    }
+
     pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
         let Ok(reply) = mit::decode_reply(payload, self.asked, &self.scale) else { return Answer::Malformed };
         Answer::Heard(match reply {

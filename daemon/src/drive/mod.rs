@@ -3,9 +3,13 @@
 //! A reply in MIT does not say what it answers, and a late one looks like a timely one, so a drive keeps at most one
 //! request open and judges by time: what arrives before its question was sent, or sooner than the wire could carry
 //! both, answers an earlier one. After a question for the fault that was not answered in its cycle, the next answer is
-//! dropped whatever it is: its bytes could be fault bits that look like a position (protocol note M2). The other way
-//! round, shortly after unanswered requests, an answer to a question for the fault that continues the last state is taken
-//! for one of theirs.
+//! dropped whatever it is: its bytes could be fault bits that look like a position (protocol note M2). Unless it has the
+//! shape of a fault report, which no state has: then it is one.
+//!
+//! The other way round, an answer to a question for the fault that continues the last state is taken for a late state: on
+//! a machine that reads every reply one cycle late, nothing else tells them apart. Bytes that mean nothing could make a
+//! report look so, too: after [`POLLS_MAX`] questions in a row without a report, the next answer is believed, unless a
+//! request was left unanswered just before.
 //!
 //! Nothing here allocates, blocks or loops.
 
@@ -62,12 +66,16 @@ pub struct Drive {
     /// Requests that were not answered in their cycle, as long as their answers may still come.
     owed: u32,
     owed_since: Instant,
-    /// Until then, the next answer is dropped whatever it is.
+    /// Until then, the next answer is dropped unless it is a fault report.
     drop_until: Instant,
+    /// Questions for the fault in a row that no report came to in their cycle.
+    unreported: u32,
 }
 
 /// An answer that is later than this never comes.
 const LATEST_ANSWER: Duration = Duration::from_millis(50);
+/// After so many questions for the fault without a report, what looks like a state may be one.
+const POLLS_MAX: u32 = 3;
 
 #[derive(Debug)]
 enum Dialect {
@@ -93,6 +101,7 @@ impl Drive {
             owed: 0,
             owed_since: Instant::ZERO,
             drop_until: Instant::ZERO,
+            unreported: 0,
         }
     }
 
@@ -112,6 +121,7 @@ impl Drive {
         }
         if let Some(open) = self.open.filter(|open| open.asks_fault) {
             self.drop_until = open.at + LATEST_ANSWER;
+            self.unreported = self.unreported.saturating_add(1);
         }
         self.open = Some(Open { at: now, asks_fault: *command == Command::GetFault });
         Some(Frame::full(self.command_id, bytes))
@@ -133,11 +143,20 @@ impl Drive {
         if self.is_from_another(payload) {
             return Answer::Stranger;
         }
+        if at < self.drop_until
+            && !self.open.is_some_and(|open| open.asks_fault)
+            && let Some(report) = self.report(payload)
+        {
+            self.unreported = 0;
+            self.read_late();
+            return Answer::Heard(report);
+        }
         let Some(open) = self.open.filter(|open| at >= open.at + self.fastest_answer) else {
             return self.read_unasked();
         };
-        if open.asks_fault && self.owed > 0 && self.continues(payload, at) {
-            return self.read_unasked();
+        let doubtful = self.owed > 0 || self.unreported < POLLS_MAX;
+        if open.asks_fault && doubtful && self.continues(payload, at) {
+            return self.read_late();
         }
         let latency = at.since(open.at);
         let answer = match &mut self.dialect {
@@ -151,20 +170,27 @@ impl Drive {
                 return self.read_unasked();
             }
             self.open = None;
+            if open.asks_fault {
+                self.unreported = 0;
+            }
         }
         answer
     }
 
     /// It answers an earlier request, if one was not answered yet; else something answers twice.
     fn read_unasked(&mut self) -> Answer {
-        self.drop_until = Instant::ZERO;
-        match self.owed.checked_sub(1) {
-            Some(owed) => {
-                self.owed = owed;
-                Answer::Heard(Heard::Late)
-            }
-            None => Answer::Duplicate,
+        if self.owed > 0 {
+            return self.read_late();
         }
+        self.drop_until = Instant::ZERO;
+        Answer::Duplicate
+    }
+
+    /// It answers an earlier request.
+    const fn read_late(&mut self) -> Answer {
+        self.drop_until = Instant::ZERO;
+        self.owed = self.owed.saturating_sub(1);
+        Answer::Heard(Heard::Late)
     }
 
     /// Natively an answer does not say who gave it.
@@ -172,6 +198,14 @@ impl Drive {
         match &self.dialect {
             Dialect::Mit(mit) => mit.is_from_another(payload),
             Dialect::Gim(_) => false,
+        }
+    }
+
+    /// The fault report that `payload` is beyond doubt. Natively an answer names its question.
+    fn report(&self, payload: &[u8]) -> Option<Heard> {
+        match &self.dialect {
+            Dialect::Mit(mit) => mit.report(payload),
+            Dialect::Gim(_) => None,
         }
     }
 
