@@ -3,8 +3,11 @@
 use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
 use crate::{Error, State};
+use motord_shared::instance::Attachment;
 use motord_shared::message::ALL_GROUPS;
+use motord_shared::ports::ClientPorts;
 use motord_shared::roster::{Roster, Telemetry};
+use motord_shared::service::ServiceError;
 use motord_shared::{Instance, Operation};
 use std::cell::{RefCell, RefMut};
 use std::path::Path;
@@ -30,7 +33,7 @@ impl Client {
     /// # Errors
     /// [`Error::NotRunning`], [`Error::Version`], [`Error::Permission`], and what a wrong name or directory gives.
     pub fn connect(instance: &str) -> Result<Self, Error> {
-        Self::open(Instance::find(instance).map_err(Error::of_instance)?)
+        Self::open(Instance::find(instance).map_err(Error::of_instance)?, ClientPorts::open)
     }
 
     /// Connects to the daemon of `instance` in the runtime directory `runtime`.
@@ -38,11 +41,23 @@ impl Client {
     /// # Errors
     /// Those of [`connect`](Self::connect).
     pub fn connect_in(runtime: &Path, instance: &str) -> Result<Self, Error> {
-        Self::open(Instance::below(runtime, instance).map_err(Error::of_instance)?)
+        Self::open(Instance::below(runtime, instance).map_err(Error::of_instance)?, ClientPorts::open)
     }
 
-    fn open(instance: Instance) -> Result<Self, Error> {
-        let link = Link::open(instance)?;
+    /// Connects to the daemon of `instance` for [`emergency_stop`](Self::emergency_stop): there is a place for it however
+    /// many others are connected. Whoever wants something else leaves this place free.
+    ///
+    /// # Errors
+    /// Those of [`connect`](Self::connect).
+    pub fn connect_to_stop(instance: &str) -> Result<Self, Error> {
+        Self::open(Instance::find(instance).map_err(Error::of_instance)?, ClientPorts::open_to_stop)
+    }
+
+    fn open(
+        instance: Instance,
+        open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
+    ) -> Result<Self, Error> {
+        let link = Link::open(instance, open)?;
         Ok(Self { roster: Rc::clone(&link.roster), boot_id: link.boot_id, link: Rc::new(RefCell::new(link)) })
     }
 

@@ -147,7 +147,7 @@ impl Error {
             Obstacle::Missing => Self::not_running(instance),
             Obstacle::Permission => Self::Permission { path: instance.runtime().to_owned() },
             Obstacle::Version => Self::version(error.part, instance),
-            Obstacle::Full { .. } | Obstacle::Damaged => Self::Service(error),
+            Obstacle::Full { .. } | Obstacle::NoRoom | Obstacle::Damaged => Self::Service(error),
         }
     }
 

@@ -2,11 +2,12 @@
 
 use crate::Error;
 use crate::state::State;
-use motord_shared::instance::process_exists;
+use motord_shared::instance::{Attachment, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
 use motord_shared::roster::Roster;
+use motord_shared::service::ServiceError;
 use motord_shared::{AdminRequest, Instance, Operation};
 use serde::de::DeserializeOwned;
 use std::rc::Rc;
@@ -51,10 +52,14 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    pub(crate) fn open(instance: Instance) -> Result<Self, Error> {
+    /// `open` takes the ports.
+    pub(crate) fn open(
+        instance: Instance,
+        open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
+    ) -> Result<Self, Error> {
         let attachment = instance.attach().map_err(Error::of_instance)?;
         let attachment = attachment.ok_or_else(|| Error::not_running(&instance))?;
-        let ports = ClientPorts::open(attachment).map_err(|error| Error::of_service(error, &instance))?;
+        let ports = open(attachment).map_err(|error| Error::of_service(error, &instance))?;
         let mut link = Self {
             instance,
             ports,

@@ -21,7 +21,7 @@ pub(crate) fn reset(instance: &str, group: Option<&str>) -> Result<(), Failure> 
 
 /// `motorctl estop`: damps and stops every motor.
 pub(crate) fn estop(instance: &str) -> Result<(), Failure> {
-    Client::connect(instance)?.emergency_stop()?;
+    Client::connect_to_stop(instance)?.emergency_stop()?;
     say("every motor is damped, and stopped once slow; `motorctl reset` takes the emergency stop back")
 }
 

@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+use motord_client::Client;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
@@ -114,6 +115,23 @@ fn status_tells_people_and_scripts_the_same() {
         assert!(said.contains(word), "{word} in\n{said}");
     }
     assert!(!said.contains('\x1b'), "colour is for terminals:\n{said}");
+}
+
+#[test]
+fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
+    let daemon = Daemon::start();
+    let mut idle = Vec::new();
+    let full = loop {
+        match Client::connect_in(daemon.directory.path(), "bench") {
+            Ok(client) => idle.push(client),
+            Err(error) => break error,
+        }
+    };
+    assert!(idle.len() >= 20 && full.to_string().contains("places are taken"), "{}: {full}", idle.len());
+    assert!(!daemon.motorctl(&["enable"]).status.success(), "nobody else gets in");
+    assert!(daemon.motorctl(&["estop"]).status.success());
+    idle.truncate(1);
+    assert_eq!(daemon.status()["emergency_stop"], true);
 }
 
 #[test]

@@ -20,6 +20,7 @@ pub mod instance;
 pub mod limits;
 pub mod message;
 pub mod ports;
+mod room;
 pub mod roster;
 pub mod service;
 pub mod vocabulary;

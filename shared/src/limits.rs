@@ -12,6 +12,8 @@ pub const CONTROLLERS_MAX: usize = 16;
 pub const WATCHERS_MAX: usize = 32;
 /// Most processes that may send administrative requests.
 pub const ADMINS_MAX: usize = 32;
+/// So many of these places are left to processes that only want an emergency stop.
+pub const STOP_PLACES: usize = 4;
 /// Most bytes of text in an answer to an administrative request.
 pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
 /// Most bytes of a joint, group, bus or instance name.

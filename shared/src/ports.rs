@@ -4,8 +4,9 @@
 //! real-time thread: iceoryx2 allocates with every message, and maps files when the other side comes or goes.
 
 use crate::instance::{Attachment, InstanceLock};
-use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX};
+use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, STOP_PLACES};
 use crate::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
+use crate::room;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
@@ -16,8 +17,9 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use iceoryx2_cal::event::ListenerWaitError;
+use nix::errno::Errno;
 use std::time::Duration;
 
 /// How long a starting daemon waits for others that are removing its dead predecessor.
@@ -44,6 +46,7 @@ impl DaemonPorts {
     /// Which service could not be opened, and why.
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
+        room::find(&instance.root()).map_err(no_room)?;
         let node = service::node(instance)?;
         node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
         let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
@@ -51,7 +54,7 @@ impl DaemonPorts {
             service::setpoint(&node, instance).open_or_create().map_err(Part::Setpoint.failed())?;
         let cycle = service::cycle(&node, instance).open_or_create().map_err(Part::Cycle.failed())?;
         let admin = service::admin(&node, instance).open_or_create().map_err(Part::Admin.failed())?;
-        Ok(Self {
+        let ports = Self {
             state: state
                 .publisher_builder()
                 .max_loaned_samples(1)
@@ -68,7 +71,9 @@ impl DaemonPorts {
                 .create()
                 .map_err(Part::Admin.failed())?,
             _node: node,
-        })
+        };
+        room::occupy(&instance.root()).map_err(no_room)?;
+        Ok(ports)
     }
 
     /// Gives `state` to every watcher, in place of an older one that it has not read. Never blocks.
@@ -113,6 +118,15 @@ impl DaemonPorts {
         let request = self.admin.receive().map_err(Part::Admin.failed())?;
         Ok(request.map(|active| Request { payload: *active.payload(), active }))
     }
+}
+
+fn no_room(errno: Errno) -> ServiceError {
+    let obstacle = match errno {
+        Errno::ENOSPC | Errno::EDQUOT => Obstacle::NoRoom,
+        Errno::EACCES | Errno::EPERM => Obstacle::Permission,
+        _ => Obstacle::Damaged,
+    };
+    ServiceError { part: Part::Node, obstacle }
 }
 
 /// A request that waits for its answer. Dropping it tells the asker that none will come.
@@ -174,6 +188,7 @@ pub struct ClientPorts {
     watcher: Option<Subscriber<Service, StateMessage, ()>>,
     sleeper: Option<Listener<Service>>,
     admin: Client<Service, AdminRequest, (), AdminAnswer, ()>,
+    admins: request_response::PortFactory<Service, AdminRequest, (), AdminAnswer, ()>,
     state: publish_subscribe::PortFactory<Service, StateMessage, ()>,
     setpoint: publish_subscribe::PortFactory<Service, SetpointMessage, ()>,
     cycle: event::PortFactory<Service>,
@@ -186,15 +201,29 @@ impl ClientPorts {
     /// Opens the services of the instance that `attachment` belongs to.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when there are none; else which could not be opened, and why.
+    /// [`Obstacle::Missing`] when there are none; [`Obstacle::Full`] when only the places for emergency stops are left;
+    /// else which could not be opened, and why.
     pub fn open(attachment: Attachment) -> Result<Self, ServiceError> {
+        const MOST: usize = ADMINS_MAX - STOP_PLACES;
+        let ports = Self::open_to_stop(attachment)?;
+        if ports.admins.dynamic_config().number_of_clients() > MOST {
+            return Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Full { most: MOST } });
+        }
+        Ok(ports)
+    }
+
+    /// Opens them for an emergency stop: there is room for it however many others are there.
+    ///
+    /// # Errors
+    /// Those of [`open`](Self::open).
+    pub fn open_to_stop(attachment: Attachment) -> Result<Self, ServiceError> {
         let instance = attachment.instance();
         let node = service::node(instance)?;
         let state = service::state(&node, instance).open().map_err(Part::State.failed())?;
         let setpoint = service::setpoint(&node, instance).open().map_err(Part::Setpoint.failed())?;
         let cycle = service::cycle(&node, instance).open().map_err(Part::Cycle.failed())?;
-        let admin = service::admin(&node, instance).open().map_err(Part::Admin.failed())?;
-        let admin = admin
+        let admins = service::admin(&node, instance).open().map_err(Part::Admin.failed())?;
+        let admin = admins
             .client_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
@@ -203,6 +232,7 @@ impl ClientPorts {
             watcher: None,
             sleeper: None,
             admin,
+            admins,
             state,
             setpoint,
             cycle,

@@ -126,6 +126,9 @@ pub enum Obstacle {
         /// How many there are.
         most: usize,
     },
+    /// The disk that its files are on is full.
+    #[error("no room for its files: free 16 MiB in the file system of the runtime directory")]
+    NoRoom,
     /// Its files cannot be used, or the memory ran out.
     #[error(
         "its files are damaged or memory ran out: stop every client and the daemon, then start the daemon"

@@ -17,12 +17,14 @@ use crate::control::{Command, Control, Tick};
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use motord_bus::{Bus, Duration, Instant, Readiness, wait::Ready};
+use motord_shared::limits::ADMINS_MAX;
 use motord_shared::message;
 use slot::{Asks, Slot};
 use will::Will;
 
-/// Most requests answered in one cycle; the rest wait for the next.
-const REQUESTS_PER_CYCLE: usize = 16;
+/// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
+/// those of others.
+const REQUESTS_PER_CYCLE: usize = ADMINS_MAX;
 /// System calls for waiting and receiving, per bus and cycle.
 const CALLS_PER_BUS: usize = 3;
 

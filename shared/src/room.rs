@@ -1,0 +1,83 @@
+//! Room on the disk for the shared memory. Its files are sparse: on a full disk, whoever touches a page of them that has no
+//! room yet is killed (`SIGBUS`). So a daemon makes sure of its room before it moves anything.
+
+use nix::errno::Errno;
+use nix::fcntl::{OFlag, open, posix_fallocate};
+use nix::sys::stat::Mode;
+use std::fs::{self, File, Metadata};
+use std::io;
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+
+/// What the files of a daemon take that has no clients yet is 5 MB; the rest is for the connections of some.
+const BYTES: i64 = 8 << 20;
+
+/// Whether there is room for the services in `directory`: takes it and gives it back.
+///
+/// # Errors
+/// `ENOSPC`; what else the kernel refused.
+pub(crate) fn find(directory: &Path) -> Result<(), Errno> {
+    let path = directory.join("room");
+    let flags = OFlag::O_CREAT | OFlag::O_TRUNC | OFlag::O_RDWR | OFlag::O_CLOEXEC | OFlag::O_NOFOLLOW;
+    let found =
+        open(&path, flags, Mode::S_IRUSR | Mode::S_IWUSR).and_then(|file| posix_fallocate(file, 0, BYTES));
+    let _left_for_the_next_start = fs::remove_file(&path);
+    found
+}
+
+/// Takes the room that every file below `directory` says it has.
+///
+/// # Errors
+/// As [`find`].
+pub(crate) fn occupy(directory: &Path) -> Result<(), Errno> {
+    for entry in fs::read_dir(directory).map_err(errno)?.flatten() {
+        let Ok(metadata) = entry.metadata() else { continue };
+        if metadata.is_dir() {
+            occupy(&entry.path())?;
+        } else if metadata.is_file() && is_sparse(&metadata) {
+            occupy_file(&entry.path(), metadata.len())?;
+        }
+    }
+    Ok(())
+}
+
+/// The others must not even be opened: closing a file gives up every lock that this process has on it (`fcntl(2)`), and by
+/// such locks iceoryx2 knows who lives.
+fn is_sparse(metadata: &Metadata) -> bool {
+    const BLOCK_BYTES: u64 = 512;
+    metadata.blocks() * BLOCK_BYTES < metadata.len()
+}
+
+/// What has gone meanwhile, or may only be read, is nothing that this process will touch.
+fn occupy_file(path: &Path, length: u64) -> Result<(), Errno> {
+    let Ok(file) = File::options().write(true).open(path) else { return Ok(()) };
+    posix_fallocate(file, 0, length.cast_signed())
+}
+
+fn errno(error: io::Error) -> Errno {
+    Errno::from_raw(error.raw_os_error().unwrap_or(nix::libc::EIO))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sparse_file_is_sparse_no_more_and_keeps_what_it_holds() {
+        let directory = tempfile::tempdir_in("/tmp").unwrap();
+        let path = directory.path().join("below/file");
+        fs::create_dir(path.parent().unwrap()).unwrap();
+        fs::write(&path, b"kept").unwrap();
+        File::options().write(true).open(&path).unwrap().set_len(1 << 20).unwrap();
+        assert!(fs::metadata(&path).unwrap().blocks() * 512 < 1 << 20);
+        find(directory.path()).unwrap();
+        occupy(directory.path()).unwrap();
+        assert!(fs::metadata(&path).unwrap().blocks() * 512 >= 1 << 20);
+        assert!(fs::read(&path).unwrap().starts_with(b"kept"));
+        assert_eq!(
+            fs::read_dir(directory.path()).unwrap().count(),
+            1,
+            "the room that was found is given back"
+        );
+    }
+}
