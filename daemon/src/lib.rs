@@ -6,7 +6,7 @@
 //! - [`joint`] and [`drive`]: from joints to motors, from commands to frames, and back.
 //! - [`cycle`]: wake, decide, transmit, collect, publish, on a [`clock`] that may be a test's.
 //! - [`exchange`]: clients, through shared memory.
-//! - [`telemetry`]: histograms and the log.
+//! - [`telemetry`]: histograms, and what the [`log`] is told.
 //! - [`deadman`], [`heartbeat`] and [`safe_stop`]: what stops the motors when the daemon cannot.
 //! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`], [`threads`] and [`run`]: putting it all together.
 
@@ -23,6 +23,7 @@ pub mod heartbeat;
 pub mod joint;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 mod kernel;
+pub mod log;
 pub mod plan;
 pub mod reopen;
 pub mod roster;

@@ -3,6 +3,7 @@
 use clap::{CommandFactory, Parser, Subcommand};
 use motord::deadman::will::open_interface;
 use motord::deadman::{self, DeadmanError};
+use motord::log::Log;
 use motord::run::RunError;
 use motord::safe_stop::{SafeStopError, safe_stop};
 use std::fmt::Display;
@@ -61,6 +62,7 @@ enum Command {
 
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
 const EXIT_USAGE: u8 = 64;
+const EXIT_OS: u8 = 71;
 const EXIT_IO: u8 = 74;
 
 fn main() -> ExitCode {
@@ -78,35 +80,38 @@ fn main() -> ExitCode {
         }
         Command::Manual { directory } => {
             let written = clap_mangen::generate_to(Arguments::command(), directory);
-            ended(written, |_| EXIT_IO)
+            ended(written, |_| EXIT_IO, &mut std::io::stderr())
         }
-        Command::Run { config } => {
-            log_to_stderr();
-            ended(motord::run::run(&config), RunError::exit_status)
-        }
-        Command::Deadman { config } => {
-            log_to_stderr();
-            ended(deadman::run(&config), DeadmanError::exit_status)
-        }
+        Command::Run { config } => logged(|| motord::run::run(&config), RunError::exit_status),
+        Command::Deadman { config } => logged(|| deadman::run(&config), DeadmanError::exit_status),
         Command::SafeStop { config } => {
-            log_to_stderr();
-            ended(safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
+            logged(|| safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
         }
     }
 }
 
-fn ended<E: Display>(outcome: Result<(), E>, exit_status: fn(&E) -> u8) -> ExitCode {
+fn ended<E: Display>(outcome: Result<(), E>, exit_status: fn(&E) -> u8, out: &mut impl Write) -> ExitCode {
     let Err(error) = outcome else { return ExitCode::SUCCESS };
-    let _unwritable = writeln!(std::io::stderr(), "motord: {error}");
+    let _unwritable = out.write_all(format!("motord: {error}\n").as_bytes());
     ExitCode::from(exit_status(&error))
 }
 
-fn log_to_stderr() {
+/// Runs a command that logs; whoever reads its log, or does not, cannot hold it up.
+fn logged<E: Display>(command: impl FnOnce() -> Result<(), E>, exit_status: fn(&E) -> u8) -> ExitCode {
+    let mut log = match Log::to_stderr() {
+        Ok(log) => log,
+        Err(error) => return ended(Err(error), |_| EXIT_OS, &mut std::io::stderr()),
+    };
+    log.hear_panics();
+    let lines = log.clone();
     tracing_subscriber::fmt()
-        .with_writer(std::io::stderr)
+        .with_writer(move || lines.clone())
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         // A log that nobody reads any more must not end a thread.
         .log_internal_errors(false)
         .init();
+    let status = ended(command(), exit_status, &mut log);
+    log.finish();
+    status
 }

@@ -76,7 +76,8 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let buses = buses::open(&settings, lock.instance().runtime())?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
-    let (_deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
+    let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
+    deep_sleep.tell("main");
 
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
     tracing::info!(instance = lock.instance().name(), "ready");

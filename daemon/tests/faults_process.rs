@@ -1,0 +1,444 @@
+//! The fault catalogue, part C: what happens to the daemon as a process. `docs/faults.md` tells which item each test holds.
+//!
+//! Method: the real program with one simulated motor. The test listens where systemd would (`sd_notify(3)`): the watchdog is
+//! fed only while the cycle moves, so that a daemon that feeds it is well.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_shared::message::AdminReply;
+use motord_shared::{
+    AdminRequest, Cause, ClientPorts, Instance, JointSetpoint, Operation, Phase, SetpointMessage,
+    StateMessage,
+};
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::sys::ptrace;
+use nix::sys::signal::{Signal, kill};
+use nix::sys::wait::{WaitPidFlag, waitpid};
+use nix::unistd::Pid;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixDatagram;
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Slow and patient, so that many of them run side by side on a busy machine.
+const CONFIG: &str = r#"
+[daemon]
+instance = "test"
+[cycle]
+rate-hz = 100
+max-lateness-ms = 1000.0
+[safety]
+setpoint-timeout-ms = 1000.0
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "arm"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+"#;
+
+const READY: &str = "READY=1";
+const FED: &str = "WATCHDOG=1";
+/// Longer than a busy machine stalls.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// `WatchdogSec=` of the unit, and half of it.
+const WATCHDOG: Duration = Duration::from_secs(3);
+/// Runs what follows as it is.
+const PLAINLY: &str = r#"exec "$@""#;
+
+/// The daemon as a child of a shell.
+struct Daemon {
+    process: Child,
+    place: TempDir,
+    notes: UnixDatagram,
+}
+
+impl Daemon {
+    /// Starts it by the shell's `script`, which runs its arguments.
+    fn start(script: &str, config: &str, stderr: Stdio) -> Self {
+        let place = TempDir::new().unwrap();
+        let notes = UnixDatagram::bind(place.path().join("notes")).unwrap();
+        let path = place.path().join("motord.toml");
+        fs::write(&path, config).unwrap();
+        let mut command = Command::new("sh");
+        command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config"]).arg(path);
+        command.env("MOTORD_RUNTIME_DIR", place.path()).env("NOTIFY_SOCKET", place.path().join("notes"));
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr);
+        Self { process: command.spawn().unwrap(), place, notes }
+    }
+
+    fn plain() -> Self {
+        let mut daemon = Self::start(PLAINLY, CONFIG, Stdio::null());
+        daemon.must_say(READY);
+        daemon
+    }
+
+    fn pid(&self) -> Pid {
+        Pid::from_raw(self.process.id().cast_signed())
+    }
+
+    fn signal(&self, signal: Signal) {
+        kill(self.pid(), signal).unwrap();
+    }
+
+    /// Whether it tells systemd `note` within `time`, before it ends.
+    fn says(&mut self, note: &str, time: Duration) -> bool {
+        let (begun, mut bytes) = (Instant::now(), [0; 256]);
+        self.notes.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+        while begun.elapsed() < time {
+            match self.notes.recv(&mut bytes) {
+                Ok(length) if bytes[..length].starts_with(note.as_bytes()) => return true,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    if self.process.try_wait().unwrap().is_some() {
+                        return false;
+                    }
+                }
+                other => drop(other.unwrap()),
+            }
+        }
+        false
+    }
+
+    fn must_say(&mut self, note: &str) {
+        assert!(self.says(note, PATIENCE), "it never said {note}");
+    }
+
+    /// It is well, and ends well when it is told.
+    fn must_live_and_end(mut self) {
+        self.must_say(FED);
+        self.must_say(FED);
+        self.signal(Signal::SIGTERM);
+        assert!(self.ends().success());
+    }
+
+    fn ends(&mut self) -> ExitStatus {
+        let begun = Instant::now();
+        while begun.elapsed() < PATIENCE {
+            if let Some(status) = self.process.try_wait().unwrap() {
+                return status;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        panic!("it did not end");
+    }
+
+    /// It ends before it is ready, by its own decision and with a reason, or becomes ready and ends well.
+    fn must_refuse_or_run(mut self) -> Option<i32> {
+        if self.says(READY, PATIENCE) {
+            self.signal(Signal::SIGTERM);
+            assert!(self.ends().success());
+            return None;
+        }
+        let status = self.ends();
+        let code = status.code().filter(|code| (64..=78).contains(code));
+        assert!(code.is_some(), "{status}, signal {:?}: {}", status.signal(), self.log());
+        code
+    }
+
+    /// What it wrote to standard error, when that is piped. Only once it has ended.
+    fn log(&mut self) -> String {
+        let mut text = String::new();
+        self.process.stderr.take().unwrap().read_to_string(&mut text).unwrap();
+        text
+    }
+}
+
+impl Drop for Daemon {
+    fn drop(&mut self) {
+        let _ended = self.process.kill();
+        let _reaped = self.process.wait();
+    }
+}
+
+/// A controller and operator, by the bare services.
+struct Operator {
+    ports: ClientPorts,
+    sequence: u64,
+    lease: u64,
+    state: StateMessage,
+}
+
+impl Operator {
+    fn of(daemon: &Daemon) -> Self {
+        let instance = Instance::below(daemon.place.path(), "test").unwrap();
+        let ports = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        Self { ports, sequence: 0, lease: 0, state: StateMessage::default() }
+    }
+
+    fn ask(&self, operation: Operation) -> AdminReply {
+        let request = AdminRequest { lease: self.lease, operation: operation.code(), ..Default::default() };
+        let (begun, question) = (Instant::now(), self.ports.ask(request).unwrap());
+        loop {
+            if let Some((reply, _)) = question.answer().unwrap() {
+                return reply;
+            }
+            assert!(begun.elapsed() < PATIENCE, "no answer to {operation}");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Takes the newest state, and tells whether there was one.
+    fn look(&mut self) -> bool {
+        let newest = self.ports.newest_state().unwrap();
+        newest.map(|state| self.state = state).is_some()
+    }
+
+    fn phase(&self) -> Phase {
+        self.state.groups[0].phase.try_into().unwrap()
+    }
+
+    /// Claims the arm, and holds it until it is active and stiff.
+    fn activate(&mut self) {
+        self.lease = self.ask(Operation::Claim).lease;
+        let port = self.ports.setpoint_port().unwrap();
+        let (begun, mut enabled) = (Instant::now(), false);
+        while self.phase() != Phase::Active || self.state.joints[0].applied.kp < 39.0 {
+            assert!(begun.elapsed() < PATIENCE, "{}", self.phase());
+            if self.look() && self.state.joints[0].position.is_finite() {
+                self.sequence += 1;
+                let mut message =
+                    SetpointMessage { lease: self.lease, sequence: self.sequence, ..Default::default() };
+                message.time_ns = motord_shared::clock::now_ns();
+                message.joint_count = 1;
+                let position = self.state.joints[0].position;
+                message.joints[0] = JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };
+                port.send(&message).unwrap();
+                enabled = enabled || self.ask(Operation::Enable).refusal == 0;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+#[test]
+fn a_daemon_that_is_told_to_end_damps_and_stops_its_motors_first() {
+    for signal in [Signal::SIGTERM, Signal::SIGINT] {
+        let mut daemon = Daemon::plain();
+        let mut operator = Operator::of(&daemon);
+        operator.activate();
+        daemon.signal(signal);
+        let begun = Instant::now();
+        let status = loop {
+            let news = operator.look();
+            let applied = operator.state.joints[0].applied;
+            if news && operator.phase() == Phase::Damping {
+                assert!(applied.kp == 0.0 && applied.kd > 0.0 && applied.torque == 0.0, "{applied:?}");
+            }
+            if let Some(status) = daemon.process.try_wait().unwrap() {
+                break status;
+            }
+            assert!(begun.elapsed() < PATIENCE);
+        };
+        operator.look();
+        assert!(status.success(), "{signal}: {status}");
+        assert_eq!(operator.phase(), Phase::Disarmed, "{signal}");
+        assert_eq!(operator.state.groups[0].cause, Cause::Shutdown.code());
+    }
+}
+
+/// The joint of this test never counts as slow: half a code of velocity is more than it may turn.
+#[test]
+fn a_second_signal_ends_the_damping_at_once() {
+    let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\nrest-velocity-rad-s = 0.01\n[[bus]]");
+    let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
+    daemon.must_say(READY);
+    let mut operator = Operator::of(&daemon);
+    operator.activate();
+    daemon.signal(Signal::SIGTERM);
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_millis(500) || operator.phase() == Phase::Active {
+        operator.look();
+    }
+    assert_eq!(operator.phase(), Phase::Damping);
+    daemon.signal(Signal::SIGTERM);
+    assert!(daemon.ends().success());
+    operator.look();
+    assert_eq!(operator.phase(), Phase::Disarmed);
+}
+
+#[test]
+fn a_hangup_is_no_reason_to_end() {
+    let daemon = Daemon::plain();
+    daemon.signal(Signal::SIGHUP);
+    daemon.must_live_and_end();
+}
+
+/// Goal: systemd ends a daemon whose cycle stands still while its other threads live.
+/// Method: only the thread of the cycle is stopped, as a debugger does.
+#[test]
+fn the_watchdog_is_not_fed_while_the_cycle_stands_still() {
+    let mut daemon = Daemon::plain();
+    daemon.must_say(FED);
+    let cycle = thread(daemon.pid(), "motord-cycle");
+    ptrace::seize(cycle, ptrace::Options::empty()).unwrap();
+    ptrace::interrupt(cycle).unwrap();
+    waitpid(cycle, Some(WaitPidFlag::__WALL)).unwrap();
+    // What was on its way, and one more turn of the telemetry, which saw the cycle move before it was stopped.
+    while daemon.says(FED, Duration::from_millis(1500)) {}
+    assert!(!daemon.says(FED, WATCHDOG));
+    ptrace::detach(cycle, None).unwrap();
+    daemon.must_live_and_end();
+}
+
+fn thread(pid: Pid, name: &str) -> Pid {
+    let threads = fs::read_dir(format!("/proc/{pid}/task")).unwrap().map(Result::unwrap);
+    let is_named = |path: &Path| fs::read_to_string(path.join("comm")).is_ok_and(|comm| comm.trim() == name);
+    let path = threads.map(|entry| entry.path()).find(|path| is_named(path)).unwrap();
+    Pid::from_raw(path.file_name().unwrap().to_str().unwrap().parse().unwrap())
+}
+
+/// As root, the capabilities must go too; a user has none.
+fn without_rights() -> String {
+    let drop = "setpriv --bounding-set=-sys_nice,-ipc_lock --inh-caps=-all";
+    let prefix = if nix::unistd::geteuid().is_root() { drop } else { "" };
+    format!(r#"ulimit -r 0; ulimit -l 64; exec {prefix} "$@""#)
+}
+
+#[test]
+fn a_daemon_without_rights_runs_and_says_what_it_lacks_and_how_to_get_it() {
+    let mut daemon = Daemon::start(&without_rights(), CONFIG, Stdio::piped());
+    daemon.must_say(READY);
+    daemon.signal(Signal::SIGTERM);
+    assert!(daemon.ends().success());
+    let log = daemon.log();
+    for word in [
+        "SCHED_FIFO: no",
+        "LimitRTPRIO=90",
+        "locked memory: no",
+        "LimitMEMLOCK=infinity",
+        "processors kept awake",
+    ] {
+        assert!(log.contains(word), "{word} in\n{log}");
+    }
+}
+
+#[test]
+fn a_daemon_that_must_have_real_time_refuses_to_run_without_it() {
+    let config = CONFIG.replace("rate-hz = 100", "rate-hz = 100\nrequire-realtime = true");
+    let mut daemon = Daemon::start(&without_rights(), &config, Stdio::piped());
+    assert!(!daemon.says(READY, PATIENCE));
+    assert_eq!(daemon.ends().code(), Some(78));
+    let log = daemon.log();
+    assert!(log.contains("LimitRTPRIO"), "{log}");
+}
+
+/// Goal: shared memory that has no room is an error at the start, not a death by SIGBUS when it is touched.
+/// Method: a file system of a few pages, in a name space of its own.
+#[test]
+fn a_full_file_system_is_an_error_before_anything_moves() {
+    if !may_mount() {
+        return;
+    }
+    for size in ["4k", "64k", "256k", "1m", "4m"] {
+        let daemon = Daemon::start(&on_file_system(size, PLAINLY), CONFIG, Stdio::piped());
+        assert!(daemon.must_refuse_or_run().is_some(), "{size} are not enough");
+    }
+}
+
+#[test]
+fn a_file_system_that_becomes_full_does_not_kill_the_daemon() {
+    if !may_mount() {
+        return;
+    }
+    let script = r#""$@" & motord=$!; read -r _; head -c 64m /dev/zero >"$MOTORD_RUNTIME_DIR/full" 2>&1 || echo full
+        read -r _; kill -TERM $motord; wait $motord"#;
+    let mut daemon = Daemon::start(&on_file_system("16m", script), CONFIG, Stdio::null());
+    let mut shell = daemon.process.stdin.take().unwrap();
+    daemon.must_say(READY);
+    shell.write_all(b"go on\n").unwrap();
+    let mut full = [0; 4];
+    daemon.process.stdout.take().unwrap().read_exact(&mut full).unwrap();
+    assert_eq!(&full, b"full");
+    (0..3).for_each(|_| daemon.must_say(FED));
+    shell.write_all(b"end\n").unwrap();
+    assert!(daemon.ends().success());
+}
+
+/// Runs `script` where the runtime directory is a file system of `size`.
+fn on_file_system(size: &str, script: &str) -> String {
+    let mount = format!(r#"mount -t tmpfs -o size={size} tmpfs "$MOTORD_RUNTIME_DIR/small""#);
+    let inside = format!(r#"{mount} && export MOTORD_RUNTIME_DIR="$MOTORD_RUNTIME_DIR/small"; {script}"#);
+    format!(
+        "mkdir \"$MOTORD_RUNTIME_DIR/small\"; exec unshare --map-root-user --mount sh -c '{inside}' sh \"$@\""
+    )
+}
+
+fn may_mount() -> bool {
+    let mut mount = Command::new("unshare");
+    mount.args(["--map-root-user", "--mount", "mount", "-t", "tmpfs", "tmpfs", "/mnt"]);
+    let may = mount.output().is_ok_and(|output| output.status.success());
+    if !may {
+        println!("not tested: this machine lets nobody mount a file system");
+    }
+    may
+}
+
+#[test]
+fn files_that_are_removed_under_a_daemon_do_not_kill_it() {
+    let daemon = Daemon::plain();
+    let mut operator = Operator::of(&daemon);
+    operator.activate();
+    fs::remove_dir_all(daemon.place.path().join("iox")).unwrap();
+    let before = operator.state.cycle;
+    let begun = Instant::now();
+    while operator.state.cycle < before + 100 {
+        operator.look();
+        assert!(begun.elapsed() < PATIENCE, "whoever was connected stays so");
+    }
+    daemon.must_live_and_end();
+}
+
+#[test]
+fn a_log_that_cannot_be_written_does_not_stop_the_daemon() {
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let closed = r#"exec 2>&-; exec "$@""#;
+    for (script, stderr) in [(PLAINLY, Stdio::from(full)), (closed, Stdio::null())] {
+        let mut daemon = Daemon::start(script, CONFIG, stderr);
+        daemon.must_say(READY);
+        daemon.must_live_and_end();
+    }
+}
+
+#[test]
+fn a_log_whose_reader_is_gone_does_not_stop_the_daemon() {
+    let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
+    daemon.must_say(READY);
+    drop(daemon.process.stderr.take());
+    daemon.signal(Signal::SIGHUP);
+    daemon.must_live_and_end();
+}
+
+/// The worst reader: it keeps the pipe open and never reads, so that every write waits for ever.
+#[test]
+fn a_log_that_nobody_reads_holds_nobody_up() {
+    let (_reader, writer) = full_pipe();
+    let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::from(writer));
+    daemon.must_say(READY);
+    daemon.must_live_and_end();
+}
+
+fn full_pipe() -> (OwnedFd, OwnedFd) {
+    let (reader, writer) = nix::unistd::pipe().unwrap();
+    fcntl(&writer, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
+    while nix::unistd::write(&writer, &[0; 4096]).is_ok() {}
+    fcntl(&writer, FcntlArg::F_SETFL(OFlag::empty())).unwrap();
+    (reader, writer)
+}
+
+#[test]
+fn too_few_descriptors_are_an_error_before_anything_moves() {
+    let limits = [6, 8, 10, 12, 16, 20, 24, 32, 64];
+    let outcomes = limits.map(|limit| {
+        let script = format!(r#"ulimit -n {limit}; exec "$@""#);
+        Daemon::start(&script, CONFIG, Stdio::piped()).must_refuse_or_run()
+    });
+    assert!(outcomes[0].is_some() && outcomes[8].is_none(), "{outcomes:?}");
+}
