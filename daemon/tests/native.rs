@@ -106,3 +106,20 @@ fn a_motor_that_stays_too_hot_for_a_second_stops_its_group() {
     }
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 1));
 }
+
+/// A drive that is told a speed gives what torque it takes, and nothing can be derated.
+#[test]
+fn a_drive_that_has_the_torque_to_itself_is_stopped_before_its_winding_is_too_warm() {
+    let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+    for (id, name) in [(1, "shoulder"), (2, "elbow")] {
+        text += &robot::motor(id, name, "can", "overload-seconds = 1.0").replace("\"mit\"", "\"gim\"");
+    }
+    let mut robot = Robot::built(robot::settings(&text), 1, |_, motors| {
+        motors[0].coulomb_friction = 15.0;
+    });
+    let joints = setpoints(SetpointMode::Speed, 2.0);
+    activate(&mut robot, &joints);
+    robot.follow_until(&joints, 3000, |robot| robot.phase() != Phase::Active);
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 0));
+    assert!(robot.joint(0).temperature < robot.settings.motors[0].limits.temperature, "the model was first");
+}
