@@ -7,12 +7,13 @@
 //! - [`time`]: the one clock of motord, as a value that is passed in.
 //! - [`frame`]: what a classic CAN frame can hold, and what a controller says about itself.
 //! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
-//! - [`socketcan`]: the CAN interfaces of Linux.
+//! - [`socketcan`]: the CAN interfaces of Linux. [`candump`]: the logs of their traffic.
 //! - [`wait`](mod@wait) and [`clock`]: sleeping until something arrives, and the time.
 //!
 //! Wall time and system calls stop in this crate and in the daemon's `rt`.
 
 pub mod arithmetic;
+pub mod candump;
 pub mod clock;
 #[cfg(feature = "conformance")]
 pub mod conformance;

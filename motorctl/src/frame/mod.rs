@@ -3,7 +3,6 @@
 //! One object per frame, with the same keys in both directions, so that what one command prints the other reads. It needs
 //! no daemon and no bus: logs and frames typed by hand are enough.
 
-mod candump;
 mod decode;
 mod encode;
 mod hex;

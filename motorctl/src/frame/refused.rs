@@ -1,5 +1,6 @@
 //! Why a frame cannot be read or made.
 
+use motord_bus::candump::InvalidLine;
 use motord_protocol::{DecodeError, ScaleError, rs485::FrameError};
 
 /// Why a frame cannot be read or made.
@@ -33,9 +34,9 @@ pub(super) enum Refused {
     NullBytes { least: usize, most: usize, received: usize },
     #[error("the values of this command leave no room to make it safe for a motor in MIT mode")]
     NotMitSafe,
-    #[error("not a line of 'candump -L', which is (time) interface id#data")]
-    LogLine,
-    #[error("no data frame with an 11-bit id")]
+    #[error(transparent)]
+    LogLine(#[from] InvalidLine),
+    #[error("no data frame with an 11-bit id and at most 8 bytes")]
     Foreign,
     #[error("no motor on {interface} has or answers to id {id:03X}")]
     Stray { interface: String, id: u16 },

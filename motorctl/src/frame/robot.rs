@@ -1,11 +1,12 @@
 //! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
 
-use crate::frame::candump::LogLine;
 use crate::frame::decode;
 use crate::frame::object::Object;
 use crate::frame::refused::Refused;
 use crate::frame::scale::Scale;
 use crate::frame::{Asked, Direction, Protocol, Reading};
+use motord_bus::candump::LogLine;
+use motord_bus::{Content, Frame};
 use motord_protocol::{Model, ScaleError};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -101,20 +102,22 @@ impl Robot {
 
     /// What a line of a log means.
     pub(super) fn decode(&mut self, line: &str) -> Result<Object, Refused> {
-        let log = LogLine::parse(line)?;
+        let LogLine { at, interface, content } = LogLine::parse(line)?;
+        let Content::Frame(frame) = content else { return Err(Refused::Foreign) };
         let (motor, direction) = self
-            .motor_of(&log)
-            .ok_or_else(|| Refused::Stray { interface: log.interface.into(), id: log.id })?;
-        let mut object = motor.decode(&log.payload, direction)?;
-        object.insert("time", log.time);
-        object.insert("interface", log.interface);
+            .motor_of(interface, &frame)
+            .ok_or_else(|| Refused::Stray { interface: interface.into(), id: frame.id().raw() })?;
+        let mut object = motor.decode(frame.payload(), direction)?;
+        // Microseconds since 1970 fit into 53 bits, nanoseconds do not.
+        object.insert("time", at.as_micros() as f64 / 1e6);
+        object.insert("interface", interface);
         object.insert("motor", motor.name.as_str());
         Ok(object)
     }
 
-    fn motor_of(&mut self, log: &LogLine<'_>) -> Option<(&mut Motor, Direction)> {
-        let here = self.motors.iter_mut().filter(|motor| motor.interface == log.interface);
-        here.filter_map(|motor| motor.direction(log).map(|direction| (motor, direction))).next()
+    fn motor_of(&mut self, interface: &str, frame: &Frame) -> Option<(&mut Motor, Direction)> {
+        let here = self.motors.iter_mut().filter(|motor| motor.interface == interface);
+        here.filter_map(|motor| motor.direction(frame).map(|direction| (motor, direction))).next()
     }
 }
 
@@ -141,11 +144,12 @@ impl Motor {
     }
 
     /// Which way a frame goes if it is to or from this motor. MIT motors may share a host id: a reply names its sender.
-    fn direction(&self, log: &LogLine<'_>) -> Option<Direction> {
-        let names_this = self.protocol != Protocol::Mit || log.payload.first() == Some(&self.id);
-        if log.id == u16::from(self.id) {
+    fn direction(&self, frame: &Frame) -> Option<Direction> {
+        let names_this = self.protocol != Protocol::Mit || frame.payload().first() == Some(&self.id);
+        let id = frame.id().raw();
+        if id == u16::from(self.id) {
             Some(Direction::ToMotor)
-        } else if log.id == self.host_id && names_this {
+        } else if id == self.host_id && names_this {
             Some(Direction::ToHost)
         } else {
             None
