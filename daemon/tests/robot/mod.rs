@@ -223,12 +223,6 @@ impl Robot {
         seed: u64,
         mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
     ) -> Self {
-        let clock = Virtual {
-            now: Rc::new(Cell::new(start)),
-            late: Rc::default(),
-            suspended: Rc::default(),
-            broken: Rc::default(),
-        };
         let buses: Vec<_> = (0..settings.buses.len())
             .map(|index| {
                 let (mut bus, mut motors) = physics(&settings, index);
@@ -236,19 +230,30 @@ impl Robot {
                 SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
             })
             .collect();
+        let opened = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
+        Self { buses, ..Self::on(opened, start, settings) }
+    }
+
+    /// The cycle alone, on buses that are not simulated here. What it sends is theirs to record.
+    pub fn on(buses: Vec<Box<dyn Bus>>, start: Instant, settings: Settings) -> Self {
+        let clock = Virtual {
+            now: Rc::new(Cell::new(start)),
+            late: Rc::default(),
+            suspended: Rc::default(),
+            broken: Rc::default(),
+        };
         let (mut link, ends) = cycle::link(settings.groups.len());
         let (replacements, workshop) = reopen::ends();
         link.repairs(replacements);
         let plans = BusPlan::of(&settings);
-        let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
-        let cycle = Cycle::new(&settings, &plans, boxed, clock.clone(), link, 7);
+        let cycle = Cycle::new(&settings, &plans, buses, clock.clone(), link, 7);
         let place = Place { cycle: 1, at: start };
         Self {
             settings,
             cycle,
             ends,
             clock,
-            buses,
+            buses: Vec::new(),
             workshop,
             place,
             tickets: 0,
@@ -262,6 +267,11 @@ impl Robot {
 
     pub fn now(&self) -> Instant {
         self.clock.now()
+    }
+
+    /// When the next cycle should begin.
+    pub fn next(&self) -> Instant {
+        self.place.at
     }
 
     /// One cycle.
