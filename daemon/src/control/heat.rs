@@ -10,6 +10,7 @@
 //!         0              0.8   1        heat
 //! ```
 
+use crate::config::settings::MotorSettings;
 use motord_bus::Duration;
 
 /// Where the torque that may be given begins to fall.
@@ -20,15 +21,32 @@ const OVERHEATED: f64 = 1.2;
 /// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
 const TWICE_RATED: f64 = 0.287_682_072_451_781;
 
+/// What a winding bears.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Winding {
+    /// The torque that it can give for good, N·m.
+    rated: f32,
+    /// The most torque that it can give, N·m.
+    peak: f32,
+    /// Twice the rated torque warms it to 1 in this time.
+    overload: Duration,
+}
+
+impl From<&MotorSettings> for Winding {
+    fn from(settings: &MotorSettings) -> Self {
+        Self { rated: settings.rated_torque, peak: settings.peak_torque, overload: settings.overload }
+    }
+}
+
 /// The heat of one winding.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Heat(f64);
 
 impl Heat {
-    /// `torque`, N·m, flowed for `elapsed`, in a motor that can give `rated`, N·m, for good and twice that for `overload`.
-    pub(super) fn warm(&mut self, torque: f32, rated: f32, overload: Duration, elapsed: Duration) {
-        let loss = f64::from(torque / rated).powi(2);
-        let time = overload.as_secs_f64() / TWICE_RATED;
+    /// `torque`, N·m, was given for `elapsed`. More than its peak no winding gives: a motor that tells so tells garbage.
+    pub(super) fn warm(&mut self, torque: f32, winding: Winding, elapsed: Duration) {
+        let loss = f64::from(torque.abs().min(winding.peak) / winding.rated).powi(2);
+        let time = winding.overload.as_secs_f64() / TWICE_RATED;
         // Implicit, so that no elapsed time, however long, leads beyond the loss.
         let elapsed = elapsed.as_secs_f64();
         self.0 += (loss - self.0) * elapsed / (time + elapsed);
@@ -52,13 +70,13 @@ mod tests {
 
     const RATED: f32 = 7.5;
     const LIMIT: f32 = 20.0;
-    const OVERLOAD: Duration = Duration::from_secs(10);
+    const WINDING: Winding = Winding { rated: RATED, peak: 22.0, overload: Duration::from_secs(10) };
     const CYCLE: Duration = Duration::from_millis(1);
 
     /// Gives `wanted` for `seconds`, as far as it is allowed. Returns what was allowed last.
     fn give(heat: &mut Heat, wanted: f32, seconds: u32) -> f32 {
         for _ in 0..seconds * 1000 {
-            heat.warm(wanted.min(heat.allowed(RATED, LIMIT)), RATED, OVERLOAD, CYCLE);
+            heat.warm(wanted.min(heat.allowed(RATED, LIMIT)), WINDING, CYCLE);
         }
         heat.allowed(RATED, LIMIT)
     }
@@ -77,7 +95,7 @@ mod tests {
     fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_it_is_told() {
         let mut heat = Heat::default();
         for _ in 0..10_000 {
-            heat.warm(2.0 * RATED, RATED, OVERLOAD, CYCLE);
+            heat.warm(2.0 * RATED, WINDING, CYCLE);
         }
         assert!((heat.0 - 1.0).abs() < 1e-3, "{heat:?}");
     }
@@ -95,10 +113,21 @@ mod tests {
     }
 
     #[test]
+    fn a_torque_that_no_motor_has_warms_it_as_much_as_its_peak() {
+        let [mut told, mut given] = [Heat::default(); 2];
+        for _ in 0..50 {
+            told.warm(-225.0, WINDING, CYCLE);
+            given.warm(22.0, WINDING, CYCLE);
+        }
+        assert_eq!(told, given);
+        assert!(told.0 < 0.05, "garbage for 50 ms is no heat: {told:?}");
+    }
+
+    #[test]
     fn a_limit_below_the_rated_torque_stays_the_limit() {
         let mut heat = Heat::default();
         for _ in 0..100 {
-            heat.warm(10.0 * RATED, RATED, OVERLOAD, Duration::from_secs(1));
+            heat.warm(10.0 * RATED, WINDING, Duration::from_secs(1));
         }
         assert!(heat.is_overheated());
         assert_eq!(heat.allowed(RATED, 5.0), 5.0);

@@ -12,7 +12,7 @@
 
 use super::Command;
 use super::errand::{Errand, Kind};
-use super::heat::Heat;
+use super::heat::{Heat, Winding};
 use super::plausibility::{Expectation, Plausibility, Verdict};
 use crate::config::settings::MotorSettings;
 use crate::joint::{Impedance, Joint, Measured};
@@ -173,13 +173,13 @@ impl Motor {
         }
     }
 
-    /// Its winding gave torque for `elapsed`: what it told, or what it was asked for when that is more. A motor that does
-    /// not tell the truth is not trusted with more heat for it.
-    pub(super) fn warm(&mut self, settings: &MotorSettings, elapsed: Duration) {
-        let torque = self.measured.map_or(0.0, |told| {
-            told.torque.abs().max(self.applied.predicted_torque(told.position, told.velocity).abs())
-        });
-        self.heat.warm(torque, settings.rated_torque, settings.overload, elapsed);
+    /// Its winding gave torque for `elapsed`: what it told just now, or what it was asked for when that is more. A motor that
+    /// does not tell the truth is not trusted with more heat for it.
+    pub(super) fn warm(&mut self, winding: Winding, elapsed: Duration) {
+        let told = if self.is_fresh() { self.measured.map_or(0.0, |told| told.torque.abs()) } else { 0.0 };
+        let asked =
+            self.measured.map_or(0.0, |told| self.applied.predicted_torque(told.position, told.velocity));
+        self.heat.warm(told.max(asked.abs()), winding, elapsed);
     }
 
     /// The command of this cycle for every mode but `Active` and `Damping`, which depend on the group.
