@@ -249,10 +249,10 @@ torque-constant-nm-per-a = 0.1
 gear-ratio = 8
 "#;
 
-fn decode_log(config: &str, log: &str) -> Output {
+fn decode_log(options: &[&str], config: &str, log: &str) -> Output {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(config.as_bytes()).unwrap();
-    frame("decode", &["--config", file.path().to_str().unwrap(), "-"], log)
+    frame("decode", &[options, &["--config", file.path().to_str().unwrap(), "-"]].concat(), log)
 }
 
 #[test]
@@ -264,7 +264,7 @@ fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked()
         (1436509052.252000) vcan0 101#010200000000\n\
         (1436509052.253000) vcan0 005#B501000000000000\n\
         (1436509052.254000) vcan0 300#B401000000000000\n";
-    let output = decode_log(ROBOT, log);
+    let output = decode_log(&[], ROBOT, log);
     assert_eq!(output.status.code(), Some(0), "{output:?}");
     let told: Vec<_> = objects(&output)
         .iter()
@@ -290,6 +290,15 @@ fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked()
 }
 
 #[test]
+fn a_log_from_before_the_protocol_was_changed_is_read_with_the_one_of_then() {
+    let log = "(0.1) vcan0 001#B200000000000000\n(0.2) vcan0 101#B200000000000000\n";
+    let output = decode_log(&["--protocol", "gim-can"], ROBOT, log);
+    let kinds: Vec<_> = objects(&output).iter().map(|object| object["kind"].clone()).collect();
+    assert_eq!(kinds, ["get_fault", "get_fault"], "{output:?}");
+    assert!(objects(&output).iter().all(|object| object["motor"] == "fl-hip"));
+}
+
+#[test]
 fn what_no_motor_sends_is_refused_and_the_rest_of_the_log_still_read() {
     let log = "\
         (0.1) vcan0 20000040#0000000000000000\n\
@@ -298,7 +307,7 @@ fn what_no_motor_sends_is_refused_and_the_rest_of_the_log_still_read() {
         (0.4) vcan0 101#020200000000\n\
         not a log\n\
         (0.5) vcan0 001#FFFFFFFFFFFFFFFC\n";
-    let output = decode_log(ROBOT, log);
+    let output = decode_log(&[], ROBOT, log);
     let kinds: Vec<_> = objects(&output).iter().map(|object| object["kind"].clone()).collect();
     assert_eq!(kinds[..5], vec![json!("reject"); 5]);
     assert_eq!(kinds[5], "start_motor");
@@ -312,14 +321,15 @@ fn wrong_use_and_wrong_configurations_have_their_own_exit_statuses() {
     assert_eq!(status(&["--protocol", "can-open", "--direction", "to-motor", "FF"]), Some(64));
     assert_eq!(status(&MIT), Some(64), "no frame");
     assert_eq!(status(&[&MIT[..], &["--verbose", "FF"]].concat()), Some(64));
-    assert_eq!(status(&["--config", "motord.toml", "--protocol", "mit", "-"]), Some(64), "both");
+    assert_eq!(status(&["--config", "motord.toml", "--direction", "to-host", "-"]), Some(64), "the id tells");
+    assert_eq!(status(&["--protocol", "mit", "FF"]), Some(64), "no direction");
     assert_eq!(status(&[&MIT[..], &["--torque-constant", "0.1", "FF"]].concat()), Some(64), "half a scale");
     assert_eq!(
         status(&[&MIT[..], &["--torque-constant", "0", "--gear-ratio", "8", "FF"]].concat()),
         Some(64)
     );
     assert_eq!(status(&["--config", "/nonexistent", "-"]), Some(78));
-    assert_eq!(decode_log("[[motor]]", "").status.code(), Some(78));
+    assert_eq!(decode_log(&[], "[[motor]]", "").status.code(), Some(78));
     assert_eq!(status(&["--help"]), Some(0));
 }
 

@@ -12,7 +12,7 @@ mod refused;
 mod robot;
 mod scale;
 
-use clap::{ArgGroup, Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
 use motord_protocol::ScaleError;
 use object::Object;
 use refused::Refused;
@@ -41,7 +41,7 @@ pub(crate) enum Frame {
 
 const DECODE_USAGE: &str =
     "motorctl frame decode [OPTIONS] --protocol <PROTOCOL> --direction <DIRECTION> <HEX>...
-       motorctl frame decode --config <FILE> -";
+       motorctl frame decode --config <FILE> [--protocol <PROTOCOL>] -";
 
 const DECODE_EXAMPLES: &str = "\
 Examples:
@@ -58,15 +58,19 @@ Examples:
   motorctl frame encode --protocol gim-can --direction to-motor --mit-safe '{\"kind\":\"stop_motor\"}'";
 
 #[derive(Debug, Args)]
-#[command(group = ArgGroup::new("source").required(true).args(["protocol", "config"]))]
 pub(crate) struct Decode {
+    /// With --config, in place of what it says of every motor: for logs of motors that were set to another one then.
+    #[arg(long, value_enum, required_unless_present = "config")]
+    protocol: Option<Protocol>,
+    #[arg(long, value_enum, required_unless_present = "config")]
+    direction: Option<Direction>,
     #[command(flatten)]
-    layout: Option<Layout>,
+    constants: Constants,
     /// What the frame answers, where its meaning depends on it.
     #[arg(long, value_enum, default_value_t = Asked::State)]
     asked: Asked,
     /// A motord configuration: decode lines of `candump -L` with the names, protocols and constants of its motors.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["protocol", "direction", "asked", "torque_constant"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["direction", "asked", "torque_constant"])]
     config: Option<PathBuf>,
     /// Frames in hexadecimal, with or without spaces and an id before `#`; `-` reads them from standard input, one a
     /// line.
@@ -76,8 +80,12 @@ pub(crate) struct Decode {
 
 #[derive(Debug, Args)]
 pub(crate) struct Encode {
+    #[arg(long, value_enum)]
+    protocol: Protocol,
+    #[arg(long, value_enum)]
+    direction: Direction,
     #[command(flatten)]
-    layout: Layout,
+    constants: Constants,
     /// Fill the free bytes of native commands such that a motor in MIT mode takes them for no torque.
     #[arg(long)]
     mit_safe: bool,
@@ -86,13 +94,9 @@ pub(crate) struct Encode {
     objects: Vec<String>,
 }
 
-/// How the bytes of a frame are laid out.
+/// What the torque codes mean.
 #[derive(Debug, Args)]
-struct Layout {
-    #[arg(long, value_enum)]
-    protocol: Protocol,
-    #[arg(long, value_enum)]
-    direction: Direction,
+struct Constants {
     /// The rotor's torque constant, N·m/A. Without it torques are raw codes only.
     #[arg(long, value_name = "X", requires = "gear_ratio")]
     torque_constant: Option<f64>,
@@ -187,23 +191,22 @@ pub(crate) fn run(frame: Frame) -> Result<(), FrameFailure> {
     }
 }
 
-impl Layout {
-    fn reading(&self, asked: Asked) -> Result<Reading, ScaleError> {
+impl Constants {
+    fn scale(&self) -> Result<Option<Scale>, ScaleError> {
         let constants = self.torque_constant.zip(self.gear_ratio);
-        let scale = constants.map(|(constant, ratio)| Scale::new(constant, ratio)).transpose()?;
-        Ok(Reading { protocol: self.protocol, direction: self.direction, asked, scale })
+        constants.map(|(constant, ratio)| Scale::new(constant, ratio)).transpose()
     }
 }
 
 fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
     let mut report = Report::default();
-    if let Some(path) = &arguments.config {
-        let mut robot = Robot::read(path)?;
-        for_each_line(&arguments.frames, |line| report.object(robot.decode(line)))?;
-    }
-    if let Some(layout) = &arguments.layout {
-        let reading = layout.reading(arguments.asked)?;
-        for_each_line(&arguments.frames, |line| {
+    let Decode { protocol, direction, constants, asked, config, frames } = arguments;
+    if let Some(path) = config {
+        let mut robot = Robot::read(path, *protocol)?;
+        for_each_line(frames, |line| report.object(robot.decode(line)))?;
+    } else if let (Some(protocol), Some(direction)) = (*protocol, *direction) {
+        let reading = Reading { protocol, direction, asked: *asked, scale: constants.scale()? };
+        for_each_line(frames, |line| {
             report.object(hex::bytes_of_frame(line).and_then(|bytes| decode::decode(&bytes, &reading)))
         })?;
     }
@@ -212,7 +215,8 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
 
 fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     let mut report = Report::default();
-    let reading = arguments.layout.reading(Asked::State)?;
+    let Encode { protocol, direction, .. } = *arguments;
+    let reading = Reading { protocol, direction, asked: Asked::State, scale: arguments.constants.scale()? };
     for argument in &arguments.objects {
         let text = if argument == "-" { io::read_to_string(io::stdin())? } else { argument.clone() };
         for value in serde_json::Deserializer::from_str(&text).into_iter::<Value>() {

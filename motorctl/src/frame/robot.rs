@@ -91,12 +91,17 @@ struct Motor {
 }
 
 impl Robot {
-    pub(super) fn read(path: &Path) -> Result<Self, RobotError> {
+    /// Reads a configuration; all its motors speak `protocol`, if there is one.
+    pub(super) fn read(path: &Path, protocol: Option<Protocol>) -> Result<Self, RobotError> {
         let text = fs::read_to_string(path)
             .map_err(|source| RobotError::Unreadable { path: path.into(), source })?;
         let Config { bus, motor } = toml::from_str(&text)
             .map_err(|source| RobotError::Malformed { path: path.into(), source: source.into() })?;
-        let motors = motor.into_iter().map(|motor| Motor::new(motor, &bus)).collect::<Result<_, _>>()?;
+        let mut motors =
+            motor.into_iter().map(|motor| Motor::new(motor, &bus)).collect::<Result<Vec<_>, _>>()?;
+        for motor in &mut motors {
+            motor.protocol = protocol.unwrap_or(motor.protocol);
+        }
         Ok(Self { motors })
     }
 
