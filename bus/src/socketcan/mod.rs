@@ -10,8 +10,8 @@
 //! - *Transmit queue*: two cycles of commands, in the send buffer and, where allowed, in the interface's queue. What a stalled bus
 //!   cannot take is refused at once and never sent later.
 //! - *Receive stamps*: software stamps of the kernel, taken before any scheduling, moved to `CLOCK_MONOTONIC`. Hardware
-//!   stamps are not used: a controller's own clock drifts against the one our commands are timed by, and against those of
-//!   other controllers.
+//!   stamps are not asked for: they are readings of the controller's own counter, which CAN drivers do not offer as a clock,
+//!   so they cannot be told from drift (`docs/adr/0013`).
 //! - *Loopback* stays on, so that `candump` sees what motord sends; own frames are not received.
 
 mod link;
