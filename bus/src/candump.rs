@@ -86,7 +86,7 @@ fn content(id: &str, data: &str) -> Result<Content, InvalidLine> {
 
 /// The bytes that `digits` spell and how many they are; `None` when they are more than a classic frame holds.
 fn bytes(digits: &str) -> Result<Option<([u8; 8], usize)>, InvalidLine> {
-    if digits.len() % 2 != 0 || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+    if !digits.len().is_multiple_of(2) || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return Err(InvalidLine::Data);
     }
     let mut bytes = [0; 8];
