@@ -3,7 +3,7 @@
 //! The functions here run in the real-time thread. After [`Cycle::new`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: a silent motor is data for a later phase. System
 //! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
-//! receiving.
+//! receiving; busy polling, where configured, comes on top.
 
 mod link;
 mod slot;
@@ -25,14 +25,17 @@ use will::Will;
 /// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
 /// those of others.
 const REQUESTS_PER_CYCLE: usize = ADMINS_MAX;
-/// System calls for waiting and receiving, per bus and cycle.
+/// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
 const CALLS_PER_BUS: usize = 3;
+/// Most looks at the open buses in the place of one sleep, should the clock not move.
+const POLLS_MAX: usize = 1000;
 
 /// Everything the real-time thread owns.
 pub struct Cycle<C> {
     clock: C,
     period: Duration,
     reply_deadline: Duration,
+    busy_poll: Duration,
     slots: Vec<Slot>,
     drives: Vec<Drive>,
     bus_of: Vec<usize>,
@@ -66,6 +69,7 @@ impl<C: Clock> Cycle<C> {
             clock,
             period: settings.cycle.period,
             reply_deadline: settings.cycle.reply_deadline,
+            busy_poll: settings.cycle.busy_poll,
             slots: slots.collect(),
             drives: drives.collect(),
             bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
@@ -192,10 +196,11 @@ impl<C: Clock> Cycle<C> {
             self.receive(None);
             return;
         };
-        let mut ready = self.wait(Interest::Nothing, expected.min(deadline));
+        let mut ready = self.wait(Interest::Nothing, (expected - self.busy_poll).min(deadline));
         loop {
             let read = self.receive(ready);
             calls = calls.saturating_sub(1 + read);
+            self.busy_poll(deadline);
             let open = self.open_buses();
             if open == 0 || self.clock.now() >= deadline {
                 break;
@@ -206,6 +211,22 @@ impl<C: Clock> Cycle<C> {
         }
         let Self { slots, drives, .. } = self;
         slots.iter_mut().filter(|slot| !slot.is_open(drives)).for_each(Slot::complete);
+    }
+
+    /// Looks at the open buses without a sleep, for as long as configured and at most until `deadline`: the replies that come
+    /// meanwhile wait for no wake-up.
+    fn busy_poll(&mut self, deadline: Instant) {
+        if self.busy_poll.is_zero() {
+            return;
+        }
+        let until = deadline.min(self.clock.now() + self.busy_poll);
+        for _ in 0..POLLS_MAX {
+            let open = Ready::of(self.slots.iter().map(|slot| slot.is_open(&self.drives)));
+            if !open.any() || self.clock.now() >= until {
+                break;
+            }
+            self.receive(Some(open));
+        }
     }
 
     /// Waits until something of interest comes, and at most until `until`. Tells which buses are worth reading; `None`

@@ -74,6 +74,10 @@ pub fn settings(text: &str) -> Settings {
 #[derive(Debug, Clone)]
 pub struct Virtual {
     now: Rc<Cell<Instant>>,
+    /// How long each reading of the clock takes.
+    pub reading: Rc<Cell<Duration>>,
+    /// How often the cycle waited for buses.
+    pub waits: Rc<Cell<u32>>,
     /// How much too late the next sleep ends.
     pub late: Rc<Cell<Duration>>,
     /// How long the computer was suspended.
@@ -85,6 +89,7 @@ pub struct Virtual {
 impl Clock for Virtual {
     fn now(&self) -> Instant {
         assert!(!self.broken.take(), "a panic in the cycle, as a test asked for");
+        self.now.set(self.now.get() + self.reading.get());
         self.now.get()
     }
 
@@ -97,6 +102,7 @@ impl Clock for Virtual {
     }
 
     fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
+        self.waits.set(self.waits.get() + 1);
         let wake = readiness.iter().fold(until, |wake, readiness| match *readiness {
             Readiness::At(at) => wake.min(at),
             _ => wake,
@@ -238,6 +244,8 @@ impl Robot {
     pub fn on(buses: Vec<Box<dyn Bus>>, start: Instant, settings: Settings) -> Self {
         let clock = Virtual {
             now: Rc::new(Cell::new(start)),
+            reading: Rc::default(),
+            waits: Rc::default(),
             late: Rc::default(),
             suspended: Rc::default(),
             broken: Rc::default(),

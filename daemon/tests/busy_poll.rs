@@ -1,0 +1,39 @@
+//! Busy polling, on virtual time: looking at the buses in the place of sleeping.
+
+mod robot;
+
+use motord_bus::Duration;
+use robot::Robot;
+
+const CYCLES: u32 = 1000;
+
+/// A robot that is never asked for its faults, and how often its cycle waits for replies in [`CYCLES`] cycles.
+fn waits(busy_poll: Duration, reading: Duration, disturbance: Option<&str>) -> (Robot, u32) {
+    let mut settings = robot::three_motors();
+    settings.cycle.busy_poll = busy_poll;
+    settings.safety.fault_poll_hz = 0.0;
+    let mut robot = Robot::new(settings, 1);
+    robot.clock.reading.set(reading);
+    robot.steps(100);
+    disturbance.into_iter().for_each(|line| robot.disturb(line));
+    robot.clock.waits.set(0);
+    robot.steps(CYCLES as usize);
+    let waits = robot.clock.waits.get();
+    (robot, waits)
+}
+
+#[test]
+fn busy_polling_finds_every_reply_after_one_wait() {
+    let (mut robot, waits) = waits(Duration::from_micros(50), Duration::from_micros(1), None);
+    assert_eq!(waits, CYCLES, "no second wait");
+    assert!((0..3).all(|joint| robot.joint(joint).missed == 0 && robot.joint(joint).age_cycles == 0));
+}
+
+#[test]
+fn busy_polling_for_a_motor_that_is_off_ends_and_leaves_the_others_their_replies() {
+    for reading in [Duration::from_micros(1), Duration::ZERO] {
+        let (mut robot, _) = waits(Duration::from_micros(50), reading, Some("thigh off"));
+        assert_eq!([0, 2].map(|joint| robot.joint(joint).missed), [0; 2], "a reading takes {reading:?}");
+        assert!(robot.state().overruns == 0);
+    }
+}
