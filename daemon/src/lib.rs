@@ -24,6 +24,8 @@ pub mod joint;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 mod kernel;
 pub mod log;
+#[cfg(feature = "panic-on-request")]
+mod panics;
 pub mod plan;
 pub mod reopen;
 pub mod roster;

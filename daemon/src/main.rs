@@ -15,7 +15,7 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(
     name = "motord",
-    version,
+    version = VERSION,
     after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n\nExit status: 0 ended on request, 64 usage, 69 a bus or service is unavailable, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
@@ -60,6 +60,12 @@ enum Command {
     },
 }
 
+/// A build that panics on request says so, lest it is packaged.
+const VERSION: &str = if cfg!(feature = "panic-on-request") {
+    concat!(env!("CARGO_PKG_VERSION"), " (panics on request: for tests only)")
+} else {
+    env!("CARGO_PKG_VERSION")
+};
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
 const EXIT_USAGE: u8 = 64;
 const EXIT_OS: u8 = 71;

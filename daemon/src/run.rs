@@ -75,6 +75,8 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let buses = buses::open(&settings, lock.instance().runtime())?;
+    #[cfg(feature = "panic-on-request")]
+    crate::panics::hear_requests()?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
     deep_sleep.tell("main");

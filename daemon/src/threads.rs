@@ -7,6 +7,9 @@
 //! | `motord-telemetry` | histograms, log, watchdog |
 //! | `motord-registrar` | leaves the daemon's will with its dead man's switch |
 //! | `motord-reopen` | opens buses again that went away |
+//!
+//! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
+//! thread only waits for signals; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
 use crate::clock::Monotonic;
@@ -30,19 +33,25 @@ use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
 /// Cycles with stop frames before the daemon leaves a stopped robot.
 const LAST_CYCLES: u32 = 3;
 /// A robot that is not still so long after its damping should have ended is stopped without more of it.
 const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
+/// How often a registrar that panicked looks whether the last cycle is over.
+const REGISTRAR_TURN: Duration = Duration::from_millis(50);
 
 /// What the threads are told: run, stop with damping, stop now, or end.
 #[derive(Debug, Default)]
-struct Orders(AtomicU32);
+struct Orders {
+    order: AtomicU32,
+    /// The first thread that panicked.
+    panicked: OnceLock<&'static str>,
+}
 
 impl Orders {
     const STOP: u32 = 1;
@@ -50,11 +59,34 @@ impl Orders {
     const END: u32 = 3;
 
     fn give(&self, order: u32) {
-        self.0.fetch_max(order, Ordering::Relaxed);
+        self.order.fetch_max(order, Ordering::Relaxed);
     }
 
+    /// Every thread asks this in every turn of its loop.
     fn are(&self, order: u32) -> bool {
-        self.0.load(Ordering::Relaxed) >= order
+        #[cfg(feature = "panic-on-request")]
+        crate::panics::panic_if_asked();
+        self.order.load(Ordering::Relaxed) >= order
+    }
+
+    /// Stops the robot because `thread` panicked.
+    fn stop_without(&self, thread: &'static str) {
+        let _not_the_first = self.panicked.set(thread);
+        self.give(Self::STOP);
+    }
+}
+
+/// Gives the order to stop when its thread panics.
+struct StopsOnPanic {
+    orders: Arc<Orders>,
+    thread: &'static str,
+}
+
+impl Drop for StopsOnPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.orders.stop_without(self.thread);
+        }
     }
 }
 
@@ -108,10 +140,10 @@ impl Daemon {
         Ok(Self { orders, cycle, exchange, telemetry })
     }
 
-    /// A thread has ended, by request or not.
+    /// The motors are stopped, by request or because a thread panicked.
     #[must_use]
     pub fn has_ended(&self) -> bool {
-        self.cycle.is_finished() || self.exchange.is_finished() || self.telemetry.is_finished()
+        self.orders.are(Orders::STOP) && self.cycle.is_finished()
     }
 
     /// Damps and stops the motors; the cycle ends when they are stopped.
@@ -134,24 +166,35 @@ impl Daemon {
     ///
     /// # Errors
     ///
-    /// When a thread has ended by itself.
+    /// When a thread has panicked.
     pub fn end(self) -> Result<(), RunError> {
-        let asked = self.is_stopping();
         self.stop();
-        let cycle = self.cycle.join();
+        let _told_by_orders = self.cycle.join();
         self.orders.give(Orders::END);
         self.exchange.thread().unpark();
-        let exchange = self.exchange.join();
-        let telemetry = self.telemetry.join();
-        cycle.map_err(|_| RunError::Thread("cycle"))?;
-        exchange.map_err(|_| RunError::Thread("exchange"))?;
-        telemetry.map_err(|_| RunError::Thread("telemetry"))?;
-        if !asked {
-            return Err(RunError::Thread("cycle, exchange or telemetry"));
+        for thread in [self.exchange, self.telemetry] {
+            let _told_by_orders = thread.join();
+        }
+        if let Some(thread) = self.orders.panicked.get() {
+            return Err(RunError::Thread(thread));
         }
         tracing::info!("the motors are stopped");
         Ok(())
     }
+}
+
+/// Starts a thread whose panic stops the robot.
+fn start(
+    thread: &'static str,
+    orders: &Arc<Orders>,
+    body: impl FnOnce() + Send + 'static,
+) -> Result<JoinHandle<()>, RunError> {
+    let stops = StopsOnPanic { orders: Arc::clone(orders), thread };
+    let run = move || {
+        let _stops = stops;
+        body();
+    };
+    Ok(Builder::new().name(format!("motord-{thread}")).spawn(run)?)
 }
 
 fn start_exchange(
@@ -163,11 +206,11 @@ fn start_exchange(
     boot_id: u64,
 ) -> Result<JoinHandle<()>, RunError> {
     let (opened, ready) = channel();
-    let (lock, orders) = (Arc::clone(lock), Arc::clone(orders));
+    let (lock, told) = (Arc::clone(lock), Arc::clone(orders));
     let exchange = settings.exchange.clone();
     let period = settings.cycle.period;
     let roster = serde_json::to_string(&roster(settings, boot_id)).expect("names and numbers are JSON");
-    let thread = Builder::new().name("motord-exchange".into()).spawn(move || {
+    let thread = start("exchange", orders, move || {
         // The ports cannot be sent to another thread.
         let ports = match DaemonPorts::open(&lock) {
             Ok(ports) => ports,
@@ -176,7 +219,7 @@ fn start_exchange(
         let wish = Wish { cpu: exchange.cpu, priority: exchange.priority };
         rt::prepare_thread(wish).iter().for_each(|step| step.tell("exchange"));
         report(&opened, Ok(()));
-        Exchange::new(ports, end, questions, roster, &exchange, period).run(|| orders.are(Orders::END));
+        Exchange::new(ports, end, questions, roster, &exchange, period).run(|| told.are(Orders::END));
     })?;
     await_report(&ready, "exchange")??;
     Ok(thread)
@@ -187,15 +230,14 @@ fn start_telemetry(
     orders: &Arc<Orders>,
     mut recorder: Recorder,
 ) -> Result<JoinHandle<()>, RunError> {
-    let (lock, orders) = (Arc::clone(lock), Arc::clone(orders));
-    let thread = Builder::new().name("motord-telemetry".into()).spawn(move || {
+    let (lock, told) = (Arc::clone(lock), Arc::clone(orders));
+    start("telemetry", orders, move || {
         let housekeeper = Housekeeper::open(&lock);
         if let Err(error) = &housekeeper {
             tracing::warn!("dead clients will keep their places: {error}");
         }
-        recorder.run(housekeeper.ok().as_ref(), || orders.are(Orders::END));
-    })?;
-    Ok(thread)
+        recorder.run(housekeeper.ok().as_ref(), || told.are(Orders::END));
+    })
 }
 
 /// Nobody waits for this thread: opening a bus may take as long as the kernel likes, and it ends with the process.
@@ -205,9 +247,9 @@ fn start_workshop(
     mut workshop: Workshop,
     broken: Receiver<usize>,
 ) -> Result<(), RunError> {
-    let (settings, orders) = (settings.clone(), Arc::clone(orders));
-    let run = move || workshop.run(&settings, &broken, || orders.are(Orders::STOP));
-    let _detached = Builder::new().name("motord-reopen".into()).spawn(run)?;
+    let (settings, told) = (settings.clone(), Arc::clone(orders));
+    let run = move || workshop.run(&settings, &broken, || told.are(Orders::STOP));
+    let _detached = start("reopen", orders, run)?;
     Ok(())
 }
 
@@ -218,13 +260,13 @@ fn start_cycle(
     heartbeat: Heartbeat,
     locks: Vec<motord_bus::socketcan::InterfaceLock>,
 ) -> Result<JoinHandle<()>, RunError> {
-    let orders = Arc::clone(orders);
+    let told = Arc::clone(orders);
     let wish = Wish { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
     let period = settings.cycle.period;
     let damp = settings.safety.damp;
     let (prepared, ready) = channel();
-    let thread = Builder::new().name("motord-cycle".into()).spawn(move || {
+    let thread = start("cycle", orders, move || {
         let _held = locks;
         let mut steps = rt::prepare_thread(wish);
         steps.push(rt::tighten_timers());
@@ -240,7 +282,7 @@ fn start_cycle(
         cycle.set_realtime(refused.is_none());
         report(&prepared, Ok(()));
         drop(prepared);
-        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &orders, period, damp)));
+        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &told, period, damp)));
         if let Err(panic) = ran {
             cycle.carry_out_will();
             resume_unwind(panic);
@@ -267,9 +309,17 @@ fn start_registrar(
         return Ok(());
     }
     let mut registrar = Registrar::new(instance.clone(), will, pulse);
-    let orders = Arc::clone(orders);
-    let run = move || registrar.run(|| orders.are(Orders::END));
-    let _detached = Builder::new().name("motord-registrar".into()).spawn(run)?;
+    let told = Arc::clone(orders);
+    let run = move || {
+        if catch_unwind(AssertUnwindSafe(|| registrar.run(|| told.are(Orders::END)))).is_err() {
+            told.stop_without("registrar");
+            // Its connection must outlive the last cycle: closed before, it would set the switch on motors that are driven.
+            while !told.are(Orders::END) {
+                std::thread::sleep(REGISTRAR_TURN);
+            }
+        }
+    };
+    let _detached = start("registrar", orders, run)?;
     Ok(())
 }
 

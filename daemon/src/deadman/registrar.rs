@@ -33,6 +33,8 @@ pub struct Registrar {
     instance: Instance,
     will: Will,
     pulse: Pulse,
+    /// Closed with this value, not when `run` ends: a panic in it must not set the switch on a cycle that lives.
+    switch: Option<Channel>,
     told: bool,
 }
 
@@ -40,7 +42,7 @@ impl Registrar {
     /// For the daemon of `instance`, whose heartbeat is `pulse`.
     #[must_use]
     pub fn new(instance: Instance, will: Will, pulse: Pulse) -> Self {
-        Self { instance, will, pulse, told: false }
+        Self { instance, will, pulse, switch: None, told: false }
     }
 
     /// Runs until `stop` says so, in a thread of its own, which loses the descriptors of all others. Nothing waits for it:
@@ -54,7 +56,9 @@ impl Registrar {
                 Ok(switch) => {
                     tracing::info!("dead man's switch: yes");
                     self.told = false;
-                    while !stop() && !has_ended(&switch) {}
+                    let switch = self.switch.insert(switch);
+                    while !stop() && !has_ended(switch) {}
+                    self.switch = None;
                 }
                 Err(reason) if !self.told => {
                     tracing::warn!(
