@@ -6,15 +6,17 @@ export MOTORD_INSTANCE=demo
 
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
-# run_inside SCRIPT [SECTION.KEY=VALUE...]: builds the programs and runs the script in a guest, with these settings in the
+# run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
 # robot's configuration. Both work in one folder, which goes when the calling script ends.
+#
+#   RIG_FEATURES=       features of cargo that the programs are built with
 run_inside() {
     local script
     script=$(realpath "$1")
     shift
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --release -p motord -p motorctl
+    cargo build --quiet --locked --release -p motord -p motorctl --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
@@ -25,15 +27,16 @@ run_inside() {
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
 }
 
-# quadruped [SECTION.KEY=VALUE...]: the simulated quadruped with its buses on vcan0 to vcan3 and these settings. Its times
-# are those of a machine that stalls now and then.
+# quadruped [SECTION.KEY=[VALUE]...]: the simulated quadruped with its buses on vcan0 to vcan3 and these settings; one
+# without a value has its default. The file's times are those of a machine that stalls now and then.
 quadruped() {
     awk -v settings="$*" '
         BEGIN {
             for (n = split(settings, setting, " "); n; n--) {
                 split(setting[n], part, /[.=]/)
-                added["[" part[1] "]"] = added["[" part[1] "]"] "\n" part[2] " = " part[3]
                 replaced[part[2]]
+                if (part[3] == "") continue
+                added["[" part[1] "]"] = added["[" part[1] "]"] "\n" part[2] " = " part[3]
             }
         }
         $1 in replaced { next }
