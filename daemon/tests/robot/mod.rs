@@ -145,7 +145,7 @@ pub enum Meaning {
 }
 
 impl Meaning {
-    fn of(bytes: [u8; 8], torque_max: f64) -> Self {
+    pub fn of(bytes: [u8; 8], torque_max: f64) -> Self {
         let [a, b, c, d, e, f, g, h] = bytes.map(f64::from);
         match bytes {
             [255, 255, 255, 255, 255, 255, 255, 0xFC] => Self::Start,

@@ -1,0 +1,439 @@
+//! Items 13 to 19 of the fault catalogue on virtual CAN interfaces: the real cycle, the kernel's errors, the machine's clock.
+//!
+//! The host and its motors are on the two ends of a pair: the motors hear what has left the host's queue. On a single
+//! interface everybody hears what is still queued.
+//!
+//! These tests make interfaces: they need root on a kernel with SocketCAN. `rigs/test-can` boots one and runs them there;
+//! elsewhere they are reported as ignored.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod robot;
+
+use motord::buses;
+use motord::clock::Monotonic;
+use motord::config::settings::Settings;
+use motord::cycle::{self, Cycle, Ends, Place};
+use motord::plan::BusPlan;
+use motord::reopen::{self, Workshop};
+use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
+use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
+use motord_shared::{
+    AdminRequest, BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase,
+    StateMessage,
+};
+use motord_simulator::Bridge;
+use robot::Meaning;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::thread::JoinHandle;
+
+const BITRATE: u32 = 1_000_000;
+
+/// Runs `ip` or `tc`.
+fn run(command: &str) {
+    let mut words = command.split_whitespace();
+    let status = Command::new(words.next().unwrap()).args(words).status().unwrap();
+    assert!(status.success(), "{command}: {status}");
+}
+
+/// Three motors at 250 Hz, without questions for faults: what leaves in a cycle is three frames. The times are wide, since
+/// `ip` and `tc` run between the cycles.
+fn configured(interface: &str) -> Settings {
+    let mut text = format!(
+        "[cycle]\nrate-hz = 250\nmax-lateness-ms = 500\n[safety]\nsetpoint-timeout-ms = 500\nfault-poll-hz = 0\n\
+         start-timeout-ms = 5000\ndamp-seconds = 0.2\n\
+         [[bus]]\nname = \"can\"\ntype = \"socketcan\"\ninterface = \"{interface}\"\nbitrate = {BITRATE}\n"
+    );
+    for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
+        text += &robot::motor(id, name, "can", "");
+    }
+    robot::settings(&text)
+}
+
+/// Simulated motors on an interface, as other nodes: on a thread of their own.
+struct Motors {
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Motors {
+    fn on(interface: InterfaceName, settings: &Settings) -> Self {
+        let motors: Vec<_> = settings.motors.iter().collect();
+        let simulated = buses::simulate(&settings.buses[0], BITRATE, 1, &motors);
+        let mut bridge = Bridge::open(simulated, interface, BITRATE).unwrap();
+        let end = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&end);
+        let serve = move || {
+            while !ended.load(Ordering::Relaxed) {
+                let now = clock::monotonic();
+                bridge.serve(now);
+                let _ready =
+                    wait(&[bridge.readiness()], now, bridge.due().min(now + Duration::from_millis(10)));
+            }
+        };
+        Self { end, thread: Some(std::thread::spawn(serve)) }
+    }
+}
+
+impl Drop for Motors {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        let ended = self.thread.take().unwrap().join();
+        assert!(ended.is_ok() || std::thread::panicking(), "the motors panicked");
+    }
+}
+
+/// A robot on a pair of interfaces of its own, with a witness of what its motors are told.
+struct Robot {
+    interface: InterfaceName,
+    motor_side: InterfaceName,
+    settings: Settings,
+    cycle: Cycle<Monotonic>,
+    ends: Ends,
+    workshop: Workshop,
+    place: Place,
+    witness: SocketCanBus,
+    heard: Vec<(u16, Meaning)>,
+    motors: Option<Motors>,
+    lease: u64,
+    sequence: u64,
+}
+
+impl Robot {
+    fn new() -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let [interface, motor_side] = ["host", "motors"].map(|end| format!("{end}{number}").parse().unwrap());
+        plug_in(interface, motor_side);
+        let settings = configured(interface.as_str());
+        let bus = buses::open_one(&settings, 0).unwrap();
+        let (mut link, ends) = cycle::link(1);
+        let (replacements, workshop) = reopen::ends();
+        link.repairs(replacements);
+        let cycle = Cycle::new(&settings, &BusPlan::of(&settings), vec![bus], Monotonic, link, 7);
+        Self {
+            interface,
+            motor_side,
+            witness: witness(motor_side),
+            heard: Vec::new(),
+            motors: Some(Motors::on(motor_side, &settings)),
+            settings,
+            cycle,
+            ends,
+            workshop,
+            place: Place { cycle: 1, at: clock::monotonic() },
+            lease: 0,
+            sequence: 0,
+        }
+    }
+
+    /// Holds its joints where they are.
+    fn active() -> (Self, Vec<JointSetpoint>) {
+        let mut robot = Self::new();
+        let joints = robot.activate();
+        (robot, joints)
+    }
+
+    fn activate(&mut self) -> Vec<JointSetpoint> {
+        self.step_until(|robot| robot.are(MotorMode::Idle));
+        if self.group().lease == 0 {
+            self.lease = self.operate(Operation::Claim);
+            self.sequence = 0;
+        }
+        let hold = |position| JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };
+        let joints: Vec<_> = self.state().joints().iter().map(|joint| hold(joint.position)).collect();
+        self.follow(&joints);
+        self.operate(Operation::Enable);
+        for _ in 0..400 {
+            self.follow(&joints);
+        }
+        assert_eq!(self.phase(), Phase::Active, "{}", self.group().cause);
+        self.heard();
+        joints
+    }
+
+    fn step(&mut self) {
+        self.place = self.cycle.run(self.place);
+        self.ends.states.update();
+        while self.ends.records.pop().is_ok() {}
+        while self.ends.events.pop().is_ok() {}
+        self.listen();
+    }
+
+    fn steps(&mut self, cycles: usize) {
+        (0..cycles).for_each(|_| self.step());
+    }
+
+    fn step_until(&mut self, end: impl Fn(&mut Self) -> bool) {
+        for _ in 0..1000 {
+            self.step();
+            if end(self) {
+                return;
+            }
+        }
+        panic!("not within 1000 cycles: {:?}", self.bus());
+    }
+
+    fn follow(&mut self, joints: &[JointSetpoint]) {
+        self.sequence += 1;
+        let message = robot::message(self.lease, self.sequence, clock::monotonic(), joints);
+        *self.ends.setpoints[0].input_buffer_mut() = message;
+        self.ends.setpoints[0].publish();
+        self.step();
+    }
+
+    /// Follows until the group is stopped, and tells why and how many cycles that took.
+    fn stopped_within(&mut self, joints: &[JointSetpoint], cycles: usize) -> (Cause, usize) {
+        for cycle in 1..=cycles {
+            self.follow(joints);
+            if let Ok(cause) = Cause::try_from(self.group().cause) {
+                return (cause, cycle);
+            }
+        }
+        panic!("not stopped within {cycles} cycles: {:?}", self.bus());
+    }
+
+    /// Disturbs the host's interface between two cycles; the robot's time goes on when it is done.
+    fn disturb(&mut self, command: &str) {
+        run(&command.replace("DEV", self.interface.as_str()));
+        self.place.at = clock::monotonic();
+    }
+
+    /// What the controller of the interface would report.
+    fn report(&self, class: u32, detail: u8) {
+        let mut controller = SocketCanBus::open_to_send(self.interface, 8).unwrap();
+        let error = ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
+        assert_eq!(controller.report(&error).accepted, 1);
+    }
+
+    fn operate(&mut self, operation: Operation) -> u64 {
+        let request = AdminRequest { operation: operation.code(), ..Default::default() };
+        self.ends.requests.push((1, request)).unwrap();
+        for _ in 0..100 {
+            self.step();
+            if let Ok((_, reply)) = self.ends.answers.pop() {
+                assert_eq!(reply.refusal, 0, "{operation:?}");
+                return reply.lease;
+            }
+        }
+        panic!("{operation:?} is not answered");
+    }
+
+    /// What the motors were told since the last call: id and meaning.
+    fn heard(&mut self) -> Vec<(u16, Meaning)> {
+        self.listen();
+        std::mem::take(&mut self.heard)
+    }
+
+    /// Reads what the witness heard; every step does, before its socket is full.
+    fn listen(&mut self) {
+        let torque_max = self.settings.motors[0].torque_scale.field().max();
+        let mut inbox = Inbox::new();
+        self.witness.receive(clock::monotonic(), &mut inbox);
+        assert!(inbox.lost == 0 && inbox.room() > 0, "the witness must read more often");
+        for arrival in inbox.arrivals() {
+            if let Content::Frame(frame) = arrival.content {
+                self.heard.push((frame.id().raw(), meaning(&frame, torque_max)));
+            }
+        }
+    }
+
+    /// Nothing but what lets a motor rest was heard in so many cycles, and nothing started.
+    fn rests_for(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.step();
+            let heard = self.heard();
+            assert!(heard.iter().all(|(_, meaning)| meaning.is_safe()), "{heard:?}");
+        }
+    }
+
+    /// The motors are found again, but only a reset and an enable move them.
+    fn recovers_on_request(&mut self) {
+        self.step_until(|robot| robot.are(MotorMode::Idle));
+        self.rests_for(100);
+        assert_eq!(self.phase(), Phase::Disarmed);
+        self.operate(Operation::Reset);
+        self.rests_for(100);
+        self.activate();
+    }
+
+    fn state(&mut self) -> StateMessage {
+        *self.ends.states.output_buffer()
+    }
+
+    fn bus(&mut self) -> BusState {
+        self.state().buses[0]
+    }
+
+    fn group(&mut self) -> GroupState {
+        self.state().groups[0]
+    }
+
+    fn phase(&mut self) -> Phase {
+        self.group().phase.try_into().unwrap()
+    }
+
+    fn are(&mut self, mode: MotorMode) -> bool {
+        self.state().joints().iter().all(|joint| joint.mode == mode.code())
+    }
+
+    fn condition(&mut self) -> BusCondition {
+        self.bus().condition.try_into().unwrap()
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        self.motors = None;
+        let _gone_already = Command::new("ip").args(["link", "del", self.interface.as_str()]).status();
+    }
+}
+
+fn plug_in(interface: InterfaceName, motor_side: InterfaceName) {
+    run(&format!("ip link add dev {interface} type vxcan peer name {motor_side}"));
+}
+
+/// Hears what the motors hear.
+fn witness(interface: InterfaceName) -> SocketCanBus {
+    let ids = (1..=3).map(|id| FrameId::new(id).unwrap());
+    SocketCanBus::open(&socketcan::Settings { interface, bitrate: BITRATE, host_ids: ids.collect() }).unwrap()
+}
+
+fn meaning(frame: &Frame, torque_max: f64) -> Meaning {
+    Meaning::of(frame.payload().try_into().unwrap(), torque_max)
+}
+
+const WARNING: u8 = 0x08;
+const PASSIVE: u8 = 0x20;
+const ACTIVE: u8 = 0x40;
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
+    let (mut robot, joints) = Robot::active();
+    let before = robot.bus();
+    robot.report(ErrorFrame::CONTROLLER, WARNING);
+    robot.follow(&joints);
+    let now = robot.bus();
+    assert_eq!((now.errors - before.errors, now.malformed, now.unknown), (1, 0, 0));
+    assert_eq!((robot.condition(), robot.phase()), (BusCondition::Warning, Phase::Active));
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
+    let (mut robot, joints) = Robot::active();
+    robot.report(ErrorFrame::BUS_OFF, 0);
+    let (cause, cycles) = robot.stopped_within(&joints, 3);
+    assert!(cause == Cause::BusOff && cycles <= 2, "{cause} after {cycles} cycles");
+    robot.heard();
+    robot.steps(200);
+    assert_eq!((robot.heard(), robot.condition()), (vec![], BusCondition::Off));
+    robot.report(ErrorFrame::RESTARTED, 0);
+    robot.recovers_on_request();
+    assert_eq!(robot.condition(), BusCondition::Active);
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_flapping_controller_warns_and_stops_nothing() {
+    let (mut robot, joints) = Robot::active();
+    for detail in [PASSIVE, ACTIVE].repeat(100) {
+        robot.report(ErrorFrame::CONTROLLER, detail);
+        robot.follow(&joints);
+    }
+    assert_eq!(
+        (robot.phase(), robot.bus().errors, robot.condition()),
+        (Phase::Active, 200, BusCondition::Active)
+    );
+}
+
+/// The kernel's `ENOBUFS`, in the middle of one `sendmmsg`.
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_queue_that_takes_a_part_of_a_cycle_drops_the_rest_of_it() {
+    let (mut robot, joints) = Robot::active();
+    let before = robot.bus();
+    robot.disturb("tc qdisc add dev DEV root netem delay 2ms limit 2");
+    robot.heard();
+    robot.follow(&joints);
+    let now = robot.bus();
+    assert_eq!((now.sent - before.sent, now.dropped - before.dropped), (2, 1));
+    robot.disturb("tc qdisc del dev DEV root");
+    let heard: Vec<_> = robot.heard().into_iter().map(|(id, _)| id).collect();
+    assert_eq!(heard, [1, 2], "the first two, and no frame is tried again");
+    robot.follow(&joints);
+    assert_eq!((robot.heard().len(), robot.phase()), (3, Phase::Active));
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_queue_that_is_full_in_three_cycles_stops_the_group() {
+    let (mut robot, joints) = Robot::active();
+    robot.disturb("tc qdisc add dev DEV root netem delay 100s limit 1");
+    let (cause, cycles) = robot.stopped_within(&joints, 4);
+    assert_eq!((cause, cycles), (Cause::TransmitStall, 4), "told in the cycle after the third");
+    robot.disturb("tc qdisc del dev DEV root");
+    robot.recovers_on_request();
+}
+
+/// Both queues: that of the interface (`ENOBUFS`), and the send buffer (`EAGAIN`).
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn what_a_full_queue_refused_is_never_sent_later() {
+    for limit in [4, 1000] {
+        let (mut robot, joints) = Robot::active();
+        let before = robot.bus().sent;
+        robot.disturb(&format!("tc qdisc add dev DEV root netem delay 400ms limit {limit}"));
+        robot.heard();
+        for _ in 0..300 {
+            robot.follow(&joints);
+        }
+        robot.disturb("tc qdisc del dev DEV root");
+        let accepted = robot.bus().sent - before;
+        let heard = robot.heard();
+        assert!(robot.bus().dropped > 20, "{:?}", robot.bus());
+        assert!(
+            !heard.is_empty() && heard.len() <= accepted as usize,
+            "{} heard, {accepted} accepted",
+            heard.len()
+        );
+        let stale = heard.iter().take_while(|(_, meaning)| !meaning.is_safe()).count();
+        assert!(stale <= 8, "{stale} frames of two cycles");
+        assert!(heard[stale..].iter().all(|(_, meaning)| meaning.is_safe()), "{heard:?}");
+        robot.recovers_on_request();
+    }
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn an_interface_that_goes_down_stops_the_group_and_comes_back_without_starting() {
+    let (mut robot, joints) = Robot::active();
+    robot.disturb("ip link set DEV down");
+    let (cause, cycles) = robot.stopped_within(&joints, 3);
+    assert!(cycles <= 2, "{cycles}");
+    assert_eq!((cause, robot.condition()), (Cause::BusGone, BusCondition::Down));
+    robot.steps(100);
+    robot.disturb("ip link set DEV up");
+    robot.recovers_on_request();
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_starting() {
+    let (mut robot, joints) = Robot::active();
+    robot.disturb("ip link del DEV");
+    let (cause, cycles) = robot.stopped_within(&joints, 3);
+    assert!(cycles <= 2, "{cycles}");
+    assert_eq!((cause, robot.condition()), (Cause::BusGone, BusCondition::Gone));
+    robot.steps(100);
+    plug_in(robot.interface, robot.motor_side);
+    let opened = buses::open_one(&robot.settings, 0).unwrap();
+    robot.witness = witness(robot.motor_side);
+    robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
+    assert!(robot.workshop.hand_over(0, opened));
+    robot.place.at = clock::monotonic();
+    robot.recovers_on_request();
+}
