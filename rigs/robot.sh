@@ -4,6 +4,9 @@
 . "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/common.sh"
 export MOTORD_INSTANCE=demo
 
+# Settings for run_inside: the times that a robot has by default.
+robots_times=({cycle.max-lateness,safety.setpoint-timeout,safety.deadman,safety.start-timeout}-ms= safety.lost-cycles=)
+
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
 # run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
@@ -11,16 +14,18 @@ inside() { [ -n "${RIG_PLACE:-}" ]; }
 #
 #   RIG_FEATURES=       features of cargo that the programs are built with
 run_inside() {
-    local script
+    local script target=${CARGO_TARGET_DIR:-target}
     script=$(realpath "$1")
     shift
+    # A build for a rig must not be taken for one for a robot.
+    [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --release -p motord -p motorctl --features "${RIG_FEATURES:-}"
+    cargo build --quiet --locked --release --target-dir "$target" -p motord -p motorctl --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "${CARGO_TARGET_DIR:-target}"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
+    cp "$target"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
