@@ -67,6 +67,8 @@ enum Link {
 struct Transfer {
     sender: Sender,
     frame: Frame,
+    /// Since when it wanted the wire.
+    ready: Instant,
     ends: Instant,
 }
 
@@ -239,13 +241,16 @@ impl SimulatedBus {
             return;
         };
         let ends = start + winner.duration;
+        // On a serial bus a frame of the host waits for its turn, too.
+        let handed_over = self.queue.front().map(|queued| queued.ready);
+        let ready = handed_over.filter(|_| winner.sender == Sender::Host).unwrap_or(winner.ready);
         let sender = if matches!(winner.sender, Sender::Motor(_)) && self.answers.collide(&winner, start) {
             Sender::Several
         } else {
             self.withdraw(&winner, start);
             winner.sender
         };
-        self.wire = Some(Transfer { sender, frame: winner.frame, ends });
+        self.wire = Some(Transfer { sender, frame: winner.frame, ready, ends });
     }
 
     fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
@@ -282,14 +287,14 @@ impl SimulatedBus {
     }
 
     /// Everybody but the sender hears a frame when it is complete.
-    fn complete(&mut self, Transfer { sender, frame, ends }: Transfer) {
+    fn complete(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
         if sender == Sender::Several {
             let error = ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] };
             return self.arrive(ends, Content::Error(error));
         }
         let from_host = sender == Sender::Host;
         let direction = if from_host { Direction::ToMotor } else { Direction::ToHost };
-        self.record.push(Recorded { at: ends, direction, frame });
+        self.record.push(Recorded { ready, at: ends, direction, frame });
         if self.settings.kind == BusKind::Serial {
             self.host_ready = if from_host { ends + SERIAL_PATIENCE } else { ends };
         }

@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 /// A frame that was complete on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Recorded {
+    /// Since when it wanted the wire: a frame of the host, since it was handed over.
+    pub ready: Instant,
     /// The end of the frame.
     pub at: Instant,
     /// Who sent it.

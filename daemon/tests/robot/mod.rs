@@ -116,6 +116,8 @@ impl Clock for Virtual {
 /// A frame to a motor, decoded from the MIT document 1.1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sent {
+    /// When the cycle handed it over.
+    pub ready: Instant,
     /// The end of the frame.
     pub at: Instant,
     /// Which bus.
@@ -313,7 +315,14 @@ impl Robot {
                 self.settings.motors.iter().find(|motor| motor.bus == bus && u16::from(motor.id) == id);
             let torque_max = motor.expect("frames go to motors of the bus").torque_scale.field().max();
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
-            self.sent.push(Sent { at, bus, id, bytes, meaning: Meaning::of(bytes, torque_max) });
+            self.sent.push(Sent {
+                ready: recorded.ready,
+                at,
+                bus,
+                id,
+                bytes,
+                meaning: Meaning::of(bytes, torque_max),
+            });
         }
     }
 

@@ -275,13 +275,10 @@ struct Cycle {
     told: Vec<Told>,
 }
 
-/// No command is shorter on a wire of 1 Mbit/s.
-const FRAME_TIME: Duration = Duration::from_micros(111);
-
 impl Cycle {
-    /// The frame was sent in this cycle: it was not still on the wire when the cycle began.
+    /// The frame was sent in this cycle: other traffic delays some beyond the cycle that sent them.
     fn has_sent(&self, frame: &Sent) -> bool {
-        frame.at >= self.begun + FRAME_TIME
+        frame.ready >= self.begun
     }
 }
 
