@@ -246,6 +246,24 @@ fn a_fault_is_known_although_every_answer_lags_by_a_cycle() {
     }
 }
 
+/// Goal: a motor that was lost and is found by late answers is not believed to be in fault: only an operator could mend that.
+/// Method: its answers come so late that those to other questions meet the question for its fault.
+#[test]
+fn states_that_come_late_from_a_lost_motor_are_never_taken_for_faults() {
+    for delay in [60, 110, 250, 333, 410, 450, 505] {
+        let mut robot = Robot::new(robot::three_motors(), delay);
+        let joints = robot.activate();
+        for verb in [format!("thigh delayed {delay}ms"), "thigh ok".into()] {
+            robot.disturb(&verb);
+            for _ in 0..2000 {
+                robot.follow(&joints);
+                assert_eq!(robot.joint(1).fault, 0, "delayed by {delay} ms");
+            }
+        }
+        assert_eq!(robot.mode(1), MotorMode::Idle, "delayed by {delay} ms");
+    }
+}
+
 /// Goal: a bug in the cycle does not leave motors with their last command.
 /// Method: the clock panics in mid-cycle; what the daemon's thread does then is done here.
 #[test]

@@ -6,10 +6,11 @@
 //! dropped whatever it is: its bytes could be fault bits that look like a position (protocol note M2). Unless it has the
 //! shape of a fault report, which no state has: then it is one.
 //!
-//! The other way round, an answer to a question for the fault that continues the last state is taken for a late state: on
-//! a machine that reads every reply one cycle late, nothing else tells them apart. Bytes that mean nothing could make a
-//! report look so, too: after [`POLLS_MAX`] questions in a row without a report, the next answer is believed, unless a
-//! request was left unanswered just before.
+//! The other way round, a late state can meet a question for the fault. Of a motor that has sent a report of that shape
+//! before, nothing else is a report. Of another, an answer that continues the last state is taken for a late state: on a
+//! machine that reads every reply one cycle late, nothing else tells them apart. Bytes that mean nothing could make a report
+//! look so, too: after [`POLLS_MAX`] questions in a row without a report, the next answer is believed, unless a request was
+//! left unanswered just before.
 //!
 //! Nothing here allocates, blocks or loops.
 
@@ -70,6 +71,8 @@ pub struct Drive {
     drop_until: Instant,
     /// Questions for the fault in a row that no report came to in their cycle.
     unreported: u32,
+    /// It has sent a report that no state looks like.
+    has_reported: bool,
 }
 
 /// An answer that is later than this never comes.
@@ -102,6 +105,7 @@ impl Drive {
             owed_since: Instant::ZERO,
             drop_until: Instant::ZERO,
             unreported: 0,
+            has_reported: false,
         }
     }
 
@@ -148,21 +152,24 @@ impl Drive {
             && let Some(report) = self.report(payload)
         {
             self.unreported = 0;
+            self.has_reported = true;
             self.read_late();
             return Answer::Heard(report);
         }
         let Some(open) = self.open.filter(|open| at >= open.at + self.fastest_answer) else {
             return self.read_unasked();
         };
-        let doubtful = self.owed > 0 || self.unreported < POLLS_MAX;
-        if open.asks_fault && doubtful && self.continues(payload, at) {
-            return self.read_late();
-        }
         let latency = at.since(open.at);
         let answer = match &mut self.dialect {
             Dialect::Mit(mit) => mit.decode(payload, at, latency),
             Dialect::Gim(gim) => gim.decode(payload, latency),
         };
+        if open.asks_fault && matches!(answer, Answer::Heard(_)) {
+            if self.is_rather_a_state(payload, at) {
+                return self.read_late();
+            }
+            self.has_reported |= self.report(payload).is_some();
+        }
         if matches!(answer, Answer::Heard(_)) {
             if at < self.drop_until {
                 // A second question for the fault is given up with the first, or every next one would be.
@@ -207,6 +214,12 @@ impl Drive {
             Dialect::Mit(mit) => mit.report(payload),
             Dialect::Gim(_) => None,
         }
+    }
+
+    /// An answer to a question for the fault, but more likely a late one to another.
+    fn is_rather_a_state(&self, payload: &[u8], at: Instant) -> bool {
+        let doubted = self.owed > 0 || self.unreported < POLLS_MAX;
+        self.report(payload).is_none() && (self.has_reported || doubted && self.continues(payload, at))
     }
 
     /// Natively an answer names its question.
