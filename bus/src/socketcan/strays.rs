@@ -31,12 +31,7 @@ impl Strays {
     /// [`OpenError::NotCan`] when the interface is gone, or [`OpenError::System`].
     pub fn open(link: &Link, expected: &[FrameId]) -> Result<Self, OpenError> {
         let socket = open_socket(link.interface, link.index, |socket| {
-            let others: Vec<(u32, u32)> =
-                expected.iter().map(|id| (u32::from(id.raw()) | libc::CAN_INV_FILTER, EXACT)).collect();
-            if !others.is_empty() {
-                socket.set_filters(&others)?;
-            }
-            socket.set_join_filters(true)?;
+            socket.set_filters(&others(expected))?;
             socket.set_socket_option_int(libc::SOL_CAN_RAW, libc::CAN_RAW_FD_FRAMES, 1)?;
             socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)
         })?;
@@ -60,6 +55,49 @@ impl Strays {
         self.read += 1;
         if let Some(dropped) = wire::ancillary(self.batch.message(index).control()).dropped {
             self.dropped += u64::from(dropped.wrapping_sub(self.dropped as u32));
+        }
+    }
+}
+
+/// Filters for everything but data frames with the `expected` ids: ranges of ids, of which a frame meets one or none. The
+/// kernel judges every frame of the bus by them within the send that puts it there, so they must be cheap; an inverted filter
+/// for each expected id, all joined, would take a call for nearly every one.
+fn others(expected: &[FrameId]) -> Vec<(u32, u32)> {
+    let mut filters = vec![
+        (libc::CAN_EFF_FLAG, libc::CAN_EFF_FLAG),
+        (libc::CAN_RTR_FLAG, libc::CAN_RTR_FLAG | libc::CAN_EFF_FLAG),
+    ];
+    ranges_without(expected, 0, libc::CAN_SFF_MASK + 1, &mut filters);
+    filters
+}
+
+/// Appends filters for the ids from `start` that are not `expected`; `size`, how many there are, is a power of two.
+fn ranges_without(expected: &[FrameId], start: u32, size: u32, filters: &mut Vec<(u32, u32)>) {
+    let range = start..start + size;
+    if !expected.iter().any(|id| range.contains(&u32::from(id.raw()))) {
+        filters.push((start, EXACT & !(size - 1)));
+    } else if size > 1 {
+        ranges_without(expected, start, size / 2, filters);
+        ranges_without(expected, start + size / 2, size / 2, filters);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_frame_but_the_expected_meets_one_filter() {
+        let expected: Vec<FrameId> =
+            [1, 2, 3, 0x101, 0x102, 0x103, 0x7FF].iter().map(|id| FrameId::new(*id).unwrap()).collect();
+        let filters = others(&expected);
+        let met = |frame: u32| filters.iter().filter(|(id, mask)| frame & mask == *id).count();
+        for id in 0..=libc::CAN_SFF_MASK {
+            let is_expected = expected.iter().any(|known| u32::from(known.raw()) == id);
+            assert_eq!(met(id), usize::from(!is_expected), "{id:#x}");
+            assert_eq!(met(id | libc::CAN_RTR_FLAG), 1, "{id:#x}");
+            assert_eq!(met(id | libc::CAN_EFF_FLAG), 1, "{id:#x}");
+            assert_eq!(met(id | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG), 1, "{id:#x}");
         }
     }
 }
