@@ -29,6 +29,8 @@ pub(crate) struct Batch {
     /// Only read by the kernel.
     _vectors: Vec<libc::iovec>,
     headers: Vec<libc::mmsghdr>,
+    /// How many headers the kernel has written to since they were made ready to receive.
+    used: usize,
 }
 
 // SAFETY: the pointers that make `Batch` not `Send` point into the heap blocks of its own `Vec`s. They go where the
@@ -45,7 +47,7 @@ impl Batch {
             frames.iter().map(|frame| libc::iovec { iov_base: frame.as_ptr().cast(), iov_len }).collect();
         let first: *mut libc::iovec = vectors.as_mut_ptr();
         let headers = (0..capacity).map(|index| header(first.wrapping_add(index))).collect();
-        Self { frames, controls, _vectors: vectors, headers }
+        Self { frames, controls, _vectors: vectors, headers, used: capacity }
     }
 
     pub(crate) fn capacity(&self) -> usize {
@@ -72,12 +74,12 @@ impl Batch {
     /// Receives up to `limit` messages, and tells how many came. Never blocks; one system call.
     pub(crate) fn receive(&mut self, socket: BorrowedFd<'_>, limit: usize) -> Result<usize, Errno> {
         let limit = limit.min(self.capacity());
-        for (header, control) in self.headers.iter_mut().zip(&self.controls).take(limit) {
+        for (header, control) in self.headers.iter_mut().zip(&self.controls).take(self.used) {
             header.msg_hdr.msg_control = control.as_ptr().cast();
             header.msg_hdr.msg_controllen = CONTROL_BYTES;
         }
         // SAFETY: `headers` holds at least `limit` headers. Each points to one iovec, that to `iov_len` bytes of a
-        // cell in `frames`, and to the `CONTROL_BYTES` of a cell in `controls`: alive and unmoved as long as `self`,
+        // cell in `frames`, and to at most the `CONTROL_BYTES` of a cell in `controls`: alive and unmoved as long as `self`,
         // writable behind a shared reference because they are cells, and no reference into a cell exists.
         // Any bytes are valid for both types. No timeout is passed.
         let received = unsafe {
@@ -89,7 +91,10 @@ impl Batch {
                 ptr::null_mut(),
             )
         };
-        Errno::result(received).map(|received| received as usize)
+        let received = Errno::result(received).map(|received| received as usize);
+        // It writes to the header of a message that fails, too.
+        self.used = received.map_or(1, |received| received + 1).min(self.capacity());
+        received
     }
 
     /// What the last [`receive`](Self::receive) put into message `index`, which must be below the count it told.

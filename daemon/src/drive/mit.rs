@@ -183,7 +183,10 @@ impl Feedback {
         let exact = exact(torque, scale);
         let [low, high] = self.codes;
         let wanted = exact - self.carried;
-        let code = wanted.round().clamp(exact.floor(), exact.ceil()).max(low).min(high);
+        // Codes are not negative: cutting off is rounding down, without a call of the mathematical library.
+        let below = f64::from(exact as u16);
+        let above = below + f64::from(u8::from(exact > below));
+        let code = if wanted - below < 0.5 { below } else { above }.max(low).min(high);
         self.carried = (code - wanted).clamp(-0.5, 0.5);
         code as u16
     }
