@@ -310,7 +310,10 @@ fn start_registrar(
     }
     let mut registrar = Registrar::new(instance.clone(), will, pulse);
     let told = Arc::clone(orders);
+    // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
+    let wish = Wish { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) };
     let run = move || {
+        let _refused_like_the_cycle = rt::prepare_thread(wish);
         if catch_unwind(AssertUnwindSafe(|| registrar.run(|| told.are(Orders::END)))).is_err() {
             told.stop_without("registrar");
             // Its connection must outlive the last cycle: closed before, it would set the switch on motors that are driven.

@@ -21,7 +21,8 @@ use motord_bus::{Duration, Instant};
 pub const INTERVAL: Duration = Duration::from_millis(10);
 /// Stop frames to each motor, after damping.
 pub const STOPS: u8 = 3;
-/// The heartbeat is looked at this often within `patience`, so that it stands still for at most a fifth longer.
+/// The heartbeat is looked at this often within `patience`: its last beat is seen a fifth later at most, and that it stands
+/// still another fifth.
 const LOOKS: u32 = 5;
 /// It is not looked at more often than this.
 const LOOK_LEAST: Duration = Duration::from_millis(1);
