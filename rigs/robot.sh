@@ -89,6 +89,6 @@ await() {
 
 fail() {
     echo "$(basename "$0"): $*" >&2
-    inside && tail -n 40 motord.log controller.log simulator.log >&2
+    ! inside || tail -n 40 motord.log controller.log simulator.log >&2
     exit 1
 }
