@@ -9,7 +9,7 @@
 //! The other way round, a late state can meet a question for the fault. Of a motor that has sent a report of that shape
 //! before, nothing else is a report. Of another, an answer that continues the last state is taken for a late state: on a
 //! machine that reads every reply one cycle late, nothing else tells them apart. Bytes that mean nothing could make a report
-//! look so, too: after [`POLLS_MAX`] questions in a row without a report, the next answer is believed, unless a request was
+//! look so, too: after three questions in a row without a report, the next answer is believed, unless a request was
 //! left unanswered just before.
 //!
 //! Nothing here allocates, blocks or loops.
