@@ -2,7 +2,7 @@
 
 use super::limit::{self, Circumstances, Limited, limit};
 use super::{Command, Control};
-use crate::config::settings::{MotorProtocol, MotorSettings};
+use crate::config::settings::MotorProtocol;
 use crate::joint::Impedance;
 use motord_shared::{MotorMode, SetpointMode};
 
@@ -45,7 +45,7 @@ impl Control {
             return self.damp(index, false);
         };
         let ramp = self.tick.begun.since(group.since()).as_secs_f32() / self.safety.start_ramp.as_secs_f32();
-        let MotorSettings { limits, rated_torque, .. } = &self.settings[index];
+        let limits = &self.settings[index].limits;
         // Without a pull the position applied before is only a number: the way to a new one begins where the joint is.
         let mut previous = motor.applied;
         if !motor.is_pulled() {
@@ -58,7 +58,7 @@ impl Control {
             measured,
             elapsed: self.elapsed,
             ramp,
-            winding_torque: motor.heat.allowed(*rated_torque, limits.torque),
+            winding_torque: motor.heat.allowed(limits.torque),
         };
         (limit(&wanted, &circumstances), mode)
     }

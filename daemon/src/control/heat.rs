@@ -21,46 +21,46 @@ const OVERHEATED: f64 = 1.2;
 /// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
 const TWICE_RATED: f64 = 0.287_682_072_451_781;
 
-/// What a winding bears.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Winding {
+/// The heat of one winding, and what it bears.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Heat {
+    value: f64,
     /// The torque that it can give for good, N·m.
     rated: f32,
     /// The most torque that it can give, N·m.
     peak: f32,
-    /// Twice the rated torque warms it to 1 in this time.
-    overload: Duration,
+    /// s.
+    time_constant: f64,
 }
-
-impl From<&MotorSettings> for Winding {
-    fn from(settings: &MotorSettings) -> Self {
-        Self { rated: settings.rated_torque, peak: settings.peak_torque, overload: settings.overload }
-    }
-}
-
-/// The heat of one winding.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Heat(f64);
 
 impl Heat {
+    /// Of a cold winding.
+    pub(super) fn of(settings: &MotorSettings) -> Self {
+        Self {
+            value: 0.0,
+            rated: settings.rated_torque,
+            peak: settings.peak_torque,
+            time_constant: settings.overload.as_secs_f64() / TWICE_RATED,
+        }
+    }
+
     /// `torque`, N·m, was given for `elapsed`. More than its peak no winding gives: a motor that tells so tells garbage.
-    pub(super) fn warm(&mut self, torque: f32, winding: Winding, elapsed: Duration) {
-        let loss = f64::from(torque.abs().min(winding.peak) / winding.rated).powi(2);
-        let time = winding.overload.as_secs_f64() / TWICE_RATED;
+    pub(super) fn warm(&mut self, torque: f32, elapsed: Duration) {
+        let loss = f64::from(torque.abs().min(self.peak) / self.rated).powi(2);
         // Implicit, so that no elapsed time, however long, leads beyond the loss.
         let elapsed = elapsed.as_secs_f64();
-        self.0 += (loss - self.0) * elapsed / (time + elapsed);
+        self.value += (loss - self.value) * elapsed / (self.time_constant + elapsed);
     }
 
     /// The torque that may be given now, of at most `limit`, N·m.
-    pub(super) fn allowed(self, rated: f32, limit: f32) -> f32 {
-        let share = ((1.0 - self.0) / (1.0 - KNEE)).clamp(0.0, 1.0) as f32;
-        limit.min(rated + (limit - rated).max(0.0) * share)
+    pub(super) fn allowed(&self, limit: f32) -> f32 {
+        let share = ((1.0 - self.value) / (1.0 - KNEE)).clamp(0.0, 1.0) as f32;
+        limit.min(self.rated + (limit - self.rated).max(0.0) * share)
     }
 
     /// It is warmer than what was allowed can have made it.
-    pub(super) fn is_overheated(self) -> bool {
-        self.0 > OVERHEATED
+    pub(super) fn is_overheated(&self) -> bool {
+        self.value > OVERHEATED
     }
 }
 
@@ -70,66 +70,67 @@ mod tests {
 
     const RATED: f32 = 7.5;
     const LIMIT: f32 = 20.0;
-    const WINDING: Winding = Winding { rated: RATED, peak: 22.0, overload: Duration::from_secs(10) };
+    /// Twice the rated torque for ten seconds.
+    const COLD: Heat = Heat { value: 0.0, rated: RATED, peak: 22.0, time_constant: 10.0 / TWICE_RATED };
     const CYCLE: Duration = Duration::from_millis(1);
 
     /// Gives `wanted` for `seconds`, as far as it is allowed. Returns what was allowed last.
     fn give(heat: &mut Heat, wanted: f32, seconds: u32) -> f32 {
         for _ in 0..seconds * 1000 {
-            heat.warm(wanted.min(heat.allowed(RATED, LIMIT)), WINDING, CYCLE);
+            heat.warm(wanted.min(heat.allowed(LIMIT)), CYCLE);
         }
-        heat.allowed(RATED, LIMIT)
+        heat.allowed(LIMIT)
     }
 
     #[test]
     fn the_rated_torque_is_allowed_for_good_and_no_torque_cools() {
-        let mut heat = Heat::default();
+        let mut heat = COLD;
         assert!(give(&mut heat, RATED, 1000) >= RATED);
-        assert!(heat.0 <= 1.0 && !heat.is_overheated());
+        assert!(heat.value <= 1.0 && !heat.is_overheated());
         give(&mut heat, 0.0, 100);
-        assert!(heat.0 < 0.1, "{heat:?}");
-        assert_eq!(heat.allowed(RATED, LIMIT), LIMIT);
+        assert!(heat.value < 0.1, "{heat:?}");
+        assert_eq!(heat.allowed(LIMIT), LIMIT);
     }
 
     #[test]
     fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_it_is_told() {
-        let mut heat = Heat::default();
+        let mut heat = COLD;
         for _ in 0..10_000 {
-            heat.warm(2.0 * RATED, WINDING, CYCLE);
+            heat.warm(2.0 * RATED, CYCLE);
         }
-        assert!((heat.0 - 1.0).abs() < 1e-3, "{heat:?}");
+        assert!((heat.value - 1.0).abs() < 1e-3, "{heat:?}");
     }
 
     #[test]
     fn too_much_torque_sinks_to_the_rated_and_never_warms_the_winding_beyond_it() {
-        let mut heat = Heat::default();
+        let mut heat = COLD;
         assert!(give(&mut heat, 2.0 * RATED, 5) >= 2.0 * RATED, "for a while it is allowed");
         assert!(
             give(&mut heat, 2.0 * RATED, 5) < 2.0 * RATED,
             "not as long as a winding without a model would take"
         );
         assert!(give(&mut heat, LIMIT, 20) < 1.01 * RATED);
-        assert!(heat.0 <= 1.0, "{heat:?}");
+        assert!(heat.value <= 1.0, "{heat:?}");
     }
 
     #[test]
     fn a_torque_that_no_motor_has_warms_it_as_much_as_its_peak() {
-        let [mut told, mut given] = [Heat::default(); 2];
+        let [mut told, mut given] = [COLD; 2];
         for _ in 0..50 {
-            told.warm(-225.0, WINDING, CYCLE);
-            given.warm(22.0, WINDING, CYCLE);
+            told.warm(-225.0, CYCLE);
+            given.warm(22.0, CYCLE);
         }
         assert_eq!(told, given);
-        assert!(told.0 < 0.05, "garbage for 50 ms is no heat: {told:?}");
+        assert!(told.value < 0.05, "garbage for 50 ms is no heat: {told:?}");
     }
 
     #[test]
     fn a_limit_below_the_rated_torque_stays_the_limit() {
-        let mut heat = Heat::default();
+        let mut heat = COLD;
         for _ in 0..100 {
-            heat.warm(10.0 * RATED, WINDING, Duration::from_secs(1));
+            heat.warm(10.0 * RATED, Duration::from_secs(1));
         }
         assert!(heat.is_overheated());
-        assert_eq!(heat.allowed(RATED, 5.0), 5.0);
+        assert_eq!(heat.allowed(5.0), 5.0);
     }
 }

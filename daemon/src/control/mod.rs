@@ -163,7 +163,7 @@ impl Control {
             max_skipped: settings.cycle.max_skipped,
             settings: settings.motors.clone(),
             group_of,
-            motors: (0..motors).map(|_| Motor::new()).collect(),
+            motors: settings.motors.iter().map(Motor::new).collect(),
             groups: settings.groups.iter().map(Group::new).collect(),
             buses: vec![health; settings.buses.len()],
             commands: vec![Command::Nothing; motors],

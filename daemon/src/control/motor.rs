@@ -12,7 +12,7 @@
 
 use super::Command;
 use super::errand::{Errand, Kind};
-use super::heat::{Heat, Winding};
+use super::heat::Heat;
 use super::plausibility::{Expectation, Plausibility, Verdict};
 use crate::config::settings::MotorSettings;
 use crate::joint::{Impedance, Joint, Measured};
@@ -78,7 +78,7 @@ pub(super) struct Motor {
 }
 
 impl Motor {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(settings: &MotorSettings) -> Self {
         Self {
             mode: MotorMode::Offline,
             start: Start::Neutral(0),
@@ -89,7 +89,7 @@ impl Motor {
             limits: 0,
             held: None,
             errand: None,
-            heat: Heat::default(),
+            heat: Heat::of(settings),
             fault: FaultBits(0),
             asked: false,
             answered: false,
@@ -175,11 +175,11 @@ impl Motor {
 
     /// Its winding gave torque for `elapsed`: what it told just now, or what it was asked for when that is more. A motor that
     /// does not tell the truth is not trusted with more heat for it.
-    pub(super) fn warm(&mut self, winding: Winding, elapsed: Duration) {
+    pub(super) fn warm(&mut self, elapsed: Duration) {
         let told = if self.is_fresh() { self.measured.map_or(0.0, |told| told.torque.abs()) } else { 0.0 };
         let asked =
             self.measured.map_or(0.0, |told| self.applied.predicted_torque(told.position, told.velocity));
-        self.heat.warm(told.max(asked.abs()), winding, elapsed);
+        self.heat.warm(told.max(asked.abs()), elapsed);
     }
 
     /// The command of this cycle for every mode but `Active` and `Damping`, which depend on the group.

@@ -53,7 +53,7 @@ impl Control {
     /// In the modes of a drive that leave the torque to it, nothing can be derated: the group is stopped instead.
     pub(super) fn watch_heat(&mut self, elapsed: Duration) {
         for motor in 0..self.motors.len() {
-            self.motors[motor].warm((&self.settings[motor]).into(), elapsed);
+            self.motors[motor].warm(elapsed);
             if self.motors[motor].heat.is_overheated() {
                 self.stop(self.group_of[motor], Cause::OverTemperature, Some(motor));
             }
