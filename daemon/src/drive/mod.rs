@@ -165,10 +165,11 @@ impl Drive {
             Dialect::Gim(gim) => gim.decode(payload, latency),
         };
         if open.asks_fault && matches!(answer, Answer::Heard(_)) {
-            if self.is_rather_a_state(payload, at) {
+            let is_certain = self.report(payload).is_some();
+            if !is_certain && self.is_rather_a_state(payload, at) {
                 return self.read_late();
             }
-            self.has_reported |= self.report(payload).is_some();
+            self.has_reported |= is_certain;
         }
         if matches!(answer, Answer::Heard(_)) {
             if at < self.drop_until {
@@ -216,10 +217,10 @@ impl Drive {
         }
     }
 
-    /// An answer to a question for the fault, but more likely a late one to another.
+    /// An answer to a question for the fault that is no certain report: more likely a late one to another.
     fn is_rather_a_state(&self, payload: &[u8], at: Instant) -> bool {
         let doubted = self.owed > 0 || self.unreported < POLLS_MAX;
-        self.report(payload).is_none() && (self.has_reported || doubted && self.continues(payload, at))
+        self.has_reported || doubted && self.continues(payload, at)
     }
 
     /// Natively an answer names its question.
