@@ -42,7 +42,7 @@ pub struct CycleSettings {
     pub max_skipped: f32,
     /// From the sending of a cycle's commands: replies that have not come by then are missed.
     pub reply_deadline: Duration,
-    /// Poll for this long at the end of each wait instead of sleeping; zero sleeps only.
+    /// Look at the buses without a sleep for this long, before each sleep for replies; zero sleeps only.
     pub busy_poll: Duration,
 }
 

@@ -28,7 +28,7 @@ const REQUESTS_PER_CYCLE: usize = ADMINS_MAX;
 /// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
 const CALLS_PER_BUS: usize = 3;
 /// Most looks at the open buses in the place of one sleep, should the clock not move.
-const POLLS_MAX: usize = 1000;
+const LOOKS_MAX: usize = 1000;
 
 /// Everything the real-time thread owns.
 pub struct Cycle<C> {
@@ -220,7 +220,7 @@ impl<C: Clock> Cycle<C> {
             return;
         }
         let until = deadline.min(self.clock.now() + self.busy_poll);
-        for _ in 0..POLLS_MAX {
+        for _ in 0..LOOKS_MAX {
             let open = Ready::of(self.slots.iter().map(|slot| slot.is_open(&self.drives)));
             if !open.any() || self.clock.now() >= until {
                 break;
