@@ -95,6 +95,26 @@ fn a_daemon_that_slept_half_a_second_wakes_into_a_stop() {
     assert_eq!(robot.state().overruns, 500);
 }
 
+/// Goal: a daemon that goes on after its motors were stopped by others does not move them with what it decided before.
+/// Method: it is frozen at every place of a cycle where it reads the clock, so before every bus.
+#[test]
+fn a_daemon_that_was_frozen_sends_nothing_that_it_decided_before() {
+    for place in 0..12 {
+        let mut robot = Robot::new(robot::quadruped(), 1);
+        let mut joints = robot.activate();
+        joints.iter_mut().for_each(|joint| joint.torque = 3.0);
+        robot.follow(&joints);
+        robot.take_sent();
+        let thaws = robot.next() + Duration::from_millis(100);
+        robot.clock.freeze.set(Some((place, Duration::from_millis(101))));
+        robot.steps(3);
+        assert_eq!((robot.phase(), robot.clock.freeze.get()), (Phase::Damping, None), "at reading {place}");
+        let mut sent = robot.take_sent();
+        sent.retain(|sent| sent.ready >= thaws);
+        assert!(sent.len() >= 12 && sent.iter().all(|sent| sent.meaning.is_safe()), "at reading {place}");
+    }
+}
+
 #[test]
 fn a_clock_that_runs_backwards_changes_no_command_and_stops_nothing() {
     for back in [Duration::from_nanos(1), Duration::from_micros(100), Duration::from_millis(1)] {

@@ -35,6 +35,7 @@ pub struct Cycle<C> {
     clock: C,
     period: Duration,
     reply_deadline: Duration,
+    max_lateness: Duration,
     busy_poll: Duration,
     slots: Vec<Slot>,
     drives: Vec<Drive>,
@@ -69,6 +70,7 @@ impl<C: Clock> Cycle<C> {
             clock,
             period: settings.cycle.period,
             reply_deadline: settings.cycle.reply_deadline,
+            max_lateness: settings.cycle.max_lateness,
             busy_poll: settings.cycle.busy_poll,
             slots: slots.collect(),
             drives: drives.collect(),
@@ -168,7 +170,7 @@ impl<C: Clock> Cycle<C> {
 
     /// Tells when the frames were handed over: the replies are awaited from then on.
     fn transmit(&mut self, tick: &Tick) -> Instant {
-        let Self { control, drives, slots, bus_of, clock, .. } = self;
+        let Self { control, drives, slots, bus_of, clock, max_lateness, .. } = self;
         let commands = control.decide(*tick);
         let now = clock.now();
         slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
@@ -176,10 +178,14 @@ impl<C: Clock> Cycle<C> {
             slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
         }
         for (bus, slot) in slots.iter_mut().enumerate() {
-            let took_all = slot.send(now, |motor| {
+            let now = clock.now();
+            // A process that was frozen since it decided goes on here, when others may have stopped its motors.
+            let is_stale = now.since(tick.begun) > *max_lateness;
+            let unask = |motor: usize| {
                 drives[motor].unask();
                 control.unsent(motor);
-            });
+            };
+            let took_all = if is_stale { slot.withhold(unask) } else { slot.send(now, unask) };
             control.bus_took(bus, took_all);
             control.bus_changed(bus, slot.condition());
         }

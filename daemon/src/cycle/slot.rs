@@ -89,7 +89,7 @@ impl Slot {
 
     /// Sends what was queued; to a bus that is off or gone, nothing. What is not accepted is dropped and counted: its
     /// motor was not asked. Tells whether all was accepted.
-    pub(super) fn send(&mut self, now: Instant, mut unask: impl FnMut(usize)) -> bool {
+    pub(super) fn send(&mut self, now: Instant, unask: impl FnMut(usize)) -> bool {
         self.sent_at = now;
         self.heard_at = now;
         if self.frames.is_empty() {
@@ -99,11 +99,6 @@ impl Slot {
             BusCondition::Off | BusCondition::Gone => Sent { accepted: 0, refusal: None },
             _ => self.bus.send(now, &self.frames),
         };
-        let accepted = sent.accepted.min(self.frames.len());
-        let dropped = self.frames.len() - accepted;
-        self.senders[accepted..].iter().for_each(|&motor| unask(motor));
-        self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
-        self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
         match sent.refusal {
             Some(Refusal::Down) => self.condition = BusCondition::Down,
             Some(Refusal::Gone) => self.condition = BusCondition::Gone,
@@ -111,6 +106,20 @@ impl Slot {
             None if self.condition == BusCondition::Down => self.condition = BusCondition::Active,
             None => {}
         }
+        self.account(sent.accepted, unask)
+    }
+
+    /// Sends nothing of what was queued, as if the bus had not accepted it.
+    pub(super) fn withhold(&mut self, unask: impl FnMut(usize)) -> bool {
+        self.account(0, unask)
+    }
+
+    fn account(&mut self, accepted: usize, mut unask: impl FnMut(usize)) -> bool {
+        let accepted = accepted.min(self.frames.len());
+        let dropped = self.frames.len() - accepted;
+        self.senders[accepted..].iter().for_each(|&motor| unask(motor));
+        self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
+        self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
         dropped == 0
     }
 

@@ -84,12 +84,21 @@ pub struct Virtual {
     pub suspended: Rc<Cell<Duration>>,
     /// The next reading of the clock panics.
     pub broken: Rc<Cell<bool>>,
+    /// After so many further readings of the clock the process is frozen for so long.
+    pub freeze: Rc<Cell<Option<(u32, Duration)>>>,
 }
 
 impl Clock for Virtual {
     fn now(&self) -> Instant {
         assert!(!self.broken.take(), "a panic in the cycle, as a test asked for");
-        self.now.set(self.now.get() + self.reading.get());
+        let frozen = match self.freeze.take() {
+            Some((0, frozen)) => frozen,
+            later => {
+                self.freeze.set(later.map(|(readings, frozen)| (readings - 1, frozen)));
+                Duration::ZERO
+            }
+        };
+        self.now.set(self.now.get() + self.reading.get() + frozen);
         self.now.get()
     }
 
@@ -251,6 +260,7 @@ impl Robot {
             late: Rc::default(),
             suspended: Rc::default(),
             broken: Rc::default(),
+            freeze: Rc::default(),
         };
         let (mut link, ends) = cycle::link(settings.groups.len());
         let (replacements, workshop) = reopen::ends();
