@@ -91,11 +91,7 @@ impl Workshop {
         let name = &settings.buses[index].name;
         match buses::open_one(settings, index) {
             Ok(bus) => {
-                tracing::warn!(
-                    bus = name,
-                    "opened again; its motors are stopped until they are enabled. If it was unplugged, a dead man's \
-                     switch knows it again only when the daemon is restarted"
-                );
+                tracing::warn!(bus = name, "opened again; its motors are stopped until they are enabled");
                 self.hand_over(index, bus)
             }
             Err(error) => {

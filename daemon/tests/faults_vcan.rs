@@ -10,14 +10,20 @@
 
 mod robot;
 
+use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
 use motord::clock::Monotonic;
 use motord::config::settings::Settings;
 use motord::cycle::{self, Cycle, Ends, Place};
+use motord::deadman::channel::{Answer, Channel, Listener, Request};
+use motord::deadman::server::Server;
+use motord::deadman::will::{Will, expect_interface};
+use motord::heartbeat::Heartbeat;
 use motord::plan::BusPlan;
 use motord::reopen::{self, Workshop};
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
+use motord_shared::instance::Instance;
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase,
     StateMessage,
@@ -203,9 +209,9 @@ impl Robot {
 
     /// What the controller of the interface would report.
     fn report(&self, class: u32, detail: u8) {
-        let mut controller = SocketCanBus::open_to_send(self.interface, 8).unwrap();
-        let error = ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
-        assert_eq!(controller.report(&error).accepted, 1);
+        let controller = CanSocket::open(self.interface.as_str()).unwrap();
+        let error = CanErrorFrame::new_error(class, &[0, detail, 0, 0, 0, 0, 0, 0]).unwrap();
+        controller.write_frame(&error).unwrap();
     }
 
     fn operate(&mut self, operation: Operation) -> u64 {
@@ -430,4 +436,45 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
     assert!(robot.workshop.hand_over(0, opened));
     robot.place.at = clock::monotonic();
     robot.recovers_on_request();
+}
+
+/// Goal: a robot whose adapter was unplugged and plugged in again is damped like any other when its daemon dies.
+/// Method: the switch registers a will, here from this thread, while one interface is missing; it comes, goes and comes again.
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
+    let [interface, motor_side]: [InterfaceName; 2] = ["late", "later"].map(|name| name.parse().unwrap());
+    let settings = configured(interface.as_str());
+    let directory = tempfile::tempdir().unwrap();
+    let instance = Instance::below(directory.path(), "test").unwrap();
+    let mut server = Server::new(Listener::bind(&instance).unwrap(), expect_interface);
+    let mut turn = || server.turn(clock::monotonic() + Duration::from_millis(10));
+
+    let (heartbeat, pulse) = Heartbeat::create().unwrap();
+    heartbeat.beat(1);
+    let daemon = Channel::connect(&instance).unwrap();
+    daemon.send(&Request::Register(Will::of(&settings)), Some(&pulse)).unwrap();
+    turn();
+    turn();
+    assert_eq!(daemon.receive::<Answer>().unwrap().0, Answer::Registered);
+
+    plug_in(interface, motor_side);
+    run(&format!("ip link del {interface}"));
+    plug_in(interface, motor_side);
+    run(&format!("ip link set {interface} up"));
+    let mut witness = witness(motor_side);
+    drop(daemon);
+    let mut heard = Inbox::new();
+    turn();
+    turn();
+    witness.receive(clock::monotonic(), &mut heard);
+    let torque_max = settings.motors[0].torque_scale.field().max();
+    let mut damped = Vec::new();
+    for arrival in heard.arrivals() {
+        let Content::Frame(frame) = arrival.content else { continue };
+        assert!(matches!(meaning(&frame, torque_max), Meaning::Control { kd, .. } if kd > 0.0), "{frame:?}");
+        damped.push(frame.id().raw());
+    }
+    assert!(damped.starts_with(&[1, 2, 3]), "{damped:?}");
+    run(&format!("ip link del {interface}"));
 }

@@ -17,11 +17,12 @@
 mod link;
 mod lock;
 mod name;
+mod sender;
 mod strays;
 mod wire;
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
 
 use nix::errno::Errno;
 use nix::sys::socket::{AddressFamily, SockFlag, SockProtocol, SockType, socket};
@@ -36,6 +37,7 @@ use crate::{Bus, Readiness, Refusal, Sent};
 pub use link::{Link, OpenError, RESTART_MS, Remedy, Step};
 pub use lock::{InterfaceLock, LockError};
 pub use name::{InterfaceName, InvalidName};
+pub use sender::Sender;
 pub use strays::Strays;
 
 /// What to open.
@@ -94,27 +96,7 @@ impl SocketCanBus {
         let interface = settings.interface;
         let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
         let socket = open_socket(interface, link.index, |socket| configure(socket, settings))?;
-        Ok(Self::on(link, socket))
-    }
-
-    /// Opens the interface as it is, only to send up to `frames` at a time: for whoever stops the motors of a daemon that
-    /// has died, and must not take down what the daemon has set up. Nothing is ever received. Off the real-time thread.
-    ///
-    /// # Errors
-    ///
-    /// [`OpenError::Missing`], [`OpenError::NotCan`] or [`OpenError::System`]. An interface that is down opens; sending
-    /// then meets [`Refusal::Down`] until it is up.
-    pub fn open_to_send(interface: InterfaceName, frames: u32) -> Result<Self, OpenError> {
-        let link = Link::read(interface)?;
-        let socket = open_socket(interface, link.index, |socket| {
-            socket.set_filters::<(u32, u32)>(&[])?;
-            limit_queue(socket, frames)
-        })?;
-        Ok(Self::on(link, socket))
-    }
-
-    fn on(link: Link, socket: CanSocket) -> Self {
-        Self {
+        Ok(Self {
             socket,
             link,
             outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES),
@@ -122,7 +104,7 @@ impl SocketCanBus {
             realtime: RealtimeOffset::measure(),
             latest: clock::monotonic(),
             dropped: 0,
-        }
+        })
     }
 
     /// What the interface was set to when it was opened.
@@ -135,16 +117,29 @@ impl SocketCanBus {
     /// simulated motors. A real controller refuses it or sends nonsense.
     pub fn report(&mut self, error: &ErrorFrame) -> Sent {
         self.outgoing.put(0, wire::encode_error(error));
-        self.send_first(1)
+        send_first(&mut self.outgoing, self.socket.as_fd(), 1)
     }
+}
 
-    /// Sends the first `count` frames that were put into the outgoing batch.
-    fn send_first(&mut self, count: usize) -> Sent {
-        match self.outgoing.send(self.socket.as_fd(), count) {
-            Ok(accepted) if accepted == count => Sent::all(accepted),
-            Ok(accepted) => Sent { accepted, refusal: Some(Refusal::Full) },
-            Err(errno) => Sent { accepted: 0, refusal: Some(refusal(errno)) },
-        }
+/// Sends what fits of `frames`. One system call.
+fn send(outgoing: &mut Batch, socket: BorrowedFd<'_>, frames: &[Frame]) -> Sent {
+    if frames.is_empty() {
+        return Sent::all(0);
+    }
+    let count = frames.len().min(outgoing.capacity());
+    for (index, frame) in frames.iter().take(count).enumerate() {
+        outgoing.put(index, wire::encode(frame));
+    }
+    let sent = send_first(outgoing, socket, count);
+    Sent { refusal: sent.refusal.or((count < frames.len()).then_some(Refusal::Full)), ..sent }
+}
+
+/// Sends the first `count` frames that were put into a batch.
+fn send_first(outgoing: &mut Batch, socket: BorrowedFd<'_>, count: usize) -> Sent {
+    match outgoing.send(socket, count) {
+        Ok(accepted) if accepted == count => Sent::all(accepted),
+        Ok(accepted) => Sent { accepted, refusal: Some(Refusal::Full) },
+        Err(errno) => Sent { accepted: 0, refusal: Some(refusal(errno)) },
     }
 }
 
@@ -154,17 +149,27 @@ fn open_socket(
     index: u32,
     configure: impl FnOnce(&CanSocket) -> io::Result<()>,
 ) -> Result<CanSocket, OpenError> {
-    let failed = |error: &io::Error| OpenError::System { interface, step: Step::Socket, errno: errno(error) };
-    let raw = socket(AddressFamily::Can, SockType::Raw, SockFlag::SOCK_CLOEXEC, SockProtocol::CanRaw)
-        .map_err(|errno| failed(&errno.into()))?;
-    let socket = CanSocket::from(raw);
-    configure(&socket).map_err(|error| failed(&error))?;
+    let socket = raw_socket(interface)?;
+    configure(&socket).map_err(|error| failed(interface, &error))?;
+    bind(&socket, interface, index)?;
+    Ok(socket)
+}
+
+fn raw_socket(interface: InterfaceName) -> Result<CanSocket, OpenError> {
+    let raw = socket(AddressFamily::Can, SockType::Raw, SockFlag::SOCK_CLOEXEC, SockProtocol::CanRaw);
+    raw.map(CanSocket::from).map_err(|errno| failed(interface, &errno.into()))
+}
+
+fn bind(socket: &CanSocket, interface: InterfaceName, index: u32) -> Result<(), OpenError> {
     let address = CanAddr::new(index).into_sock_addr();
     socket.as_raw_socket().bind(&address).map_err(|error| match errno(&error) {
         Errno::ENODEV => OpenError::NotCan(interface),
-        _ => failed(&error),
-    })?;
-    Ok(socket)
+        _ => failed(interface, &error),
+    })
+}
+
+fn failed(interface: InterfaceName, error: &io::Error) -> OpenError {
+    OpenError::System { interface, step: Step::Socket, errno: errno(error) }
 }
 
 fn errno(error: &io::Error) -> Errno {
@@ -192,15 +197,7 @@ impl Bus for SocketCanBus {
     /// One `sendmmsg`. When it takes a part, the kernel does not tell why it stopped: that is reported as
     /// [`Refusal::Full`], and the next call meets the reason itself.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
-        if frames.is_empty() {
-            return Sent::all(0);
-        }
-        let count = frames.len().min(self.outgoing.capacity());
-        for (index, frame) in frames.iter().take(count).enumerate() {
-            self.outgoing.put(index, wire::encode(frame));
-        }
-        let sent = self.send_first(count);
-        Sent { refusal: sent.refusal.or((count < frames.len()).then_some(Refusal::Full)), ..sent }
+        send(&mut self.outgoing, self.socket.as_fd(), frames)
     }
 
     /// One `recvmmsg`. `now` is what the caller read after its wait: no arrival is later. An error of the interface is

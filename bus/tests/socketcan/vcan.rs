@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use motord_bus::conformance::{Condition, Fixture, HOST_IDS, Stimulus};
-use motord_bus::socketcan::{Link, OpenError, SocketCanBus, Strays};
+use motord_bus::socketcan::{Link, OpenError, Sender, SocketCanBus, Strays};
 use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant, Refusal, Sent, clock};
 use socketcan::CanInterface;
 
@@ -182,6 +182,41 @@ fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
         assert_eq!(vcan.send(&[frame(1)]), Sent::all(1));
     }
     assert_eq!(descriptors(), before);
+}
+
+/// Goal: what stops the motors of a dead daemon serves whatever has the interface's name at that time, at once.
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_sender_finds_the_interface_that_has_its_name_now() {
+    let frames = [frame(1), frame(2)];
+    let send = |sender: &mut Sender| sender.send(clock::monotonic(), &frames);
+    let mut vcan = Vcan::new();
+    let mut sender = Sender::new(settings(&vcan.name).interface, 8).unwrap();
+    for round in 0..10 {
+        let before = allocations();
+        let sent = send(&mut sender);
+        assert_eq!((sent, allocations() - before), (Sent::all(2), 0), "round {round}: new");
+        assert_eq!(vcan.heard(), frames);
+        assert!(vcan.set(Condition::Down));
+        assert_eq!(send(&mut sender).refusal, Some(Refusal::Down), "round {round}");
+        assert!(vcan.set(Condition::Up));
+        assert_eq!(send(&mut sender), Sent::all(2), "round {round}: up again");
+        assert!(vcan.set(Condition::Gone));
+        let before = allocations();
+        assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}");
+        assert_eq!(allocations(), before);
+        CanInterface::create_vcan(&vcan.name, None).unwrap();
+        assert!(vcan.set(Condition::Up));
+    }
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_sender_takes_no_interface_of_another_kind() {
+    let lo = settings("lo").interface;
+    let mut sender = Sender::new(lo, 8).unwrap();
+    assert_eq!(sender.find(), Err(OpenError::NotCan(lo)));
+    assert_eq!(sender.send(clock::monotonic(), &[frame(1)]).refusal, Some(Refusal::Gone));
 }
 
 #[test]

@@ -91,7 +91,7 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     steps.extend([rt::tighten_timers(), rt::lock_memory()]);
     steps.iter().for_each(|step| step.tell("deadman"));
 
-    let mut server = Server::new(listener, will::open_interface);
+    let mut server = Server::new(listener, will::expect_interface);
     tracing::info!(instance = instance.name(), "ready");
     let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
     while server.is_acting() || !told_to_end.load(Ordering::Relaxed) {

@@ -50,7 +50,7 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Bus>, WillError>> Server<O> {
     }
 
     /// Waits until something is due, at most until `until`, and does it. While a daemon is watched and nobody calls:
-    /// neither allocates nor blocks otherwise, two system calls and one more per interface.
+    /// neither allocates nor blocks otherwise; two system calls and one more per interface, seven per interface that is away.
     pub fn turn(&mut self, until: Instant) {
         let wake = self.ward.as_ref().map_or(until, |ward| ward.duty.switch.due().min(until));
         let ready = wait::wait(&self.readiness(), clock::monotonic(), wake);
@@ -123,7 +123,7 @@ impl Ward {
 }
 
 impl Duty {
-    /// Real-time: does not allocate or block; one system call, and one per interface when something is due. Returns why
+    /// Real-time: does not allocate or block; one system call, and when something is due those of [`Executor`]. Returns why
     /// it acted, when that is over.
     fn step(&mut self, connected: bool) -> Option<Cause> {
         let acted = self.switch.acts();

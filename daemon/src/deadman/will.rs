@@ -2,7 +2,8 @@
 
 use crate::config::settings::{BusKind, Settings};
 use crate::drive::last_frames;
-use motord_bus::socketcan::{InterfaceName, SocketCanBus};
+use core::fmt::Display;
+use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
 use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant};
 use serde::{Deserialize, Serialize};
 
@@ -92,10 +93,33 @@ pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Bus>, WillErr
 ///
 /// [`WillError::Interface`].
 pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Bus>, WillError> {
-    let failed = |reason: &dyn core::fmt::Display| WillError::Interface { reason: reason.to_string() };
+    let (sender, found) = look_for(name, frames)?;
+    found.map_err(|error| failed(&error))?;
+    Ok(Box::new(sender))
+}
+
+/// The same, but one that is missing may come later.
+///
+/// # Errors
+///
+/// [`WillError::Interface`].
+pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Bus>, WillError> {
+    let (sender, found) = look_for(name, frames)?;
+    if let Err(error) = found {
+        tracing::warn!("{error}. It is looked for again when its motors are to be damped.");
+    }
+    Ok(Box::new(sender))
+}
+
+fn look_for(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), WillError> {
     let interface: InterfaceName = name.parse().map_err(|error| failed(&error))?;
-    let bus = SocketCanBus::open_to_send(interface, frames).map_err(|error| failed(&error))?;
-    Ok(Box::new(bus))
+    let mut sender = Sender::new(interface, frames).map_err(|error| failed(&error))?;
+    let found = sender.find();
+    Ok((sender, found))
+}
+
+fn failed(reason: &dyn Display) -> WillError {
+    WillError::Interface { reason: reason.to_string() }
 }
 
 /// A [`BusWill`] that is ready to be carried out.
@@ -121,7 +145,8 @@ impl Executor {
     }
 
     /// Sends the frame of every motor. What the bus refuses is lost: the next order repeats it. Real-time: does not
-    /// allocate or block; one system call.
+    /// allocate; one system call, or seven where the interface is away, one of which waits while another process configures
+    /// interfaces.
     pub fn carry_out(&mut self, order: Order, now: Instant) {
         let frames = match order {
             Order::Damp => &self.damp,

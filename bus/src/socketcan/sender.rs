@@ -1,0 +1,71 @@
+//! Sending and nothing else, for whoever stops the motors of a daemon that has died.
+
+use std::os::fd::AsFd;
+
+use nix::net::if_::if_nametoindex;
+use socketcan::{CanSocket, Socket, SocketOptions};
+
+use super::{InterfaceName, OpenError, bind, failed, limit_queue, raw_socket, send, wire};
+use crate::frame::{Frame, Inbox};
+use crate::kernel::Batch;
+use crate::time::Instant;
+use crate::{Bus, Readiness, Refusal, Sent};
+
+/// Sends on the interface of a name, whichever that is: one that is missing, or was unplugged and plugged in again, is looked
+/// for whenever there is something to send.
+///
+/// It takes the interface as it is, and leaves alone what a daemon has set up. One that is down refuses with
+/// [`Refusal::Down`] until it is up.
+pub struct Sender {
+    interface: InterfaceName,
+    socket: CanSocket,
+    outgoing: Batch,
+}
+
+impl Sender {
+    /// For up to `frames` at a time. The interface need not be there. Allocates.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::System`]: the kernel has no CAN, or there are no descriptors left.
+    pub fn new(interface: InterfaceName, frames: u32) -> Result<Self, OpenError> {
+        let socket = raw_socket(interface)?;
+        let nothing = socket.set_filters::<(u32, u32)>(&[]);
+        nothing.and_then(|()| limit_queue(&socket, frames)).map_err(|error| failed(interface, &error))?;
+        Ok(Self { interface, socket, outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES) })
+    }
+
+    /// Finds the interface that has the name now. Does not allocate; five system calls, one of which waits while another
+    /// process configures interfaces. With `CAP_NET_ADMIN` the kernel looks for a driver of that name first.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::Missing`], [`OpenError::NotCan`] or [`OpenError::System`].
+    pub fn find(&mut self) -> Result<(), OpenError> {
+        let index =
+            if_nametoindex(self.interface.as_str()).map_err(|_| OpenError::Missing(self.interface))?;
+        bind(&self.socket, self.interface, index)?;
+        // What happened to the interface before is told once more by the next call otherwise.
+        self.socket.as_raw_socket().take_error().map_err(|error| failed(self.interface, &error))?;
+        Ok(())
+    }
+}
+
+impl Bus for Sender {
+    /// One `sendmmsg`. When the interface is away, or was, it is [looked for](Self::find), and there is a second.
+    fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+        let sent = send(&mut self.outgoing, self.socket.as_fd(), frames);
+        let is_away = matches!(sent.refusal, Some(Refusal::Gone | Refusal::Down));
+        if !is_away || self.find().is_err() {
+            return sent;
+        }
+        send(&mut self.outgoing, self.socket.as_fd(), frames)
+    }
+
+    /// Nothing ever comes.
+    fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
+
+    fn readiness(&self) -> Readiness {
+        Readiness::Never
+    }
+}
