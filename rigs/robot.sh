@@ -9,6 +9,11 @@ robots_times=({cycle.max-lateness,safety.setpoint-timeout,safety.deadman,safety.
 
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
+if inside; then
+    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=$RIG_PLACE:$PATH
+    mkdir -m 700 "$MOTORD_RUNTIME_DIR"
+fi
+
 # run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
 # robot's configuration. Both work in one folder, which goes when the calling script ends.
 #
@@ -21,11 +26,12 @@ run_inside() {
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --release --target-dir "$target" -p motord -p motorctl --features "${RIG_FEATURES:-}"
+    cargo build --quiet --locked --release --target-dir "$target" --features "${RIG_FEATURES:-}" \
+        -p motord -p motorctl -p motord-client --bins --example hold
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "$target"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
+    cp "$target"/release/{motord,motord-sim,motorctl,examples/hold} "$RIG_PLACE"
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
@@ -49,23 +55,57 @@ quadruped() {
         { print $0 added[$0] }'
 }
 
-# Starts 12 simulated motors on vcan0 to vcan3, then the daemon, and waits for both. Their process ids are $simulator and $daemon.
-start_robot() {
-    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=$RIG_PLACE:$PATH
-    mkdir -m 700 "$MOTORD_RUNTIME_DIR"
+# Starts simulated motors on the CAN interfaces of robot.toml. The process id is $simulator.
+start_simulator() {
     # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
     chrt --fifo 40 motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
     await "motord-sim is ready" grep -q ready simulator.log
+}
+
+# Starts the daemon with robot.toml. The process id is $daemon.
+start_daemon() {
     motord run --config robot.toml >motord.log 2>&1 &
     daemon=$!
+    await "motord is ready" grep -q ' ready ' motord.log
+}
+
+# Both, up to motors that can be enabled.
+start_robot() {
+    start_simulator
+    start_daemon
     await "all motors are idle" motors_are idle
 }
 
-stop_robot() {
-    kill "$daemon"
-    wait "$daemon"
-    kill "$simulator"
+stop_daemon() { kill "$daemon" && wait "$daemon"; }
+
+stop_robot() { stop_daemon && kill "$simulator"; }
+
+# start_trot SECONDS: lets the robot trot. The process id of its controller is $controller.
+start_trot() {
+    motorctl demo-controller "$1" >controller.log 2>&1 &
+    controller=$!
+    await "the robot trots" grep -q progress controller.log
+}
+
+# note MARK...: for a judge, with the time that candump tells.
+note() { echo "$EPOCHREALTIME $*" >>notes; }
+
+# Cycles since the daemon's start, by its own count.
+ran() { status '.cycle - .overruns'; }
+
+# The id of the thread that runs the cycle.
+cycle_thread() { grep -lx motord-cycle /proc/"$daemon"/task/*/comm | cut -d/ -f5; }
+
+# account THREAD: "cycles nanoseconds" of the cycle thread up to now; the time is the kernel's.
+account() { echo "$(ran)" "$(cut -d' ' -f1 "/proc/$daemon/task/$1/schedstat")"; }
+
+# cycle_cost SECONDS: the nanoseconds of processor time that a cycle takes meanwhile.
+cycle_cost() {
+    local thread
+    thread=$(cycle_thread)
+    { account "$thread" && sleep "$1" && account "$thread"; } |
+        awk '{ cycles = $1 - cycles; time = $2 - time } END { print time / cycles }'
 }
 
 # status FILTER: what jq's FILTER makes of the daemon's state.
