@@ -18,6 +18,7 @@ fi
 # robot's configuration. Both work in one folder, which goes when the calling script ends.
 #
 #   RIG_FEATURES=       features of cargo that the programs are built with
+#   RIG_EXAMPLE=        an example of the client that is built, too
 run_inside() {
     local script target=${CARGO_TARGET_DIR:-target}
     script=$(realpath "$1")
@@ -26,12 +27,16 @@ run_inside() {
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --release --target-dir "$target" --features "${RIG_FEATURES:-}" \
-        -p motord -p motorctl -p motord-client --bins --example hold
+    cargo build --quiet --locked --release --target-dir "$target" -p motord -p motorctl --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "$target"/release/{motord,motord-sim,motorctl,examples/hold} "$RIG_PLACE"
+    cp "$target"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
+    if [ -n "${RIG_EXAMPLE:-}" ]; then
+        # By itself, or the daemon would be built with features that only the examples need.
+        cargo build --quiet --locked --release --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"
+        cp "$target/release/examples/$RIG_EXAMPLE" "$RIG_PLACE"
+    fi
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
