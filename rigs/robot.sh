@@ -70,6 +70,7 @@ start_simulator() {
 
 # Starts the daemon with robot.toml. The process id is $daemon.
 start_daemon() {
+    : >motord.log # that of the daemon before is ready already
     motord run --config robot.toml >motord.log 2>&1 &
     daemon=$!
     await "motord is ready" grep -q ' ready ' motord.log
@@ -88,6 +89,7 @@ stop_robot() { stop_daemon && kill "$simulator"; }
 
 # start_trot SECONDS: lets the robot trot. The process id of its controller is $controller.
 start_trot() {
+    : >controller.log # that of the trot before tells of progress
     motorctl demo-controller "$1" >controller.log 2>&1 &
     controller=$!
     await "the robot trots" grep -q progress controller.log
