@@ -7,6 +7,14 @@ export MOTORD_INSTANCE=demo
 # Settings for run_inside: the times that a robot has by default.
 robots_times=({cycle.max-lateness,safety.setpoint-timeout,safety.deadman,safety.start-timeout}-ms= safety.lost-cycles=)
 
+# What a motor may be told while it must not move, as regular expressions of a frame's data (MIT document 1.1). A control
+# command has seven digits of position and velocity, three of stiffness, three of damping, three of torque; zero lies
+# between two codes of velocity and torque.
+damping='^....(7FF|800)000(00[^0]|0[^0].|[^0]..)(7FF|800)$'
+stop='^FFFFFFFFFFFFFFFD$'
+# Whether a motor is at fault, asked and cleared.
+fault='^FFFFFFFFFFFF..FB$'
+
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
 if inside; then
@@ -136,6 +144,6 @@ await() {
 
 fail() {
     echo "$(basename "$0"): $*" >&2
-    ! inside || tail -n 40 motord.log controller.log simulator.log >&2
+    ! inside || tail -n 40 motord.log controller.log simulator.log >&2 2>/dev/null
     exit 1
 }
