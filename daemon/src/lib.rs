@@ -9,6 +9,7 @@
 //! - [`telemetry`]: histograms, and what the [`log`] is told.
 //! - [`deadman`], [`heartbeat`] and [`safe_stop`]: what stops the motors when the daemon cannot.
 //! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`], [`threads`] and [`run`]: putting it all together.
+//!   [`systemd`] is told how it goes.
 
 pub mod buses;
 pub mod check;
@@ -32,5 +33,6 @@ pub mod roster;
 pub mod rt;
 pub mod run;
 pub mod safe_stop;
+pub mod systemd;
 pub mod telemetry;
 pub mod threads;

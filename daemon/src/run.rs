@@ -3,6 +3,7 @@
 use crate::buses::{self, BusError};
 use crate::config::{self, ConfigError};
 use crate::rt;
+use crate::systemd;
 use crate::threads::Daemon;
 use motord_bus::Duration;
 use motord_bus::socketcan::LockError;
@@ -81,19 +82,21 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
     deep_sleep.tell("main");
 
+    let damp = settings.safety.damp;
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
     tracing::info!(instance = lock.instance().name(), "ready");
-    let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
+    systemd::ready();
     while !daemon.has_ended() {
         for signal in signals.pending() {
-            heed(&daemon, signal);
+            heed(&daemon, signal, damp);
         }
         std::thread::sleep(SIGNAL_TURN);
     }
     daemon.end()
 }
 
-fn heed(daemon: &Daemon, signal: i32) {
+/// `damp` is how long the motors may have to be damped.
+fn heed(daemon: &Daemon, signal: i32, damp: Duration) {
     match signal {
         SIGHUP => tracing::info!("SIGHUP is ignored: the configuration is read once, at the start"),
         _ if daemon.is_stopping() => {
@@ -102,7 +105,7 @@ fn heed(daemon: &Daemon, signal: i32) {
         }
         _ => {
             tracing::info!("damping and stopping the motors, then leaving");
-            let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
+            systemd::stops(damp);
             daemon.stop();
         }
     }

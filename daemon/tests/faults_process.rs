@@ -264,6 +264,17 @@ fn a_second_signal_ends_the_damping_at_once() {
     assert_eq!(operator.phase(), Phase::Disarmed);
 }
 
+/// The unit's `TimeoutStopSec=` is shorter than the longest damping.
+#[test]
+fn a_daemon_that_is_told_to_end_asks_systemd_to_wait_for_the_damping() {
+    let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\n[[bus]]");
+    let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
+    daemon.must_say(READY);
+    daemon.signal(Signal::SIGTERM);
+    daemon.must_say("STOPPING=1\nEXTEND_TIMEOUT_USEC=33000000");
+    assert!(daemon.ends().success());
+}
+
 #[test]
 fn a_hangup_is_no_reason_to_end() {
     let daemon = Daemon::plain();

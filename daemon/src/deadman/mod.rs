@@ -22,6 +22,7 @@ pub mod will;
 
 use crate::config::{self, ConfigError};
 use crate::rt::{self, Wish};
+use crate::systemd;
 use channel::Listener;
 use motord_bus::{Duration, clock};
 use motord_shared::instance::{Instance, InstanceError};
@@ -93,8 +94,12 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
 
     let mut server = Server::new(listener, will::expect_interface);
     tracing::info!(instance = instance.name(), "ready");
-    let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Ready]);
-    while server.is_acting() || !told_to_end.load(Ordering::Relaxed) {
+    systemd::ready();
+    while !told_to_end.load(Ordering::Relaxed) {
+        server.turn(clock::monotonic() + IDLE);
+    }
+    systemd::stops(settings.safety.damp);
+    while server.is_acting() {
         server.turn(clock::monotonic() + IDLE);
     }
     Ok(())

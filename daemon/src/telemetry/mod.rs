@@ -10,6 +10,7 @@ mod strays;
 use crate::config::{self, settings::Settings};
 use crate::control::Event;
 use crate::cycle::{Counters, Record};
+use crate::systemd;
 use distributions::Distributions;
 use log::Log;
 use motord_bus::Duration;
@@ -206,7 +207,7 @@ impl Recorder {
     fn feed_watchdog(&mut self) {
         let cycle = self.cycle.counters.cycle.load(Ordering::Acquire);
         if cycle != std::mem::replace(&mut self.watched_cycle, cycle) {
-            let _no_systemd = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+            systemd::lives();
         }
     }
 }
