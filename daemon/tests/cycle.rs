@@ -328,24 +328,42 @@ fn stiffness_that_comes_back_pulls_from_where_the_joint_is() {
     }
 }
 
+/// Goal: what was held is damped before it goes limp, also when it has stood still all the time.
+/// Method: the owner of a robot that stands falls silent. The holding ends by its time, by an emergency stop soon after it
+/// began, or by one just before its end.
 #[test]
-fn a_holding_stop_holds_for_a_dead_owner_and_damps_for_an_emergency() {
-    for (emergency, stiff) in [(false, true), (true, false)] {
+fn what_a_stop_held_is_damped_before_it_is_limp() {
+    for (held_for, emergency) in [(2000, false), (200, true), (1950, true)] {
         let mut settings = robot::three_motors();
         settings.groups[0].safe_stop = motord::config::settings::SafeStop::Hold;
         let mut robot = Robot::new(settings, 1);
         robot.activate();
-        robot.steps(25);
-        robot.take_sent();
+        robot.steps(20 + held_for);
         if emergency {
             robot.operate(Operation::EmergencyStop).unwrap();
         }
-        robot.step();
-        let held = |sent: &robot::Sent| matches!(sent.meaning, Meaning::Control { kp, .. } if kp > 0.0);
-        assert_eq!(robot.take_sent().iter().any(held), stiff, "emergency: {emergency}");
         robot.steps(5000);
         assert_eq!(robot.phase(), Phase::Disarmed);
+        let heard = robot.take_sent_to(1);
+        let stiff = |sent: &robot::Sent| matches!(sent.meaning, Meaning::Control { kp, .. } if kp > 0.0);
+        let released = heard.iter().rposition(stiff).expect("it was held") + 1;
+        assert!(held_for.abs_diff(released) < 100, "held for {released} of {held_for} cycles");
+        let damped = heard[released..].iter().take_while(|sent| sent.meaning != Meaning::Stop);
+        let damping = |sent: &robot::Sent| matches!(sent.meaning, Meaning::Control { kd, .. } if kd > 0.0);
+        assert!(damped.filter(|sent| damping(sent)).count() >= 50, "held for {held_for}, then limp");
     }
+}
+
+#[test]
+fn an_emergency_is_never_held() {
+    let mut settings = robot::three_motors();
+    settings.groups[0].safe_stop = motord::config::settings::SafeStop::Hold;
+    let mut robot = Robot::new(settings, 1);
+    robot.activate();
+    robot.operate(Operation::EmergencyStop).unwrap();
+    robot.take_sent();
+    robot.steps(100);
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
 }
 
 #[test]

@@ -22,7 +22,7 @@ impl Control {
         }
         let (limited, mode) = match motor.mode() {
             MotorMode::Active => self.follow(index),
-            MotorMode::Damping => self.damp(index, group.holding),
+            MotorMode::Damping => self.damp(index, group.is_held()),
             _ => {
                 motor.applied = Impedance::NEUTRAL;
                 return motor.command(self.tick.begun);
@@ -63,15 +63,14 @@ impl Control {
         (limit(&wanted, &circumstances), mode)
     }
 
-    pub(super) fn damp(&self, index: usize, holding: bool) -> (Limited, SetpointMode) {
+    pub(super) fn damp(&self, index: usize, held: bool) -> (Limited, SetpointMode) {
         let settings = &self.settings[index];
         let motor = &self.motors[index];
         let group = &self.groups[self.group_of[index]];
-        let holding = holding && self.tick.begun.since(group.since()) < self.safety.damp;
         let kd = settings.damping_kd * if group.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
         match (motor.held, motor.measured()) {
-            (Some(held), Some(measured)) if holding => {
-                let limited = limit::hold(&held, kd, &settings.limits, measured);
+            (Some(hold), Some(measured)) if held => {
+                let limited = limit::hold(&hold, kd, &settings.limits, measured);
                 // A native motor holds by itself; its setpoints have no stiffness to hold with.
                 let native = settings.protocol == MotorProtocol::Gim;
                 (limited, if native { SetpointMode::Position } else { SetpointMode::Impedance })

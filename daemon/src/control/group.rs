@@ -28,14 +28,14 @@ pub(super) struct Group {
     pub(super) motors: Vec<usize>,
     pub(super) safe_stop: SafeStop,
     phase: Phase,
-    /// When the phase began.
+    /// When the phase began; damping begins anew when what was held is let go.
     since: Instant,
     /// Since when every joint has been at rest while damping.
     pub(super) resting_since: Option<Instant>,
     pub(super) owner: Option<Owner>,
     cause: Option<(Cause, Option<usize>)>,
-    /// The stop under way holds first.
-    pub(super) holding: bool,
+    /// The stop under way holds until then, and damps after it.
+    held_until: Option<Instant>,
     /// A motor told over-voltage: braking feeds the supply, so the group is damped less.
     pub(super) over_voltage: bool,
     setpoint: Option<Accepted>,
@@ -78,7 +78,7 @@ impl Group {
             resting_since: None,
             owner: None,
             cause: None,
-            holding: false,
+            held_until: None,
             over_voltage: false,
             setpoint: None,
             accepted: 0,
@@ -98,6 +98,23 @@ impl Group {
         self.phase = phase;
         self.since = now;
         self.resting_since = None;
+        self.held_until = None;
+    }
+
+    /// Holds where it is, for so long, before it damps.
+    pub(super) fn hold(&mut self, now: Instant, time: Duration) {
+        self.held_until = Some(now + time);
+    }
+
+    pub(super) const fn is_held(&self) -> bool {
+        self.held_until.is_some()
+    }
+
+    /// Lets go what is held when its time is over, or at once: it is damped from `now` on.
+    pub(super) fn let_go(&mut self, now: Instant, at_once: bool) {
+        if self.held_until.take_if(|until| at_once || *until <= now).is_some() {
+            self.enter(Phase::Damping, now);
+        }
     }
 
     pub(super) fn cause(&self) -> Option<Cause> {

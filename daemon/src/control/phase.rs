@@ -48,6 +48,10 @@ impl Control {
         let now = self.tick.begun;
         let Self { groups, motors, safety, .. } = self;
         let group = &mut groups[index];
+        group.let_go(now, false);
+        if group.is_held() {
+            return;
+        }
         let slow = |motor: &usize| {
             let motor = &motors[*motor];
             motor.mode() != MotorMode::Damping || motor.is_at_rest(safety.rest_velocity)
@@ -55,9 +59,7 @@ impl Control {
         let resting = group.motors.iter().all(slow);
         group.resting_since = if resting { group.resting_since.or(Some(now)) } else { None };
         let rested = group.resting_since.is_some_and(|since| now.since(since) >= REST_TIME);
-        let holding = if group.holding { safety.damp } else { Duration::ZERO };
-        let damped = now.since(group.since());
-        if damped >= safety.damp + holding || rested && damped >= holding {
+        if rested || now.since(group.since()) >= safety.damp {
             self.disarm(index);
         }
     }
@@ -97,18 +99,21 @@ impl Control {
     pub(super) fn begin_damping(&mut self, index: usize, may_hold: bool) {
         let group = &mut self.groups[index];
         if !matches!(group.phase(), Phase::Starting | Phase::Active) {
-            group.holding &= may_hold;
+            group.let_go(self.now, !may_hold);
             return;
         }
-        group.holding = may_hold && group.safe_stop == SafeStop::Hold;
         for place in 0..self.groups[index].motors.len() {
             let motor = self.groups[index].motors[place];
             self.motors[motor].begin_damping();
             self.motor_changed(motor);
         }
-        match self.groups[index].safe_stop {
+        let safe_stop = self.groups[index].safe_stop;
+        match safe_stop {
             SafeStop::Stop => self.disarm(index),
             SafeStop::Damp | SafeStop::Hold => self.enter(index, Phase::Damping),
+        }
+        if safe_stop == SafeStop::Hold && may_hold {
+            self.groups[index].hold(self.now, self.safety.damp);
         }
     }
 
