@@ -16,7 +16,7 @@ use std::process::ExitCode;
 #[command(
     name = "motord",
     version = VERSION,
-    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n\nExit status: 0 ended on request, 64 usage, 69 a bus or service is unavailable, 75 already running,\n77 no permission, 78 the configuration is refused."
+    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
     #[command(subcommand)]

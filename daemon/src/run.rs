@@ -48,6 +48,9 @@ pub enum RunError {
     /// A thread ended that should not.
     #[error("the {0} thread ended unexpectedly: this is a bug, the motors were told to stop")]
     Thread(&'static str),
+    /// These motors did not answer their stops, and may hold their last command.
+    #[error("told to stop, but not heard since: {}; cut their power before anybody comes near", .0.join(", "))]
+    Unstopped(Vec<String>),
 }
 
 impl RunError {
@@ -59,7 +62,7 @@ impl RunError {
             Self::Instance(InstanceError::AlreadyRunning { .. })
             | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => 75,
             Self::Instance(_) => 77,
-            Self::Bus(_) | Self::Service(_) => 69,
+            Self::Bus(_) | Self::Service(_) | Self::Unstopped(_) => 69,
             Self::System(_) => 71,
             Self::Thread(_) => 70,
         }

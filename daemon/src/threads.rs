@@ -42,6 +42,8 @@ use std::thread::{Builder, JoinHandle};
 const LAST_CYCLES: u32 = 3;
 /// A robot that is not still so long after its damping should have ended is stopped without more of it.
 const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
+/// How long a motor may take to answer its stop: a few probes of one that is not heard.
+const STOP_TIME: Duration = Duration::from_millis(500);
 /// How often a registrar that panicked looks whether the last cycle is over.
 const REGISTRAR_TURN: Duration = Duration::from_millis(50);
 
@@ -51,6 +53,8 @@ struct Orders {
     order: AtomicU32,
     /// The first thread that panicked.
     panicked: OnceLock<&'static str>,
+    /// The motors that may still run after the last cycle, if there are any.
+    unstopped: OnceLock<Vec<String>>,
 }
 
 impl Orders {
@@ -166,7 +170,7 @@ impl Daemon {
     ///
     /// # Errors
     ///
-    /// When a thread has panicked.
+    /// When a thread has panicked, or a motor that was started did not answer its stops.
     pub fn end(self) -> Result<(), RunError> {
         self.stop();
         let _told_by_orders = self.cycle.join();
@@ -177,6 +181,9 @@ impl Daemon {
         }
         if let Some(thread) = self.orders.panicked.get() {
             return Err(RunError::Thread(thread));
+        }
+        if let Some(motors) = self.orders.unstopped.get() {
+            return Err(RunError::Unstopped(motors.clone()));
         }
         tracing::info!("the motors are stopped");
         Ok(())
@@ -265,6 +272,7 @@ fn start_cycle(
     let required = settings.cycle.require_realtime;
     let period = settings.cycle.period;
     let damp = settings.safety.damp;
+    let names: Vec<_> = settings.motors.iter().map(|motor| motor.name.clone()).collect();
     let (prepared, ready) = channel();
     let thread = start("cycle", orders, move || {
         let _held = locks;
@@ -287,9 +295,12 @@ fn start_cycle(
             cycle.carry_out_will();
             resume_unwind(panic);
         }
-        // Without it the dead man's switch acts: on motors that would not come to rest it should.
-        if cycle.is_still() {
+        let unstopped: Vec<String> = cycle.unstopped().map(|motor| names[motor].clone()).collect();
+        // Without it the dead man's switch acts: on motors that may still run it should.
+        if unstopped.is_empty() {
             heartbeat.rest();
+        } else {
+            let _the_only_one = told.unstopped.set(unstopped);
         }
     })?;
     await_report(&ready, "cycle")??;
@@ -326,7 +337,8 @@ fn start_registrar(
     Ok(())
 }
 
-/// The real-time loop. Ends when it was told to stop and every motor has been stopped for [`LAST_CYCLES`].
+/// The real-time loop. Ends when it was told to stop and every group has been stopped for [`LAST_CYCLES`], and every motor
+/// that was started has answered its stop or had [`STOP_TIME`] for it.
 fn run_cycles(cycle: &mut Cycle<Monotonic>, orders: &Orders, period: Duration, damp: Duration) {
     let mut place = Place { cycle: 1, at: clock::monotonic() + period };
     while !orders.are(Orders::STOP) {
@@ -341,6 +353,10 @@ fn run_cycles(cycle: &mut Cycle<Monotonic>, orders: &Orders, period: Duration, d
             cycle.stop_now();
         }
         last -= u32::from(cycle.is_still());
+    }
+    let end = place.at + STOP_TIME;
+    while cycle.unstopped().next().is_some() && place.at < end {
+        place = cycle.run(place);
     }
 }
 

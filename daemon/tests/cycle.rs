@@ -355,6 +355,22 @@ fn what_a_stop_held_is_damped_before_it_is_limp() {
 }
 
 #[test]
+fn a_motor_that_was_lost_while_it_ran_is_not_counted_stopped_until_it_answers_a_stop() {
+    let unstopped = |robot: &Robot| robot.cycle.unstopped().collect::<Vec<_>>();
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    assert_eq!(unstopped(&robot), [0usize; 0], "none was started");
+    let joints = robot.activate();
+    assert_eq!(unstopped(&robot), [0, 1, 2]);
+    robot.disturb("knee off");
+    robot.follow_until(&joints, 100, |robot| robot.phase() == Phase::Disarmed);
+    robot.steps(3000);
+    assert_eq!((robot.phase(), unstopped(&robot)), (Phase::Disarmed, vec![2]));
+    robot.disturb("knee ok");
+    robot.steps(500);
+    assert_eq!(unstopped(&robot), [0usize; 0]);
+}
+
+#[test]
 fn an_emergency_is_never_held() {
     let mut settings = robot::three_motors();
     settings.groups[0].safe_stop = motord::config::settings::SafeStop::Hold;

@@ -74,6 +74,8 @@ fn native_motors_are_damped_when_their_owner_dies() {
     assert!(robot.joint(0).velocity.abs() < 0.2 * before, "{before} became {}", robot.joint(0).velocity);
     robot.steps(2500);
     assert_eq!(robot.phase(), Phase::Disarmed);
+    robot.steps(3);
+    assert_eq!(robot.cycle.unstopped().count(), 0, "they answered their stops");
 }
 
 #[test]

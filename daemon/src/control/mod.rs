@@ -300,6 +300,11 @@ impl Control {
         }
     }
 
+    /// The motors that were started and have not answered a stop since.
+    pub fn unstopped(&self) -> impl Iterator<Item = usize> {
+        self.motors.iter().enumerate().filter(|(_, motor)| motor.may_run()).map(|(index, _)| index)
+    }
+
     /// Every group is stopped.
     #[must_use]
     pub fn is_still(&self) -> bool {

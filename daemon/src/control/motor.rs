@@ -65,6 +65,10 @@ pub(super) struct Motor {
     asked: bool,
     answered: bool,
     refused: bool,
+    /// It was told to stop in this cycle.
+    told_to_stop: bool,
+    /// It was started, and has not answered a stop since.
+    may_run: bool,
     silent: u32,
     age_cycles: u32,
     missed: u32,
@@ -94,6 +98,8 @@ impl Motor {
             asked: false,
             answered: false,
             refused: false,
+            told_to_stop: false,
+            may_run: false,
             silent: 0,
             age_cycles: 0,
             missed: 0,
@@ -134,6 +140,11 @@ impl Motor {
         self.is_fresh() && self.measured.is_some_and(|told| told.velocity.abs() < rest_velocity)
     }
 
+    /// It was started, and nothing says that it has stopped since. A motor in fault stopped by itself.
+    pub(super) const fn may_run(&self) -> bool {
+        self.may_run && !matches!(self.mode, MotorMode::Fault)
+    }
+
     /// It answered after it was told to start.
     pub(super) fn is_ready(&self) -> bool {
         self.mode == MotorMode::Starting && self.start == Start::Ready
@@ -142,6 +153,7 @@ impl Motor {
     pub(super) fn begin_start(&mut self) {
         self.mode = MotorMode::Starting;
         self.start = Start::Neutral(0);
+        self.may_run = true;
     }
 
     /// From now on it follows setpoints; the slew limits start from where it stands.
@@ -232,6 +244,7 @@ impl Motor {
     pub(super) const fn asked(&mut self, command: &Command) {
         self.asked = command.is_answered_by_state();
         self.answered = false;
+        self.told_to_stop = matches!(command, Command::Stop);
     }
 
     /// Whether what it tells can be true.
@@ -266,6 +279,7 @@ impl Motor {
         self.measured_at = at;
         self.reply_latency_ns = u32::try_from(latency.as_nanos()).unwrap_or(u32::MAX);
         self.answered = true;
+        self.may_run &= !self.told_to_stop;
         self.silent = 0;
         self.age_cycles = 0;
         let online = self.mode == MotorMode::Offline;
@@ -285,6 +299,7 @@ impl Motor {
     /// It answered, but not with a state.
     pub(super) fn told_alive(&mut self) {
         self.asked = false;
+        self.may_run &= !self.told_to_stop;
         self.silent = 0;
         if self.mode == MotorMode::Starting && self.start == Start::Told {
             self.start = Start::Heard;

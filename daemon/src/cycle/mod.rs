@@ -111,7 +111,12 @@ impl<C: Clock> Cycle<C> {
         self.will.carry_out(&mut self.slots, &mut self.clock);
     }
 
-    /// Every motor is stopped.
+    /// The motors that were started and have not answered a stop since.
+    pub fn unstopped(&self) -> impl Iterator<Item = usize> {
+        self.control.unstopped()
+    }
+
+    /// Every motor that can be reached is told to stop.
     #[must_use]
     pub fn is_still(&self) -> bool {
         self.control.is_still()
