@@ -75,6 +75,8 @@ pub enum Heard {
     Cleared,
     /// That it heard, and nothing more.
     Alive,
+    /// That it stopped.
+    Stopped,
     /// That it refuses: it may have a fault.
     Refused,
     /// An answer to a question of an earlier cycle, by now meaningless.
@@ -224,6 +226,7 @@ impl Control {
             Heard::State(measured, latency) => return self.heard_state(motor, measured, at, latency),
             Heard::Fault(bits) => self.heard_fault(motor, bits, at),
             Heard::Cleared | Heard::Alive => self.motors[motor].told_alive(),
+            Heard::Stopped => self.motors[motor].told_stopped(),
             Heard::Refused => self.motors[motor].told_refusal(),
             Heard::Late => self.motors[motor].told_late(),
         }

@@ -14,7 +14,7 @@ use super::Command;
 use super::errand::{Errand, Kind};
 use super::heat::Heat;
 use super::plausibility::{Expectation, Plausibility, Verdict};
-use crate::config::settings::MotorSettings;
+use crate::config::settings::{MotorProtocol, MotorSettings};
 use crate::joint::{Impedance, Joint, Measured};
 use motord_bus::{Duration, Instant};
 use motord_protocol::FaultBits;
@@ -67,6 +67,8 @@ pub(super) struct Motor {
     refused: bool,
     /// It was told to stop in this cycle.
     told_to_stop: bool,
+    /// Its state confirms what it was told. Natively a state answers a question.
+    state_confirms: bool,
     /// It was started, and has not answered a stop since.
     may_run: bool,
     silent: u32,
@@ -99,6 +101,7 @@ impl Motor {
             answered: false,
             refused: false,
             told_to_stop: false,
+            state_confirms: settings.protocol == MotorProtocol::Mit,
             may_run: false,
             silent: 0,
             age_cycles: 0,
@@ -279,7 +282,7 @@ impl Motor {
         self.measured_at = at;
         self.reply_latency_ns = u32::try_from(latency.as_nanos()).unwrap_or(u32::MAX);
         self.answered = true;
-        self.may_run &= !self.told_to_stop;
+        self.may_run &= !(self.told_to_stop && self.state_confirms);
         self.silent = 0;
         self.age_cycles = 0;
         let online = self.mode == MotorMode::Offline;
@@ -299,11 +302,16 @@ impl Motor {
     /// It answered, but not with a state.
     pub(super) fn told_alive(&mut self) {
         self.asked = false;
-        self.may_run &= !self.told_to_stop;
         self.silent = 0;
         if self.mode == MotorMode::Starting && self.start == Start::Told {
             self.start = Start::Heard;
         }
+    }
+
+    /// It confirmed a stop.
+    pub(super) fn told_stopped(&mut self) {
+        self.told_alive();
+        self.may_run = false;
     }
 
     /// It answered, but does not do as it is told: it is asked for its fault in the next cycle.

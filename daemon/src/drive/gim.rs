@@ -112,6 +112,7 @@ impl Gim {
             Reply::Done { outcome: Ok(()), .. } if self.asked == gim::Command::AcknowledgeFault => {
                 Heard::Cleared
             }
+            Reply::Done { outcome: Ok(()), .. } if self.asked == gim::Command::StopMotor => Heard::Stopped,
             Reply::Done { outcome: Ok(()), .. } => {
                 self.started |= self.asked == gim::Command::StartMotor;
                 Heard::Alive
