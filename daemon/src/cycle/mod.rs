@@ -35,7 +35,8 @@ pub struct Cycle<C> {
     clock: C,
     period: Duration,
     reply_deadline: Duration,
-    max_lateness: Duration,
+    /// Commands are stale so long after their cycle began: the dead man's switch may have acted, or the robot is to be stopped.
+    stale_after: Duration,
     busy_poll: Duration,
     slots: Vec<Slot>,
     drives: Vec<Drive>,
@@ -70,7 +71,7 @@ impl<C: Clock> Cycle<C> {
             clock,
             period: settings.cycle.period,
             reply_deadline: settings.cycle.reply_deadline,
-            max_lateness: settings.cycle.max_lateness,
+            stale_after: settings.cycle.max_lateness.min(settings.safety.deadman),
             busy_poll: settings.cycle.busy_poll,
             slots: slots.collect(),
             drives: drives.collect(),
@@ -175,7 +176,7 @@ impl<C: Clock> Cycle<C> {
 
     /// Tells when the frames were handed over: the replies are awaited from then on.
     fn transmit(&mut self, tick: &Tick) -> Instant {
-        let Self { control, drives, slots, bus_of, clock, max_lateness, .. } = self;
+        let Self { control, drives, slots, bus_of, clock, stale_after, .. } = self;
         let commands = control.decide(*tick);
         let now = clock.now();
         slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
@@ -185,7 +186,7 @@ impl<C: Clock> Cycle<C> {
         for (bus, slot) in slots.iter_mut().enumerate() {
             let now = clock.now();
             // A process that was frozen since it decided goes on here, when others may have stopped its motors.
-            let is_stale = now.since(tick.begun) > *max_lateness;
+            let is_stale = now.since(tick.begun) > *stale_after;
             let unask = |motor: usize| {
                 drives[motor].unask();
                 control.unsent(motor);
