@@ -200,36 +200,58 @@ fn exact(torque: f32, scale: &TorqueScale) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
 
-    #[test]
-    fn the_mean_of_many_frames_is_the_torque_asked_for() {
-        let scale = TorqueScale::new(0.125, 8.0).unwrap();
-        let code = 2.0 * f64::from(scale.full_scale()) / 4095.0;
-        for thirds in -30..30 {
-            let torque = (f64::from(thirds) * 0.3 * code) as f32;
-            let exact = exact(torque, &scale);
-            let mut feedback = Feedback::within(20.0, &scale);
-            let codes: Vec<f64> = (0..1000).map(|_| f64::from(feedback.quantise(torque, &scale))).collect();
-            let mean = codes.iter().sum::<f64>() / 1000.0;
-            assert!((mean - exact).abs() <= 0.001, "{exact} became {mean}");
-            assert!(
-                codes.iter().all(|code| (code - exact).abs() < 1.0),
-                "only the two neighbours of {exact}"
-            );
-        }
+    /// Of the GIM8108-8, by the MIT document 1.1.
+    fn scale() -> TorqueScale {
+        TorqueScale::new(0.125, 8.0).unwrap()
     }
 
     #[test]
-    fn no_code_asks_for_more_torque_than_the_joint_may_have() {
-        let scale = TorqueScale::new(0.125, 8.0).unwrap();
-        for limit in [0.06_f32, 1.0, 7.53, 20.0] {
+    fn the_mean_of_a_thousand_frames_is_within_a_thousandth_of_a_code() {
+        let scale = scale();
+        let code = 2.0 * f64::from(scale.full_scale()) / 4095.0;
+        let torque = (0.3 * code) as f32;
+        let mut feedback = Feedback::within(20.0, &scale);
+        let codes: Vec<f64> = (0..1000).map(|_| f64::from(feedback.quantise(torque, &scale))).collect();
+        let mean = codes.iter().sum::<f64>() / 1000.0;
+        assert!((mean - exact(torque, &scale)).abs() <= 0.001, "{mean}");
+    }
+
+    proptest! {
+        #[test]
+        fn the_mean_of_many_frames_is_the_torque_asked_for(
+            before in vec(-19.0_f32..19.0, 0..5),
+            torque in -19.0_f32..19.0,
+            frames in 1_u16..2000,
+        ) {
+            let scale = scale();
+            let exact = exact(torque, &scale);
+            let mut feedback = Feedback::within(20.0, &scale);
+            for torque in before {
+                feedback.quantise(torque, &scale);
+            }
+            let mut sum = 0.0;
+            for _ in 0..frames {
+                let code = f64::from(feedback.quantise(torque, &scale));
+                prop_assert!((code - exact).abs() < 1.0 + 1e-6, "{} is no neighbour of {}", code, exact);
+                sum += code;
+            }
+            let frames = f64::from(frames);
+            prop_assert!((sum / frames - exact).abs() <= 1.0 / frames + 1e-6);
+        }
+
+        #[test]
+        fn no_code_asks_for_more_torque_than_the_joint_may_have(
+            limit in 0.06_f32..25.0,
+            shares in vec(-1.0_f32..=1.0, 1..50),
+        ) {
+            let scale = scale();
             let mut feedback = Feedback::within(limit, &scale);
-            for torque in [limit, -limit, limit, limit, 0.0, -limit] {
-                let code = feedback.quantise(torque, &scale);
-                assert!(
-                    scale.field().decode(code).abs() <= f64::from(limit) + 1e-6,
-                    "{torque} within {limit}"
-                );
+            for share in shares.into_iter().chain([1.0, 1.0, -1.0, -1.0]) {
+                let code = feedback.quantise(share * limit, &scale);
+                prop_assert!(scale.field().decode(code).abs() <= f64::from(limit) + 1e-6, "{}", share);
             }
         }
     }
