@@ -1,6 +1,7 @@
 //! What one motor is told in this cycle.
 
 use super::limit::{self, Circumstances, Limited, limit};
+use super::motor::Motor;
 use super::{Command, Control};
 use crate::config::settings::MotorProtocol;
 use crate::joint::Impedance;
@@ -56,11 +57,17 @@ impl Control {
             mode,
             previous: &previous,
             measured,
+            unheard: self.unheard(motor),
             elapsed: self.elapsed,
             ramp,
             winding_torque: motor.heat.allowed(limits.torque),
         };
         (limit(&wanted, &circumstances), mode)
+    }
+
+    /// How old its state is beyond a cycle, s.
+    fn unheard(&self, motor: &Motor) -> f32 {
+        motor.age_cycles() as f32 * self.elapsed
     }
 
     pub(super) fn damp(&self, index: usize, held: bool) -> (Limited, SetpointMode) {
@@ -70,7 +77,7 @@ impl Control {
         let kd = settings.damping_kd * if group.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
         match (motor.held, motor.measured()) {
             (Some(hold), Some(measured)) if held => {
-                let limited = limit::hold(&hold, kd, &settings.limits, measured);
+                let limited = limit::hold(&hold, kd, &settings.limits, measured, self.unheard(motor));
                 // A native motor holds by itself; its setpoints have no stiffness to hold with.
                 let native = settings.protocol == MotorProtocol::Gim;
                 (limited, if native { SetpointMode::Position } else { SetpointMode::Impedance })

@@ -27,6 +27,8 @@ pub struct Circumstances<'a> {
     pub previous: &'a Impedance<Joint>,
     /// What the joint did last.
     pub measured: &'a Measured<Joint>,
+    /// For how long it was not heard since, s: as far as it may have gone, its stiffness may pull more.
+    pub unheard: f32,
     /// Time since the cycle before, s.
     pub elapsed: f32,
     /// How far the start ramp is, 0 to 1.
@@ -38,7 +40,7 @@ pub struct Circumstances<'a> {
 /// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
 #[must_use]
 pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Limited {
-    let mut limiter = Limiter { value: *wanted, acted: 0 };
+    let mut limiter = Limiter { value: *wanted, acted: 0, unheard: circumstances.unheard };
     limiter.clamp(circumstances.limits);
     limiter.ramp(circumstances.ramp);
     limiter.slew(circumstances);
@@ -51,7 +53,7 @@ pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Li
 /// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
 #[must_use]
 pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Limited {
-    let mut limiter = Limiter { value: Impedance::new(0.0, 0.0, 0.0, kd, 0.0), acted: 0 };
+    let mut limiter = Limiter { value: Impedance::new(0.0, 0.0, 0.0, kd, 0.0), acted: 0, unheard: 0.0 };
     if let Some(measured) = measured {
         limiter.bound(limits.torque, measured);
     }
@@ -65,8 +67,9 @@ pub(super) fn hold(
     kd: f32,
     limits: &LimitSettings,
     measured: &Measured<Joint>,
+    unheard: f32,
 ) -> Limited {
-    let mut limiter = Limiter { value: *held, acted: 0 };
+    let mut limiter = Limiter { value: *held, acted: 0, unheard };
     limiter.value.kd = held.kd.max(kd);
     limiter.bound(limits.torque, measured);
     Limited { applied: limiter.value, acted: limiter.acted }
@@ -78,6 +81,7 @@ const SPEED_RISE: f32 = 0.5;
 struct Limiter {
     value: Impedance<Joint>,
     acted: u32,
+    unheard: f32,
 }
 
 impl Limiter {
@@ -150,7 +154,9 @@ impl Limiter {
 
     /// Scales stiffness, damping and torque together, so that the torque keeps its sign and its cause.
     fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<Joint>) {
-        let predicted = self.value.predicted_torque(measured.position, measured.velocity).abs();
+        let Measured { position, velocity, .. } = *measured;
+        let gone = velocity.abs() * self.unheard;
+        let predicted = self.value.predicted_torque(position, velocity).abs() + self.value.kp * gone;
         if predicted > torque_max {
             self.scale(limit, torque_max / predicted);
         }
@@ -204,6 +210,7 @@ mod tests {
                 mode: SetpointMode::Impedance,
                 previous: &previous,
                 measured: &measured,
+                unheard: 0.0,
                 elapsed: 0.001,
                 ramp,
                 winding_torque: LIMITS.torque,
@@ -260,6 +267,28 @@ mod tests {
         let applied = limited(wanted, wanted, None, 1.0).applied;
         assert!((applied.predicted_torque(0.0, 0.0) - 10.0).abs() < 1e-4);
         assert!((applied.kp / applied.torque - wanted.kp / wanted.torque).abs() < 1e-3, "scaled together");
+    }
+
+    #[test]
+    fn a_joint_that_was_not_heard_is_pulled_with_less_torque_for_as_far_as_it_may_have_gone() {
+        let wanted = Impedance::new(0.1, 20.0, 90.0, 0.0, 0.0);
+        let measured = Measured::new(0.0, 20.0, 0.0, None);
+        let mut circumstances = Circumstances {
+            limits: &LIMITS,
+            mode: SetpointMode::Impedance,
+            previous: &wanted,
+            measured: &measured,
+            unheard: 0.0,
+            elapsed: 0.001,
+            ramp: 1.0,
+            winding_torque: LIMITS.torque,
+        };
+        assert_eq!(limit(&wanted, &circumstances), Limited { applied: wanted, acted: 0 });
+        circumstances.unheard = 0.009;
+        let applied = limit(&wanted, &circumstances).applied;
+        for gone in [-0.18, 0.0, 0.18] {
+            assert!(applied.predicted_torque(gone, 20.0).abs() <= LIMITS.torque + 1e-4, "{gone}");
+        }
     }
 
     #[test]

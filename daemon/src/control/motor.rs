@@ -128,6 +128,11 @@ impl Motor {
         self.missed
     }
 
+    /// Cycles since its last state; 0 when that came in the last one.
+    pub(super) const fn age_cycles(&self) -> u32 {
+        self.age_cycles
+    }
+
     /// 0 when it did not answer in this cycle.
     pub(super) const fn reply_latency_ns(&self) -> u32 {
         if self.answered { self.reply_latency_ns } else { 0 }
