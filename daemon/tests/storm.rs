@@ -100,7 +100,6 @@ struct Storm {
     controllers: [Rough; 2],
     /// Cycles between two faults, on average.
     lull: usize,
-    jammed: Vec<bool>,
     /// Requests that were not answered yet: all but errands to motors are at once.
     pending: Vec<u32>,
 }
@@ -113,11 +112,10 @@ impl Storm {
         });
         let mut witness = Witness::new(&robot);
         witness.allow_loss();
-        let jammed = vec![false; robot.buses.len()];
         let controllers = [0, 1].map(Rough::new);
         let mut random = Random::new(seed);
         let lull = *random.pick(&[50, 200, 1000]);
-        Self { random, robot, witness, controllers, lull, jammed, pending: Vec::new() }
+        Self { random, robot, witness, controllers, lull, pending: Vec::new() }
     }
 
     /// One cycle in which anything may happen.
@@ -181,20 +179,20 @@ impl Storm {
             self.disturb_bus(bus, fault);
         } else {
             let motor = self.random.below(self.robot.settings.motors.len());
-            let name = self.robot.settings.motors[motor].name.clone();
             let fault = *self.random.pick(&MOTOR_FAULTS);
-            self.robot.disturb(&format!("{name} {fault}"));
+            self.disturb_motor(motor, fault);
         }
     }
 
     fn disturb_bus(&mut self, bus: usize, fault: &str) {
-        let settings = &self.robot.settings;
-        let cut = ["bus-off", "down", "gone"].contains(&fault);
-        if std::mem::replace(&mut self.jammed[bus], fault == "no-ack") && !cut {
-            let motors = settings.motors.iter().filter(|motor| motor.bus == bus).count();
-            self.witness.allow_stale(bus, 2 * (motors + 1));
-        }
-        let name = settings.buses[bus].name.clone();
+        let name = self.robot.settings.buses[bus].name.clone();
+        self.witness.disturbed_bus(&mut self.robot, bus, fault);
+        self.robot.disturb(&format!("{name} {fault}"));
+    }
+
+    fn disturb_motor(&mut self, motor: usize, fault: &str) {
+        let name = self.robot.settings.motors[motor].name.clone();
+        self.witness.disturbed_motor(&mut self.robot, motor, fault);
         self.robot.disturb(&format!("{name} {fault}"));
     }
 
@@ -203,19 +201,14 @@ impl Storm {
         let (buses, motors) = (self.robot.buses.len(), self.robot.settings.motors.len());
         match self.random.below(buses + motors) {
             bus if bus < buses => self.disturb_bus(bus, "ok"),
-            motor => {
-                let name = self.robot.settings.motors[motor - buses].name.clone();
-                self.robot.disturb(&format!("{name} ok"));
-            }
+            motor => self.disturb_motor(motor - buses, "ok"),
         }
     }
 
     /// Every fault is lifted.
     fn calm(&mut self) {
         (0..self.robot.buses.len()).for_each(|bus| self.disturb_bus(bus, "ok"));
-        for motor in self.robot.settings.motors.clone() {
-            self.robot.disturb(&format!("{} ok", motor.name));
-        }
+        (0..self.robot.settings.motors.len()).for_each(|motor| self.disturb_motor(motor, "ok"));
     }
 
     /// An operator who clears, resets and enables, and controllers that hold still, get the robot to `Active`. What was

@@ -11,18 +11,27 @@
 //! | I7 | only messages of the owner's lease move motors |
 //! | I8 | counters never fall; every message is counted once; as many frames are on the wire as were counted |
 //! | I9 | a latched cause is left by a reset only, and nothing starts while it is latched |
-//! | I10 | no motion from the first cycle after a cause on |
+//! | I10 | a bus or a motor that fails stops its groups in time; no motion from the first cycle after a cause on; a motor
+//! |     | that is not offline hears a command in every cycle, and damping ones before it goes limp |
+//!
+//! A frame is judged by the cycle that handed it over, however late it leaves.
 
+mod cycle;
 mod slope;
+mod stop;
 
 use super::{Meaning, Robot, Sent, Told};
+use cycle::Cycle;
 use motord::config::settings::{MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
 use motord_shared::{
-    AdminRequest, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation, Phase, StateMessage,
-    message,
+    AdminRequest, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation, Phase,
+    StateMessage, message,
 };
 use slope::Slopes;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use stop::{Injections, Target};
 
 /// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
 /// in the cycle that uses it.
@@ -30,6 +39,10 @@ pub const FOREIGN_VELOCITY: f32 = 18.0;
 
 /// A fault that was not cleared by then is not cleared any more: a second, and a late cycle.
 const CLEAR_TIME: Duration = Duration::from_millis(1020);
+/// No frame is held back for longer by a jammed bus.
+const MEMORY_CYCLES: usize = 8192;
+/// Other traffic and a clock that goes backward delay no frame by more cycles on a bus that is well.
+const DELAY_CYCLES: usize = 3;
 
 /// What a test did to a group, and what was seen of it.
 #[derive(Debug, Clone, Default)]
@@ -47,7 +60,8 @@ struct Watched {
 /// What was seen so far.
 #[derive(Debug)]
 pub struct Witness {
-    before: Option<StateMessage>,
+    /// The newest last.
+    cycles: VecDeque<Cycle>,
     begun: Instant,
     groups: Vec<Watched>,
     slopes: Vec<Slopes>,
@@ -56,8 +70,9 @@ pub struct Witness {
     /// Until when each motor may hear clear fault commands.
     clears: Vec<Instant>,
     sent: Vec<u32>,
-    /// Frames that each bus may still carry from the time when it was jammed.
-    stale: Vec<usize>,
+    /// Buses that something keeps from carrying frames.
+    blocked: Vec<bool>,
+    injections: Injections,
     lossy: bool,
 }
 
@@ -65,14 +80,15 @@ impl Witness {
     pub fn new(robot: &Robot) -> Self {
         let settings = &robot.settings;
         Self {
-            before: None,
+            cycles: VecDeque::new(),
             begun: robot.now(),
             groups: vec![Watched::default(); settings.groups.len()],
             slopes: vec![Slopes::default(); settings.motors.len()],
             zeros: vec![0; settings.motors.len()],
             clears: vec![Instant::ZERO; settings.motors.len()],
             sent: vec![0; settings.buses.len()],
-            stale: vec![0; settings.buses.len()],
+            blocked: vec![false; settings.buses.len()],
+            injections: Injections::default(),
             lossy: false,
         }
     }
@@ -82,9 +98,32 @@ impl Witness {
         self.lossy = true;
     }
 
-    /// A bus was jammed and moves again: what had been queued, at most `frames`, leaves now.
-    pub fn allow_stale(&mut self, bus: usize, frames: usize) {
-        self.stale[bus] = frames;
+    /// This was done to a bus.
+    pub fn disturbed_bus(&mut self, robot: &mut Robot, bus: usize, fault: &str) {
+        match fault {
+            "gone" | "down" | "bus-off" => {
+                self.blocked[bus] = true;
+                self.injections.begin(Target::Bus(bus), robot);
+            }
+            "no-ack" | "tx-full" | "tx-full 1" => {
+                self.blocked[bus] = true;
+                self.injections.end(Target::Bus(bus));
+            }
+            "ok" => {
+                self.blocked[bus] = false;
+                self.injections.end(Target::Bus(bus));
+            }
+            _ => {}
+        }
+    }
+
+    /// This was done to a motor.
+    pub fn disturbed_motor(&mut self, robot: &mut Robot, motor: usize, fault: &str) {
+        match fault {
+            "off" => self.injections.begin(Target::Motor(motor), robot),
+            "ok" => self.injections.end(Target::Motor(motor)),
+            _ => {}
+        }
     }
 
     /// Somebody asked for this.
@@ -111,71 +150,87 @@ impl Witness {
 
     /// Judges the cycle that `robot` has just run.
     pub fn judge(&mut self, robot: &mut Robot) {
-        let cycle = Cycle {
-            before: self.before.unwrap_or_else(|| robot.state()),
-            state: robot.state(),
-            begun: Instant::from_nanos(robot.state().tick_ns + robot.state().wake_latency_ns),
-            told: robot.take_told(),
-        };
-        let sent = robot.take_sent();
-        let elapsed = cycle.begun.since(self.begun).min(2 * super::PERIOD);
+        let mut cycles = std::mem::take(&mut self.cycles);
+        let cycle = self.see(robot, cycles.back());
+        let (sent, told) = (robot.take_sent(), robot.take_told());
         self.judge_counts(robot, &cycle, &sent);
         for (motor, settings) in robot.settings.motors.iter().enumerate() {
             self.judge_activation(motor, &cycle);
-            self.slopes[motor].pass(elapsed.as_secs_f64());
-            judge_joint(settings, motor, &cycle);
+            judge_joint(settings, motor, &cycle, &told);
         }
-        for frame in &sent {
-            let motor = robot.settings.motors.iter().position(|motor| is_to(frame, motor));
-            let motor = motor.expect("frames go to motors");
-            self.judge_values(&robot.settings.motors[motor], &cycle, motor, frame);
-            if cycle.has_sent(frame) {
-                self.judge_meaning(robot, &cycle, motor, frame);
-            }
-        }
+        self.injections.judge(&cycle);
+        judge_counters(&cycle.before, &cycle.state);
         for (group, watched) in self.groups.iter_mut().enumerate() {
             judge_group(watched, &cycle.before.groups[group], &cycle.state.groups[group]);
         }
-        judge_counters(&cycle.before, &cycle.state);
-        self.begun = cycle.begun;
-        self.before = Some(cycle.state);
+        cycles.push_back(cycle);
+        for frame in &sent {
+            let cycle = cycles.iter_mut().rfind(|cycle| cycle.begun <= frame.ready);
+            self.judge_frame(robot, cycle.expect("no frame waits longer than the witness remembers"), frame);
+        }
+        judge_stop(robot, &cycles);
+        if cycles.len() > MEMORY_CYCLES {
+            cycles.pop_front();
+        }
+        self.cycles = cycles;
+    }
+
+    /// The cycle that `robot` has just run, before its frames are known.
+    fn see(&mut self, robot: &mut Robot, last: Option<&Cycle>) -> Cycle {
+        let state = Rc::new(robot.state());
+        let begun = Instant::from_nanos(state.tick_ns + state.wake_latency_ns);
+        let elapsed = begun.since(self.begun).min(2 * super::PERIOD).as_secs_f64();
+        self.begun = begun;
+        let before = last.map_or_else(|| Rc::clone(&state), |last| Rc::clone(&last.state));
+        let cut = [BusCondition::Off, BusCondition::Down, BusCondition::Gone].map(BusCondition::code);
+        let is_cut =
+            |bus: usize| [&before, &state].iter().any(|state| cut.contains(&state.buses[bus].condition));
+        let motors = robot.settings.motors.len();
+        Cycle {
+            elapsed,
+            time: last.map_or(0.0, |last| last.time) + elapsed,
+            good_setpoint: self.groups.iter().map(|group| group.good_setpoint).collect(),
+            enabled: self.groups.iter().map(|group| group.enabled).collect(),
+            held: (0..motors).map(|motor| held(motor, &before, &state, last)).collect(),
+            well: (0..self.blocked.len()).map(|bus| !self.blocked[bus] && !is_cut(bus)).collect(),
+            heard: vec![None; motors],
+            frames: vec![0; self.blocked.len()],
+            before,
+            state,
+            begun,
+        }
     }
 
     fn judge_counts(&mut self, robot: &Robot, cycle: &Cycle, sent: &[Sent]) {
         for bus in 0..robot.buses.len() {
-            let mut frames: Vec<_> = sent.iter().filter(|frame| frame.bus == bus).collect();
-            self.sent[bus] += frames.len() as u32;
-            frames.retain(|frame| cycle.has_sent(frame));
+            self.sent[bus] += sent.iter().filter(|frame| frame.bus == bus).count() as u32;
             // A question for faults is sent after the states were published.
             let unpublished = self.sent[bus].wrapping_sub(cycle.state.buses[bus].sent) as i32;
             assert!(unpublished <= 1, "I8: {unpublished} frames more on the wire than counted");
             assert!(self.lossy || unpublished >= 0, "I8: {unpublished} frames on the wire");
-            if self.stale[bus] > 0 {
-                continue;
-            }
-            let motors: Vec<_> = robot.settings.motors.iter().filter(|motor| motor.bus == bus).collect();
-            assert!(
-                frames.len() <= motors.len() + 1,
-                "I5: {} frames for {} motors",
-                frames.len(),
-                motors.len()
-            );
-            for motor in motors {
-                let mine = frames.iter().filter(|frame| is_to(frame, motor));
-                let commands = mine.filter(|frame| frame.meaning != Meaning::GetFault).count();
-                assert!(commands <= 1, "I5: {commands} commands for {}", motor.name);
-            }
         }
+    }
+
+    /// Judges a frame by the cycle that handed it over.
+    fn judge_frame(&mut self, robot: &Robot, cycle: &mut Cycle, frame: &Sent) {
+        let motors = &robot.settings.motors;
+        let motor = motors.iter().position(|motor| is_to(frame, motor)).expect("frames go to motors");
+        cycle.frames[frame.bus] += 1;
+        let most = 1 + motors.iter().filter(|motor| motor.bus == frame.bus).count();
+        assert!(cycle.frames[frame.bus] <= most, "I5: more than {most} frames");
+        let heard = &mut cycle.heard[motor];
+        let first = heard.is_none() || frame.meaning == Meaning::GetFault;
+        assert!(first, "I5: {:?} after {heard:?} for {}", frame.meaning, motors[motor].name);
+        heard.get_or_insert(frame.meaning);
+        self.judge_values(&motors[motor], cycle, motor, frame);
+        self.judge_meaning(robot, cycle, motor, frame);
     }
 
     /// A motor that begins to follow setpoints begins with nothing, and from where it stands.
     fn judge_activation(&mut self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
         if before.mode == MotorMode::Starting.code() {
-            self.slopes[motor] = Slopes::from(f64::from(before.position));
-        }
-        if before.mode != MotorMode::Damping.code() {
-            self.slopes[motor].may_be_held_at([before, now].map(|joint| f64::from(joint.position)));
+            self.slopes[motor] = Slopes::from(f64::from(before.position), cycle.time - cycle.elapsed);
         }
         let started = now.mode == MotorMode::Active.code() && before.mode != now.mode;
         assert!(!started || before.mode == MotorMode::Starting.code(), "I1: active without a start");
@@ -183,48 +238,34 @@ impl Witness {
 
     fn judge_meaning(&mut self, robot: &Robot, cycle: &Cycle, motor: usize, frame: &Sent) {
         let settings = &robot.settings.motors[motor];
-        if self.stale[frame.bus] > 0 {
-            self.stale[frame.bus] -= 1;
-            return;
-        }
         let group = robot.settings.groups.iter().position(|group| group.motors.contains(&motor));
         let group = group.expect("every motor is in a group");
-        let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
-        let either = |phase: Phase| before.phase == phase.code() || now.phase == phase.code();
         match frame.meaning {
             Meaning::Stop | Meaning::GetFault => {}
             Meaning::Start => {
-                assert!(self.groups[group].enabled && either(Phase::Starting), "I1: start in {}", now.phase);
+                let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
+                assert!(asked, "I1: start in {}", cycle.state.groups[group].phase);
             }
             Meaning::SetZero => {
-                assert!(self.zeros[motor] > 0 && either(Phase::Disarmed), "I1: set zero");
+                assert!(self.zeros[motor] > 0 && cycle.touches(group, Phase::Disarmed), "I1: set zero");
                 self.zeros[motor] -= 1;
             }
             Meaning::ClearFault => {
-                assert!(cycle.begun <= self.clears[motor] && either(Phase::Disarmed), "I1: clear fault");
+                let asked = cycle.begun <= self.clears[motor] && cycle.touches(group, Phase::Disarmed);
+                assert!(asked, "I1: clear fault");
             }
             Meaning::Control { .. } => {
-                let stopped = before.phase == Phase::Disarmed.code() && now.phase == before.phase;
-                assert!(!stopped, "I4: {:?} to a stopped motor", frame.meaning);
+                assert!(!cycle.is(group, Phase::Disarmed), "I4: {:?} to a stopped motor", frame.meaning);
                 let reasons = [0, Cause::SetpointTimeout.code(), Cause::OwnerLost.code()];
                 let holds = robot.settings.groups[group].safe_stop == SafeStop::Hold
-                    && reasons.contains(&before.cause)
-                    && now.phase == Phase::Damping.code()
-                    && self.slopes[motor].is_held(settings, &frame.meaning);
+                    && reasons.contains(&cycle.before.groups[group].cause)
+                    && cycle.state.groups[group].phase == Phase::Damping.code()
+                    && is_held(settings, &frame.meaning, cycle.held[motor]);
                 if !frame.meaning.is_safe() && !holds {
-                    self.judge_motion(robot.settings.safety.setpoint_timeout, cycle, group);
+                    judge_motion(robot.settings.safety.setpoint_timeout, cycle, group);
                 }
             }
         }
-    }
-
-    fn judge_motion(&self, timeout: Duration, cycle: &Cycle, group: usize) {
-        let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
-        assert_eq!(before.cause, 0, "I10: motion in the cycle after a cause");
-        assert!(now.phase == Phase::Active.code() || now.cause != 0, "I4: motion in phase {}", now.phase);
-        let good = self.groups[group].good_setpoint.expect("I3: motion without any setpoint");
-        let age = cycle.begun.since(good);
-        assert!(age <= timeout, "I3: motion on a setpoint that is {age:?} old");
     }
 
     fn judge_values(&mut self, settings: &MotorSettings, cycle: &Cycle, motor: usize, frame: &Sent) {
@@ -256,59 +297,83 @@ impl Witness {
             assert!(total.abs() <= f64::from(limits.torque) + codes, "I2: {total} N·m in all");
         }
         if told.applied.kp == 0.0 {
-            self.slopes[motor].rest_at(f64::from(told.position));
+            self.slopes[motor].rest_at(f64::from(told.position), cycle.time - cycle.elapsed);
         }
-        // What a jammed bus lets go at once rises as steeply as it was queued; what was still on the wire when the cycle
-        // began rose in the cycle before.
-        let in_time = self.stale[frame.bus] == 0 && cycle.has_sent(frame);
-        if in_time && cycle.state.joints[motor].mode == MotorMode::Active.code() {
-            self.slopes[motor].judge(limits, position, [kp, kd, torque], torque_code);
+        if cycle.state.joints[motor].mode == MotorMode::Active.code() {
+            self.slopes[motor].judge(cycle.time, limits, position, [kp, kd, torque], torque_code);
         }
     }
 }
 
-/// One cycle, as it was seen from outside.
-struct Cycle {
-    before: StateMessage,
-    state: StateMessage,
-    begun: Instant,
-    told: Vec<Told>,
+/// Judges what motors heard in the newest cycle whose frames have left: those of a bus that was well all the while.
+fn judge_stop(robot: &Robot, cycles: &VecDeque<Cycle>) {
+    let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
+        return;
+    };
+    let first = judged.saturating_sub(DELAY_CYCLES);
+    let is_well = |bus: usize| cycles.range(first..).all(|cycle| cycle.well[bus]);
+    stop::judge(&robot.settings, &cycles[judged - 1], &cycles[judged], is_well);
 }
 
-impl Cycle {
-    /// The frame was sent in this cycle: other traffic delays some beyond the cycle that sent them.
-    fn has_sent(&self, frame: &Sent) -> bool {
-        frame.ready >= self.begun
+fn judge_motion(timeout: Duration, cycle: &Cycle, group: usize) {
+    let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
+    assert_eq!(before.cause, 0, "I10: motion in the cycle after a cause");
+    assert!(now.phase == Phase::Active.code() || now.cause != 0, "I4: motion in phase {}", now.phase);
+    let good = cycle.good_setpoint[group].expect("I3: motion without any setpoint");
+    let age = cycle.begun.since(good);
+    assert!(age <= timeout, "I3: motion on a setpoint that is {age:?} old");
+}
+
+/// Where a motor stands that may be held from now on, or where it has been since it is damped, rad.
+fn held(motor: usize, before: &StateMessage, state: &StateMessage, last: Option<&Cycle>) -> [f64; 2] {
+    match last {
+        Some(last) if before.joints[motor].mode == MotorMode::Damping.code() => last.held[motor],
+        _ => [before, state].map(|state| f64::from(state.joints[motor].position)),
     }
+}
+
+/// The command holds the motor at one of these positions, rad.
+fn is_held(motor: &MotorSettings, command: &Meaning, held: [f64; 2]) -> bool {
+    let Meaning::Control { position, velocity, torque, .. } = *command else { return false };
+    let position = f64::from(motor.direction) * position + f64::from(motor.offset);
+    let there = held.iter().any(|held| (position - held).abs() < 4e-4);
+    there && velocity.abs() < 0.02 && torque.abs() < 0.2
 }
 
 fn is_to(frame: &Sent, motor: &MotorSettings) -> bool {
     frame.bus == motor.bus && frame.id == u16::from(motor.id)
 }
 
-fn judge_joint(settings: &MotorSettings, motor: usize, cycle: &Cycle) {
+fn judge_joint(settings: &MotorSettings, motor: usize, cycle: &Cycle, told: &[Told]) {
     let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
     let fresh = now.flags & message::JOINT_FRESH != 0;
     assert_eq!(fresh, now.age_cycles == 0 && now.receive_ns > 0, "I6: {now:?}");
     assert_eq!(now.flags & message::JOINT_VALID != 0, now.position.is_finite(), "I6: {now:?}");
     if fresh {
-        let said = cycle.told.iter().any(|told| says(told, settings, now));
+        let said = told.iter().any(|told| says(told, settings, now));
         assert!(said, "I6: no reply said {now:?}");
     } else if cycle.state.cycle > cycle.before.cycle {
         assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");
         assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
+        let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
+        let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
+        assert!(kept, "I6: {now:?} from {before:?}");
     }
 }
 
-/// The reply is the motor's, came when `joint` says, and tells its position (MIT document 1.1).
+/// The reply is the motor's, came when `joint` says, and tells its position and velocity (MIT document 1.1).
 fn says(told: &Told, motor: &MotorSettings, joint: &JointState) -> bool {
     let [id, high, low, rest @ ..] = told.frame.payload() else { return false };
     let position = f64::from(u16::from_be_bytes([*high, *low])) * 25.0 / 65535.0 - 12.5;
     let position = f64::from(motor.direction) * position + f64::from(motor.offset);
+    let [fast, slow, ..] = rest else { return false };
+    let velocity = f64::from(u16::from_be_bytes([*fast, *slow]) >> 4) * 130.0 / 4095.0 - 65.0;
+    let velocity = f64::from(motor.direction) * velocity;
     let fault = rest.iter().all(|byte| *byte == 0);
     (told.bus, told.frame.id(), *id) == (motor.bus, motor.host_id, motor.id)
         && told.at.as_nanos() == joint.receive_ns
         && (position - f64::from(joint.position)).abs() < 1e-3
+        && (velocity - f64::from(joint.velocity)).abs() < 1e-3
         && !fault
 }
 

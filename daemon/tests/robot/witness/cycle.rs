@@ -1,0 +1,49 @@
+//! What was seen of one cycle from outside, and what its frames are judged by, however late they leave.
+
+use super::Meaning;
+use motord_bus::Instant;
+use motord_shared::{Phase, StateMessage};
+use std::rc::Rc;
+
+/// One cycle.
+#[derive(Debug)]
+pub(super) struct Cycle {
+    /// What was published before it.
+    pub(super) before: Rc<StateMessage>,
+    /// What it published.
+    pub(super) state: Rc<StateMessage>,
+    pub(super) begun: Instant,
+    /// Since the cycle before, as far as slews may count it, s.
+    pub(super) elapsed: f64,
+    /// The sum of all `elapsed`, s.
+    pub(super) time: f64,
+    /// By group: when the owner last sent a message that is good in every respect.
+    pub(super) good_setpoint: Vec<Option<Instant>>,
+    /// By group: an enable was asked for, and nothing has stopped the group since.
+    pub(super) enabled: Vec<bool>,
+    /// By motor: where it stood when a stop could have begun, before and after the cycle's reply, rad.
+    pub(super) held: Vec<[f64; 2]>,
+    /// By bus: nothing keeps frames from the wire.
+    pub(super) well: Vec<bool>,
+    /// By motor: its command. A question for faults is one when nothing else was said.
+    pub(super) heard: Vec<Option<Meaning>>,
+    /// Frames by bus.
+    pub(super) frames: Vec<usize>,
+}
+
+impl Cycle {
+    /// The group was in this phase before the cycle, and after it.
+    pub(super) fn is(&self, group: usize, phase: Phase) -> bool {
+        self.was(group, phase) && self.state.groups[group].phase == phase.code()
+    }
+
+    /// The group was in this phase before the cycle.
+    pub(super) fn was(&self, group: usize, phase: Phase) -> bool {
+        self.before.groups[group].phase == phase.code()
+    }
+
+    /// The group was in this phase before the cycle, or after it.
+    pub(super) fn touches(&self, group: usize, phase: Phase) -> bool {
+        self.was(group, phase) || self.state.groups[group].phase == phase.code()
+    }
+}

@@ -1,0 +1,105 @@
+//! What must happen: a motor that hears nothing keeps its last command.
+
+use super::cycle::Cycle;
+use super::{Meaning, Robot};
+use motord::config::settings::{SafeStop, Settings};
+use motord_shared::{MotorMode, Phase};
+
+/// A safe frame comes within so many cycles of a fault that the cycle can see.
+const NOTICE_CYCLES: u32 = 2;
+/// Replies that were under way when a motor fell silent, and questions for its faults, delay the verdict by so many.
+const SILENCE_CYCLES: u32 = 4;
+
+/// What a fault was done to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Target {
+    Bus(usize),
+    Motor(usize),
+}
+
+/// A fault that was injected while a group was active, and must stop it.
+#[derive(Debug)]
+pub(super) struct Injected {
+    target: Target,
+    group: usize,
+    cycles_left: u32,
+}
+
+/// The faults that must be noticed.
+#[derive(Debug, Default)]
+pub(super) struct Injections(Vec<Injected>);
+
+impl Injections {
+    /// Every active group that `target` is a part of must be stopped soon.
+    pub(super) fn begin(&mut self, target: Target, robot: &mut Robot) {
+        let state = robot.state();
+        let settings = &robot.settings;
+        let is_hurt = |motor: usize| match target {
+            Target::Bus(bus) => settings.motors[motor].bus == bus,
+            Target::Motor(hurt) => hurt == motor,
+        };
+        let cycles_left = match target {
+            Target::Bus(_) => NOTICE_CYCLES,
+            Target::Motor(_) => settings.safety.lost_cycles + SILENCE_CYCLES,
+        };
+        for (group, members) in settings.groups.iter().enumerate() {
+            let active = state.groups[group].phase == Phase::Active.code();
+            let known = self.0.iter().any(|injected| (injected.target, injected.group) == (target, group));
+            if active && !known && members.motors.iter().any(|&motor| is_hurt(motor)) {
+                self.0.push(Injected { target, group, cycles_left });
+            }
+        }
+    }
+
+    /// The fault is lifted.
+    pub(super) fn end(&mut self, target: Target) {
+        self.0.retain(|injected| injected.target != target);
+    }
+
+    /// A cycle has passed.
+    pub(super) fn judge(&mut self, cycle: &Cycle) {
+        self.0.retain(|injected| cycle.is(injected.group, Phase::Active));
+        for injected in &mut self.0 {
+            assert!(injected.cycles_left > 0, "I10: nobody noticed {injected:?}");
+            injected.cycles_left -= 1;
+        }
+    }
+}
+
+/// Judges what the motors heard in `cycle`, which came after `last`, on buses that were well.
+pub(super) fn judge(settings: &Settings, last: &Cycle, cycle: &Cycle, is_well: impl Fn(usize) -> bool) {
+    for (group, members) in settings.groups.iter().enumerate() {
+        let disarmed = cycle.state.groups[group].phase == Phase::Disarmed.code();
+        let moved = cycle.was(group, Phase::Starting) || cycle.was(group, Phase::Active);
+        let may = members.safe_stop == SafeStop::Stop;
+        assert!(may || !disarmed || !moved, "I10: a group was stopped without damping");
+        for &motor in members.motors.iter().filter(|&&motor| is_well(settings.motors[motor].bus)) {
+            judge_motor(&settings.motors[motor].name, [last, cycle], group, motor);
+        }
+    }
+}
+
+fn judge_motor(name: &str, [last, cycle]: [&Cycle; 2], group: usize, motor: usize) {
+    let [was, is] = [&cycle.before, &cycle.state].map(|state| state.joints[motor].mode);
+    let [before, now] = [last, cycle].map(|cycle| cycle.heard[motor]);
+    let offline = [was, is].contains(&MotorMode::Offline.code());
+    assert!(offline || now.is_some(), "I10: {name} heard nothing");
+    if was != MotorMode::Damping.code() || !cycle.was(group, Phase::Damping) {
+        return;
+    }
+    if !cycle.is(group, Phase::Damping) {
+        let damped = before == Some(Meaning::GetFault) || brakes(before) && !pulls(before);
+        assert!(damped, "I10: {name} heard {before:?} and went limp");
+    } else if is == was {
+        let asked = now == Some(Meaning::GetFault) && brakes(before);
+        assert!(asked || brakes(now), "I10: {name} heard {before:?} and {now:?} while it is damped");
+    }
+}
+
+fn brakes(command: Option<Meaning>) -> bool {
+    matches!(command, Some(Meaning::Control { kd, .. }) if kd > 0.0)
+}
+
+fn pulls(command: Option<Meaning>) -> bool {
+    matches!(command, Some(Meaning::Control { kp, .. }) if kp > 0.0)
+}
