@@ -2,8 +2,8 @@
 
 use crate::config::{self, ConfigError};
 use crate::deadman::channel::{Answer, Channel, Request};
-use crate::deadman::switch::Switch;
-use crate::deadman::will::{BusWill, Executor, Open, Will, WillError};
+use crate::deadman::executor::{Executor, Executors};
+use crate::deadman::will::{BusWill, Open, Will, WillError};
 use motord_bus::socketcan::{InterfaceLock, LockError};
 use motord_bus::{Duration, clock};
 use motord_shared::instance::Instance;
@@ -12,8 +12,8 @@ use std::path::Path;
 
 /// systemd waits for this program before it starts the daemon again.
 const DAMP_MAX: Duration = Duration::from_secs(1);
-/// A switch that acts needs so much longer than its damping.
-const SWITCH_MARGIN: Duration = Duration::from_secs(1);
+/// An interface that takes its frames late has so much longer than the damping.
+const MARGIN: Duration = Duration::from_secs(1);
 const SWITCH_TURN: Duration = Duration::from_millis(50);
 
 /// Why not every motor was told to stop.
@@ -36,6 +36,18 @@ pub enum LeftOut {
     /// It cannot be opened.
     #[error("{0}")]
     Will(#[from] WillError),
+    /// It did not take the frames of all of its motors often enough.
+    #[error("{interface} refuses frames")]
+    Refused {
+        /// The interface.
+        interface: String,
+    },
+    /// The same, and the dead man's switch does not give up.
+    #[error("{interface} refuses frames; the dead man's switch keeps trying")]
+    Awaited {
+        /// The interface.
+        interface: String,
+    },
 }
 
 impl SafeStopError {
@@ -49,58 +61,70 @@ impl SafeStopError {
     }
 }
 
-/// Damps and stops the motors on every CAN interface of a configuration, which takes at most a second. Interfaces are
-/// used as they are. Leaves the work to a dead man's switch that is at it already, and waits for its end: two senders
-/// would stop each other's damping, and so would the daemon that systemd starts next. `open` opens an interface to send.
+/// Damps and stops the motors on every CAN interface of a configuration, which takes at most two seconds. Interfaces are
+/// used as they are. Leaves the work to a dead man's switch that is at it already, and waits for its end, at most a second
+/// longer than its damping: two senders would stop each other's damping, and so would the daemon that systemd starts next.
+/// `open` opens an interface to send.
 ///
 /// # Errors
 ///
-/// Which interfaces were left out, and why. The others are served all the same.
+/// Which interfaces were left out or refused, and why. The others are served all the same.
 pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
     let will = Will::of(&settings);
     let instance = Instance::find(&settings.instance).ok();
-    if instance.as_ref().is_some_and(|instance| await_switch(instance, will.damp + SWITCH_MARGIN)) {
-        tracing::info!("the dead man's switch stopped the motors");
-        return Ok(());
+    if let Some(owed) = instance.as_ref().and_then(|instance| await_switch(instance, will.damp + MARGIN)) {
+        tracing::info!("left to the dead man's switch");
+        return report(owed.into_iter().map(|interface| LeftOut::Awaited { interface }).collect());
     }
     let directory = instance.as_ref().map(Instance::runtime);
-    let (mut ready, mut left_out) = (Vec::new(), Vec::new());
+    // The locks keep a daemon that starts from driving these interfaces until their motors are stopped.
+    let (mut executors, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     for bus in &will.buses {
         match prepare(bus, directory, open) {
-            Ok(bus) => ready.push(bus),
+            Ok((executor, lock)) => {
+                executors.push(executor);
+                locks.push(lock);
+            }
             Err(reason) => left_out.push(reason),
         }
     }
-    carry_out(&mut ready, will.damp.min(DAMP_MAX));
+    let refused = carry_out(executors, will.damp.min(DAMP_MAX));
+    left_out.extend(refused.into_iter().map(|interface| LeftOut::Refused { interface }));
+    report(left_out)
+}
+
+fn report(left_out: Vec<LeftOut>) -> Result<(), SafeStopError> {
     if left_out.is_empty() { Ok(()) } else { Err(SafeStopError::LeftOut(left_out)) }
 }
 
-/// Waits while the switch acts, at most for `patience`. Tells whether it did.
-fn await_switch(instance: &Instance, patience: Duration) -> bool {
+/// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served then; `None` when it
+/// does not act, or is gone before its end.
+fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> {
     let end = clock::monotonic() + patience;
-    let mut acted = false;
-    while switch_acts(instance).unwrap_or(false) && clock::monotonic() < end {
-        acted = true;
+    let mut owed = owed_by_switch(instance).ok().filter(|owed| !owed.is_empty())?;
+    while !owed.is_empty() && clock::monotonic() < end {
         std::thread::sleep(SWITCH_TURN);
+        owed = owed_by_switch(instance).ok()?;
     }
-    acted
+    Some(owed)
 }
 
-fn switch_acts(instance: &Instance) -> io::Result<bool> {
+fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
     let switch = Channel::connect(instance)?;
     switch.send(&Request::AskWhetherActing, None)?;
-    let (answer, _) = switch.receive()?;
-    Ok(matches!(answer, Answer::Acting(true)))
+    match switch.receive()?.0 {
+        Answer::Acting(owed) => Ok(owed),
+        Answer::Registered | Answer::Refused(_) => Err(io::ErrorKind::InvalidData.into()),
+    }
 }
 
-/// An interface that is nobody else's while it is held.
-struct Ready {
-    executor: Executor,
-    _lock: Option<InterfaceLock>,
-}
-
-fn prepare(bus: &BusWill, directory: Option<&Path>, open: Open<'_>) -> Result<Ready, LeftOut> {
+/// The interface is nobody else's while the lock is held; `None` where no daemon could hold one.
+fn prepare(
+    bus: &BusWill,
+    directory: Option<&Path>,
+    open: Open<'_>,
+) -> Result<(Executor, Option<InterfaceLock>), LeftOut> {
     let interface = bus.interface.parse().ok();
     let lock = match directory.zip(interface).map(|(directory, name)| InterfaceLock::acquire(directory, name))
     {
@@ -109,16 +133,18 @@ fn prepare(bus: &BusWill, directory: Option<&Path>, open: Open<'_>) -> Result<Re
         Some(Err(LockError::File { .. })) | None => None,
         Some(Ok(lock)) => Some(lock),
     };
-    Ok(Ready { executor: Executor::new(bus, open)?, _lock: lock })
+    Ok((Executor::new(bus, open)?, lock))
 }
 
-fn carry_out(ready: &mut [Ready], damp: Duration) {
-    let mut switch = Switch::asked(damp, clock::monotonic());
-    while !ready.is_empty() && switch.acts().is_some() {
-        clock::sleep_until(switch.due());
-        let now = clock::monotonic();
-        if let Some(order) = switch.step(now, false, switch.heartbeat()) {
-            ready.iter_mut().for_each(|ready| ready.executor.carry_out(order, now));
-        }
+/// Returns the interfaces that are not served [`MARGIN`] after the damping.
+fn carry_out(executors: Vec<Executor>, damp: Duration) -> Vec<String> {
+    let mut executors = Executors::new(executors, damp);
+    let now = clock::monotonic();
+    executors.begin(now);
+    let end = now + damp + MARGIN;
+    while let Some(due) = executors.due().filter(|due| *due < end) {
+        clock::sleep_until(due);
+        executors.round(clock::monotonic());
     }
+    executors.owed()
 }

@@ -9,13 +9,13 @@ use super::{InterfaceName, OpenError, bind, failed, limit_queue, raw_socket, sen
 use crate::frame::{Frame, Inbox};
 use crate::kernel::Batch;
 use crate::time::Instant;
-use crate::{Bus, Readiness, Refusal, Sent};
+use crate::{Bus, Readiness, Sent};
 
-/// Sends on the interface of a name, whichever that is: one that is missing, or was unplugged and plugged in again, is looked
-/// for whenever there is something to send.
+/// Sends on the interface of a name, whichever that is: one that is missing, or was unplugged and plugged in again, refuses
+/// with [`Refusal::Gone`](crate::Refusal::Gone) until it is [found](Self::find).
 ///
 /// It takes the interface as it is, and leaves alone what a daemon has set up. One that is down refuses with
-/// [`Refusal::Down`] until it is up.
+/// [`Refusal::Down`](crate::Refusal::Down) until it is up.
 pub struct Sender {
     interface: InterfaceName,
     socket: CanSocket,
@@ -35,8 +35,10 @@ impl Sender {
         Ok(Self { interface, socket, outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES) })
     }
 
-    /// Finds the interface that has the name now. Does not allocate; five system calls, one of which waits while another
-    /// process configures interfaces. With `CAP_NET_ADMIN` the kernel looks for a driver of that name first.
+    /// Finds the interface that has the name now. Does not allocate; five system calls. Not for the real-time thread of a
+    /// robot that moves: it waits while any other process, or the kernel itself when adapters come and go, configures
+    /// interfaces, however long that takes. With `CAP_NET_ADMIN` it also waits while the kernel looks for a
+    /// driver of that name (`modprobe`).
     ///
     /// # Errors
     ///
@@ -52,13 +54,8 @@ impl Sender {
 }
 
 impl Bus for Sender {
-    /// One `sendmmsg`. When the interface is away, or was, it is [looked for](Self::find), and there is a second.
+    /// One `sendmmsg`.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
-        let sent = send(&mut self.outgoing, self.socket.as_fd(), frames);
-        let is_away = matches!(sent.refusal, Some(Refusal::Gone | Refusal::Down));
-        if !is_away || self.find().is_err() {
-            return sent;
-        }
         send(&mut self.outgoing, self.socket.as_fd(), frames)
     }
 

@@ -184,18 +184,21 @@ fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
     assert_eq!(descriptors(), before);
 }
 
-/// Goal: what stops the motors of a dead daemon serves whatever has the interface's name at that time, at once.
+/// Goal: what stops the motors of a dead daemon serves whatever has the interface's name at that time, and a send never waits
+/// for the search.
 #[test]
 #[ignore = "needs SocketCAN and root: run rigs/test-can"]
 fn a_sender_finds_the_interface_that_has_its_name_now() {
     let frames = [frame(1), frame(2)];
     let send = |sender: &mut Sender| sender.send(clock::monotonic(), &frames);
     let mut vcan = Vcan::new();
-    let mut sender = Sender::new(settings(&vcan.name).interface, 8).unwrap();
+    let interface = settings(&vcan.name).interface;
+    let mut sender = Sender::new(interface, 8).unwrap();
     for round in 0..10 {
         let before = allocations();
-        let sent = send(&mut sender);
-        assert_eq!((sent, allocations() - before), (Sent::all(2), 0), "round {round}: new");
+        assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}: not looked for");
+        assert_eq!(sender.find(), Ok(()), "round {round}: new");
+        assert_eq!((send(&mut sender), allocations() - before), (Sent::all(2), 0), "round {round}");
         assert_eq!(vcan.heard(), frames);
         assert!(vcan.set(Condition::Down));
         assert_eq!(send(&mut sender).refusal, Some(Refusal::Down), "round {round}");
@@ -204,6 +207,7 @@ fn a_sender_finds_the_interface_that_has_its_name_now() {
         assert!(vcan.set(Condition::Gone));
         let before = allocations();
         assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}");
+        assert_eq!(sender.find(), Err(OpenError::Missing(interface)));
         assert_eq!(allocations(), before);
         CanInterface::create_vcan(&vcan.name, None).unwrap();
         assert!(vcan.set(Condition::Up));

@@ -34,7 +34,7 @@ const PATIENCE_S: i64 = 2;
 pub enum Request {
     /// Carry this out when I die. Comes with the file of the heartbeat.
     Register(Will),
-    /// Are you carrying out a will?
+    /// Are you carrying out a will, and what is left of it?
     AskWhetherActing,
 }
 
@@ -45,8 +45,8 @@ pub enum Answer {
     Registered,
     /// It is not.
     Refused(Refusal),
-    /// It is carrying out a will, or not.
-    Acting(bool),
+    /// The interfaces whose motors it has still to damp or stop; none when it carries out no will.
+    Acting(Vec<String>),
 }
 
 /// Why a registration is refused.

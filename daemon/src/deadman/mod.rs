@@ -11,11 +11,14 @@
 //! or the heartbeat stands still, unless that is at rest: then the motors are stopped already. It outlives the daemon,
 //! and the next one registers again.
 //!
-//! - [`switch`]: when to act, pure. [`server`]: watching and sending.
-//! - [`will`]: the frames. [`channel`]: the connection. [`registrar`]: the daemon's side.
+//! - [`switch`]: when to act, pure. [`schedule`]: what a bus is told then, and when, pure.
+//! - [`server`]: watching. [`executor`]: sending. [`will`]: the frames.
+//! - [`channel`]: the connection. [`registrar`]: the daemon's side.
 
 pub mod channel;
+pub mod executor;
 pub mod registrar;
+pub mod schedule;
 pub mod server;
 pub mod switch;
 pub mod will;
@@ -35,6 +38,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How often an idle switch looks whether it was told to end.
 const IDLE: Duration = Duration::from_secs(1);
+/// What it finishes after that takes at most so much longer than the damping. Less than systemd waits.
+const FINISH_MARGIN: Duration = Duration::from_secs(1);
 
 /// Why there is no dead man's switch.
 #[derive(Debug, thiserror::Error)]
@@ -70,7 +75,7 @@ impl DeadmanError {
 }
 
 /// Is the dead man's switch of the configuration's instance until a signal ends it. A will that is being carried out is
-/// carried out first.
+/// carried out first, but an interface that refuses is not waited for any longer than damping takes.
 ///
 /// # Errors
 ///
@@ -99,8 +104,9 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
         server.turn(clock::monotonic() + IDLE);
     }
     systemd::stops(settings.safety.damp);
-    while server.is_acting() {
-        server.turn(clock::monotonic() + IDLE);
+    let owed = server.finish(clock::monotonic() + settings.safety.damp + FINISH_MARGIN);
+    if !owed.is_empty() {
+        tracing::error!("told to end before these took their stops: {}", owed.join(", "));
     }
     Ok(())
 }

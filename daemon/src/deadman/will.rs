@@ -4,10 +4,8 @@ use crate::config::settings::{BusKind, Settings};
 use crate::drive::last_frames;
 use core::fmt::Display;
 use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
-use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant};
+use motord_bus::{Bus, Duration, Frame, Inbox};
 use serde::{Deserialize, Serialize};
-
-use super::switch::Order;
 
 /// What to tell the motors of a daemon that cannot any more, and when.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -84,16 +82,29 @@ impl BusWill {
     }
 }
 
+/// Where frames leave for an interface, which may be missing for a while.
+pub trait Outlet: Bus {
+    /// Looks for the interface after [`Refusal::Gone`](motord_bus::Refusal::Gone), and tells whether it is there. Does not
+    /// allocate; may wait while another process configures interfaces.
+    fn look_for(&mut self) -> bool;
+}
+
+impl Outlet for Sender {
+    fn look_for(&mut self) -> bool {
+        self.find().is_ok()
+    }
+}
+
 /// Opens an interface by name, to send up to so many frames at a time.
-pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Bus>, WillError>;
+pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>;
 
 /// Opens an interface of this machine as it is.
 ///
 /// # Errors
 ///
 /// [`WillError::Interface`].
-pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Bus>, WillError> {
-    let (sender, found) = look_for(name, frames)?;
+pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, WillError> {
+    let (sender, found) = prepare(name, frames)?;
     found.map_err(|error| failed(&error))?;
     Ok(Box::new(sender))
 }
@@ -103,15 +114,15 @@ pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Bus>, WillError
 /// # Errors
 ///
 /// [`WillError::Interface`].
-pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Bus>, WillError> {
-    let (sender, found) = look_for(name, frames)?;
+pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, WillError> {
+    let (sender, found) = prepare(name, frames)?;
     if let Err(error) = found {
         tracing::warn!("{error}. It is looked for again when its motors are to be damped.");
     }
     Ok(Box::new(sender))
 }
 
-fn look_for(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), WillError> {
+fn prepare(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), WillError> {
     let interface: InterfaceName = name.parse().map_err(|error| failed(&error))?;
     let mut sender = Sender::new(interface, frames).map_err(|error| failed(&error))?;
     let found = sender.find();
@@ -120,45 +131,4 @@ fn look_for(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), 
 
 fn failed(reason: &dyn Display) -> WillError {
     WillError::Interface { reason: reason.to_string() }
-}
-
-/// A [`BusWill`] that is ready to be carried out.
-pub struct Executor {
-    bus: Box<dyn Bus>,
-    damp: Vec<Frame>,
-    stop: Vec<Frame>,
-}
-
-impl Executor {
-    /// Opens the interface and checks the frames. Allocates; nothing after it does.
-    ///
-    /// # Errors
-    ///
-    /// Why the will cannot be carried out.
-    pub fn new(will: &BusWill, open: Open<'_>) -> Result<Self, WillError> {
-        let count = will.damp.len().max(will.stop.len());
-        if count > Inbox::CAPACITY {
-            return Err(WillError::Count { interface: will.interface.clone(), count });
-        }
-        let (damp, stop) = (frames(&will.damp)?, frames(&will.stop)?);
-        Ok(Self { bus: open(&will.interface, 2 * count as u32)?, damp, stop })
-    }
-
-    /// Sends the frame of every motor. What the bus refuses is lost: the next order repeats it. Real-time: does not
-    /// allocate; one system call, or seven where the interface is away, one of which waits while another process configures
-    /// interfaces.
-    pub fn carry_out(&mut self, order: Order, now: Instant) {
-        let frames = match order {
-            Order::Damp => &self.damp,
-            Order::Stop => &self.stop,
-        };
-        let _repeated = self.bus.send(now, frames);
-    }
-}
-
-fn frames(written: &[WrittenFrame]) -> Result<Vec<Frame>, WillError> {
-    let frame = |&(id, bytes): &WrittenFrame| {
-        FrameId::new(id).map(|id| Frame::full(id, bytes)).ok_or(WillError::Id { id })
-    };
-    written.iter().map(frame).collect()
 }
