@@ -91,7 +91,7 @@ fn judge_motor(name: &str, [last, cycle]: [&Cycle; 2], group: usize, motor: usiz
         let damped = before == Some(Meaning::GetFault) || brakes(before) && !pulls(before);
         assert!(damped, "I10: {name} heard {before:?} and went limp");
     } else if is == was {
-        let asked = now == Some(Meaning::GetFault) && brakes(before);
+        let asked = now == Some(Meaning::GetFault) && before != now;
         assert!(asked || brakes(now), "I10: {name} heard {before:?} and {now:?} while it is damped");
     }
 }
