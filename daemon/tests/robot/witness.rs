@@ -72,6 +72,8 @@ pub struct Witness {
     sent: Vec<u32>,
     /// Buses that something keeps from carrying frames.
     blocked: Vec<bool>,
+    /// Buses that the host was cut off from, until they are known to be well again.
+    cut: Vec<bool>,
     injections: Injections,
     lossy: bool,
 }
@@ -88,6 +90,7 @@ impl Witness {
             clears: vec![Instant::ZERO; settings.motors.len()],
             sent: vec![0; settings.buses.len()],
             blocked: vec![false; settings.buses.len()],
+            cut: vec![false; settings.buses.len()],
             injections: Injections::default(),
             lossy: false,
         }
@@ -102,7 +105,7 @@ impl Witness {
     pub fn disturbed_bus(&mut self, robot: &mut Robot, bus: usize, fault: &str) {
         match fault {
             "gone" | "down" | "bus-off" => {
-                self.blocked[bus] = true;
+                (self.blocked[bus], self.cut[bus]) = (true, true);
                 self.injections.begin(Target::Bus(bus), robot);
             }
             "no-ack" | "tx-full" | "tx-full 1" => {
@@ -182,9 +185,6 @@ impl Witness {
         let elapsed = begun.since(self.begun).min(2 * super::PERIOD).as_secs_f64();
         self.begun = begun;
         let before = last.map_or_else(|| Rc::clone(&state), |last| Rc::clone(&last.state));
-        let cut = [BusCondition::Off, BusCondition::Down, BusCondition::Gone].map(BusCondition::code);
-        let is_cut =
-            |bus: usize| [&before, &state].iter().any(|state| cut.contains(&state.buses[bus].condition));
         let motors = robot.settings.motors.len();
         Cycle {
             elapsed,
@@ -192,13 +192,22 @@ impl Witness {
             good_setpoint: self.groups.iter().map(|group| group.good_setpoint).collect(),
             enabled: self.groups.iter().map(|group| group.enabled).collect(),
             held: (0..motors).map(|motor| held(motor, &before, &state, last)).collect(),
-            well: (0..self.blocked.len()).map(|bus| !self.blocked[bus] && !is_cut(bus)).collect(),
+            well: (0..self.blocked.len()).map(|bus| self.is_well(bus, [&before, &state])).collect(),
             heard: vec![None; motors],
             frames: vec![0; self.blocked.len()],
             before,
             state,
             begun,
         }
+    }
+
+    /// Nothing keeps frames from the wire, and the cycle knows it. It may not give up a bus that was never cut off.
+    fn is_well(&mut self, bus: usize, states: [&StateMessage; 2]) -> bool {
+        let lost = [BusCondition::Off, BusCondition::Down, BusCondition::Gone].map(BusCondition::code);
+        let given_up = states.iter().any(|state| lost.contains(&state.buses[bus].condition));
+        assert!(self.cut[bus] || !given_up, "I10: bus {bus} was given up");
+        self.cut[bus] &= given_up || self.blocked[bus];
+        !given_up && !self.blocked[bus]
     }
 
     fn judge_counts(&mut self, robot: &Robot, cycle: &Cycle, sent: &[Sent]) {
