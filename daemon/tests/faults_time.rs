@@ -115,6 +115,23 @@ fn a_daemon_that_was_frozen_sends_nothing_that_it_decided_before() {
     }
 }
 
+/// Goal: a cycle that is interrupted while it sends awaits the replies to all that it sent.
+/// Method: for 3 ms, which is not too long, at every place where it reads the clock.
+#[test]
+fn a_cycle_that_is_interrupted_while_it_sends_misses_no_reply() {
+    for place in 0..12 {
+        let mut robot = Robot::new(robot::quadruped(), 1);
+        let joints = robot.activate();
+        let missed = |robot: &mut Robot| (0..12).map(|joint| robot.joint(joint).missed).sum::<u32>();
+        let before = missed(&mut robot);
+        robot.clock.freeze.set(Some((place, Duration::from_millis(3))));
+        for _ in 0..20 {
+            robot.follow(&joints);
+        }
+        assert_eq!((robot.phase(), missed(&mut robot) - before), (Phase::Active, 0), "at reading {place}");
+    }
+}
+
 #[test]
 fn a_clock_that_runs_backwards_changes_no_command_and_stops_nothing() {
     for back in [Duration::from_nanos(1), Duration::from_micros(100), Duration::from_millis(1)] {

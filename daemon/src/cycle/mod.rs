@@ -174,17 +174,17 @@ impl<C: Clock> Cycle<C> {
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    /// Tells when the frames were handed over: the replies are awaited from then on.
+    /// Tells when the last frames were handed over: the replies are awaited from then on.
     fn transmit(&mut self, tick: &Tick) -> Instant {
         let Self { control, drives, slots, bus_of, clock, stale_after, .. } = self;
         let commands = control.decide(*tick);
-        let now = clock.now();
+        let mut now = clock.now();
         slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
         for (motor, command) in commands.iter().enumerate() {
             slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
         }
         for (bus, slot) in slots.iter_mut().enumerate() {
-            let now = clock.now();
+            now = clock.now();
             // A process that was frozen since it decided goes on here, when others may have stopped its motors.
             let is_stale = now.since(tick.begun) > *stale_after;
             let unask = |motor: usize| {
