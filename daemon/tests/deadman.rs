@@ -258,12 +258,18 @@ fn owed(instance: &Instance) -> Vec<String> {
     }
 }
 
-#[test]
-fn motors_on_a_bus_that_takes_nothing_are_damped_and_stopped_whenever_it_does() {
-    let (_directory, instance) = runtime();
+/// A switch whose daemon died while `can1` takes nothing.
+fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
+    let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     switch.jammed.store(true, Ordering::Relaxed);
     dies(&instance, will_of_two());
+    (directory, instance, switch)
+}
+
+#[test]
+fn motors_on_a_bus_that_takes_nothing_are_damped_and_stopped_whenever_it_does() {
+    let (_directory, instance, switch) = dead_with_a_jam();
     switch.serves(DAMPING.0);
     assert_eq!(owed(&instance), ["can1"], "long after the damping was over");
     switch.jammed.store(false, Ordering::Relaxed);
@@ -273,10 +279,7 @@ fn motors_on_a_bus_that_takes_nothing_are_damped_and_stopped_whenever_it_does() 
 
 #[test]
 fn the_next_daemon_ends_what_the_switch_owes_to_a_bus_that_takes_nothing() {
-    let (directory, instance) = runtime();
-    let switch = Switch::start(&instance);
-    switch.jammed.store(true, Ordering::Relaxed);
-    dies(&instance, will_of_two());
+    let (directory, _instance, switch) = dead_with_a_jam();
     switch.serves(DAMPING.0);
     let _next = Daemon::start(directory.path());
     switch.jammed.store(false, Ordering::Relaxed);
@@ -452,10 +455,7 @@ fn text(output: &Output) -> String {
 /// The switch has the interface, so that two senders do not end each other's damping.
 #[test]
 fn a_safe_stop_does_not_say_that_the_switch_has_stopped_what_it_cannot_reach() {
-    let (directory, instance) = runtime();
-    let switch = Switch::start(&instance);
-    switch.jammed.store(true, Ordering::Relaxed);
-    dies(&instance, will_of_two());
+    let (directory, _instance, _switch) = dead_with_a_jam();
     let config = configuration(directory.path(), CAN);
     let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
     assert_eq!(output.status.code(), Some(69), "{}", text(&output));
