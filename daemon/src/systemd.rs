@@ -1,6 +1,6 @@
 //! What systemd is told (`sd_notify(3)`), where it runs this process; elsewhere nothing.
 
-use motord_bus::{Duration, time};
+use motord_bus::Duration;
 use sd_notify::NotifyState;
 
 /// What a stop may take longer than the damping.
@@ -19,8 +19,8 @@ pub fn lives() {
 /// The process ends once its motors are stopped, which takes as long as they are damped: `damp` at most. The unit's
 /// `TimeoutStopSec=` knows nothing of that, and must not end it.
 pub fn stops(damp: Duration) {
-    let micros = time::nanos(damp + STOP_MARGIN) / 1000;
-    let patience = NotifyState::ExtendTimeoutUsec(u32::try_from(micros).unwrap_or(u32::MAX));
+    let micros = u32::try_from((damp + STOP_MARGIN).as_micros()).unwrap_or(u32::MAX);
+    let patience = NotifyState::ExtendTimeoutUsec(micros);
     tell(&[NotifyState::Stopping, patience]);
 }
 

@@ -107,13 +107,13 @@ impl Control {
             self.motors[motor].begin_damping();
             self.motor_changed(motor);
         }
-        let safe_stop = self.groups[index].safe_stop;
-        match safe_stop {
+        match self.groups[index].safe_stop {
             SafeStop::Stop => self.disarm(index),
+            SafeStop::Hold if may_hold => {
+                self.enter(index, Phase::Damping);
+                self.groups[index].hold(self.now, self.safety.damp);
+            }
             SafeStop::Damp | SafeStop::Hold => self.enter(index, Phase::Damping),
-        }
-        if safe_stop == SafeStop::Hold && may_hold {
-            self.groups[index].hold(self.now, self.safety.damp);
         }
     }
 
