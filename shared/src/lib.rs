@@ -10,27 +10,37 @@
 //! - [`ports`]: the two ends of the services.
 //! - [`clock`]: the clock of every time stamp.
 //!
+//! Without the feature `ports` there are only messages, codes, limits and descriptions: no file, no clock, no iceoryx2.
+//!
 //! Units are SI and joint side: rad, rad/s, N·m, N·m/rad, N·m·s/rad; temperatures in °C; times in nanoseconds of
 //! `CLOCK_MONOTONIC`.
 
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "ports")]
 pub mod clock;
+#[cfg(feature = "ports")]
 pub mod instance;
 pub mod limits;
 pub mod message;
+#[cfg(feature = "ports")]
 pub mod ports;
+#[cfg(feature = "ports")]
 mod room;
 pub mod roster;
+#[cfg(feature = "ports")]
 pub mod service;
 pub mod vocabulary;
 
+#[cfg(feature = "ports")]
 pub use instance::{DEFAULT_INSTANCE, Instance, InstanceError, InstanceLock};
 pub use message::{
     AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState,
     SetpointMessage, StateMessage,
 };
+#[cfg(feature = "ports")]
 pub use ports::{ClientPorts, DaemonPorts, Housekeeper, Request};
+#[cfg(feature = "ports")]
 pub use service::ServiceError;
 pub use vocabulary::{
     BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,

@@ -5,6 +5,7 @@
 
 use crate::limits::{ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
 use crate::vocabulary::Rejection;
+#[cfg(feature = "ports")]
 use iceoryx2::prelude::ZeroCopySend;
 
 /// `StateMessage::flags`: the emergency stop is latched.
@@ -28,8 +29,8 @@ pub const JOINT_VALID: u32 = 1 << 1;
 pub const ALL_GROUPS: u32 = u32::MAX;
 
 /// What really went to the motor in a cycle, joint side.
-#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
-#[type_name("motord.Applied.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.Applied.v1"))]
 #[repr(C)]
 pub struct Applied {
     /// rad.
@@ -45,8 +46,8 @@ pub struct Applied {
 }
 
 /// One joint in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
-#[type_name("motord.JointState.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointState.v1"))]
 #[repr(C)]
 pub struct JointState {
     /// rad. The last one received; see `age_cycles`.
@@ -80,8 +81,8 @@ pub struct JointState {
 }
 
 /// One group in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
-#[type_name("motord.GroupState.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v1"))]
 #[repr(C)]
 pub struct GroupState {
     /// The owner's lease; 0 for none.
@@ -103,8 +104,8 @@ pub struct GroupState {
 }
 
 /// One bus in a cycle. All counters are modulo 2³².
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
-#[type_name("motord.BusState.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.BusState.v1"))]
 #[repr(C)]
 pub struct BusState {
     /// `BusCondition` code.
@@ -131,8 +132,8 @@ pub struct BusState {
 }
 
 /// Everything that is known after a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("motord.State.v1")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v1"))]
 #[repr(C)]
 pub struct StateMessage {
     /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
@@ -204,8 +205,8 @@ impl StateMessage {
 }
 
 /// What a joint is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Default, ZeroCopySend)]
-#[type_name("motord.JointSetpoint.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointSetpoint.v1"))]
 #[repr(C)]
 pub struct JointSetpoint {
     /// rad.
@@ -223,8 +224,8 @@ pub struct JointSetpoint {
 }
 
 /// One frame of setpoints for a whole group.
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("motord.Setpoint.v1")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.Setpoint.v1"))]
 #[repr(C)]
 pub struct SetpointMessage {
     /// The lease that a claim was answered with.
@@ -258,8 +259,8 @@ impl Default for SetpointMessage {
 }
 
 /// An administrative request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
-#[type_name("motord.AdminRequest.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v1"))]
 #[repr(C)]
 pub struct AdminRequest {
     /// The lease of the asking owner; 0 when an operator or a watcher asks.
@@ -275,8 +276,8 @@ pub struct AdminRequest {
 }
 
 /// The head of an answer; for `roster` and `telemetry` JSON text follows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ZeroCopySend)]
-#[type_name("motord.AdminReply.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminReply.v1"))]
 #[repr(C)]
 pub struct AdminReply {
     /// The lease that was granted; 0 otherwise.
@@ -288,8 +289,8 @@ pub struct AdminReply {
 }
 
 /// An answer. It has a fixed size because iceoryx2 takes the length of a slice from the other process unchecked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ZeroCopySend)]
-#[type_name("motord.AdminAnswer.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminAnswer.v1"))]
 #[repr(C)]
 pub struct AdminAnswer {
     /// Its head.
