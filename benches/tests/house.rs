@@ -13,8 +13,8 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-protocol", &[], &[]),
     ("motord-shared", &["iceoryx2"], &[]),
-    ("motord-bus", &["motord-protocol"], &["motord-bus"]),
-    ("motord-simulator", &["motord-protocol", "motord-bus"], &[]),
+    ("motord-bus", &[], &["motord-bus"]),
+    ("motord-simulator", &["motord-bus"], &["motord-simulator"]),
     ("motord", &["motord-shared", "motord-protocol", "motord-bus", "motord-simulator"], &[]),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
     ("motorctl", &["motord-client", "motord-bus", "motord-protocol"], &[]),

@@ -5,6 +5,11 @@
 use crate::frame::{Content, ErrorFrame, Foreign, Frame, FrameId};
 use crate::time::Duration;
 
+/// `CAN_ERR_FLAG` of `linux/can.h`: this id belongs to an error message frame.
+const ERROR_FLAG: u32 = 0x2000_0000;
+/// `CAN_ERR_MASK` of `linux/can.h`: the class bits in the id of an error message frame.
+const CLASS_MASK: u32 = 0x1FFF_FFFF;
+
 /// What a log tells of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LogLine<'a> {
@@ -74,8 +79,8 @@ fn content(id: &str, data: &str) -> Result<Content, InvalidLine> {
     }
     let (data, raw_dlc) = data.split_once('_').map_or((data, None), |(data, dlc)| (data, Some(dlc)));
     let Some((bytes, len)) = bytes(data)? else { return Ok(Content::Foreign(Foreign::Length)) };
-    if word & libc::CAN_ERR_FLAG != 0 {
-        return Ok(Content::Error(ErrorFrame { class: word & libc::CAN_ERR_MASK, data: bytes }));
+    if word & ERROR_FLAG != 0 {
+        return Ok(Content::Error(ErrorFrame { class: word & CLASS_MASK, data: bytes }));
     }
     Ok(match standard.map(|id| Frame::new(id, &bytes[..len])) {
         None => Content::Foreign(Foreign::Extended),

@@ -4,31 +4,38 @@
 //! it was opened it never allocates. Waiting is not its business: it tells what to wait for ([`Readiness`]), and the
 //! owner waits for all its buses in one system call.
 //!
-//! - [`time`]: the one clock of motord, as a value that is passed in.
-//! - [`frame`]: what a classic CAN frame can hold, and what a controller says about itself.
+//! - [`time`]: instants and durations, as values that are passed in.
+//! - [`frame`]: the content of a classic CAN frame, and a controller's report on itself.
 //! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
-//! - [`socketcan`]: the CAN interfaces of Linux. [`candump`]: the logs of their traffic.
-//! - [`wait`](mod@wait) and [`clock`]: sleeping until something arrives, and the time.
+//! - [`candump`]: the logs of CAN traffic.
 //!
-//! Wall time and system calls stop in this crate and in the daemon's `rt`.
+//! The feature `linux`, on by default, adds all that makes system calls:
+//!
+//! - `socketcan`: the CAN interfaces of Linux.
+//! - `wait` and `clock`: sleeping until something arrives, and the time.
 
 pub mod arithmetic;
 pub mod candump;
+#[cfg(feature = "linux")]
 pub mod clock;
 #[cfg(feature = "conformance")]
 pub mod conformance;
 pub mod frame;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
+#[cfg(feature = "linux")]
 mod kernel;
+mod readiness;
+#[cfg(feature = "linux")]
 pub mod socketcan;
 pub mod time;
-pub mod wait;
+#[cfg(feature = "linux")]
+mod wait;
 
 pub use frame::{Arrival, Content, ErrorFrame, Foreign, Frame, FrameId, Inbox};
+pub use readiness::{MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
+#[cfg(feature = "linux")]
 pub use wait::wait;
-
-use std::os::fd::RawFd;
 
 /// One bus: a CAN interface, a serial port, or a simulation of them.
 ///
@@ -74,15 +81,4 @@ pub enum Refusal {
     Gone,
     /// Anything else, by its `errno`.
     Error(i32),
-}
-
-/// What makes the next [`Bus::receive`] worth while.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Readiness {
-    /// This file descriptor becomes readable.
-    Readable(RawFd),
-    /// The clock reaches this instant (simulated buses know when the next frame ends).
-    At(Instant),
-    /// Nothing is under way.
-    Never,
 }

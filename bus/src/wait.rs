@@ -1,35 +1,8 @@
 //! Waiting for all buses at once.
 
+use crate::readiness::MAX_BUSES;
 use crate::time::Instant;
-use crate::{Readiness, clock, kernel};
-
-/// The most buses one [`wait`] watches; what is beyond is ignored.
-pub const MAX_BUSES: usize = 64;
-
-/// Which buses are worth a [`receive`](crate::Bus::receive), by their place in the slice given to [`wait`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Ready(u64);
-
-impl Ready {
-    /// From what each bus is, in their order; what is beyond [`MAX_BUSES`] is ignored.
-    #[must_use]
-    pub fn of(buses: impl IntoIterator<Item = bool>) -> Self {
-        let ready = buses.into_iter().take(MAX_BUSES).enumerate();
-        Self(ready.fold(0, |bits, (index, ready)| bits | u64::from(ready) << index))
-    }
-
-    /// Whether the bus at `index` is.
-    #[must_use]
-    pub const fn contains(self, index: usize) -> bool {
-        index < MAX_BUSES && self.0 & (1 << index) != 0
-    }
-
-    /// Whether any bus is.
-    #[must_use]
-    pub const fn any(self) -> bool {
-        self.0 != 0
-    }
-}
+use crate::{Readiness, Ready, clock, kernel};
 
 /// Sleeps until a bus has something or `until` is reached. `now` is the present time.
 ///

@@ -1,7 +1,6 @@
 //! Where the cycle gets its time: the machine's clock, or a test's.
 
-use motord_bus::wait::{self, Ready};
-use motord_bus::{Duration, Instant, Readiness, clock};
+use motord_bus::{Duration, Instant, Readiness, Ready, clock, wait};
 
 /// Time, and waiting for it.
 pub trait Clock {
@@ -36,6 +35,6 @@ impl Clock for Monotonic {
     }
 
     fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
-        wait::wait(readiness, clock::monotonic(), until)
+        wait(readiness, clock::monotonic(), until)
     }
 }

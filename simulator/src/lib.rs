@@ -35,6 +35,7 @@
 //! and torques are those of the output shaft.
 
 mod body;
+#[cfg(feature = "bridge")]
 mod bridge;
 mod bus;
 mod contention;
@@ -48,6 +49,7 @@ mod settings;
 mod shared;
 mod wire;
 
+#[cfg(feature = "bridge")]
 pub use bridge::Bridge;
 pub use bus::SimulatedBus;
 pub use fault::{Fault, FaultVerb, InjectError, VerbError};

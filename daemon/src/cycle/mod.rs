@@ -16,7 +16,7 @@ use crate::config::settings::{BusKind, Settings};
 use crate::control::{Command, Control, Tick};
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
-use motord_bus::{Bus, Duration, Instant, Readiness, wait::Ready};
+use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
 use motord_shared::limits::ADMINS_MAX;
 use motord_shared::message;
 use slot::{Asks, Slot};

@@ -2,8 +2,7 @@
 
 use crate::heartbeat::{AT_REST, Pulse};
 use crate::kernel;
-use motord_bus::wait::wait;
-use motord_bus::{Duration, Readiness, clock};
+use motord_bus::{Duration, Readiness, clock, wait};
 use motord_shared::instance::Instance;
 use std::io;
 use std::os::fd::{AsFd, AsRawFd};

@@ -1,8 +1,7 @@
 //! The dead man's switch at work: hears registrations, watches one daemon, and carries its will out.
 
 use crate::heartbeat::{AT_REST, Pulse};
-use motord_bus::wait::{self, Ready};
-use motord_bus::{Instant, Readiness, clock};
+use motord_bus::{Instant, Readiness, Ready, clock, wait};
 use std::os::fd::AsRawFd;
 
 use super::channel::{Answer, Channel, Listener, Refusal, Request};
@@ -80,7 +79,7 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
     /// block, while another process configures interfaces. Allocates when somebody calls, and when the log is told.
     pub fn turn(&mut self, until: Instant) {
         let wake = self.ward.as_ref().map_or(until, |ward| ward.duty.due().min(until));
-        let ready = wait::wait(&self.readiness(), clock::monotonic(), wake);
+        let ready = wait(&self.readiness(), clock::monotonic(), wake);
         if let Some(ward) = &mut self.ward {
             ward.watch(ready);
         }

@@ -17,8 +17,7 @@ use motord::control::Event;
 use motord::cycle::{self, Cycle, Ends, Place};
 use motord::plan::BusPlan;
 use motord::reopen::{self, Workshop};
-use motord_bus::wait::Ready;
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
 use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation,
     Phase, Refusal, SetpointMessage, StateMessage,
