@@ -142,8 +142,8 @@ fn follow(client: &mut Client, claim: &mut Claim, cycles: u64) -> Result<(), Err
     Ok(())
 }
 
-/// Lives of one client after another until `end`; returns how many ended as they should.
-fn lives(end: &AtomicBool) -> u64 {
+/// Runs of one client after another until `end`; returns how many ended as they should.
+fn run_clients(end: &AtomicBool) -> u64 {
     let mut whole = 0;
     for life in 0.. {
         if end.load(Ordering::Relaxed) {
@@ -170,7 +170,7 @@ fn the_running_cycle_neither_allocates_nor_frees_while_clients_come_and_go() {
     let clients = [(); 2].map(|()| {
         std::thread::spawn({
             let end = Arc::clone(&end);
-            move || lives(&end)
+            move || run_clients(&end)
         })
     });
     let calls = calls_of(thread("motord-cycle"), || await_cycles(&mut watcher, CYCLES));

@@ -91,7 +91,7 @@ impl Drop for Motors {
     }
 }
 
-/// A robot on a pair of interfaces of its own, with a witness of what its motors are told.
+/// A robot on a pair of interfaces of its own, with an observer of what its motors are told.
 struct Robot {
     interface: InterfaceName,
     motor_side: InterfaceName,
@@ -100,7 +100,7 @@ struct Robot {
     ends: Ends,
     workshop: Workshop,
     place: Place,
-    witness: SocketCanBus,
+    observer: SocketCanBus,
     heard: Vec<(u16, Meaning)>,
     motors: Option<Motors>,
     lease: u64,
@@ -122,7 +122,7 @@ impl Robot {
         Self {
             interface,
             motor_side,
-            witness: witness(motor_side),
+            observer: observer(motor_side),
             heard: Vec::new(),
             motors: Some(Motors::on(motor_side, &settings)),
             settings,
@@ -233,12 +233,12 @@ impl Robot {
         std::mem::take(&mut self.heard)
     }
 
-    /// Reads what the witness heard; every step does, before its socket is full.
+    /// Reads what the observer heard; every step does, before its socket is full.
     fn listen(&mut self) {
         let torque_max = self.settings.motors[0].torque_scale.field().max();
         let mut inbox = Inbox::new();
-        self.witness.receive(clock::monotonic(), &mut inbox);
-        assert!(inbox.lost == 0 && inbox.room() > 0, "the witness must read more often");
+        self.observer.receive(clock::monotonic(), &mut inbox);
+        assert!(inbox.lost == 0 && inbox.room() > 0, "the observer must read more often");
         for arrival in inbox.arrivals() {
             if let Content::Frame(frame) = arrival.content {
                 self.heard.push((frame.id().raw(), meaning(&frame, torque_max)));
@@ -302,7 +302,7 @@ fn plug_in(interface: InterfaceName, motor_side: InterfaceName) {
 }
 
 /// Hears what the motors hear.
-fn witness(interface: InterfaceName) -> SocketCanBus {
+fn observer(interface: InterfaceName) -> SocketCanBus {
     let ids = (1..=3).map(|id| FrameId::new(id).unwrap());
     SocketCanBus::open(&socketcan::Settings { interface, bitrate: BITRATE, host_ids: ids.collect() }).unwrap()
 }
@@ -431,7 +431,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
     robot.steps(100);
     plug_in(robot.interface, robot.motor_side);
     let opened = buses::open_one(&robot.settings, 0).unwrap();
-    robot.witness = witness(robot.motor_side);
+    robot.observer = observer(robot.motor_side);
     robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
     assert!(robot.workshop.hand_over(0, opened));
     robot.place.at = clock::monotonic();
@@ -467,7 +467,7 @@ fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
     assert_eq!(owed, [interface.as_str()]);
     plug_in(interface, motor_side);
     run(&format!("ip link set {interface} up"));
-    let mut witness = witness(motor_side);
+    let mut observer = observer(motor_side);
     assert_eq!(server.finish(clock::monotonic() + Duration::from_secs(10)), [""; 0]);
 
     let torque_max = settings.motors[0].torque_scale.field().max();
@@ -475,7 +475,7 @@ fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
     // More than one inbox holds.
     for _ in 0..2 {
         let mut heard = Inbox::new();
-        witness.receive(clock::monotonic(), &mut heard);
+        observer.receive(clock::monotonic(), &mut heard);
         frames.extend(heard.arrivals().iter().filter_map(|arrival| match arrival.content {
             Content::Frame(frame) => Some((frame.id().raw(), meaning(&frame, torque_max))),
             _ => None,

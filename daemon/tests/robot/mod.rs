@@ -5,9 +5,9 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part of the robot")]
 
+pub mod checker;
+pub mod fuzz_client;
 pub mod random;
-pub mod rough;
-pub mod witness;
 
 use motord::buses;
 use motord::clock::Clock;
@@ -580,21 +580,21 @@ pub fn number(variable: &str) -> Option<u64> {
     std::env::var(variable).ok().and_then(|text| text.parse().ok())
 }
 
-/// Lives `count` seeds, or as many as `MOTORD_SEEDS` says, or the one that `MOTORD_SEED` names. Tells how long they
-/// took, and how to live one again that failed.
-pub fn for_each_seed(test: &str, count: u64, live: impl Fn(u64) + std::panic::RefUnwindSafe) {
+/// Runs `count` seeds, or as many as `MOTORD_SEEDS` says, or the one that `MOTORD_SEED` names. Tells how long they
+/// took, and how to run one again that failed.
+pub fn for_each_seed(test: &str, count: u64, run: impl Fn(u64) + std::panic::RefUnwindSafe) {
     let begun = motord_bus::clock::monotonic();
     let seeds = match number("MOTORD_SEED") {
         Some(seed) => seed..seed + 1,
         None => 0..number("MOTORD_SEEDS").unwrap_or(count),
     };
     for seed in seeds.clone() {
-        let lived = std::panic::catch_unwind(|| live(seed));
+        let ended = std::panic::catch_unwind(|| run(seed));
         let seconds =
             number("MOTORD_ROBOT_SECONDS").map(|seconds| format!("MOTORD_ROBOT_SECONDS={seconds} "));
         let seconds = seconds.unwrap_or_default();
         assert!(
-            lived.is_ok(),
+            ended.is_ok(),
             "run it alone with: MOTORD_SEED={seed} {seconds}cargo test -p motord --test {test}"
         );
     }

@@ -1,6 +1,6 @@
-//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `robot/witness.rs` hold in every cycle;
+//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `robot/checker.rs` hold in every cycle;
 //! and when they stop doing it, the robot can be armed again within a second.
-//! Method: seeded storms on virtual time over two buses, six motors and two groups. `MOTORD_SEEDS` sets how many,
+//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. `MOTORD_SEEDS` sets how many,
 //! `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
 
 mod robot;
@@ -9,13 +9,13 @@ use motord::config::settings::Settings;
 use motord_bus::Duration;
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
 use robot::Robot;
+use robot::checker::Checker;
+use robot::fuzz_client::FuzzClient;
 use robot::random::Random;
-use robot::rough::Rough;
-use robot::witness::Witness;
 
-/// Storms of a plain `cargo test`.
+/// Runs of a plain `cargo test`.
 const SEEDS: u64 = 300;
-/// How long each of them blows, s.
+/// Length of each run, s of robot time.
 const SECONDS: u64 = 2;
 /// When the faults have stopped, an operator and a well-behaved controller need this many cycles at most.
 const ARMABLE_CYCLES: u32 = 1000;
@@ -72,15 +72,15 @@ const MOTOR_FAULTS: [&str; 14] = [
 ];
 
 #[test]
-fn no_storm_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
+fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
     let seconds = robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(SECONDS);
-    robot::for_each_seed("storm", SEEDS, |seed| {
-        let mut storm = Storm::new(seed);
+    robot::for_each_seed("fault_injection", SEEDS, |seed| {
+        let mut run = Run::new(seed);
         for _ in 0..seconds * 1000 {
-            storm.rage();
+            run.step_with_faults();
         }
-        storm.calm();
-        storm.must_be_armable();
+        run.lift_all();
+        run.must_be_armable();
     });
 }
 
@@ -92,50 +92,50 @@ fn an_hour_of_sane_control_is_never_stopped() {
     sane::walk(robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(3600));
 }
 
-/// A robot in a storm.
-struct Storm {
+/// A robot to which faults happen at random.
+struct Run {
     random: Random,
     robot: Robot,
-    witness: Witness,
-    controllers: [Rough; 2],
+    checker: Checker,
+    controllers: [FuzzClient; 2],
     /// Cycles between two faults, on average.
-    lull: usize,
+    interval: usize,
     /// Requests that were not answered yet: all but errands to motors are at once.
     pending: Vec<u32>,
 }
 
-impl Storm {
+impl Run {
     fn new(seed: u64) -> Self {
         // A limp joint comes to rest in a part of a second, as one with a leg on it does.
         let robot = Robot::built(settings(), seed, |_, motors| {
             motors.iter_mut().for_each(|motor| motor.coulomb_friction = 1.0);
         });
-        let mut witness = Witness::new(&robot);
-        witness.allow_loss();
-        let controllers = [0, 1].map(Rough::new);
+        let mut checker = Checker::new(&robot);
+        checker.allow_loss();
+        let controllers = [0, 1].map(FuzzClient::new);
         let mut random = Random::new(seed);
-        let lull = *random.pick(&[50, 200, 1000]);
-        Self { random, robot, witness, controllers, lull, pending: Vec::new() }
+        let interval = *random.pick(&[50, 200, 1000]);
+        Self { random, robot, checker, controllers, interval, pending: Vec::new() }
     }
 
     /// One cycle in which anything may happen.
-    fn rage(&mut self) {
-        if self.random.once_in(self.lull) {
+    fn step_with_faults(&mut self) {
+        if self.random.once_in(self.interval) {
             self.disturb();
         }
         if self.random.once_in(30) {
             self.lift();
         }
-        if self.random.once_in(4 * self.lull) {
+        if self.random.once_in(4 * self.interval) {
             let longest = *self.random.pick(&[1e-3, 3e-3, 12e-3]);
             let late = self.random.between(0.1e-3, longest);
             self.robot.oversleep(Duration::from_secs_f32(late));
         }
-        if self.random.once_in(4 * self.lull) {
+        if self.random.once_in(4 * self.interval) {
             let back = Duration::from_nanos(self.random.next() % 1_000_000);
             self.robot.turn_clock_back(back);
         }
-        if self.random.once_in(16 * self.lull) {
+        if self.random.once_in(16 * self.interval) {
             self.robot.suspend(Duration::from_secs(1));
         }
         for group in 0..self.controllers.len() {
@@ -145,11 +145,11 @@ impl Storm {
                     self.arm(group);
                 }
             } else if self.random.once_in(500) {
-                let Self { random, robot, witness, controllers, pending, .. } = self;
-                pending.push(controllers[group].request(random, robot, witness));
+                let Self { random, robot, checker, controllers, pending, .. } = self;
+                pending.push(controllers[group].request(random, robot, checker));
             } else {
-                let Self { random, robot, witness, controllers, .. } = self;
-                controllers[group].misbehave(random, robot, witness);
+                let Self { random, robot, checker, controllers, .. } = self;
+                controllers[group].misbehave(random, robot, checker);
             }
         }
         self.step();
@@ -160,9 +160,9 @@ impl Storm {
     }
 
     fn step(&mut self) {
-        let Self { robot, witness, controllers, pending, .. } = self;
+        let Self { robot, checker, controllers, pending, .. } = self;
         robot.step();
-        witness.judge(robot);
+        checker.judge(robot);
         if robot.state().cycle % REOPEN_CYCLES == 0 {
             reopen(robot);
         }
@@ -186,13 +186,13 @@ impl Storm {
 
     fn disturb_bus(&mut self, bus: usize, fault: &str) {
         let name = self.robot.settings.buses[bus].name.clone();
-        self.witness.disturbed_bus(&mut self.robot, bus, fault);
+        self.checker.disturbed_bus(&mut self.robot, bus, fault);
         self.robot.disturb(&format!("{name} {fault}"));
     }
 
     fn disturb_motor(&mut self, motor: usize, fault: &str) {
         let name = self.robot.settings.motors[motor].name.clone();
-        self.witness.disturbed_motor(&mut self.robot, motor, fault);
+        self.checker.disturbed_motor(&mut self.robot, motor, fault);
         self.robot.disturb(&format!("{name} {fault}"));
     }
 
@@ -206,13 +206,13 @@ impl Storm {
     }
 
     /// Every fault is lifted.
-    fn calm(&mut self) {
+    fn lift_all(&mut self) {
         (0..self.robot.buses.len()).for_each(|bus| self.disturb_bus(bus, "ok"));
         (0..self.robot.settings.motors.len()).for_each(|motor| self.disturb_motor(motor, "ok"));
     }
 
     /// An operator who clears, resets and enables, and controllers that hold still, get the robot to `Active`. What was
-    /// asked of motors during the storm may take the time it is given.
+    /// asked of motors while faults happened may take the time it is given.
     fn must_be_armable(&mut self) {
         while !self.pending.is_empty() {
             self.hold_all();
@@ -238,7 +238,7 @@ impl Storm {
     /// The owner asks its joints to stay where they are, or went while it was active.
     fn hold_still(&mut self, group: usize) {
         let active = self.is_active(group);
-        let Self { robot, witness, controllers, .. } = self;
+        let Self { robot, checker, controllers, .. } = self;
         let controller = &mut controllers[group];
         if !controller.owns(robot) {
             return;
@@ -247,7 +247,7 @@ impl Storm {
             controller.wishes = robot.hold_group(group, 20.0, 1.0);
             controller.wishes.iter_mut().for_each(|wish| *wish = finite(*wish));
         }
-        controller.follow(robot, witness);
+        controller.follow(robot, checker);
     }
 
     /// What an operator does again and again until the group is active.
@@ -271,7 +271,7 @@ impl Storm {
     fn ask(&mut self, operation: Operation, group: usize, joint: usize) {
         let (group, joint) = (group as u32, joint as u32);
         let request = AdminRequest { operation: operation.code(), group, joint, ..Default::default() };
-        self.witness.asked(&request);
+        self.checker.asked(&request);
         self.pending.push(self.robot.post(request));
     }
 }

@@ -1,7 +1,7 @@
-//! A controller that does everything a controller should not.
+//! A client that sends anything at any time: good, bad, absurd and old messages, requests, silence.
 
+use super::checker::{Checker, FOREIGN_VELOCITY};
 use super::random::Random;
-use super::witness::{FOREIGN_VELOCITY, Witness};
 use super::{Robot, message};
 use motord_bus::{Duration, Instant};
 use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, SetpointMessage};
@@ -23,7 +23,7 @@ const ABSURD: [f32; 12] = [
 
 /// The would-be owner of a group.
 #[derive(Debug)]
-pub struct Rough {
+pub struct FuzzClient {
     group: usize,
     pub lease: u64,
     sequence: u64,
@@ -33,7 +33,7 @@ pub struct Rough {
     pub wishes: Vec<JointSetpoint>,
 }
 
-impl Rough {
+impl FuzzClient {
     pub fn new(group: usize) -> Self {
         Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, wishes: Vec::new() }
     }
@@ -43,7 +43,7 @@ impl Rough {
         self.lease != 0 && robot.state().groups[self.group].lease == self.lease
     }
 
-    /// Asks for its group; the answer comes with the next cycle, to [`Rough::hear`].
+    /// Asks for its group; the answer comes with the next cycle, to [`FuzzClient::hear`].
     pub fn claim(&mut self, robot: &mut Robot) {
         let operation = Operation::Claim.code();
         self.claim = robot.post(AdminRequest { operation, group: self.group as u32, ..Default::default() });
@@ -58,7 +58,7 @@ impl Rough {
     }
 
     /// Asks for something, at the right time or not. The answer will bear the ticket that is returned.
-    pub fn request(&self, random: &mut Random, robot: &mut Robot, witness: &mut Witness) -> u32 {
+    pub fn request(&self, random: &mut Random, robot: &mut Robot, checker: &mut Checker) -> u32 {
         let operation = *random.pick(&[
             Operation::Enable,
             Operation::Enable,
@@ -75,19 +75,19 @@ impl Rough {
             lease: *random.pick(&[0, self.lease]),
             ..Default::default()
         };
-        witness.asked(&request);
+        checker.asked(&request);
         robot.post(request)
     }
 
     /// Sends a message that is good in every respect.
-    pub fn follow(&mut self, robot: &mut Robot, witness: &mut Witness) {
+    pub fn follow(&mut self, robot: &mut Robot, checker: &mut Checker) {
         let message = self.message(robot.now());
-        witness.good_setpoint(self.group, robot.now());
-        self.deliver(robot, witness, &message);
+        checker.good_setpoint(self.group, robot.now());
+        self.deliver(robot, checker, &message);
     }
 
     /// Sends what is good, bad, or nothing.
-    pub fn misbehave(&mut self, random: &mut Random, robot: &mut Robot, witness: &mut Witness) {
+    pub fn misbehave(&mut self, random: &mut Random, robot: &mut Robot, checker: &mut Checker) {
         if self.silent > 0 {
             self.silent -= 1;
             return;
@@ -105,11 +105,11 @@ impl Rough {
             7..=9 => {
                 let mut message = self.message(robot.now());
                 if spoil(random, &mut message, robot.now()) {
-                    witness.good_setpoint(self.group, robot.now());
+                    checker.good_setpoint(self.group, robot.now());
                 }
-                self.deliver(robot, witness, &message);
+                self.deliver(robot, checker, &message);
             }
-            _ => self.follow(robot, witness),
+            _ => self.follow(robot, checker),
         }
     }
 
@@ -118,9 +118,9 @@ impl Rough {
         message(self.lease, self.sequence, now, &self.wishes)
     }
 
-    fn deliver(&self, robot: &mut Robot, witness: &mut Witness, message: &SetpointMessage) {
+    fn deliver(&self, robot: &mut Robot, checker: &mut Checker, message: &SetpointMessage) {
         if self.lease != 0 {
-            witness.delivered(self.group);
+            checker.delivered(self.group);
         }
         robot.deliver_to(self.group, message);
     }

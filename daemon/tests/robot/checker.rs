@@ -59,7 +59,7 @@ struct Watched {
 
 /// What was seen so far.
 #[derive(Debug)]
-pub struct Witness {
+pub struct Checker {
     /// The newest last.
     cycles: VecDeque<Cycle>,
     begun: Instant,
@@ -78,7 +78,7 @@ pub struct Witness {
     lossy: bool,
 }
 
-impl Witness {
+impl Checker {
     pub fn new(robot: &Robot) -> Self {
         let settings = &robot.settings;
         Self {
@@ -169,7 +169,7 @@ impl Witness {
         cycles.push_back(cycle);
         for frame in &sent {
             let cycle = cycles.iter_mut().rfind(|cycle| cycle.begun <= frame.ready);
-            self.judge_frame(robot, cycle.expect("no frame waits longer than the witness remembers"), frame);
+            self.judge_frame(robot, cycle.expect("no frame waits longer than the checker remembers"), frame);
         }
         judge_stop(robot, &cycles);
         if cycles.len() > MEMORY_CYCLES {
