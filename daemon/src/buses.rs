@@ -26,8 +26,8 @@ pub enum BusError {
         /// Who.
         source: LockError,
     },
-    /// The cycle does not drive serial buses.
-    #[error("bus {bus}: the cycle does not drive serial buses yet: put its motors on CAN")]
+    /// The cycle does not drive serial buses. Settings from a file have none: `config` refuses it in the same words.
+    #[error("bus {bus}: motord does not drive serial buses yet; put the motors on a CAN bus")]
     Serial {
         /// The bus.
         bus: String,

@@ -26,8 +26,7 @@ name = 'front'
 type = 'simulated'
 [[bus]]
 name = 'gripper'
-type = 'serial'
-device = '/dev/null'
+type = 'simulated'
 [[motor]]
 name = 'hip'
 bus = 'front'
@@ -86,9 +85,13 @@ const REFUSED: &[Case] = &[
     ("instance = 'robot'", "instance = 'Robot' #!", "daemon.instance", "use only a-z, 0-9 and `-`"),
     // Missing keys.
     ("[[bus]]\nname = 'front'", "[[bus]] #!", "bus.name", "is missing"),
-    ("[[bus]]\nname = 'gripper'\ntype = 'serial'", "[[bus]] #!\nname = 'gripper'", "bus.type", "is missing"),
+    (
+        "[[bus]]\nname = 'gripper'\ntype = 'simulated'",
+        "[[bus]] #!\nname = 'gripper'",
+        "bus.type",
+        "is missing",
+    ),
     ("type = 'simulated'", "type = 'socketcan'", "bus.interface", "is missing"),
-    ("device = '/dev/null'", "", "bus.device", "is missing"),
     ("[[motor]]\nname = 'knee'", "[[motor]] #!", "motor.name", "is missing"),
     ("[[motor]]\nname = 'knee'\nbus = 'front'", "[[motor]] #!\nname = 'knee'", "motor.bus", "is missing"),
     ("bus = 'front'\nid = 2", "bus = 'front'", "motor.id", "is missing"),
@@ -177,7 +180,6 @@ const REFUSED: &[Case] = &[
     ("id = 2", "id = 2\nhost-id = 0x101 #!", "motor.host-id", "is the reply id of \"hip\" too"),
     ("id = 2", "id = 2\nhost-id = 0x800 #!", "motor.host-id", "2048 is out of range"),
     ("protocol = 'gim'", "protocol = 'canopen' #!", "motor.protocol", "unknown value `canopen`"),
-    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
     (
         "model = 'GIM3505-8'",
         "model = 'GIM9999-8' #!",
@@ -207,23 +209,10 @@ const REFUSED: &[Case] = &[
         "does not belong to",
     ),
     (
-        "[[bus]]\nname = 'front'",
-        "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/null'\n[[bus]]\nname = 'front'",
-        "bus.device",
-        "two buses cannot share it",
-    ),
-    ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
-    (
         "[[bus]]\nname = 'front'\ntype = 'simulated'",
         "[[bus]] #!\nname = 'front'\ntype = 'simulated'\nbitrate = 250000",
         "bus",
         "need 200.0 % of this bus",
-    ),
-    (
-        "[[bus]]\nname = 'gripper'",
-        "[[bus]] #!\nname = 'gripper'\nbaud = 115200",
-        "bus",
-        "need 208.3 % of this bus",
     ),
     // Rates and times.
     ("rate-hz = 1000", "rate-hz = 0 #!", "cycle.rate-hz", "0 is out of range"),
@@ -275,6 +264,27 @@ const REFUSED: &[Case] = &[
     ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor \"knee\" is in no group"),
 ];
 
+/// The serial bus of [`with_serial`], and what must be reported of it besides that it is not driven.
+const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\n";
+const SERIAL: &[Case] = &[
+    ("device = '/dev/null'", "", "bus.device", "is missing"),
+    ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
+    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
+    ("name = 'gripper'", "name = 'gripper'\nbaud = 115200", "bus", "need 208.3 % of this bus"),
+    (
+        "[[bus]]\nname = 'gripper'",
+        "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/null'\n[[bus]]\nname = 'gripper'",
+        "bus.device",
+        "two buses cannot share it",
+    ),
+];
+
+/// [`GOOD`] with its gripper on a serial bus.
+fn with_serial() -> String {
+    let (before, bus) = GOOD.split_once("name = 'gripper'\n").expect("it has one");
+    format!("{before}name = 'gripper'\n{}", bus.replacen("type = 'simulated'\n", SERIAL_BUS, 1))
+}
+
 /// A machine that allows everything, whatever the one that runs the tests does.
 fn machine() -> Machine {
     Machine { processors: vec![0, 1], priority_max: 98 }
@@ -323,6 +333,31 @@ fn every_bad_configuration_is_refused_with_its_line_its_key_and_a_reason() {
             "{instead}: expected {key}, got {error}"
         );
         assert!(error.contains(reason), "{instead}: expected {reason}, got {error}");
+    }
+}
+
+/// `run` cannot open a serial bus, so `check` must not promise that it can.
+#[test]
+fn a_serial_bus_is_refused_with_the_line_of_its_type() {
+    let text = with_serial();
+    let line = 1 + text.lines().position(|line| line == "type = 'serial'").expect("it has one");
+    let expected = format!(
+        "robot.toml:{line}: bus.type: motord does not drive serial buses yet; put the motors on a CAN bus"
+    );
+    assert_eq!(only_error(&text), expected);
+}
+
+/// Who has a serial bus reads of its other mistakes, too.
+#[test]
+fn a_serial_bus_is_judged_although_it_is_not_driven() {
+    for (line, instead, key, reason) in SERIAL {
+        let text = with_serial();
+        assert!(text.contains(line), "nothing to damage: {line}");
+        let error = judge(&text.replacen(line, instead, 1)).expect_err("must be refused").to_string();
+        let complaint =
+            error.lines().find(|error| error.contains(&format!(" {key}: ")) && error.contains(reason));
+        assert!(complaint.is_some(), "{instead}: expected {key}: {reason}, got {error}");
+        assert!(error.contains("does not drive serial buses"), "{error}");
     }
 }
 

@@ -69,7 +69,7 @@ sections! {
     /// `[[bus]]`, the keys of every type.
     Bus {
         name: Text,
-        r#type: Option<BusType>,
+        r#type: Option<Spanned<BusType>>,
         interface: Text,
         bitrate: Integer,
         device: Text,

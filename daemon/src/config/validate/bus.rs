@@ -39,22 +39,23 @@ fn bus(written: &Written, findings: &mut Findings<'_>) -> Option<BusSettings> {
     let name = findings.required(&keys.name, &table, "name", "every [[bus]] needs a name");
     let name = name.and_then(|name| findings.name(name));
     let hint = "give socketcan, serial or simulated";
-    let kind = findings.required(&keys.r#type, &table, "type", hint).copied();
+    let kind = findings.required(&keys.r#type, &table, "type", hint);
     let kind = kind.and_then(|kind| self::kind(kind, written, findings));
     Some(BusSettings { name: name?, kind: kind? })
 }
 
-fn kind(kind: BusType, written: &Written, findings: &mut Findings<'_>) -> Option<BusKind> {
+fn kind(kind: &Spanned<BusType>, written: &Written, findings: &mut Findings<'_>) -> Option<BusKind> {
     let keys = written.get_ref();
-    refuse_foreign_keys(kind, keys, findings);
+    refuse_foreign_keys(*kind.get_ref(), keys, findings);
     let bitrate = findings.integer(&keys.bitrate, range::BITRATE) as u32;
-    match kind {
+    match kind.get_ref() {
         BusType::SocketCan => {
             let hint = "give the CAN interface, such as interface = \"can0\"";
             let interface = findings.required(&keys.interface, &written.span(), "interface", hint)?;
             Some(BusKind::SocketCan { interface: self::interface(interface, findings)?, bitrate })
         }
         BusType::Serial => {
+            findings.error(kind.span(), Wrong::SerialBus);
             let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
             let device = findings.required(&keys.device, &written.span(), "device", hint)?;
             let baud = findings.integer(&keys.baud, range::BAUD) as u32;
