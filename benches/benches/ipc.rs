@@ -13,7 +13,7 @@ use motord::telemetry;
 use motord_client::{Claim, Client, Setpoint, State};
 use motord_shared::ports::DaemonPorts;
 use motord_shared::roster::{GroupDescription, JointDescription, Roster};
-use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, SetpointMessage, StateMessage};
+use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::cell::RefCell;
 use std::path::Path;
@@ -27,7 +27,7 @@ const INSTANCE: &str = "bench";
 const JOINTS: usize = 12;
 const BOOT_ID: u64 = 7;
 /// The first lease of the first group.
-const LEASE: u64 = 0x101;
+const LEASE: Lease = Lease::new(0, 1, 0).unwrap();
 /// Longer than any stall; also than the pauses between two measurements, in which there are no states.
 const PATIENCE: Duration = Duration::from_secs(3600);
 
@@ -58,7 +58,7 @@ impl Echo {
 
     fn turn(&mut self) {
         while let Ok((ticket, _)) = self.requests.pop() {
-            let granted = AdminReply { lease: LEASE, ..Default::default() };
+            let granted = AdminReply { lease: LEASE.raw(), ..Default::default() };
             self.answers.push((ticket, granted)).expect("there are as many answers as requests");
         }
         if self.setpoints.update() {
@@ -66,7 +66,7 @@ impl Echo {
             let state = self.states.input_buffer_mut();
             (state.boot_id, state.cycle) = (BOOT_ID, setpoint.sequence);
             (state.joint_count, state.group_count) = (JOINTS as u32, 1);
-            (state.groups[0].lease, state.groups[0].sequence) = (LEASE, setpoint.sequence);
+            (state.groups[0].lease, state.groups[0].sequence) = (LEASE.raw(), setpoint.sequence);
             self.states.publish();
         }
     }

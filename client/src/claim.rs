@@ -3,7 +3,7 @@
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
 use crate::{Error, Setpoint, State};
 use motord_shared::ports::SetpointPort;
-use motord_shared::{Instance, Operation, SetpointMessage, clock};
+use motord_shared::{Instance, Lease, Operation, SetpointMessage, clock};
 use std::cell::{RefCell, RefMut};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -24,6 +24,7 @@ pub struct Claim {
     index: usize,
     name: String,
     joints: Vec<usize>,
+    lease: Lease,
     /// The last setpoints that were sent; sequence 0 before the first.
     message: SetpointMessage,
     released: bool,
@@ -39,6 +40,8 @@ impl Claim {
             Subject { group: index, ..Subject::default() },
             ANSWER_TIMEOUT,
         )?;
+        let lease =
+            Lease::from_raw(reply.lease).ok_or(Error::NotUnderstood { operation: Operation::Claim })?;
         let (boot_id, instance) = (connection.boot_id, connection.instance().clone());
         drop(connection);
         Ok(Self {
@@ -49,11 +52,12 @@ impl Claim {
             index,
             name: group.name,
             message: SetpointMessage {
-                lease: reply.lease,
+                lease: lease.raw(),
                 joint_count: group.joints.len() as u32,
                 ..SetpointMessage::default()
             },
             joints: group.joints,
+            lease,
             released: false,
         })
     }
@@ -156,7 +160,7 @@ impl Claim {
     fn is_heard(&self, before: u64) -> Result<bool, Error> {
         let link = self.ready()?;
         let group = link.newest().and_then(|state| state.group(self.index));
-        Ok(group.is_some_and(|group| group.lease == self.message.lease && group.sequence > before))
+        Ok(group.is_some_and(|group| group.lease == Some(self.lease) && group.sequence > before))
     }
 
     fn operate(&self, operation: Operation) -> Result<(), Error> {
@@ -165,7 +169,7 @@ impl Claim {
     }
 
     fn subject(&self) -> Subject {
-        Subject { lease: self.message.lease, group: self.index, ..Subject::default() }
+        Subject { lease: Some(self.lease), group: self.index, ..Subject::default() }
     }
 
     /// The link, as long as the daemon that granted the claim lives.

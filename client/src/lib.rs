@@ -82,7 +82,7 @@ pub use motord_shared::instance::{DEFAULT_INSTANCE, InstanceError, RUNTIME_DIR_V
 pub use motord_shared::roster::{GroupDescription, JointDescription, Percentiles, Roster, Telemetry};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::{
-    Applied, BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
+    Applied, BusCondition, Cause, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
 };
 pub use setpoint::Setpoint;
 pub use state::{Bus, Group, Joint, Limits, State};

@@ -8,7 +8,7 @@ use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
 use motord_shared::roster::Roster;
 use motord_shared::service::ServiceError;
-use motord_shared::{AdminRequest, Instance, Operation};
+use motord_shared::{AdminRequest, Instance, Lease, Operation};
 use serde::de::DeserializeOwned;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -29,7 +29,7 @@ const SLEEP_MAX: Duration = Duration::from_secs(1);
 /// What is asked about.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Subject {
-    pub(crate) lease: u64,
+    pub(crate) lease: Option<Lease>,
     pub(crate) group: usize,
     pub(crate) joint: usize,
 }
@@ -160,7 +160,7 @@ impl Link {
     ) -> Result<(AdminReply, Vec<u8>), Error> {
         let index = |index: usize| u32::try_from(index).unwrap_or(u32::MAX);
         let request = AdminRequest {
-            lease: subject.lease,
+            lease: subject.lease.map_or(0, Lease::raw),
             operation: operation.code(),
             group: index(subject.group),
             joint: index(subject.joint),

@@ -8,8 +8,8 @@ use motord_shared::message::{
     JOINT_VALID,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Phase, Rejection,
-    StateMessage, clock,
+    Applied, BusCondition, BusState, Cause, GroupState, JointState, Lease, Limit, MotorMode, Phase,
+    Rejection, StateMessage, clock,
 };
 use std::time::Duration;
 
@@ -137,7 +137,7 @@ impl State {
         let joint = group.cause_joint as usize;
         Group {
             owned: group.lease != 0,
-            lease: group.lease,
+            lease: Lease::from_raw(group.lease),
             phase: Phase::try_from(group.phase).ok(),
             latched: group.cause != 0,
             cause: Cause::try_from(group.cause).ok(),
@@ -235,8 +235,8 @@ impl Limits {
 pub struct Group {
     /// A controller owns it.
     pub owned: bool,
-    /// The owner's lease; 0 for none.
-    pub lease: u64,
+    /// The owner's lease.
+    pub lease: Option<Lease>,
     /// Where it is between standing still and following setpoints. `None` for a word that this client does not know.
     pub phase: Option<Phase>,
     /// It was stopped, and a reset is needed.

@@ -8,7 +8,7 @@ use motord_shared::limits::CONTROLLERS_MAX;
 use motord_shared::message::{AdminReply, GroupState, SetpointMessage, StateMessage};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
 use motord_shared::roster::{GroupDescription, JointDescription, Roster, Telemetry};
-use motord_shared::{Instance, Operation, clock};
+use motord_shared::{Instance, Lease, Operation, clock};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
 use std::process::{Child, Command};
@@ -28,7 +28,7 @@ struct FakeDaemon {
     boot_id: u64,
     cycle: u64,
     owner: u64,
-    leases: u64,
+    epoch: u32,
     sequence: u64,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
 }
@@ -65,9 +65,9 @@ impl FakeDaemon {
             Ok(Operation::Roster) => (done, serde_json::to_vec(&self.roster()).unwrap()),
             Ok(Operation::Telemetry) => (done, serde_json::to_vec(&Telemetry::default()).unwrap()),
             Ok(Operation::Claim) if self.owner == 0 => {
-                self.leases += 1;
+                self.epoch += 1;
                 self.sequence = 0;
-                self.owner = self.boot_id * 1000 + self.leases;
+                self.owner = granted(self.boot_id, self.epoch);
                 (AdminReply { lease: self.owner, ..done }, vec![])
             }
             Ok(Operation::Claim) => {
@@ -103,6 +103,10 @@ impl FakeDaemon {
     }
 }
 
+fn granted(boot_id: u64, epoch: u32) -> u64 {
+    Lease::new(boot_id, epoch, 0).unwrap().raw()
+}
+
 /// A fake daemon on a thread of its own, until it is dropped.
 struct Running {
     stop: Arc<AtomicBool>,
@@ -125,7 +129,7 @@ impl Running {
                 let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
                 let ports = DaemonPorts::open(&lock).unwrap();
                 let mut daemon =
-                    FakeDaemon { ports, boot_id, cycle: 0, owner: 0, leases: 0, sequence: 0, seen };
+                    FakeDaemon { ports, boot_id, cycle: 0, owner: 0, epoch: 0, sequence: 0, seen };
                 while !stop.load(Ordering::Relaxed) {
                     daemon.cycle(joint_count);
                     running.store(true, Ordering::Relaxed);
@@ -261,7 +265,7 @@ fn setpoints_arrive_whole_with_rising_sequence() {
     assert!(seen.windows(2).all(|pair| pair[0].sequence < pair[1].sequence));
     assert!(seen.windows(2).all(|pair| pair[0].time_ns <= pair[1].time_ns));
     for setpoint in &seen {
-        assert_eq!((setpoint.lease, setpoint.joint_count), (7001, 2));
+        assert_eq!((setpoint.lease, setpoint.joint_count), (granted(7, 1), 2));
         assert_eq!(setpoint.joints[0].torque.to_bits(), setpoint.joints[1].kd.to_bits());
         assert!(setpoint.cycle > 0);
     }
@@ -335,7 +339,9 @@ fn a_restart_is_told_once_and_survived() {
     assert_eq!(daemon.setpoints(), []);
     let mut claim = client.claim("leg").unwrap();
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
-    until("the setpoint", || daemon.setpoints().first().filter(|first| first.lease == 2001).copied());
+    until("the setpoint", || {
+        daemon.setpoints().first().filter(|first| first.lease == granted(2, 1)).copied()
+    });
 }
 
 #[test]

@@ -10,7 +10,7 @@ use motord_bus::{Duration, Instant, clock};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{
-    AdminReply, AdminRequest, Operation, Refusal, Rejection, SetpointMessage, StateMessage, message,
+    AdminReply, AdminRequest, Lease, Operation, Refusal, Rejection, SetpointMessage, StateMessage, message,
 };
 use rtrb::{Consumer, Producer};
 use std::sync::Arc;
@@ -49,7 +49,7 @@ pub struct Exchange {
     lead: Duration,
     waiting: Vec<(u32, Request)>,
     next_ticket: u32,
-    leases: [u64; GROUPS_MAX],
+    leases: [Option<Lease>; GROUPS_MAX],
     wrong_lease: [u32; GROUPS_MAX],
     tick: Instant,
 }
@@ -75,7 +75,7 @@ impl Exchange {
             lead: settings.lead,
             waiting: Vec::with_capacity(REQUESTS_MAX),
             next_ticket: 0,
-            leases: [0; GROUPS_MAX],
+            leases: [None; GROUPS_MAX],
             wrong_lease: [0; GROUPS_MAX],
             tick: Instant::ZERO,
         }
@@ -114,14 +114,14 @@ impl Exchange {
     fn fetch_setpoints(&mut self) {
         let Self { ports, cycle, leases, wrong_lease, .. } = self;
         let taken = ports.take_setpoint(|message| {
-            let Some(group) = usize::from(message.lease as u8).checked_sub(1) else { return };
-            let Some(buffer) = cycle.setpoints.get_mut(group) else { return };
+            let Some(lease) = Lease::from_raw(message.lease) else { return };
+            let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
             // Another's message would push the owner's out of the buffer, so it is counted here and goes no further.
-            if leases[group] == message.lease {
+            if leases[lease.group()] == Some(lease) {
                 *buffer.input_buffer_mut() = *message;
                 buffer.publish();
             } else {
-                wrong_lease[group] = wrong_lease[group].wrapping_add(1);
+                wrong_lease[lease.group()] = wrong_lease[lease.group()].wrapping_add(1);
             }
         });
         self.count(taken.is_err());
@@ -136,7 +136,7 @@ impl Exchange {
         let changed = self.cycle.counters.config_changed.load(Ordering::Relaxed);
         state.flags |= if changed { message::FLAG_CONFIG_CHANGED } else { 0 };
         for (group, told) in state.groups.iter_mut().enumerate() {
-            self.leases[group] = told.lease;
+            self.leases[group] = Lease::from_raw(told.lease);
             let counter = &mut told.rejected[Rejection::WrongLease.code() as usize];
             *counter = counter.wrapping_add(self.wrong_lease[group]);
         }
@@ -195,10 +195,8 @@ impl Exchange {
         while let Ok((ticket, reply)) = self.cycle.answers.pop() {
             let Some(request) = self.take_waiting(ticket) else { continue };
             // The owner's first setpoint may come before the state that tells of its lease.
-            if let Some(group) =
-                usize::from(reply.lease as u8).checked_sub(1).filter(|&group| group < GROUPS_MAX)
-            {
-                self.leases[group] = reply.lease;
+            if let Some(lease) = Lease::from_raw(reply.lease) {
+                self.leases[lease.group()] = Some(lease);
             }
             self.answer(request, reply, b"");
         }

@@ -3,7 +3,8 @@
 use crate::advice::advice;
 use crate::table::{Cell, Colour, Palette, Table};
 use motord_client::{
-    Bus, BusCondition, Cause, Group, Joint, JointDescription, MotorMode, Phase, Rejection, Roster, State,
+    Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection, Roster,
+    State,
 };
 use motord_protocol::FaultBits;
 use serde::Serialize;
@@ -162,7 +163,7 @@ impl GroupReport {
         Self {
             name: name.to_owned(),
             phase: group.phase.map_or(UNKNOWN, Phase::name),
-            lease: group.owned.then_some(group.lease),
+            lease: group.lease.map(Lease::raw),
             setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
             accepted: group.accepted,
             rejected: rejected.filter(|(_, count)| *count > 0).collect(),

@@ -3,6 +3,7 @@
 //! - [`message`]: the shared-memory layouts. Integers and floats only: another process may write any bytes there, so a
 //!   `bool` or an `enum` in them would be undefined behaviour waiting for a bad client.
 //! - [`vocabulary`]: what the integers mean. A code becomes a word by `TryFrom`, and every word has a sentence.
+//! - [`Lease`]: the right to command a group.
 //! - [`roster`]: names and limits of the joints, and what the tool asks for, as text.
 //! - [`limits`]: every bound, by name.
 //! - [`instance`]: where daemon and clients meet, and who may.
@@ -21,6 +22,7 @@
 pub mod clock;
 #[cfg(feature = "ports")]
 pub mod instance;
+mod lease;
 pub mod limits;
 pub mod message;
 #[cfg(feature = "ports")]
@@ -34,6 +36,7 @@ pub mod vocabulary;
 
 #[cfg(feature = "ports")]
 pub use instance::{DEFAULT_INSTANCE, Instance, InstanceError, InstanceLock};
+pub use lease::Lease;
 pub use message::{
     AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState,
     SetpointMessage, StateMessage,

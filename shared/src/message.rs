@@ -85,7 +85,7 @@ pub struct JointState {
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v1"))]
 #[repr(C)]
 pub struct GroupState {
-    /// The owner's lease; 0 for none.
+    /// The owner's [`Lease`](crate::Lease); 0 for none.
     pub lease: u64,
     /// Sequence number of the setpoint in use; 0 for none.
     pub sequence: u64,
@@ -228,7 +228,7 @@ pub struct JointSetpoint {
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.Setpoint.v1"))]
 #[repr(C)]
 pub struct SetpointMessage {
-    /// The lease that a claim was answered with.
+    /// The [`Lease`](crate::Lease) that a claim was answered with.
     pub lease: u64,
     /// Must rise with every message of a lease; the first is 1 or more.
     pub sequence: u64,
@@ -263,7 +263,7 @@ impl Default for SetpointMessage {
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v1"))]
 #[repr(C)]
 pub struct AdminRequest {
-    /// The lease of the asking owner; 0 when an operator or a watcher asks.
+    /// The [`Lease`](crate::Lease) of the asking owner; 0 when an operator or a watcher asks.
     pub lease: u64,
     /// `Operation` code.
     pub operation: u32,
@@ -280,7 +280,7 @@ pub struct AdminRequest {
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminReply.v1"))]
 #[repr(C)]
 pub struct AdminReply {
-    /// The lease that was granted; 0 otherwise.
+    /// The [`Lease`](crate::Lease) that was granted; 0 otherwise.
     pub lease: u64,
     /// 0 for success, else a `Refusal` code.
     pub refusal: u32,

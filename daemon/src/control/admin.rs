@@ -5,16 +5,11 @@ use super::group::Owner;
 use super::{Control, Event};
 use motord_bus::Instant;
 use motord_shared::{
-    AdminReply, AdminRequest, BusCondition, Cause, MotorMode, Operation, Phase, Refusal, message,
+    AdminReply, AdminRequest, BusCondition, Cause, Lease, MotorMode, Operation, Phase, Refusal, message,
 };
 
 /// A refusal and what it is about.
 type Refused = (Refusal, u32);
-
-/// The group a lease speaks of. A lease is: boot id (32 bits), epoch (24 bits), group + 1 (8 bits).
-pub(super) fn group_of_lease(lease: u64) -> Option<usize> {
-    usize::from(lease as u8).checked_sub(1)
-}
 
 /// Answers that came later than their request.
 #[derive(Debug)]
@@ -60,7 +55,7 @@ impl Control {
             .groups
             .iter_mut()
             .filter_map(|group| group.owner.as_mut())
-            .find(|owner| owner.lease == request.lease)
+            .find(|owner| owner.lease.raw() == request.lease)
         {
             owner.heard = now;
         }
@@ -87,18 +82,15 @@ impl Control {
         if let Some(owner) = self.groups[index].owner {
             return Err((Refusal::Owned, owner.pid));
         }
-        if self.epoch >= 0xFF_FFFF {
-            return Err((Refusal::NoLease, 0));
-        }
-        self.epoch += 1;
-        let lease = (self.boot_id << 32) | (self.epoch << 8) | (index as u64 + 1);
+        let lease = Lease::new(self.boot_id, self.epoch + 1, index).ok_or((Refusal::NoLease, 0))?;
+        self.epoch = lease.epoch();
         self.groups[index].owner = Some(Owner::new(lease, request.pid, now));
         self.events.push(Event::Owner { group: index, pid: Some(request.pid) });
-        Ok(lease)
+        Ok(lease.raw())
     }
 
     fn release(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
-        let index = group_of_lease(request.lease).ok_or((Refusal::NotOwner, 0))?;
+        let index = Lease::from_raw(request.lease).ok_or((Refusal::NotOwner, 0))?.group();
         self.must_own(index, request.lease)?;
         self.begin_damping(index, true);
         self.disown(index);
@@ -266,7 +258,7 @@ impl Control {
     fn must_own(&self, index: usize, lease: u64) -> Result<(), Refused> {
         let owner = self.groups.get(index).and_then(|group| group.owner);
         match owner {
-            Some(owner) if owner.lease == lease => Ok(()),
+            Some(owner) if owner.lease.raw() == lease => Ok(()),
             _ => Err((Refusal::NotOwner, 0)),
         }
     }

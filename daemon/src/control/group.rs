@@ -15,7 +15,9 @@ use crate::config::settings::{GroupSettings, SafeStop};
 use crate::joint::{Impedance, Joint};
 use motord_bus::{Duration, Instant};
 use motord_shared::limits::JOINTS_MAX;
-use motord_shared::{Cause, GroupState, JointSetpoint, Phase, Rejection, SetpointMessage, SetpointMode};
+use motord_shared::{
+    Cause, GroupState, JointSetpoint, Lease, Phase, Rejection, SetpointMessage, SetpointMode,
+};
 
 /// A setpoint may be stamped this much later than the cycle's own reading of the clock.
 const FUTURE_MAX: Duration = Duration::from_millis(1);
@@ -46,7 +48,7 @@ pub(super) struct Group {
 /// Who owns a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Owner {
-    pub(super) lease: u64,
+    pub(super) lease: Lease,
     pub(super) pid: u32,
     /// When it last gave a sign of life.
     pub(super) heard: Instant,
@@ -55,7 +57,7 @@ pub(super) struct Owner {
 }
 
 impl Owner {
-    pub(super) const fn new(lease: u64, pid: u32, now: Instant) -> Self {
+    pub(super) const fn new(lease: Lease, pid: u32, now: Instant) -> Self {
         Self { lease, pid, heard: now, sequence: 0 }
     }
 }
@@ -174,7 +176,8 @@ impl Group {
         allows: impl Fn(usize, SetpointMode) -> bool,
     ) -> Result<(), Rejection> {
         let sent = Instant::from_nanos(message.time_ns);
-        let owner = self.owner.filter(|owner| owner.lease == message.lease).ok_or(Rejection::WrongLease)?;
+        let owner =
+            self.owner.filter(|owner| owner.lease.raw() == message.lease).ok_or(Rejection::WrongLease)?;
         if message.joint_count as usize != self.motors.len() {
             return Err(Rejection::JointCount);
         }
@@ -220,7 +223,7 @@ impl Group {
         let age = self.setpoint_age(now).map_or(0, motord_bus::time::nanos);
         let (cause, joint) = self.cause.map_or((0, None), |(cause, joint)| (cause.code(), joint));
         GroupState {
-            lease: self.owner.map_or(0, |owner| owner.lease),
+            lease: self.owner.map_or(0, |owner| owner.lease.raw()),
             sequence: self.owner.map_or(0, |owner| owner.sequence),
             setpoint_age_ns: age,
             phase: self.phase.code(),

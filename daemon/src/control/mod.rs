@@ -29,7 +29,7 @@ use motor::Motor;
 use motord_bus::{Duration, Instant};
 use motord_protocol::FaultBits;
 use motord_shared::{
-    AdminReply, BusCondition, Cause, Phase, SetpointMessage, SetpointMode, StateMessage, message,
+    AdminReply, BusCondition, Cause, Lease, Phase, SetpointMessage, SetpointMode, StateMessage, message,
 };
 
 /// A bus that refused frames in this many cycles in a row is stalled.
@@ -131,7 +131,7 @@ pub struct Control {
     commands: Vec<Command>,
     poll_next: Vec<usize>,
     boot_id: u64,
-    epoch: u64,
+    epoch: u32,
     tick: Tick,
     /// The time of the call that is running.
     now: Instant,
@@ -187,12 +187,10 @@ impl Control {
 
     /// Offers a setpoint message. What is wrong with it is counted by its reason; nothing of it is used then.
     pub fn offer(&mut self, message: &SetpointMessage, now: Instant) {
-        let Some(index) = admin::group_of_lease(message.lease).filter(|&index| index < self.groups.len())
-        else {
-            return;
-        };
         let Self { groups, settings, safety, .. } = self;
-        let _counted = groups[index].offer(message, now, safety.setpoint_timeout, |motor, mode| {
+        let lease = Lease::from_raw(message.lease);
+        let Some(group) = lease.and_then(|lease| groups.get_mut(lease.group())) else { return };
+        let _counted = group.offer(message, now, safety.setpoint_timeout, |motor, mode| {
             is_spoken(settings[motor].protocol, mode)
         });
     }
