@@ -62,7 +62,7 @@ impl Bus for Metered {
         Self::meter(&self.spent_ns, || self.bus.receive(now, inbox));
     }
 
-    fn readiness(&self) -> Readiness {
+    fn readiness(&self) -> Readiness<'_> {
         Self::meter(&self.spent_ns, || self.bus.readiness())
     }
 }

@@ -290,7 +290,8 @@ pub fn a_stamp_is_the_time_of_arrival(fixture: &mut dyn Fixture) {
 /// The time by which something has arrived, however long the machine takes for it.
 fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
     for _ in 0..1000 {
-        let (readiness, now) = (fixture.bus().readiness(), fixture.now());
+        let now = fixture.now();
+        let readiness = fixture.bus().readiness();
         let arrived = match readiness {
             Readiness::Readable(_) => wait(&[readiness], now, now).any(),
             Readiness::At(instant) => instant <= now,
@@ -307,7 +308,8 @@ fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
 /// What to wait for is told, and it is true: nothing before a frame, something after it.
 pub fn readiness_announces_an_arrival(fixture: &mut dyn Fixture) {
     let ready = |fixture: &mut dyn Fixture, patience| {
-        let (readiness, now) = (fixture.bus().readiness(), fixture.now());
+        let now = fixture.now();
+        let readiness = fixture.bus().readiness();
         match readiness {
             Readiness::Readable(_) => wait(&[readiness], now, now + patience).any(),
             Readiness::At(instant) => instant <= now + patience,

@@ -1,13 +1,13 @@
-//! The three system calls that no safe crate offers without an allocation or a copy: `sendmmsg`, `recvmmsg` and
-//! `ppoll`. All `unsafe` of this crate is in this file.
+//! `sendmmsg` and `recvmmsg`. All `unsafe` of this crate is in this file.
+//!
+//! The safe wrappers of nix 0.31 do not serve: `MultiHeaders` cannot be sent to another thread, and its `recvmmsg` does not
+//! give back the room for control messages that the call before has used, so receive stamps would be cut off.
 
 use core::cell::Cell;
 use core::ptr;
 use std::os::fd::{AsRawFd, BorrowedFd};
 
 use nix::errno::Errno;
-
-use crate::time::Duration;
 
 /// Room for one message: the largest frame a raw socket gives (CAN FD), and the two control messages that are asked for.
 pub(crate) const FRAME_BYTES: usize = size_of::<libc::canfd_frame>();
@@ -140,23 +140,6 @@ impl Message {
     pub(crate) fn control(&self) -> &[u8] {
         &self.control.0[..self.control_bytes]
     }
-}
-
-/// Waits until one of `descriptors` has an event or `timeout` is over, and tells how many have. One system call, no
-/// allocation.
-pub(crate) fn poll(descriptors: &mut [libc::pollfd], timeout: Duration) -> Result<usize, Errno> {
-    let timeout = nix::sys::time::TimeSpec::from(timeout);
-    // SAFETY: pointer and length describe one borrowed slice of initialised `pollfd`s, of which the kernel writes
-    // `revents`; the timeout outlives the call and is only read; no signal mask is passed.
-    let ready = unsafe {
-        libc::ppoll(
-            descriptors.as_mut_ptr(),
-            descriptors.len() as libc::nfds_t,
-            ptr::from_ref(timeout.as_ref()),
-            ptr::null(),
-        )
-    };
-    Errno::result(ready).map(|ready| ready as usize)
 }
 
 #[cfg(test)]

@@ -50,7 +50,7 @@ pub trait Bus: Send {
     fn receive(&mut self, now: Instant, inbox: &mut Inbox);
 
     /// What to wait for until [`receive`](Self::receive) has something.
-    fn readiness(&self) -> Readiness;
+    fn readiness(&self) -> Readiness<'_>;
 }
 
 /// What became of the frames given to [`Bus::send`].

@@ -1,57 +1,67 @@
 //! Waiting for all buses at once.
 
+use nix::poll::{PollFd, PollFlags, ppoll};
+
 use crate::readiness::MAX_BUSES;
 use crate::time::Instant;
-use crate::{Readiness, Ready, clock, kernel};
+use crate::{Readiness, Ready, clock};
 
-/// Sleeps until a bus has something or `until` is reached. `now` is the present time.
+/// Sleeps until a bus is ready, at most until `until`. `now` is the present time.
 ///
-/// A signal ends it early with nothing ready: whoever needs `until` reads the clock. A descriptor with an error is
-/// ready, because only receiving takes the error away. Does not allocate; one system call (`ppoll`, or
+/// A signal ends the sleep early with no bus ready: a caller that needs `until` reads the clock. A descriptor with an
+/// error is ready, because only receiving takes the error away. Does not allocate; one system call (`ppoll`, or
 /// `clock_nanosleep` when no bus has a descriptor).
 #[must_use]
-pub fn wait(readiness: &[Readiness], now: Instant, until: Instant) -> Ready {
+pub fn wait(readiness: &[Readiness<'_>], now: Instant, until: Instant) -> Ready {
     let readiness = &readiness[..readiness.len().min(MAX_BUSES)];
     let wake = readiness.iter().fold(until, |wake, readiness| match *readiness {
         Readiness::At(instant) => wake.min(instant),
         Readiness::Readable(_) | Readiness::Never => wake,
     });
-    let mut descriptors = [libc::pollfd { fd: IGNORED, events: libc::POLLIN, revents: 0 }; MAX_BUSES];
-    for (descriptor, readiness) in descriptors.iter_mut().zip(readiness) {
-        if let Readiness::Readable(fd) = *readiness {
-            descriptor.fd = fd;
-        }
-    }
-    let reached = sleep(&mut descriptors[..readiness.len()], now, wake);
-    let ready = |index: usize| match readiness[index] {
-        Readiness::At(instant) => instant <= reached,
-        Readiness::Readable(_) => descriptors[index].revents != 0,
-        Readiness::Never => false,
-    };
-    Ready::of((0..readiness.len()).map(ready))
-}
-
-/// `ppoll` passes over a negative descriptor.
-const IGNORED: i32 = -1;
-
-/// Sleeps until a descriptor has an event or `wake` is reached, and returns the time that was surely reached.
-fn sleep(descriptors: &mut [libc::pollfd], now: Instant, wake: Instant) -> Instant {
-    if descriptors.iter().all(|descriptor| descriptor.fd == IGNORED) {
+    let mut descriptors = readiness.iter().filter_map(descriptor);
+    let Some(first) = descriptors.next() else {
         clock::sleep_until(wake);
-        return wake;
+        return ready(readiness, wake, &[]);
+    };
+    // `PollFd` has no value for an empty place.
+    let mut count = 1;
+    let mut polled: [PollFd<'_>; MAX_BUSES] = core::array::from_fn(|_| first.clone());
+    for (place, descriptor) in polled[count..].iter_mut().zip(descriptors) {
+        *place = descriptor;
+        count += 1;
     }
-    match kernel::poll(descriptors, wake.since(now)) {
+    let polled = &mut polled[..count];
+    let reached = match ppoll(polled, Some(wake.since(now).into()), None) {
         Ok(0) => wake,
         Ok(_) | Err(_) => now,
+    };
+    ready(readiness, reached, polled)
+}
+
+fn descriptor<'a>(readiness: &Readiness<'a>) -> Option<PollFd<'a>> {
+    match *readiness {
+        Readiness::Readable(descriptor) => Some(PollFd::new(descriptor, PollFlags::POLLIN)),
+        Readiness::At(_) | Readiness::Never => None,
     }
+}
+
+/// Which buses are ready when `reached` has certainly passed. `polled` are the descriptors among `readiness`, in order.
+fn ready(readiness: &[Readiness<'_>], reached: Instant, polled: &[PollFd<'_>]) -> Ready {
+    let mut polled = polled.iter();
+    Ready::of(readiness.iter().map(|readiness| match *readiness {
+        Readiness::At(instant) => instant <= reached,
+        // `None` is an event that has no name in nix.
+        Readiness::Readable(_) => polled.next().is_some_and(|polled| polled.any() != Some(false)),
+        Readiness::Never => false,
+    }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::time::Duration;
-    use std::os::fd::AsRawFd;
-    use std::os::unix::net::UnixDatagram;
+    use std::os::fd::AsFd;
+    use std::os::unix::net::{UnixDatagram, UnixStream};
 
     const SOON: Duration = Duration::from_millis(5);
 
@@ -61,9 +71,9 @@ mod tests {
             (UnixDatagram::pair().unwrap(), UnixDatagram::pair().unwrap());
         peer.send(&[1]).unwrap();
         let readiness = [
-            Readiness::Readable(silent.as_raw_fd()),
+            Readiness::Readable(silent.as_fd()),
             Readiness::Never,
-            Readiness::Readable(talking.as_raw_fd()),
+            Readiness::Readable(talking.as_fd()),
             Readiness::At(Instant::FAR_FUTURE),
         ];
         let now = clock::monotonic();
@@ -74,7 +84,7 @@ mod tests {
     #[test]
     fn waiting_ends_at_its_deadline_with_or_without_descriptors() {
         let (silent, _far) = UnixDatagram::pair().unwrap();
-        for readiness in [&[Readiness::Readable(silent.as_raw_fd())][..], &[Readiness::Never], &[]] {
+        for readiness in [&[Readiness::Readable(silent.as_fd())][..], &[Readiness::Never], &[]] {
             let now = clock::monotonic();
             assert!(!wait(readiness, now, now + SOON).any());
             assert!(clock::monotonic() >= now + SOON, "{readiness:?}");
@@ -90,10 +100,30 @@ mod tests {
         assert!(clock::monotonic() >= now + SOON);
     }
 
+    /// An unplugged adapter gives `POLLERR`, a closed serial line `POLLHUP`: both are reported though nobody asked.
     #[test]
-    fn a_bus_whose_other_end_is_gone_is_ready_at_once() {
-        let closed = UnixDatagram::unbound().unwrap().as_raw_fd();
+    fn a_bus_whose_other_end_is_gone_is_ready_at_once_and_every_time() {
+        let (near, far) = UnixStream::pair().unwrap();
+        let (silent, _far) = UnixDatagram::pair().unwrap();
+        drop(far);
+        for _ in 0..3 {
+            let now = clock::monotonic();
+            let readiness = [Readiness::Readable(silent.as_fd()), Readiness::Readable(near.as_fd())];
+            let ready = wait(&readiness, now, now + Duration::from_secs(60));
+            assert!(ready.contains(1) && !ready.contains(0));
+        }
+    }
+
+    #[test]
+    fn buses_beyond_the_most_that_are_watched_are_ignored() {
+        let (silent, _far) = UnixDatagram::pair().unwrap();
+        let (talking, peer) = UnixDatagram::pair().unwrap();
+        peer.send(&[1]).unwrap();
+        let mut readiness = [Readiness::Readable(silent.as_fd()); MAX_BUSES + 1];
+        readiness[MAX_BUSES] = Readiness::Readable(talking.as_fd());
         let now = clock::monotonic();
-        assert!(wait(&[Readiness::Readable(closed)], now, now + Duration::from_secs(60)).contains(0));
+        assert!(!wait(&readiness, now, now + SOON).any());
+        readiness[MAX_BUSES - 1] = Readiness::Readable(talking.as_fd());
+        assert!(wait(&readiness, now, now + Duration::from_secs(60)).contains(MAX_BUSES - 1));
     }
 }

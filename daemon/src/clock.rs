@@ -14,7 +14,7 @@ pub trait Clock {
     fn sleep_until(&mut self, instant: Instant);
 
     /// Returns when a bus has something, or at `until`; tells which buses have. At most one system call.
-    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready;
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready;
 }
 
 /// `CLOCK_MONOTONIC`.
@@ -34,7 +34,7 @@ impl Clock for Monotonic {
         clock::sleep_until(instant);
     }
 
-    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready {
         wait(readiness, clock::monotonic(), until)
     }
 }

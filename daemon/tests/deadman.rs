@@ -81,7 +81,7 @@ impl Bus for Recorder {
 
     fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
 
-    fn readiness(&self) -> Readiness {
+    fn readiness(&self) -> Readiness<'_> {
         Readiness::Never
     }
 }

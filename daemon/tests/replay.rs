@@ -53,7 +53,7 @@ impl Bus for RecordedBus {
         }
     }
 
-    fn readiness(&self) -> Readiness {
+    fn readiness(&self) -> Readiness<'_> {
         self.arrivals.front().map_or(Readiness::Never, |next| Readiness::At(next.at))
     }
 }

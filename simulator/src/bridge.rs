@@ -50,7 +50,7 @@ impl Bridge {
 
     /// What tells that a command has arrived.
     #[must_use]
-    pub fn readiness(&self) -> Readiness {
+    pub fn readiness(&self) -> Readiness<'_> {
         self.interface.readiness()
     }
 

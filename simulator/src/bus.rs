@@ -403,7 +403,7 @@ impl Bus for SimulatedBus {
         }
     }
 
-    fn readiness(&self) -> Readiness {
+    fn readiness(&self) -> Readiness<'_> {
         self.next_arrival().map_or(Readiness::Never, Readiness::At)
     }
 }

@@ -22,7 +22,7 @@ mod strays;
 mod wire;
 
 use std::io;
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::os::fd::{AsFd, BorrowedFd};
 
 use nix::errno::Errno;
 use nix::sys::socket::{AddressFamily, SockFlag, SockProtocol, SockType, socket};
@@ -228,8 +228,8 @@ impl Bus for SocketCanBus {
         }
     }
 
-    fn readiness(&self) -> Readiness {
-        Readiness::Readable(self.socket.as_raw_fd())
+    fn readiness(&self) -> Readiness<'_> {
+        Readiness::Readable(self.socket.as_fd())
     }
 }
 

@@ -62,7 +62,7 @@ impl Bus for Sender {
     /// Nothing ever comes.
     fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
 
-    fn readiness(&self) -> Readiness {
+    fn readiness(&self) -> Readiness<'_> {
         Readiness::Never
     }
 }

@@ -8,8 +8,8 @@ use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
 use motord_simulator::{Bridge, FaultVerb, InjectError, VerbError};
 use std::convert::Infallible;
-use std::io::Write;
-use std::os::fd::AsRawFd;
+use std::io::{Stdin, Write};
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -75,12 +75,12 @@ fn run(file: &Path, wire_bitrate: Option<u32>) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
     let settings = config::load(file)?.settings;
     let mut bridges = open(&settings, wire_bitrate)?;
-    let mut commands = Commands::default();
+    let mut commands = Commands::new();
     say("ready");
     loop {
         let now = clock::monotonic();
         bridges.iter_mut().for_each(|bridge| bridge.serve(now));
-        let readiness: Vec<Readiness> =
+        let readiness: Vec<Readiness<'_>> =
             bridges.iter().map(Bridge::readiness).chain([commands.readiness()]).collect();
         let until = bridges.iter().map(Bridge::due).min().unwrap_or(now).min(now + IDLE);
         if wait(&readiness, now, until).contains(bridges.len()) {
@@ -130,8 +130,9 @@ fn obey(bridges: &mut [Bridge], now: Instant, line: &str) -> Result<(), Refused>
 }
 
 /// Standard input, by lines, without waiting for one.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Commands {
+    input: Stdin,
     unfinished: Vec<u8>,
     closed: bool,
 }
@@ -140,14 +141,18 @@ impl Commands {
     /// A longer line is none of ours: it is cut here.
     const LINE_MAX: usize = 256;
 
-    fn readiness(&self) -> Readiness {
-        if self.closed { Readiness::Never } else { Readiness::Readable(std::io::stdin().as_raw_fd()) }
+    fn new() -> Self {
+        Self { input: std::io::stdin(), unfinished: Vec::new(), closed: false }
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        if self.closed { Readiness::Never } else { Readiness::Readable(self.input.as_fd()) }
     }
 
     /// The lines that are complete. Called when there is something to read.
     fn read(&mut self) -> Vec<String> {
         let mut bytes = [0; Self::LINE_MAX];
-        let count = nix::unistd::read(std::io::stdin(), &mut bytes).unwrap_or(0);
+        let count = nix::unistd::read(&self.input, &mut bytes).unwrap_or(0);
         self.closed = count == 0;
         let mut lines = Vec::new();
         for &byte in &bytes[..count] {

@@ -17,7 +17,7 @@ use crate::control::{Command, Control, Tick};
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
-use motord_shared::limits::ADMINS_MAX;
+use motord_shared::limits::{ADMINS_MAX, BUSES_MAX};
 use motord_shared::message;
 use slot::{Asks, Slot};
 use will::Will;
@@ -44,7 +44,6 @@ pub struct Cycle<C> {
     control: Control,
     link: Link,
     will: Will,
-    readiness: Vec<Readiness>,
     overruns: u64,
     boot_id: u64,
     realtime: bool,
@@ -79,7 +78,6 @@ impl<C: Clock> Cycle<C> {
             control: Control::new(settings, boot_id),
             link,
             will: Will::new(settings),
-            readiness: vec![Readiness::Never; settings.buses.len()],
             overruns: 0,
             boot_id,
             realtime: false,
@@ -244,13 +242,14 @@ impl<C: Clock> Cycle<C> {
     /// Waits until something of interest comes, and at most until `until`. Tells which buses are worth reading; `None`
     /// when that is not known.
     fn wait(&mut self, interest: Interest, until: Instant) -> Option<Ready> {
-        for (readiness, slot) in self.readiness.iter_mut().zip(&self.slots) {
+        let mut readiness = [Readiness::Never; BUSES_MAX];
+        for (readiness, slot) in readiness.iter_mut().zip(&self.slots) {
             *readiness = match interest {
                 Interest::OpenBuses if slot.is_open(&self.drives) => slot.readiness(),
                 Interest::OpenBuses | Interest::Nothing => Readiness::Never,
             };
         }
-        let ready = self.clock.wait(&self.readiness, until);
+        let ready = self.clock.wait(&readiness[..self.slots.len().min(BUSES_MAX)], until);
         (interest == Interest::OpenBuses).then_some(ready)
     }
 

@@ -147,7 +147,7 @@ impl Slot {
         self.routes.iter().any(|&(_, motor)| drives[motor].is_open())
     }
 
-    pub(super) fn readiness(&self) -> Readiness {
+    pub(super) fn readiness(&self) -> Readiness<'_> {
         self.bus.readiness()
     }
 

@@ -177,7 +177,7 @@ mod tests {
 
         fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
 
-        fn readiness(&self) -> Readiness {
+        fn readiness(&self) -> Readiness<'_> {
             Readiness::Never
         }
     }

@@ -5,7 +5,7 @@ use crate::kernel;
 use motord_bus::{Duration, Readiness, clock, wait};
 use motord_shared::instance::Instance;
 use std::io;
-use std::os::fd::{AsFd, AsRawFd};
+use std::os::fd::AsFd;
 
 use super::channel::{Answer, Channel, Refusal, Request};
 use super::will::Will;
@@ -92,5 +92,5 @@ impl Registrar {
 /// Looks after at most [`TURN`].
 fn has_ended(switch: &Channel) -> bool {
     let now = clock::monotonic();
-    wait(&[Readiness::Readable(switch.as_raw_fd())], now, now + TURN).any() && switch.has_ended()
+    wait(&[Readiness::Readable(switch.as_fd())], now, now + TURN).any() && switch.has_ended()
 }

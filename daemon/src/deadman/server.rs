@@ -2,7 +2,7 @@
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Instant, Readiness, Ready, clock, wait};
-use std::os::fd::AsRawFd;
+use std::os::fd::AsFd;
 
 use super::channel::{Answer, Channel, Listener, Refusal, Request};
 use super::executor::{Executor, Executors};
@@ -92,13 +92,12 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
         }
     }
 
-    fn readiness(&self) -> [Readiness; 3] {
-        let readable = |channel: &Channel| Readiness::Readable(channel.as_raw_fd());
+    fn readiness(&self) -> [Readiness<'_>; 3] {
         let ward = self.ward.as_ref().filter(|ward| ward.connected);
         [
-            Readiness::Readable(self.listener.as_raw_fd()),
-            self.caller.as_ref().map_or(Readiness::Never, readable),
-            ward.map_or(Readiness::Never, |ward| readable(&ward.channel)),
+            Readiness::Readable(self.listener.as_fd()),
+            readable(self.caller.as_ref()),
+            readable(ward.map(|ward| &ward.channel)),
         ]
     }
 
@@ -138,6 +137,10 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
         let _closed_is_seen = ward.channel.send(&Answer::Registered, None);
         tracing::info!(pid = ward.pid, interfaces = ward.duty.executors.count(), "watching");
     }
+}
+
+fn readable(channel: Option<&Channel>) -> Readiness<'_> {
+    channel.map_or(Readiness::Never, |channel| Readiness::Readable(channel.as_fd()))
 }
 
 impl Ward {

@@ -109,7 +109,7 @@ impl Clock for Virtual {
         self.now.set(self.now.get().max(instant + self.late.take()));
     }
 
-    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready {
         self.waits.set(self.waits.get() + 1);
         let wake = readiness.iter().fold(until, |wake, readiness| match *readiness {
             Readiness::At(at) => wake.min(at),
