@@ -5,9 +5,9 @@
 mod robot;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use motord::control::{Control, Heard, Tick};
-use motord::joint::Measured;
 use motord_bus::{Duration, Instant};
+use motord_core::control::{Control, Heard, Tick};
+use motord_core::joint::Measured;
 use motord_protocol::FaultBits;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use std::hint::black_box;

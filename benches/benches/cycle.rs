@@ -8,10 +8,10 @@
 mod robot;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use motord::config::settings::Settings;
-use motord::cycle::{self, Cycle, Place};
-use motord::plan::BusPlan;
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
+use motord_core::cycle::{self, Cycle, Place};
+use motord_core::plan::BusPlan;
+use motord_core::settings::Settings;
 use motord_shared::limits::BUSES_MAX;
 use motord_shared::{JointSetpoint, Phase};
 use motord_simulator::SharedBus;

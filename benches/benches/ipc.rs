@@ -6,11 +6,11 @@
 //! (`event`) or keeps looking (`spin`). Both threads need a core of their own.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use motord::config::settings::{ExchangeMode, ExchangeSettings};
-use motord::cycle::{self, Ends, REQUESTS_MAX};
-use motord::exchange::{CycleEnd, Exchange};
+use motord::ipc::{CycleEnd, Exchange};
 use motord::telemetry;
 use motord_client::{Claim, Client, Setpoint, State};
+use motord_core::cycle::{self, Ends, REQUESTS_MAX};
+use motord_core::settings::{ExchangeMode, ExchangeSettings};
 use motord_shared::ports::DaemonPorts;
 use motord_shared::roster::{GroupDescription, JointDescription, Roster};
 use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage};

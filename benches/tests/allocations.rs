@@ -162,7 +162,7 @@ fn the_running_cycle_neither_allocates_nor_frees_while_clients_come_and_go() {
     let runtime = tempfile::tempdir().unwrap();
     // SAFETY: this is the only test of this program, and no other thread looks at the environment yet.
     unsafe { std::env::set_var(RUNTIME_DIR_VARIABLE, runtime.path()) };
-    let daemon = std::thread::spawn(|| motord::run::run(Path::new(CONFIG)));
+    let daemon = std::thread::spawn(|| motord::commands::run::run(Path::new(CONFIG)));
     let mut watcher = connect();
     await_cycles(&mut watcher, 10);
 

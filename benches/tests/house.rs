@@ -15,7 +15,8 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-shared", &["iceoryx2"], &[]),
     ("motord-bus", &[], &["motord-bus"]),
     ("motord-simulator", &["motord-bus"], &["motord-simulator"]),
-    ("motord", &["motord-shared", "motord-protocol", "motord-bus", "motord-simulator"], &[]),
+    ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &[]),
+    ("motord", &["motord-core", "motord-shared", "motord-protocol", "motord-bus", "motord-simulator"], &[]),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
     ("motorctl", &["motord-client", "motord-bus", "motord-protocol"], &[]),
 ];
@@ -28,7 +29,7 @@ const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
     "bus/src/kernel.rs",
     "bus/tests/socketcan/counting.rs",
-    "daemon/src/kernel.rs",
+    "daemon/src/host/kernel.rs",
 ];
 
 /// Name, manifest and dependencies of every crate of the workspace.

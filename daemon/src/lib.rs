@@ -1,38 +1,18 @@
-//! The daemon that owns every motor of a legged robot.
+//! The daemon that owns every motor of a legged robot: the shell around `motord-core`.
 //!
-//! - [`config`]: what the file says, checked. Text stops here.
-//! - [`plan`] and [`check`]: how much of each cycle the buses need, before any is opened.
-//! - [`control`]: what each motor is told, as pure decisions on (state, inputs, now).
-//! - [`joint`] and [`drive`]: from joints to motors, from commands to frames, and back.
-//! - [`cycle`]: wake, decide, transmit, collect, publish, on a [`clock`] that may be a test's.
-//! - [`exchange`]: clients, through shared memory.
-//! - [`telemetry`]: histograms, and what the [`log`] is told.
-//! - [`deadman`], [`heartbeat`] and [`safe_stop`]: what stops the motors when the daemon cannot.
-//! - [`rt`]: what makes a thread real-time. [`buses`], [`reopen`], [`threads`] and [`run`]: putting it all together.
-//!   [`systemd`] is told how it goes.
+//! - [`config`]: the configuration file, checked. Text stops here.
+//! - [`commands`]: `run`, `check`, `safe-stop`.
+//! - [`buses`]: opens the buses of a configuration, and opens them again.
+//! - [`ipc`]: clients, through shared memory.
+//! - [`telemetry`]: histograms, and the lines of the log.
+//! - [`deadman`]: stops the motors when the daemon cannot.
+//! - [`host`]: this machine. [`threads`]: wires it all together.
 
 pub mod buses;
-pub mod check;
-pub mod clock;
+pub mod commands;
 pub mod config;
-pub mod control;
-pub mod cycle;
 pub mod deadman;
-pub mod drive;
-pub mod exchange;
-pub mod heartbeat;
-pub mod joint;
-#[allow(unsafe_code, reason = "system calls that no safe crate offers")]
-mod kernel;
-pub mod log;
-#[cfg(feature = "panic-on-request")]
-mod panics;
-pub mod plan;
-pub mod reopen;
-pub mod roster;
-pub mod rt;
-pub mod run;
-pub mod safe_stop;
-pub mod systemd;
+pub mod host;
+pub mod ipc;
 pub mod telemetry;
 pub mod threads;

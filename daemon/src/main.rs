@@ -1,11 +1,11 @@
 //! `motord`: the daemon's command line.
 
 use clap::{CommandFactory, Parser, Subcommand};
+use motord::commands::run::RunError;
+use motord::commands::safe_stop::{SafeStopError, safe_stop};
 use motord::deadman::will::open_interface;
 use motord::deadman::{self, DeadmanError};
-use motord::log::Log;
-use motord::run::RunError;
-use motord::safe_stop::{SafeStopError, safe_stop};
+use motord::host::log::Log;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -81,14 +81,14 @@ fn main() -> ExitCode {
     };
     match arguments.command {
         Command::Check { config, json } => {
-            let status = motord::check::check(&config, json, &mut std::io::stdout().lock());
+            let status = motord::commands::check::check(&config, json, &mut std::io::stdout().lock());
             ExitCode::from(status.unwrap_or(EXIT_IO))
         }
         Command::Manual { directory } => {
             let written = clap_mangen::generate_to(Arguments::command(), directory);
             ended(written, |_| EXIT_IO, &mut std::io::stderr())
         }
-        Command::Run { config } => logged(|| motord::run::run(&config), RunError::exit_status),
+        Command::Run { config } => logged(|| motord::commands::run::run(&config), RunError::exit_status),
         Command::Deadman { config } => logged(|| deadman::run(&config), DeadmanError::exit_status),
         Command::SafeStop { config } => {
             logged(|| safe_stop(&config, &mut open_interface), SafeStopError::exit_status)

@@ -12,20 +12,20 @@
 //! thread only waits for signals; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
-use crate::clock::Monotonic;
-use crate::config::settings::Settings;
-use crate::cycle::{self, Cycle, Place};
+use crate::buses::reopen::Workshop;
+use crate::commands::run::RunError;
+use crate::deadman::heartbeat::{Heartbeat, Pulse};
 use crate::deadman::registrar::Registrar;
 use crate::deadman::will::Will;
-use crate::exchange::{self, Exchange};
-use crate::heartbeat::{Heartbeat, Pulse};
-use crate::plan::BusPlan;
-use crate::reopen::{self, Workshop};
-use crate::roster::roster;
-use crate::rt::{self, Wish};
-use crate::run::RunError;
+use crate::host::clock::Monotonic;
+use crate::host::rt::{self, Wish};
+use crate::ipc::roster::roster;
+use crate::ipc::{self, Exchange};
 use crate::telemetry::{self, Recorder};
-use motord_bus::{Duration, clock};
+use motord_bus::Duration;
+use motord_core::cycle::{self, Cycle, Order};
+use motord_core::plan::BusPlan;
+use motord_core::settings::Settings;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
 use std::collections::hash_map::RandomState;
@@ -38,12 +38,6 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
-/// Cycles with stop frames before the daemon leaves a stopped robot.
-const LAST_CYCLES: u32 = 3;
-/// A robot that is not still so long after its damping should have ended is stopped without more of it.
-const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
-/// How long a motor may take to answer its stop: a few probes of one that is not heard.
-const STOP_TIME: Duration = Duration::from_millis(500);
 /// How often a registrar that panicked looks whether the last cycle is over.
 const REGISTRAR_TURN: Duration = Duration::from_millis(50);
 
@@ -69,8 +63,17 @@ impl Orders {
     /// Every thread asks this in every turn of its loop.
     fn are(&self, order: u32) -> bool {
         #[cfg(feature = "panic-on-request")]
-        crate::panics::panic_if_asked();
+        crate::host::panics::panic_if_asked();
         self.order.load(Ordering::Relaxed) >= order
+    }
+
+    /// The order as the cycle understands it: the end of the daemon is none of its own.
+    fn cycle_order(&self) -> Order {
+        match (self.are(Self::STOP_NOW), self.are(Self::STOP)) {
+            (true, _) => Order::StopNow,
+            (false, true) => Order::Stop,
+            (false, false) => Order::Run,
+        }
     }
 
     /// Stops the robot because `thread` panicked.
@@ -118,26 +121,27 @@ impl Daemon {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
         let (mut link, ends) = cycle::link(settings.groups.len());
-        let (exchange_end, telemetry_end) = exchange::CycleEnd::split(ends);
+        let (exchange_end, telemetry_end) = ipc::CycleEnd::split(ends);
         let (questions, answers) = telemetry::questions();
 
         let exchange = start_exchange(&settings, lock, &orders, exchange_end, questions, boot_id)?;
-        link.wakes(exchange.thread().clone());
+        let wakes = exchange.thread().clone();
+        link.on_publish(move || wakes.unpark());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
         recorder.wakes(exchange.thread().clone());
         if let Some((path, hash)) = config {
             recorder.watches(path.to_owned(), hash);
         }
-        let (replacements, workshop) = reopen::ends();
+        let (replacements, supply) = cycle::replacements();
         link.repairs(replacements);
         let (broken, hears_broken) = channel();
         recorder.reports_broken(broken);
-        start_workshop(&settings, &orders, workshop, hears_broken)?;
+        start_workshop(&settings, &orders, Workshop::new(supply), hears_broken)?;
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
         let plans = BusPlan::of(&settings);
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
-        link.beats(heartbeat);
+        link.on_begin(move |cycle| heartbeat.beat(cycle));
         let cycle = Cycle::new(&settings, &plans, buses.buses, Monotonic, link, boot_id);
         let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
         start_registrar(&settings, lock.instance(), &orders, pulse)?;
@@ -208,7 +212,7 @@ fn start_exchange(
     settings: &Settings,
     lock: &Arc<InstanceLock>,
     orders: &Arc<Orders>,
-    end: exchange::CycleEnd,
+    end: ipc::CycleEnd,
     questions: telemetry::Questions,
     boot_id: u64,
 ) -> Result<JoinHandle<()>, RunError> {
@@ -270,8 +274,6 @@ fn start_cycle(
     let told = Arc::clone(orders);
     let wish = Wish { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
-    let period = settings.cycle.period;
-    let damp = settings.safety.damp;
     let names: Vec<_> = settings.motors.iter().map(|motor| motor.name.clone()).collect();
     let (prepared, ready) = channel();
     let thread = start("cycle", orders, move || {
@@ -290,7 +292,7 @@ fn start_cycle(
         cycle.set_realtime(refused.is_none());
         report(&prepared, Ok(()));
         drop(prepared);
-        let ran = catch_unwind(AssertUnwindSafe(|| run_cycles(&mut cycle, &told, period, damp)));
+        let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| told.cycle_order())));
         if let Err(panic) = ran {
             cycle.carry_out_will();
             resume_unwind(panic);
@@ -335,29 +337,6 @@ fn start_registrar(
     };
     let _detached = start("registrar", orders, run)?;
     Ok(())
-}
-
-/// The real-time loop. Ends when it was told to stop and every group has been stopped for [`LAST_CYCLES`], and every motor
-/// that was started has answered its stop or had [`STOP_TIME`] for it.
-fn run_cycles(cycle: &mut Cycle<Monotonic>, orders: &Orders, period: Duration, damp: Duration) {
-    let mut place = Place { cycle: 1, at: clock::monotonic() + period };
-    while !orders.are(Orders::STOP) {
-        place = cycle.run(place);
-    }
-    cycle.shut_down();
-    let end = place.at + damp + SHUTDOWN_MARGIN;
-    let mut last = LAST_CYCLES;
-    while last > 0 {
-        place = cycle.run(place);
-        if orders.are(Orders::STOP_NOW) || place.at > end {
-            cycle.stop_now();
-        }
-        last -= u32::from(cycle.is_still());
-    }
-    let end = place.at + STOP_TIME;
-    while cycle.unstopped().next().is_some() && place.at < end {
-        place = cycle.run(place);
-    }
 }
 
 /// The starting thread waits for the report: nobody else can miss it.

@@ -5,9 +5,9 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use motord::check::{EXIT_CONFIG, check};
-use motord::config::settings::SafeStop;
+use motord::commands::check::{EXIT_CONFIG, check};
 use motord::config::{ConfigError, Loaded, Machine, load, parse};
+use motord_core::settings::SafeStop;
 use proptest::prelude::*;
 use tempfile::TempDir;
 

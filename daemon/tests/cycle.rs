@@ -335,7 +335,7 @@ fn stiffness_that_comes_back_pulls_from_where_the_joint_is() {
 fn what_a_stop_held_is_damped_before_it_is_limp() {
     for (held_for, emergency) in [(2000, false), (200, true), (1950, true)] {
         let mut settings = robot::three_motors();
-        settings.groups[0].safe_stop = motord::config::settings::SafeStop::Hold;
+        settings.groups[0].safe_stop = motord_core::settings::SafeStop::Hold;
         let mut robot = Robot::new(settings, 1);
         robot.activate();
         robot.steps(20 + held_for);
@@ -373,7 +373,7 @@ fn a_motor_that_was_lost_while_it_ran_is_not_counted_stopped_until_it_answers_a_
 #[test]
 fn an_emergency_is_never_held() {
     let mut settings = robot::three_motors();
-    settings.groups[0].safe_stop = motord::config::settings::SafeStop::Hold;
+    settings.groups[0].safe_stop = motord_core::settings::SafeStop::Hold;
     let mut robot = Robot::new(settings, 1);
     robot.activate();
     robot.operate(Operation::EmergencyStop).unwrap();

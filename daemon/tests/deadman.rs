@@ -2,13 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord::commands::safe_stop::safe_stop;
 use motord::config;
 use motord::deadman::channel::{Answer, Channel, Listener, Refusal, Request};
+use motord::deadman::heartbeat::{Heartbeat, Pulse};
 use motord::deadman::registrar::Registrar;
 use motord::deadman::server::Server;
 use motord::deadman::will::{BusWill, Outlet, Will, WillError, WrittenFrame};
-use motord::heartbeat::{Heartbeat, Pulse};
-use motord::safe_stop::safe_stop;
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Refusal as BusRefusal, Sent, clock};
 use motord_shared::instance::Instance;
 use nix::sys::signal::{Signal, kill};

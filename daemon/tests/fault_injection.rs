@@ -5,8 +5,8 @@
 
 mod robot;
 
-use motord::config::settings::Settings;
 use motord_bus::Duration;
+use motord_core::settings::Settings;
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
 use robot::Robot;
 use robot::checker::Checker;

@@ -3,10 +3,10 @@
 
 mod robot;
 
-use motord::config::settings::{FaultPolicy, Settings};
-use motord::control::{Command, Event, Heard};
-use motord::drive::{Answer, Drive};
 use motord_bus::{Duration, Instant};
+use motord_core::control::{Command, Event, Heard};
+use motord_core::drive::{Answer, Drive};
+use motord_core::settings::{FaultPolicy, Settings};
 use motord_shared::{
     AdminRequest, BusCondition, Cause, JointSetpoint, Limit, MotorMode, Operation, Phase, Refusal, message,
 };

@@ -12,17 +12,17 @@ mod robot;
 
 use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
-use motord::clock::Monotonic;
-use motord::config::settings::Settings;
-use motord::cycle::{self, Cycle, Ends, Place};
 use motord::deadman::channel::{Answer, Channel, Listener, Request};
+use motord::deadman::heartbeat::Heartbeat;
 use motord::deadman::server::Server;
 use motord::deadman::will::{Will, expect_interface};
-use motord::heartbeat::Heartbeat;
-use motord::plan::BusPlan;
-use motord::reopen::{self, Workshop};
+use motord::host::clock::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
+use motord_core::cycle::{self, Cycle, Ends, Place};
+use motord_core::cycle::{Supply, replacements};
+use motord_core::plan::BusPlan;
+use motord_core::settings::Settings;
 use motord_shared::instance::Instance;
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase,
@@ -98,7 +98,7 @@ struct Robot {
     settings: Settings,
     cycle: Cycle<Monotonic>,
     ends: Ends,
-    workshop: Workshop,
+    supply: Supply,
     place: Place,
     observer: SocketCanBus,
     heard: Vec<(u16, Meaning)>,
@@ -116,8 +116,8 @@ impl Robot {
         let settings = configured(interface.as_str());
         let bus = buses::open_one(&settings, 0).unwrap();
         let (mut link, ends) = cycle::link(1);
-        let (replacements, workshop) = reopen::ends();
-        link.repairs(replacements);
+        let (taken, supply) = replacements();
+        link.repairs(taken);
         let cycle = Cycle::new(&settings, &BusPlan::of(&settings), vec![bus], Monotonic, link, 7);
         Self {
             interface,
@@ -128,7 +128,7 @@ impl Robot {
             settings,
             cycle,
             ends,
-            workshop,
+            supply,
             place: Place { cycle: 1, at: clock::monotonic() },
             lease: 0,
             sequence: 0,
@@ -433,7 +433,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
     let opened = buses::open_one(&robot.settings, 0).unwrap();
     robot.observer = observer(robot.motor_side);
     robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
-    assert!(robot.workshop.hand_over(0, opened));
+    assert!(robot.supply.hand_over(0, opened));
     robot.place.at = clock::monotonic();
     robot.recovers_on_request();
 }

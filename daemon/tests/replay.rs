@@ -8,10 +8,10 @@
 
 mod robot;
 
-use motord::config::settings::{BusKind, Settings};
 use motord_bus::candump::{InvalidLine, LogLine};
 use motord_bus::time::nanos;
 use motord_bus::{Arrival, Bus, Content, Duration, Frame, Inbox, Instant, Readiness, Sent};
+use motord_core::settings::{BusKind, Settings};
 use motord_shared::{AdminRequest, JointSetpoint, Operation};
 use robot::Robot;
 use robot::random::Random;

@@ -2,10 +2,10 @@
 
 use clap::Parser;
 use motord::buses;
-use motord::config::settings::{BusKind, Settings};
 use motord::config::{self, ConfigError};
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
+use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{Bridge, FaultVerb, InjectError, VerbError};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};

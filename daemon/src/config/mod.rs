@@ -10,7 +10,6 @@ mod findings;
 mod machine;
 mod problem;
 mod range;
-pub mod settings;
 mod source;
 mod validate;
 mod written;
@@ -25,7 +24,7 @@ pub use machine::Machine;
 pub use problem::{Place, Problem, Wrong};
 
 use findings::Findings;
-use settings::Settings;
+use motord_core::settings::Settings;
 use source::Source;
 
 /// The largest file that is read: sixty-four motors with every key written out take a tenth of it.

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use super::settings::{BeyondRange, ExchangeMode, FaultPolicy, MotorProtocol, SafeStop};
+use motord_core::settings::{BeyondRange, ExchangeMode, FaultPolicy, MotorProtocol, SafeStop};
 
 pub(super) type Number = Option<Spanned<f64>>;
 pub(super) type Integer = Option<Spanned<i64>>;

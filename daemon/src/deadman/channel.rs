@@ -3,8 +3,8 @@
 //! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, are heard: whoever registers
 //! decides which frames are sent.
 
-use crate::heartbeat::Pulse;
-use crate::kernel::adopt;
+use crate::deadman::heartbeat::Pulse;
+use crate::host::kernel::adopt;
 use motord_shared::instance::Instance;
 use nix::cmsg_space;
 use nix::errno::Errno;

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! The daemon registers with a [will](will::Will), ready-made frames for every motor, and the file of its
-//! [heartbeat](crate::heartbeat). The switch knows no protocol and no configuration. It acts when the connection closes
+//! [heartbeat](crate::deadman::heartbeat). The switch knows no protocol and no configuration. It acts when the connection closes
 //! or the heartbeat stands still, unless that is at rest: then the motors are stopped already. It outlives the daemon,
 //! and the next one registers again.
 //!
@@ -17,6 +17,7 @@
 
 pub mod channel;
 pub mod executor;
+pub mod heartbeat;
 pub mod registrar;
 pub mod schedule;
 pub mod server;
@@ -24,8 +25,8 @@ pub mod switch;
 pub mod will;
 
 use crate::config::{self, ConfigError};
-use crate::rt::{self, Wish};
-use crate::systemd;
+use crate::host::rt::{self, Wish};
+use crate::host::systemd;
 use channel::Listener;
 use motord_bus::{Duration, clock};
 use motord_shared::instance::{Instance, InstanceError};

@@ -1,7 +1,7 @@
 //! The daemon's side: leaves its will with the switch, and does so again whenever the switch is gone.
 
-use crate::heartbeat::{AT_REST, Pulse};
-use crate::kernel;
+use crate::deadman::heartbeat::{AT_REST, Pulse};
+use crate::host::kernel;
 use motord_bus::{Duration, Readiness, clock, wait};
 use motord_shared::instance::Instance;
 use std::io;

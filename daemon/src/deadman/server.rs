@@ -1,6 +1,6 @@
 //! The dead man's switch at work: hears registrations, watches one daemon, and carries its will out.
 
-use crate::heartbeat::{AT_REST, Pulse};
+use crate::deadman::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Instant, Readiness, Ready, clock, wait};
 use std::os::fd::AsFd;
 

@@ -13,7 +13,7 @@
 //! A heartbeat that moves again takes the motors back: that daemon was late, knows it, and stops safely by itself. Two
 //! senders with different opinions would be worse than either. A closed connection is final: its heartbeat is dead.
 
-use crate::heartbeat::AT_REST;
+use crate::deadman::heartbeat::AT_REST;
 use motord_bus::{Duration, Instant};
 
 use super::schedule::{INTERVAL, later_on_the_grid};

@@ -1,10 +1,10 @@
 //! A last will: the frames that damp and stop every motor, made beforehand by whoever knows how.
 
-use crate::config::settings::{BusKind, Settings};
-use crate::drive::last_frames;
 use core::fmt::Display;
 use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
 use motord_bus::{Bus, Duration, Frame, Inbox};
+use motord_core::drive::last_frames;
+use motord_core::settings::{BusKind, Settings};
 use serde::{Deserialize, Serialize};
 
 /// What to tell the motors of a daemon that cannot any more, and when.

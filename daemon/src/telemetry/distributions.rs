@@ -1,8 +1,8 @@
 //! Latency distributions since the start.
 
-use crate::cycle::Record;
 use hdrhistogram::Histogram;
 use motord_bus::{Duration, Instant};
+use motord_core::cycle::Record;
 use motord_shared::roster::{Percentiles, Telemetry};
 
 /// Latencies beyond it are recorded as it: 10 s.

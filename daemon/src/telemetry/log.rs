@@ -1,8 +1,8 @@
 //! What the cycle told as codes, as sentences. A motor or bus that changes all the time is told of once a second.
 
-use crate::config::settings::Settings;
-use crate::control::Event;
-use crate::cycle::Counters;
+use motord_core::control::Event;
+use motord_core::cycle::Counters;
+use motord_core::settings::Settings;
 use motord_protocol::FaultBits;
 use motord_shared::{BusCondition, Cause, MotorMode};
 use std::sync::atomic::Ordering;

@@ -7,13 +7,14 @@ mod distributions;
 mod log;
 mod strays;
 
-use crate::config::{self, settings::Settings};
-use crate::control::Event;
-use crate::cycle::{Counters, Record};
-use crate::systemd;
+use crate::config;
+use crate::host::systemd;
 use distributions::Distributions;
 use log::Log;
 use motord_bus::Duration;
+use motord_core::control::Event;
+use motord_core::cycle::{Counters, Record};
+use motord_core::settings::Settings;
 use motord_shared::BusCondition;
 use motord_shared::ports::Housekeeper;
 use rtrb::Consumer;

@@ -1,9 +1,9 @@
 //! Frames of strangers, which the kernel keeps from the cycle: counted here, at leisure.
 
-use crate::config::settings::{BusKind, MotorSettings, Settings};
-use crate::cycle::Counters;
 use motord_bus::FrameId;
 use motord_bus::socketcan::{InterfaceName, Link, Strays};
+use motord_core::cycle::Counters;
+use motord_core::settings::{BusKind, MotorSettings, Settings};
 use std::sync::atomic::Ordering;
 
 /// The CAN interfaces of a configuration, as far as strangers are concerned.

@@ -22,8 +22,8 @@ mod stop;
 
 use super::{Meaning, Robot, Sent, Told};
 use cycle::Cycle;
-use motord::config::settings::{MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
+use motord_core::settings::{MotorSettings, SafeStop};
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation, Phase,
     StateMessage, message,

@@ -10,14 +10,14 @@ pub mod fuzz_client;
 pub mod random;
 
 use motord::buses;
-use motord::clock::Clock;
-use motord::config::settings::{BusKind, Settings};
 use motord::config::{self, Machine};
-use motord::control::Event;
-use motord::cycle::{self, Cycle, Ends, Place};
-use motord::plan::BusPlan;
-use motord::reopen::{self, Workshop};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
+use motord_core::clock::Clock;
+use motord_core::control::Event;
+use motord_core::cycle::{self, Cycle, Ends, Place};
+use motord_core::cycle::{Supply, replacements};
+use motord_core::plan::BusPlan;
+use motord_core::settings::{BusKind, Settings};
 use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation,
     Phase, Refusal, SetpointMessage, StateMessage,
@@ -205,7 +205,7 @@ pub struct Robot {
     pub ends: Ends,
     pub clock: Virtual,
     pub buses: Vec<SharedBus>,
-    workshop: Workshop,
+    supply: Supply,
     place: Place,
     tickets: u32,
     sequence: u64,
@@ -262,8 +262,8 @@ impl Robot {
             freeze: Rc::default(),
         };
         let (mut link, ends) = cycle::link(settings.groups.len());
-        let (replacements, workshop) = reopen::ends();
-        link.repairs(replacements);
+        let (taken, supply) = replacements();
+        link.repairs(taken);
         let plans = BusPlan::of(&settings);
         let cycle = Cycle::new(&settings, &plans, buses, clock.clone(), link, 7);
         let place = Place { cycle: 1, at: start };
@@ -273,7 +273,7 @@ impl Robot {
             ends,
             clock,
             buses: Vec::new(),
-            workshop,
+            supply,
             place,
             tickets: 0,
             sequence: 0,
@@ -366,7 +366,7 @@ impl Robot {
     /// Opens a bus again that the cycle gave up, as the daemon's own thread does.
     pub fn reopen(&mut self, bus: usize) {
         let opened = Box::new(self.buses[bus].clone());
-        assert!(self.workshop.hand_over(bus, opened), "there is room for every bus");
+        assert!(self.supply.hand_over(bus, opened), "there is room for every bus");
     }
 
     /// The truth about a motor, which it would not tell.

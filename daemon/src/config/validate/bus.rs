@@ -6,10 +6,10 @@ use motord_shared::limits::BUSES_MAX;
 use toml::Spanned;
 
 use crate::config::problem::Wrong;
-use crate::config::settings::{BusKind, BusSettings, Settings};
 use crate::config::written::{BusType, Integer, Text};
 use crate::config::{Findings, fnv1a, range, written};
-use crate::plan::{BusPlan, WORST_CASE_SOUND};
+use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
+use motord_core::settings::{BusKind, BusSettings, Settings};
 
 type Written = Spanned<written::Bus>;
 

@@ -4,8 +4,8 @@ use motord_shared::limits::GROUPS_MAX;
 use toml::Spanned;
 
 use crate::config::problem::Wrong;
-use crate::config::settings::{GroupSettings, MotorSettings, SafeStop};
 use crate::config::{Findings, written};
+use motord_core::settings::{GroupSettings, MotorSettings, SafeStop};
 
 type Written = Spanned<written::Group>;
 

@@ -5,10 +5,10 @@ use toml::Spanned;
 
 use crate::config::problem::Wrong;
 use crate::config::range::Range;
-use crate::config::settings::{BeyondRange, LimitSettings};
 use crate::config::source::Span;
 use crate::config::written::Number;
 use crate::config::{Findings, range, written};
+use motord_core::settings::{BeyondRange, LimitSettings};
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.

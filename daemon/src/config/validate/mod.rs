@@ -12,11 +12,11 @@ use motord_shared::DEFAULT_INSTANCE;
 use toml::Spanned;
 
 use crate::config::problem::Wrong;
-use crate::config::settings::{
-    CycleSettings, ExchangeMode, ExchangeSettings, SafeStop, SafetySettings, Settings,
-};
 use crate::config::written::{self, Document};
 use crate::config::{Findings, range};
+use motord_core::settings::{
+    CycleSettings, ExchangeMode, ExchangeSettings, SafeStop, SafetySettings, Settings,
+};
 
 /// Judges the whole document. `None` when something is missing that nothing can stand in for, and that the rest refers
 /// to: motors to buses, groups to motors. The reason is among the findings then.

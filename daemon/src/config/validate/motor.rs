@@ -9,12 +9,12 @@ use toml::Spanned;
 use super::limits::{self, Capability};
 use super::micros;
 use crate::config::problem::Wrong;
-use crate::config::settings::{
+use crate::config::written::Integer;
+use crate::config::{Findings, range, written};
+use motord_core::settings::{
     BeyondRange, BusKind, BusSettings, FaultPolicy, GroupSettings, MotorProtocol, MotorSettings,
     MotorSimulation, SafeStop,
 };
-use crate::config::written::Integer;
-use crate::config::{Findings, range, written};
 
 type Written = Spanned<written::Motor>;
 

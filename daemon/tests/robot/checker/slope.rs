@@ -1,6 +1,6 @@
 //! How fast what a motor hears may change.
 
-use motord::config::settings::LimitSettings;
+use motord_core::settings::LimitSettings;
 
 /// A value that may fall at once, but rises no faster than its slew.
 #[derive(Debug, Clone, Copy, Default)]

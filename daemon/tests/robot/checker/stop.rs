@@ -2,7 +2,7 @@
 
 use super::cycle::Cycle;
 use super::{Meaning, Robot};
-use motord::config::settings::{SafeStop, Settings};
+use motord_core::settings::{SafeStop, Settings};
 use motord_shared::{MotorMode, Phase};
 
 /// A safe frame comes within so many cycles of a fault that the cycle can see.

@@ -1,0 +1,136 @@
+//! How warm a winding is by the torque it gave: an I²t model, for the drive of an MIT motor tells no temperature.
+//!
+//! Loss goes with the square of the torque. In a measure where the rated torque, given for good, ends at 1, the heat
+//! follows d heat / dt = ((torque / rated)² − heat) / time constant, and the torque that may be given follows the heat:
+//!
+//! ```text
+//!   limit ────────────────╮
+//!                          ╲
+//!   rated                    ╲────────
+//!         0              0.8   1        heat
+//! ```
+
+use crate::settings::MotorSettings;
+use motord_bus::Duration;
+
+/// Where the torque that may be given begins to fall.
+const KNEE: f64 = 0.8;
+/// Beyond it the winding is warmer than any torque that was allowed makes it: something else warms it, or the motor does
+/// not do as it is told.
+const OVERHEATED: f64 = 1.2;
+/// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
+const TWICE_RATED: f64 = 0.287_682_072_451_781;
+
+/// The heat of one winding, and what it bears.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Heat {
+    value: f64,
+    /// The torque that it can give for good, N·m.
+    rated: f32,
+    /// The most torque that it can give, N·m.
+    peak: f32,
+    /// s.
+    time_constant: f64,
+}
+
+impl Heat {
+    /// Of a cold winding.
+    pub(super) fn of(settings: &MotorSettings) -> Self {
+        Self {
+            value: 0.0,
+            rated: settings.rated_torque,
+            peak: settings.peak_torque,
+            time_constant: settings.overload.as_secs_f64() / TWICE_RATED,
+        }
+    }
+
+    /// `torque`, N·m, was given for `elapsed`. More than its peak no winding gives: a motor that tells so tells garbage.
+    pub(super) fn warm(&mut self, torque: f32, elapsed: Duration) {
+        let loss = f64::from(torque.abs().min(self.peak) / self.rated).powi(2);
+        // Implicit, so that no elapsed time, however long, leads beyond the loss.
+        let elapsed = elapsed.as_secs_f64();
+        self.value += (loss - self.value) * elapsed / (self.time_constant + elapsed);
+    }
+
+    /// The torque that may be given now, of at most `limit`, N·m.
+    pub(super) fn allowed(&self, limit: f32) -> f32 {
+        let share = ((1.0 - self.value) / (1.0 - KNEE)).clamp(0.0, 1.0) as f32;
+        limit.min(self.rated + (limit - self.rated).max(0.0) * share)
+    }
+
+    /// It is warmer than what was allowed can have made it.
+    pub(super) fn is_overheated(&self) -> bool {
+        self.value > OVERHEATED
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RATED: f32 = 7.5;
+    const LIMIT: f32 = 20.0;
+    /// Twice the rated torque for ten seconds.
+    const COLD: Heat = Heat { value: 0.0, rated: RATED, peak: 22.0, time_constant: 10.0 / TWICE_RATED };
+    const CYCLE: Duration = Duration::from_millis(1);
+
+    /// Gives `wanted` for `seconds`, as far as it is allowed. Returns what was allowed last.
+    fn give(heat: &mut Heat, wanted: f32, seconds: u32) -> f32 {
+        for _ in 0..seconds * 1000 {
+            heat.warm(wanted.min(heat.allowed(LIMIT)), CYCLE);
+        }
+        heat.allowed(LIMIT)
+    }
+
+    #[test]
+    fn the_rated_torque_is_allowed_for_good_and_no_torque_cools() {
+        let mut heat = COLD;
+        assert!(give(&mut heat, RATED, 1000) >= RATED);
+        assert!(heat.value <= 1.0 && !heat.is_overheated());
+        give(&mut heat, 0.0, 100);
+        assert!(heat.value < 0.1, "{heat:?}");
+        assert_eq!(heat.allowed(LIMIT), LIMIT);
+    }
+
+    #[test]
+    fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_it_is_told() {
+        let mut heat = COLD;
+        for _ in 0..10_000 {
+            heat.warm(2.0 * RATED, CYCLE);
+        }
+        assert!((heat.value - 1.0).abs() < 1e-3, "{heat:?}");
+    }
+
+    #[test]
+    fn too_much_torque_sinks_to_the_rated_and_never_warms_the_winding_beyond_it() {
+        let mut heat = COLD;
+        assert!(give(&mut heat, 2.0 * RATED, 5) >= 2.0 * RATED, "for a while it is allowed");
+        assert!(
+            give(&mut heat, 2.0 * RATED, 5) < 2.0 * RATED,
+            "not as long as a winding without a model would take"
+        );
+        assert!(give(&mut heat, LIMIT, 20) < 1.01 * RATED);
+        assert!(heat.value <= 1.0, "{heat:?}");
+    }
+
+    #[test]
+    fn a_torque_that_no_motor_has_warms_it_as_much_as_its_peak() {
+        let [mut told, mut given] = [COLD; 2];
+        for _ in 0..50 {
+            told.warm(-225.0, CYCLE);
+            given.warm(22.0, CYCLE);
+        }
+        assert_eq!(told, given);
+        assert!(told.value < 0.05, "garbage for 50 ms is no heat: {told:?}");
+    }
+
+    #[test]
+    fn a_limit_below_the_rated_torque_stays_the_limit() {
+        let mut heat = COLD;
+        for _ in 0..100 {
+            heat.warm(10.0 * RATED, Duration::from_secs(1));
+        }
+        assert!(heat.is_overheated());
+        assert_eq!(heat.allowed(5.0), 5.0);
+    }
+}

@@ -1,0 +1,300 @@
+//! Limits: the last thing before the wire.
+//!
+//! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque), a bound on
+//! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. What acted is told bit by bit next to the applied command.
+
+use crate::joint::{Impedance, Joint, Measured};
+use crate::settings::LimitSettings;
+use motord_shared::{Limit, SetpointMode};
+
+/// An applied command and the [`Limit`] bits that acted on it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limited {
+    /// What may be sent.
+    pub applied: Impedance<Joint>,
+    /// `Limit::bit` of every limit that changed something.
+    pub acted: u32,
+}
+
+/// What the limits depend on besides the setpoint.
+#[derive(Debug, Clone, Copy)]
+pub struct Circumstances<'a> {
+    /// The limits of the joint.
+    pub limits: &'a LimitSettings,
+    /// How the setpoint is meant.
+    pub mode: SetpointMode,
+    /// What was applied in the cycle before.
+    pub previous: &'a Impedance<Joint>,
+    /// What the joint did last.
+    pub measured: &'a Measured<Joint>,
+    /// For how long it was not heard since, s: as far as it may have gone, its stiffness may pull more.
+    pub unheard: f32,
+    /// Time since the cycle before, s.
+    pub elapsed: f32,
+    /// How far the start ramp is, 0 to 1.
+    pub ramp: f32,
+    /// The torque that the winding may give, as warm as it is, N·m.
+    pub winding_torque: f32,
+}
+
+/// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
+#[must_use]
+pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Limited {
+    let mut limiter = Limiter { value: *wanted, acted: 0, unheard: circumstances.unheard };
+    limiter.clamp(circumstances.limits);
+    limiter.ramp(circumstances.ramp);
+    limiter.slew(circumstances);
+    limiter.bound(circumstances.limits.torque, circumstances.measured);
+    limiter.derate(circumstances);
+    limiter.bound_to(Limit::Overload, circumstances.winding_torque, circumstances.measured);
+    Limited { applied: limiter.value, acted: limiter.acted }
+}
+
+/// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
+#[must_use]
+pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Limited {
+    let mut limiter = Limiter { value: Impedance::new(0.0, 0.0, 0.0, kd, 0.0), acted: 0, unheard: 0.0 };
+    if let Some(measured) = measured {
+        limiter.bound(limits.torque, measured);
+    }
+    Limited { applied: limiter.value, acted: limiter.acted }
+}
+
+/// Keeps a joint where it was held when the stop began, with the gains it had, but not damped less than `kd`.
+#[must_use]
+pub(super) fn hold(
+    held: &Impedance<Joint>,
+    kd: f32,
+    limits: &LimitSettings,
+    measured: &Measured<Joint>,
+    unheard: f32,
+) -> Limited {
+    let mut limiter = Limiter { value: *held, acted: 0, unheard };
+    limiter.value.kd = held.kd.max(kd);
+    limiter.bound(limits.torque, measured);
+    Limited { applied: limiter.value, acted: limiter.acted }
+}
+
+/// A speed setpoint rises from zero to the joint's limit in this time, s.
+const SPEED_RISE: f32 = 0.5;
+
+struct Limiter {
+    value: Impedance<Joint>,
+    acted: u32,
+    unheard: f32,
+}
+
+impl Limiter {
+    fn clamp(&mut self, limits: &LimitSettings) {
+        let Impedance { position, velocity, kp, kd, torque, .. } = self.value;
+        let [low, high] = limits.position;
+        self.value = Impedance::new(
+            self.within(Limit::Position, position, low, high),
+            self.within(Limit::Velocity, velocity, -limits.velocity, limits.velocity),
+            self.within(Limit::Kp, kp, 0.0, limits.kp),
+            self.within(Limit::Kd, kd, 0.0, limits.kd),
+            self.within(Limit::Torque, torque, -limits.torque, limits.torque),
+        );
+    }
+
+    fn ramp(&mut self, ramp: f32) {
+        if ramp < 1.0 {
+            self.scale(Limit::StartRamp, ramp.max(0.0));
+        }
+    }
+
+    fn slew(&mut self, circumstances: &Circumstances<'_>) {
+        let Circumstances { limits, previous, elapsed, .. } = *circumstances;
+        let Impedance { position, kp, kd, torque, .. } = self.value;
+        let step = |from: f32, rate: f32| (from - rate * elapsed, from + rate * elapsed);
+        let (position_low, position_high) = step(previous.position, limits.velocity);
+        let (kp_low, kp_high) = step(previous.kp, limits.kp_slew);
+        let (kd_low, kd_high) = step(previous.kd, limits.kd_slew);
+        let (torque_low, torque_high) = step(previous.torque, limits.torque_slew);
+        self.value = Impedance::new(
+            self.within(Limit::PositionSlew, position, position_low, position_high),
+            self.slewed_velocity(circumstances),
+            self.within(Limit::KpSlew, kp, kp_low, kp_high),
+            self.within(Limit::KdSlew, kd, kd_low, kd_high),
+            self.within(Limit::TorqueSlew, torque, torque_low, torque_high),
+        );
+    }
+
+    /// Less torque for a hot motor: linear from all at `temperature_derate` to nothing at `temperature`.
+    fn derate(&mut self, circumstances: &Circumstances<'_>) {
+        let Circumstances { limits, measured, .. } = *circumstances;
+        let Some(temperature) = measured.temperature else { return };
+        if temperature > limits.temperature_derate {
+            let span = (limits.temperature - limits.temperature_derate).max(f32::MIN_POSITIVE);
+            let share = ((limits.temperature - temperature) / span).clamp(0.0, 1.0);
+            self.bound_to(Limit::Temperature, share * limits.torque, measured);
+        }
+    }
+
+    /// A speed setpoint rises like a gain does, and does not lead out of the joint's range. In the other modes the
+    /// velocity only feeds the damping forward.
+    fn slewed_velocity(&mut self, circumstances: &Circumstances<'_>) -> f32 {
+        let Circumstances { limits, mode, previous, measured, elapsed, ramp, .. } = *circumstances;
+        let velocity = self.value.velocity;
+        if mode != SetpointMode::Speed {
+            return velocity;
+        }
+        let [low, high] = limits.position;
+        let upward = if measured.position < high { limits.velocity } else { 0.0 };
+        let downward = if measured.position > low { limits.velocity } else { 0.0 };
+        let within = self.within(Limit::Position, velocity, -downward, upward);
+        let step = limits.velocity / SPEED_RISE * elapsed;
+        let slewed = self.within(Limit::Velocity, within, previous.velocity - step, previous.velocity + step);
+        self.within(Limit::StartRamp, slewed, -ramp * limits.velocity, ramp * limits.velocity)
+    }
+
+    fn bound(&mut self, torque_max: f32, measured: &Measured<Joint>) {
+        self.bound_to(Limit::TotalTorque, torque_max, measured);
+    }
+
+    /// Scales stiffness, damping and torque together, so that the torque keeps its sign and its cause.
+    fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<Joint>) {
+        let Measured { position, velocity, .. } = *measured;
+        let gone = velocity.abs() * self.unheard;
+        let predicted = self.value.predicted_torque(position, velocity).abs() + self.value.kp * gone;
+        if predicted > torque_max {
+            self.scale(limit, torque_max / predicted);
+        }
+    }
+
+    fn scale(&mut self, limit: Limit, factor: f32) {
+        self.acted |= limit.bit();
+        self.value.kp *= factor;
+        self.value.kd *= factor;
+        self.value.torque *= factor;
+    }
+
+    fn within(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
+        let inside = value.max(low).min(high);
+        if inside.to_bits() != value.to_bits() && inside != value {
+            self.acted |= limit.bit();
+        }
+        inside
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: LimitSettings = LimitSettings {
+        position: [-1.0, 1.0],
+        velocity: 20.0,
+        torque: 10.0,
+        kp: 100.0,
+        kd: 4.0,
+        torque_slew: 100.0,
+        kp_slew: 1000.0,
+        kd_slew: 40.0,
+        temperature_derate: 80.0,
+        temperature: 100.0,
+        following_error: None,
+    };
+
+    fn limited(
+        wanted: Impedance<Joint>,
+        previous: Impedance<Joint>,
+        temperature: Option<f32>,
+        ramp: f32,
+    ) -> Limited {
+        let measured = Measured::new(0.0, 0.0, 0.0, temperature);
+        limit(
+            &wanted,
+            &Circumstances {
+                limits: &LIMITS,
+                mode: SetpointMode::Impedance,
+                previous: &previous,
+                measured: &measured,
+                unheard: 0.0,
+                elapsed: 0.001,
+                ramp,
+                winding_torque: LIMITS.torque,
+            },
+        )
+    }
+
+    #[test]
+    fn what_is_within_every_limit_passes_unchanged() {
+        let wanted = Impedance::new(0.1, 1.0, 50.0, 1.0, 2.0);
+        assert_eq!(limited(wanted, wanted, None, 1.0), Limited { applied: wanted, acted: 0 });
+    }
+
+    #[test]
+    fn every_value_is_clamped_and_every_clamp_is_told() {
+        let far = Impedance::new(9.0, 90.0, 900.0, 9.0, 90.0);
+        let Limited { applied, acted } = limited(far, far, None, 1.0);
+        assert!(applied.position <= 1.0 + 9.0 && applied.velocity == 20.0);
+        for limit in
+            [Limit::Position, Limit::Velocity, Limit::Kp, Limit::Kd, Limit::Torque, Limit::TotalTorque]
+        {
+            assert!(acted & limit.bit() != 0, "{limit}");
+        }
+        assert!(applied.predicted_torque(0.0, 0.0).abs() <= 10.0 + 1e-3);
+    }
+
+    #[test]
+    fn a_step_becomes_a_slope() {
+        let rest = Impedance::NEUTRAL;
+        let Limited { applied, acted } = limited(Impedance::new(0.5, 0.0, 100.0, 4.0, 10.0), rest, None, 1.0);
+        let Impedance { position, kp, kd, torque, .. } = applied;
+        let close = |value: f32, expected: f32| (value - expected).abs() < 1e-5;
+        assert!(
+            close(position, 0.02) && close(kp, 1.0) && close(kd, 0.04) && close(torque, 0.1),
+            "{applied:?}"
+        );
+        for limit in [Limit::PositionSlew, Limit::KpSlew, Limit::KdSlew, Limit::TorqueSlew] {
+            assert!(acted & limit.bit() != 0, "{limit}");
+        }
+    }
+
+    #[test]
+    fn a_hot_motor_gets_less_and_one_at_its_limit_nothing() {
+        let wanted = Impedance::new(0.0, 0.0, 0.0, 0.0, 10.0);
+        for (temperature, torque) in [(79.0, 10.0), (90.0, 5.0), (100.0, 0.0), (500.0, 0.0)] {
+            let applied = limited(wanted, wanted, Some(temperature), 1.0).applied;
+            assert!((applied.torque - torque).abs() < 1e-4, "{temperature} °C: {}", applied.torque);
+        }
+    }
+
+    #[test]
+    fn the_bound_on_torque_keeps_its_sign_and_its_cause() {
+        let wanted = Impedance::new(0.4, 0.0, 100.0, 0.0, -2.0);
+        let applied = limited(wanted, wanted, None, 1.0).applied;
+        assert!((applied.predicted_torque(0.0, 0.0) - 10.0).abs() < 1e-4);
+        assert!((applied.kp / applied.torque - wanted.kp / wanted.torque).abs() < 1e-3, "scaled together");
+    }
+
+    #[test]
+    fn a_joint_that_was_not_heard_is_pulled_with_less_torque_for_as_far_as_it_may_have_gone() {
+        let wanted = Impedance::new(0.1, 20.0, 90.0, 0.0, 0.0);
+        let measured = Measured::new(0.0, 20.0, 0.0, None);
+        let mut circumstances = Circumstances {
+            limits: &LIMITS,
+            mode: SetpointMode::Impedance,
+            previous: &wanted,
+            measured: &measured,
+            unheard: 0.0,
+            elapsed: 0.001,
+            ramp: 1.0,
+            winding_torque: LIMITS.torque,
+        };
+        assert_eq!(limit(&wanted, &circumstances), Limited { applied: wanted, acted: 0 });
+        circumstances.unheard = 0.009;
+        let applied = limit(&wanted, &circumstances).applied;
+        for gone in [-0.18, 0.0, 0.18] {
+            assert!(applied.predicted_torque(gone, 20.0).abs() <= LIMITS.torque + 1e-4, "{gone}");
+        }
+    }
+
+    #[test]
+    fn braking_a_fast_joint_stays_within_its_torque() {
+        let measured = Measured::new(0.0, 30.0, 0.0, None);
+        let applied = damp(2.0, &LIMITS, Some(&measured)).applied;
+        assert!((applied.predicted_torque(0.0, 30.0) + 10.0).abs() < 1e-4);
+    }
+}

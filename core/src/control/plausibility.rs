@@ -1,0 +1,184 @@
+//! Whether what a motor tells can be true, and whether it does what it is told.
+//!
+//! | what is seen | for how long | cause |
+//! |---|---|---|
+//! | a step longer than the motor's top speed allows | 3 replies in a row | implausible |
+//! | speed, while the position stands still to the code | 50 ms | encoder-stuck |
+//! | 1.2 times the joint's speed limit | 5 ms | overspeed |
+//! | too far from the position it is pulled to | 50 ms | following-error |
+//! | at the temperature limit | 1 s | over-temperature |
+//! | the end of the positions that MIT can tell | at once | range-end |
+//! | two answers to one question | 5 times in 10 cycles | duplicate-id |
+
+use crate::joint::{Joint, Measured};
+use crate::settings::{BeyondRange, LimitSettings, MotorProtocol, MotorSettings};
+use motord_bus::{Duration, Instant};
+use motord_shared::Cause;
+
+/// A step may be this much longer than speed and time say: codes are coarse, and replies jitter.
+const STEP_FACTOR: f32 = 1.5;
+const STEP_MARGIN: f32 = 0.02;
+/// So many implausible replies in a row are no longer noise: the last is believed, and the group is stopped.
+const STEPS_MAX: u32 = 3;
+/// Slower than this, rad/s, a position may well keep its code for a while.
+const STUCK_VELOCITY: f32 = 0.5;
+const STUCK_TIME: Duration = Duration::from_millis(50);
+const OVERSPEED_FACTOR: f32 = 1.2;
+const OVERSPEED_TIME: Duration = Duration::from_millis(5);
+const FOLLOWING_TIME: Duration = Duration::from_millis(50);
+const HOT_TIME: Duration = Duration::from_secs(1);
+/// A temperature outside is no temperature, °C.
+const TEMPERATURES: core::ops::RangeInclusive<f32> = -40.0..=180.0;
+/// No winding heats up by this much from one reply to the next, K.
+const TEMPERATURE_STEP: f32 = 20.0;
+/// MIT positions end at ±12.5 rad: beyond it a motor wraps or clamps, and the documents do not say which.
+const RANGE_END: f32 = 12.0;
+/// A leaky bucket: a second answer adds, every cycle takes one off.
+const DUPLICATE_WEIGHT: u32 = 2;
+const DUPLICATES_MAX: u32 = 5;
+
+/// What is remembered of one motor to judge it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Plausibility {
+    steps: u32,
+    stuck: Since,
+    fast: Since,
+    far: Since,
+    hot: Since,
+    odd_temperatures: u32,
+    duplicates: u32,
+}
+
+/// Since when something has been so.
+#[derive(Debug, Clone, Copy, Default)]
+struct Since(Option<Instant>);
+
+impl Since {
+    /// It is so now, or not. Tells whether it has been so for `time`.
+    fn lasts(&mut self, so: bool, at: Instant, time: Duration) -> bool {
+        self.0 = if so { self.0.or(Some(at)) } else { None };
+        self.0.is_some_and(|since| at.since(since) >= time)
+    }
+}
+
+/// What a reply is judged by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Expectation<'a> {
+    pub(super) settings: &'a MotorSettings,
+    /// The state before, and when it came.
+    pub(super) before: Option<(&'a Measured<Joint>, Instant)>,
+    /// The position that the motor was told to go to, if it was.
+    pub(super) pulled_to: Option<f32>,
+    /// It follows setpoints.
+    pub(super) active: bool,
+}
+
+/// The verdict on a reply.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Verdict {
+    /// It may be used.
+    Sound(Measured<Joint>),
+    /// It may be used, but the group must be stopped.
+    Stop(Measured<Joint>, Cause),
+    /// It cannot be true.
+    Unbelievable,
+}
+
+impl Plausibility {
+    /// Judges `told`, which came at `at`. Constant time.
+    pub(super) fn judge(
+        &mut self,
+        told: Measured<Joint>,
+        at: Instant,
+        expected: &Expectation<'_>,
+    ) -> Verdict {
+        let mut told = told;
+        told.temperature = self.believable_temperature(&told, expected.before);
+        if self.is_jump(&told, at, expected) {
+            self.steps += 1;
+            if self.steps < STEPS_MAX {
+                return Verdict::Unbelievable;
+            }
+            self.steps = 0;
+            return Verdict::Stop(told, Cause::Implausible);
+        }
+        self.steps = 0;
+        match self.cause(&told, at, expected) {
+            Some(cause) => Verdict::Stop(told, cause),
+            None => Verdict::Sound(told),
+        }
+    }
+
+    /// A second answer to one question. Tells whether two motors share the id.
+    pub(super) fn duplicate(&mut self) -> bool {
+        self.duplicates = (self.duplicates + DUPLICATE_WEIGHT).min(4 * DUPLICATES_MAX);
+        self.is_doubled()
+    }
+
+    /// Two motors answer to this id, as far as was seen lately.
+    pub(super) const fn is_doubled(&self) -> bool {
+        self.duplicates > DUPLICATES_MAX
+    }
+
+    /// A cycle is over.
+    pub(super) const fn end_cycle(&mut self) {
+        self.duplicates = self.duplicates.saturating_sub(1);
+    }
+
+    fn is_jump(&self, told: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> bool {
+        let Some((before, then)) = expected.before else { return false };
+        let top = expected.settings.max_velocity;
+        let reach = STEP_FACTOR * top * at.since(then).as_secs_f32() + STEP_MARGIN;
+        (told.position - before.position).abs() > reach
+    }
+
+    fn cause(&mut self, told: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> Option<Cause> {
+        let Expectation { settings, before, pulled_to, active } = *expected;
+        let limits = &settings.limits;
+        let still = before.is_some_and(|(before, _)| before.position.to_bits() == told.position.to_bits());
+        let stuck = still && told.velocity.abs() > STUCK_VELOCITY;
+        let fast = told.velocity.abs() > OVERSPEED_FACTOR * limits.velocity;
+        let far = active && is_far(told, pulled_to, limits);
+        let hot = told.temperature.is_some_and(|temperature| temperature >= limits.temperature);
+        if self.stuck.lasts(stuck, at, STUCK_TIME) {
+            return Some(Cause::EncoderStuck);
+        }
+        if self.fast.lasts(fast, at, OVERSPEED_TIME) {
+            return Some(Cause::Overspeed);
+        }
+        if self.far.lasts(far, at, FOLLOWING_TIME) {
+            return Some(Cause::FollowingError);
+        }
+        if self.hot.lasts(hot, at, HOT_TIME) {
+            return Some(Cause::OverTemperature);
+        }
+        (active && is_at_range_end(told, pulled_to, settings)).then_some(Cause::RangeEnd)
+    }
+
+    /// One odd value is garbage; a row of them is the truth.
+    fn believable_temperature(
+        &mut self,
+        told: &Measured<Joint>,
+        before: Option<(&Measured<Joint>, Instant)>,
+    ) -> Option<f32> {
+        const ODD_MAX: u32 = 10;
+        let temperature = told.temperature?;
+        let last = before.and_then(|(before, _)| before.temperature);
+        let stepped = last.is_some_and(|last| (temperature - last).abs() > TEMPERATURE_STEP);
+        let odd = !TEMPERATURES.contains(&temperature) || stepped;
+        self.odd_temperatures = if odd { self.odd_temperatures.saturating_add(1) } else { 0 };
+        if odd && self.odd_temperatures < ODD_MAX { last } else { Some(temperature) }
+    }
+}
+
+fn is_far(told: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
+    let Some((most, target)) = limits.following_error.zip(pulled_to) else { return false };
+    (target - told.position).abs() > most
+}
+
+/// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot tell one beyond the range.
+fn is_at_range_end(told: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
+    let position = settings.direction * (told.position - settings.offset);
+    let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
+    settings.protocol == MotorProtocol::Mit && position.abs() > RANGE_END && !free
+}

@@ -1,0 +1,226 @@
+//! Between the real-time thread and the others: wait-free buffers and preallocated rings, nothing that can block.
+//!
+//! | what | from | to | when full |
+//! |---|---|---|---|
+//! | setpoints, by group | exchange | cycle | the newest replaces the one before |
+//! | states | cycle | exchange | the newest replaces the one before |
+//! | requests | exchange | cycle | refused: busy |
+//! | answers | cycle | exchange | as many as requests, so never |
+//! | opened buses, old buses | reopening, cycle | cycle, reopening | as many as buses, so never |
+//! | records, events | cycle | telemetry | dropped and counted |
+
+use super::Tick;
+use super::replacement::{Indexed, Replacements};
+use crate::control::{Control, Event};
+use motord_bus::time::nanos;
+use motord_bus::{Bus, Instant};
+use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
+use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage};
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+use triple_buffer::TripleBuffer;
+
+/// Most requests under way.
+pub const REQUESTS_MAX: usize = 256;
+/// Two seconds of a 1 kHz cycle.
+const RECORDS: usize = 2048;
+const EVENTS: usize = 4096;
+
+/// What telemetry wants to know of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Record {
+    /// Its number.
+    pub cycle: u64,
+    /// When it should have begun.
+    pub scheduled: Instant,
+    /// How much later it began, ns.
+    pub wake_latency_ns: u64,
+    /// From its beginning to the publication of the states, ns.
+    pub cycle_ns: u64,
+    /// Age of the oldest setpoint that an active group used, ns; `None` when none was active.
+    pub setpoint_age_ns: Option<u64>,
+    /// Cycles without a reply, over all motors, since the start.
+    pub missed: u64,
+    /// Places on the grid skipped just before this cycle.
+    pub skipped: u64,
+    /// Time from command to reply, ns, by joint; 0 where none came in this cycle.
+    pub reply_latency_ns: [u32; JOINTS_MAX],
+}
+
+impl Record {
+    pub(super) fn of(tick: &Tick, published: Instant, control: &Control) -> Self {
+        let mut reply_latency_ns = [0; JOINTS_MAX];
+        control.reply_latencies().zip(&mut reply_latency_ns).for_each(|(latency, slot)| *slot = latency);
+        Self {
+            cycle: tick.cycle,
+            scheduled: tick.scheduled,
+            wake_latency_ns: nanos(tick.begun.since(tick.scheduled)),
+            cycle_ns: nanos(published.since(tick.begun)),
+            setpoint_age_ns: control.setpoint_age().map(nanos),
+            missed: control.missed(),
+            skipped: tick.skipped,
+            reply_latency_ns,
+        }
+    }
+}
+
+/// The real-time thread's end.
+pub struct Link {
+    setpoints: Vec<triple_buffer::Output<SetpointMessage>>,
+    states: triple_buffer::Input<StateMessage>,
+    requests: Consumer<(u32, AdminRequest)>,
+    answers: Producer<(u32, AdminReply)>,
+    records: Producer<Record>,
+    events: Producer<(u64, Event)>,
+    counters: Arc<Counters>,
+    published: Option<Box<dyn Fn() + Send>>,
+    begun: Option<Box<dyn Fn(u64) + Send>>,
+    replacements: Option<Replacements>,
+}
+
+/// The other threads' end.
+pub struct Ends {
+    /// One buffer per group.
+    pub setpoints: Vec<triple_buffer::Input<SetpointMessage>>,
+    /// The newest state.
+    pub states: triple_buffer::Output<StateMessage>,
+    /// Requests, with the ticket that their answer will bear.
+    pub requests: Producer<(u32, AdminRequest)>,
+    /// Answers.
+    pub answers: Consumer<(u32, AdminReply)>,
+    /// One per cycle.
+    pub records: Consumer<Record>,
+    /// With the number of their cycle.
+    pub events: Consumer<(u64, Event)>,
+    /// Counters.
+    pub counters: Arc<Counters>,
+}
+
+/// What both sides may look at at any time.
+#[derive(Debug, Default)]
+pub struct Counters {
+    /// The cycle that is running: whoever waits for it to move knows that the cycle lives.
+    pub cycle: AtomicU64,
+    /// Records and events that telemetry was too slow for.
+    pub dropped: AtomicU64,
+    /// Frames of strangers, by bus, modulo 2³².
+    pub strays: [AtomicU32; BUSES_MAX],
+    /// Exchanges with clients that failed.
+    pub exchange_errors: AtomicU64,
+    /// The configuration's file is no longer the one that was read at the start.
+    pub config_changed: AtomicBool,
+}
+
+/// Makes both ends. Allocates; nothing after it does.
+#[must_use]
+pub fn link(groups: usize) -> (Link, Ends) {
+    let groups = groups.min(GROUPS_MAX);
+    let (setpoint_inputs, setpoint_outputs) =
+        (0..groups).map(|_| TripleBuffer::new(&SetpointMessage::default()).split()).unzip();
+    let (state_input, state_output) = TripleBuffer::new(&StateMessage::default()).split();
+    let (request_producer, request_consumer) = RingBuffer::new(REQUESTS_MAX);
+    let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS_MAX);
+    let (record_producer, record_consumer) = RingBuffer::new(RECORDS);
+    let (event_producer, event_consumer) = RingBuffer::new(EVENTS);
+    let counters = Arc::new(Counters::default());
+    let link = Link {
+        setpoints: setpoint_outputs,
+        states: state_input,
+        requests: request_consumer,
+        answers: answer_producer,
+        records: record_producer,
+        events: event_producer,
+        counters: Arc::clone(&counters),
+        published: None,
+        begun: None,
+        replacements: None,
+    };
+    let ends = Ends {
+        setpoints: setpoint_inputs,
+        states: state_output,
+        requests: request_producer,
+        answers: answer_consumer,
+        records: record_consumer,
+        events: event_consumer,
+        counters,
+    };
+    (link, ends)
+}
+
+impl Link {
+    /// Called in every cycle once its states are published. Must not allocate or block; at most one system call.
+    pub fn on_publish(&mut self, published: impl Fn() + Send + 'static) {
+        self.published = Some(Box::new(published));
+    }
+
+    /// Where buses come from that were opened again; without it, a bus that is gone stays gone.
+    pub fn repairs(&mut self, replacements: Replacements) {
+        self.replacements = Some(replacements);
+    }
+
+    pub(super) fn next_bus(&mut self) -> Option<Indexed> {
+        self.replacements.as_mut()?.take()
+    }
+
+    pub(super) fn retire_bus(&mut self, index: usize, bus: Box<dyn Bus>) {
+        if let Some(replacements) = &mut self.replacements {
+            replacements.retire(index, bus);
+        }
+    }
+
+    /// Called at the beginning of every cycle with its number. Must not allocate or block; no system call.
+    pub fn on_begin(&mut self, begun: impl Fn(u64) + Send + 'static) {
+        self.begun = Some(Box::new(begun));
+    }
+
+    pub(super) fn beat(&self, cycle: u64) {
+        self.counters.cycle.store(cycle, Ordering::Release);
+        if let Some(begun) = &self.begun {
+            begun(cycle);
+        }
+    }
+
+    pub(super) fn next_request(&mut self) -> Option<(u32, AdminRequest)> {
+        self.requests.pop().ok()
+    }
+
+    pub(super) fn answer(&mut self, ticket: u32, reply: AdminReply) {
+        // The exchange lets at most as many requests through as there is room for answers.
+        let _room = self.answers.push((ticket, reply));
+    }
+
+    pub(super) fn newest_setpoints(&mut self, mut offer: impl FnMut(&SetpointMessage)) {
+        for setpoint in &mut self.setpoints {
+            if setpoint.update() {
+                offer(setpoint.output_buffer());
+            }
+        }
+    }
+
+    /// Where to write the states of this cycle.
+    pub(super) fn state(&mut self) -> &mut StateMessage {
+        self.states.input_buffer_mut()
+    }
+
+    /// Hands over what was written, and wakes the exchange.
+    pub(super) fn publish(&mut self, record: Record) {
+        self.states.publish();
+        let dropped = self.records.push(record).is_err();
+        self.lose(u32::from(dropped));
+        if let Some(published) = &self.published {
+            published();
+        }
+    }
+
+    pub(super) fn tell(&mut self, cycle: u64, event: Event) {
+        let dropped = self.events.push((cycle, event)).is_err();
+        self.lose(u32::from(dropped));
+    }
+
+    pub(super) fn lose(&self, dropped: u32) {
+        if dropped > 0 {
+            self.counters.dropped.fetch_add(u64::from(dropped), Ordering::Relaxed);
+        }
+    }
+}

@@ -1,0 +1,363 @@
+//! One cycle: wake, decide, transmit, collect, publish.
+//!
+//! The functions here run in the real-time thread. After [`Cycle::new`] none allocates, locks or logs, every loop is
+//! bounded by motors, buses or an inbox, and none returns early: a silent motor is data for a later phase. System
+//! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
+//! receiving; busy polling, where configured, comes on top.
+
+mod link;
+mod replacement;
+mod run;
+mod slot;
+mod will;
+
+pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
+pub use replacement::{Replacements, Supply, replacements};
+pub use run::Order;
+
+use crate::clock::Clock;
+use crate::control::{Command, Control, Tick};
+use crate::drive::{Answer, Drive};
+use crate::plan::BusPlan;
+use crate::settings::{BusKind, Settings};
+use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
+use motord_shared::limits::{ADMINS_MAX, BUSES_MAX};
+use motord_shared::message;
+use slot::{Asks, Slot};
+use will::Will;
+
+/// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
+/// those of others.
+const REQUESTS_PER_CYCLE: usize = ADMINS_MAX;
+/// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
+const CALLS_PER_BUS: usize = 3;
+/// Most looks at the open buses in the place of one sleep, should the clock not move.
+const LOOKS_MAX: usize = 1000;
+
+/// Everything the real-time thread owns.
+pub struct Cycle<C> {
+    clock: C,
+    period: Duration,
+    damp: Duration,
+    reply_deadline: Duration,
+    /// Commands are stale so long after their cycle began: the dead man's switch may have acted, or the robot is to be stopped.
+    stale_after: Duration,
+    busy_poll: Duration,
+    slots: Vec<Slot>,
+    drives: Vec<Drive>,
+    bus_of: Vec<usize>,
+    control: Control,
+    link: Link,
+    will: Will,
+    overruns: u64,
+    boot_id: u64,
+    realtime: bool,
+}
+
+impl<C: Clock> Cycle<C> {
+    /// Puts everything in place. `buses` and `plans` stand in the order of the configuration. Allocates; nothing
+    /// after it does.
+    #[must_use]
+    pub fn new(
+        settings: &Settings,
+        plans: &[BusPlan],
+        buses: Vec<Box<dyn Bus>>,
+        clock: C,
+        link: Link,
+        boot_id: u64,
+    ) -> Self {
+        let drives = settings.motors.iter().map(|motor| {
+            Drive::new(motor, fastest_answer(settings, plans, motor.bus), settings.safety.error_feedback)
+        });
+        let slots =
+            buses.into_iter().enumerate().map(|(index, bus)| Slot::new(bus, index, settings, &plans[index]));
+        Self {
+            clock,
+            period: settings.cycle.period,
+            damp: settings.safety.damp,
+            reply_deadline: settings.cycle.reply_deadline,
+            stale_after: settings.cycle.max_lateness.min(settings.safety.deadman),
+            busy_poll: settings.cycle.busy_poll,
+            slots: slots.collect(),
+            drives: drives.collect(),
+            bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
+            control: Control::new(settings, boot_id),
+            link,
+            will: Will::new(settings),
+            overruns: 0,
+            boot_id,
+            realtime: false,
+        }
+    }
+
+    /// Tells clients whether this thread has real-time scheduling and locked memory.
+    pub const fn set_realtime(&mut self, realtime: bool) {
+        self.realtime = realtime;
+    }
+
+    /// The decisions, for tests.
+    #[must_use]
+    pub const fn control(&self) -> &Control {
+        &self.control
+    }
+
+    /// Damps and stops everything, for good; [`is_still`](Self::is_still) tells when it has.
+    pub fn shut_down(&mut self) {
+        self.control.shut_down();
+    }
+
+    /// Stops every motor without damping it first.
+    pub fn stop_now(&mut self) {
+        self.control.stop_now();
+    }
+
+    /// Damps and stops every motor after a panic in [`run`](Self::run); the cycle must not be run again.
+    pub fn carry_out_will(&mut self) {
+        self.will.carry_out(&mut self.slots, &mut self.clock);
+    }
+
+    /// The motors that were started and have not answered a stop since.
+    pub fn unstopped(&self) -> impl Iterator<Item = usize> {
+        self.control.unstopped()
+    }
+
+    /// Every motor that can be reached is told to stop.
+    #[must_use]
+    pub fn is_still(&self) -> bool {
+        self.control.is_still()
+    }
+
+    /// Sleeps until a place on the grid, runs its cycle, and returns the next place. Places that have passed meanwhile
+    /// are skipped, never made up for: a burst would be worse than a gap.
+    pub fn run(&mut self, place: Place) -> Place {
+        self.clock.sleep_until(place.at);
+        let begun = self.clock.now();
+        let skipped = begun.since(place.at).as_nanos() / self.period.as_nanos();
+        let skipped = u32::try_from(skipped).unwrap_or(u32::MAX);
+        let place = place.later(skipped, self.period);
+        self.overruns += u64::from(skipped);
+        let lateness_from = place.at - skipped * self.period;
+        self.cycle(&Tick {
+            cycle: place.cycle,
+            scheduled: lateness_from,
+            begun,
+            skipped: u64::from(skipped),
+            suspended: self.clock.suspended(),
+        });
+        place.later(1, self.period)
+    }
+
+    fn cycle(&mut self, tick: &Tick) {
+        self.link.beat(tick.cycle);
+        self.replace_buses();
+        self.serve(tick.begun);
+        let sent = self.transmit(tick);
+        self.collect(sent + self.reply_deadline);
+        self.control.end_cycle();
+        self.publish(tick);
+        self.poll_faults(tick.scheduled + self.period);
+    }
+
+    /// Takes at most one bus that was opened again; its motors are as lost as they were.
+    fn replace_buses(&mut self) {
+        if let Some((index, bus)) = self.link.next_bus() {
+            let old = self.slots[index].replace(bus);
+            self.link.retire_bus(index, old);
+        }
+    }
+
+    /// What clients want: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group.
+    fn serve(&mut self, now: Instant) {
+        let Self { link, control, .. } = self;
+        for _ in 0..REQUESTS_PER_CYCLE {
+            let Some((ticket, request)) = link.next_request() else { break };
+            if let Some(reply) = control.request(ticket, &request, now) {
+                link.answer(ticket, reply);
+            }
+        }
+        link.newest_setpoints(|message| control.offer(message, now));
+    }
+
+    /// Tells when the last frames were handed over: the replies are awaited from then on.
+    fn transmit(&mut self, tick: &Tick) -> Instant {
+        let Self { control, drives, slots, bus_of, clock, stale_after, .. } = self;
+        let commands = control.decide(*tick);
+        let mut now = clock.now();
+        slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
+        for (motor, command) in commands.iter().enumerate() {
+            slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
+        }
+        for (bus, slot) in slots.iter_mut().enumerate() {
+            now = clock.now();
+            // A process that was frozen since it decided goes on here, when others may have stopped its motors.
+            let is_stale = now.since(tick.begun) > *stale_after;
+            let unask = |motor: usize| {
+                drives[motor].unask();
+                control.unsent(motor);
+            };
+            let took_all = if is_stale { slot.withhold(unask) } else { slot.send(now, unask) };
+            control.bus_took(bus, took_all);
+            control.bus_changed(bus, slot.condition());
+        }
+        now
+    }
+
+    /// Waits for the answers to everything that was asked, at most until `deadline`, within a budget of system calls.
+    /// The first wait lasts as long as the answers usually take: waking for every single frame would cost more calls.
+    fn collect(&mut self, deadline: Instant) {
+        let mut calls = CALLS_PER_BUS * self.slots.len();
+        let open = self.slots.iter().filter(|slot| slot.is_open(&self.drives));
+        let Some(expected) = open.map(Slot::expected).max() else {
+            // Buses without a question have news, too: a controller that is back, frames of strangers.
+            self.receive(None);
+            return;
+        };
+        let mut ready = self.wait(Interest::Nothing, (expected - self.busy_poll).min(deadline));
+        loop {
+            let read = self.receive(ready);
+            calls = calls.saturating_sub(1 + read);
+            self.busy_poll(deadline);
+            let open = self.open_buses();
+            if open == 0 || self.clock.now() >= deadline {
+                break;
+            }
+            // Enough is left for a wait that no frame ends, and a last look at each open bus.
+            let patient = calls <= 2 * open;
+            ready = self.wait(if patient { Interest::Nothing } else { Interest::OpenBuses }, deadline);
+        }
+        let Self { slots, drives, .. } = self;
+        slots.iter_mut().filter(|slot| !slot.is_open(drives)).for_each(Slot::complete);
+    }
+
+    /// Looks at the open buses without a sleep, for as long as configured and at most until `deadline`: the replies that come
+    /// meanwhile wait for no wake-up.
+    fn busy_poll(&mut self, deadline: Instant) {
+        if self.busy_poll.is_zero() {
+            return;
+        }
+        let until = deadline.min(self.clock.now() + self.busy_poll);
+        for _ in 0..LOOKS_MAX {
+            let open = Ready::of(self.slots.iter().map(|slot| slot.is_open(&self.drives)));
+            if !open.any() || self.clock.now() >= until {
+                break;
+            }
+            self.receive(Some(open));
+        }
+    }
+
+    /// Waits until something of interest comes, and at most until `until`. Tells which buses are worth reading; `None`
+    /// when that is not known.
+    fn wait(&mut self, interest: Interest, until: Instant) -> Option<Ready> {
+        let mut readiness = [Readiness::Never; BUSES_MAX];
+        for (readiness, slot) in readiness.iter_mut().zip(&self.slots) {
+            *readiness = match interest {
+                Interest::OpenBuses if slot.is_open(&self.drives) => slot.readiness(),
+                Interest::OpenBuses | Interest::Nothing => Readiness::Never,
+            };
+        }
+        let ready = self.clock.wait(&readiness[..self.slots.len().min(BUSES_MAX)], until);
+        (interest == Interest::OpenBuses).then_some(ready)
+    }
+
+    fn open_buses(&self) -> usize {
+        self.slots.iter().filter(|slot| slot.is_open(&self.drives)).count()
+    }
+
+    /// Reads the buses that are `ready`, or all when that is not known. Returns how many were read.
+    fn receive(&mut self, ready: Option<Ready>) -> usize {
+        let Self { slots, drives, control, clock, .. } = self;
+        let now = clock.now();
+        let mut read = 0;
+        for (bus, slot) in slots.iter_mut().enumerate() {
+            if ready.is_some_and(|ready| !ready.contains(bus)) {
+                continue;
+            }
+            read += 1;
+            slot.receive(now, |motor, payload, at| {
+                let answer = drives[motor].read(payload, at);
+                match answer {
+                    Answer::Heard(heard) if !control.heard(motor, heard, at) => return Answer::Malformed,
+                    Answer::Duplicate => control.heard_twice(motor),
+                    Answer::Heard(_) | Answer::Stranger | Answer::Malformed => {}
+                }
+                answer
+            });
+            control.bus_changed(bus, slot.condition());
+        }
+        read
+    }
+
+    fn publish(&mut self, tick: &Tick) {
+        let Self { link, control, slots, clock, .. } = self;
+        let now = clock.now();
+        let state = link.state();
+        control.report(state);
+        state.boot_id = self.boot_id;
+        state.cycle = tick.cycle;
+        state.tick_ns = tick.scheduled.as_nanos();
+        state.wake_latency_ns = motord_bus::time::nanos(tick.begun.since(tick.scheduled));
+        state.publish_ns = now.as_nanos();
+        state.overruns = self.overruns;
+        state.flags |= if self.realtime { message::FLAG_REALTIME } else { 0 };
+        state.flags |= if tick.skipped > 0 { message::FLAG_OVERRUN } else { 0 };
+        state.bus_count = slots.len() as u32;
+        state.buses.iter_mut().zip(slots.iter()).for_each(|(told, slot)| *told = slot.report());
+        link.publish(Record::of(tick, now, control));
+        while let Some((ticket, reply)) = control.next_answer() {
+            link.answer(ticket, reply);
+        }
+        control.events().for_each(|event| link.tell(tick.cycle, event));
+        link.lose(control.clear_events());
+    }
+
+    /// Asks at most one motor per bus for its faults, where the cycle still has room on the wire, and waits for the
+    /// answers within what is left of the cycle.
+    fn poll_faults(&mut self, end: Instant) {
+        let now = self.clock.now();
+        let mut asked = false;
+        for bus in 0..self.slots.len() {
+            if self.slots[bus].is_open(&self.drives) || now + self.slots[bus].poll_time() > end {
+                continue;
+            }
+            let Some(motor) = self.control.fault_poll(bus) else { continue };
+            let Self { slots, drives, .. } = self;
+            slots[bus].begin(Asks::Faults);
+            slots[bus].queue(motor, drives[motor].ask(&Command::GetFault, now));
+            slots[bus].send(now, |motor| drives[motor].unask());
+            asked = true;
+        }
+        if asked {
+            self.collect(end);
+        }
+    }
+}
+
+/// How soon an answer can come. Nothing is known of a CAN interface: a virtual one has no wire.
+fn fastest_answer(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
+    match settings.buses[bus].kind {
+        BusKind::SocketCan { .. } => Duration::ZERO,
+        BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].exchange_least,
+    }
+}
+
+/// What may end a wait early.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Interest {
+    Nothing,
+    OpenBuses,
+}
+
+/// A place on the grid of cycles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// Its number, from 1.
+    pub cycle: u64,
+    /// When its cycle should begin.
+    pub at: Instant,
+}
+
+impl Place {
+    fn later(self, places: u32, period: Duration) -> Self {
+        Self { cycle: self.cycle + u64::from(places), at: self.at + places * period }
+    }
+}

@@ -1,0 +1,59 @@
+//! Buses that were opened again, on their way into the cycle; the old ones on their way out.
+//!
+//! Wait-free: opening and closing a bus may take long, so another thread does both.
+
+use motord_bus::Bus;
+use motord_shared::limits::BUSES_MAX;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+/// A bus and its index.
+pub(super) type Indexed = (usize, Box<dyn Bus>);
+
+/// The cycle's end.
+pub struct Replacements {
+    opened: Consumer<Indexed>,
+    retired: Producer<Indexed>,
+}
+
+/// The end of the thread that opens and closes buses.
+pub struct Supply {
+    opened: Producer<Indexed>,
+    retired: Consumer<Indexed>,
+}
+
+/// Makes both ends. Allocates; nothing after it does.
+#[must_use]
+pub fn replacements() -> (Replacements, Supply) {
+    let (opened_producer, opened_consumer) = RingBuffer::new(BUSES_MAX);
+    let (retired_producer, retired_consumer) = RingBuffer::new(BUSES_MAX);
+    (
+        Replacements { opened: opened_consumer, retired: retired_producer },
+        Supply { opened: opened_producer, retired: retired_consumer },
+    )
+}
+
+impl Replacements {
+    /// The next opened bus, if there is one and the old one can be given away. Does not allocate or block.
+    pub(super) fn take(&mut self) -> Option<Indexed> {
+        if self.retired.slots() == 0 { None } else { self.opened.pop().ok() }
+    }
+
+    /// Gives an old bus away. Does not allocate or block.
+    pub(super) fn retire(&mut self, index: usize, bus: Box<dyn Bus>) {
+        // `take` made sure that the ring has a free entry.
+        let _taken = self.retired.push((index, bus));
+    }
+}
+
+impl Supply {
+    /// Closes the buses that the cycle gave away. May block as long as the kernel does.
+    pub fn close_retired(&mut self) {
+        while self.retired.pop().is_ok() {}
+    }
+
+    /// Gives an opened bus to the cycle. Returns false when the cycle has too many waiting.
+    pub fn hand_over(&mut self, index: usize, bus: Box<dyn Bus>) -> bool {
+        self.close_retired();
+        self.opened.push((index, bus)).is_ok()
+    }
+}

@@ -1,0 +1,61 @@
+//! The real-time loop.
+//!
+//! ```text
+//!   Run ──────▶ Stop ──every group disarmed──▶ last cycles ──every motor stopped, or STOP_TIME──▶ end
+//!                └── StopNow, or SHUTDOWN_MARGIN too late: stopped without more damping
+//! ```
+
+use super::{Cycle, Place};
+use crate::clock::Clock;
+use motord_bus::Duration;
+
+/// Cycles with stop frames before the loop leaves a stopped robot.
+const LAST_CYCLES: u32 = 3;
+/// A robot that is not disarmed so long after its damping should have ended is stopped without more of it.
+const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
+/// How long a motor may take to answer its stop: a few probes of one that is not heard.
+const STOP_TIME: Duration = Duration::from_millis(500);
+
+/// An order to the loop. A later one never takes an earlier one back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Order {
+    /// Go on.
+    Run,
+    /// Damp and stop the motors, then end.
+    Stop,
+    /// Stop the motors without damping them first, then end.
+    StopNow,
+}
+
+impl<C: Clock> Cycle<C> {
+    /// Runs cycles until `order` is to stop, then those that stop the robot. Returns when every group has been disarmed for
+    /// [`LAST_CYCLES`], and every motor that was started has answered its stop or had [`STOP_TIME`] for it.
+    ///
+    /// Real-time: allocates nothing; blocks only in the clock; `order` is asked once per cycle and must not block.
+    pub fn run_until(&mut self, order: impl Fn() -> Order) {
+        let mut place = Place { cycle: 1, at: self.clock.now() + self.period };
+        while order() == Order::Run {
+            place = self.run(place);
+        }
+        place = self.disarm(place, order);
+        let end = place.at + STOP_TIME;
+        while self.unstopped().next().is_some() && place.at < end {
+            place = self.run(place);
+        }
+    }
+
+    /// Damps and stops every group, within the time of a safe stop and [`SHUTDOWN_MARGIN`].
+    fn disarm(&mut self, mut place: Place, order: impl Fn() -> Order) -> Place {
+        self.shut_down();
+        let end = place.at + self.damp + SHUTDOWN_MARGIN;
+        let mut last = LAST_CYCLES;
+        while last > 0 {
+            place = self.run(place);
+            if order() == Order::StopNow || place.at > end {
+                self.stop_now();
+            }
+            last -= u32::from(self.is_still());
+        }
+        place
+    }
+}

@@ -1,0 +1,272 @@
+//! A drive in MIT mode. Source: MIT document.
+
+use super::Answer;
+use crate::control::{Command, Heard};
+use crate::joint::{Impedance, Measured, Motor, Transmission};
+use crate::settings::{BeyondRange, MotorSettings};
+use motord_bus::{Duration, Instant};
+use motord_protocol::TorqueScale;
+use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
+
+/// What the position code wraps by, rad: 65536 codes of 25/65535 rad.
+const TURN: f32 = 25.0 * 65536.0 / 65535.0;
+
+#[derive(Debug)]
+pub(super) struct Mit {
+    id: u8,
+    scale: TorqueScale,
+    transmission: Transmission,
+    asked: Asked,
+    feedback: Option<Feedback>,
+    unwrap: Option<Unwrap>,
+    /// The state told last, and when.
+    last: Option<(State, Instant)>,
+}
+
+/// Faster than any of these motors turns, rad/s.
+const VELOCITY_TOP: f32 = 65.0;
+/// After a longer silence nothing that comes answers a request from before it.
+const SILENCE_MAX: Duration = Duration::from_millis(100);
+/// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
+const POSITION_MARGIN: f32 = 0.05;
+const VELOCITY_MARGIN: f32 = 15.0;
+
+/// Follows a position whose code wraps.
+#[derive(Debug, Default)]
+struct Unwrap {
+    turns: f32,
+    last: Option<f32>,
+}
+
+impl Unwrap {
+    /// The position over any number of turns, rad. A step of more than half the range is a wrap.
+    fn position(&mut self, told: f32) -> f32 {
+        let step = told - self.last.unwrap_or(told);
+        if step.abs() > TURN / 2.0 {
+            self.turns -= step.signum();
+        }
+        self.last = Some(told);
+        told + self.turns * TURN
+    }
+}
+
+/// Carries the rounding error of the torque code from frame to frame, so that the mean of the codes is the torque asked
+/// for: zero lies half a code off, and a code is up to 0.3 N·m.
+#[derive(Debug)]
+struct Feedback {
+    /// What the frames before sent too much, in codes; within ±0.5.
+    carried: f64,
+    /// The lowest and highest code within the joint's torque limit.
+    codes: [f64; 2],
+}
+
+impl Mit {
+    pub(super) fn new(settings: &MotorSettings, transmission: Transmission, error_feedback: bool) -> Self {
+        let scale = settings.torque_scale;
+        Self {
+            id: settings.id,
+            scale,
+            transmission,
+            asked: Asked::State,
+            feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scale)),
+            unwrap: (settings.beyond_range == BeyondRange::Wrap).then(Unwrap::default),
+            last: None,
+        }
+    }
+
+    pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
+        let (asked, command) = match command {
+            Command::Nothing => {
+                self.forget_turns();
+                return None;
+            }
+            Command::Stop => (Asked::State, mit::Command::Stop),
+            Command::Start => (Asked::State, mit::Command::Start),
+            Command::SetZero => {
+                self.forget_turns();
+                (Asked::State, mit::Command::SetZero)
+            }
+            Command::GetFault => (Asked::Fault, mit::Command::GetFault),
+            Command::ClearFault => (Asked::Clear, mit::Command::ClearFault),
+            Command::Neutral => return self.control(&Impedance::NEUTRAL),
+            Command::Control(joint, _) => return self.control(&self.transmission.to_motor(joint)),
+        };
+        self.asked = asked;
+        if let Some(feedback) = &mut self.feedback {
+            feedback.carried = 0.0;
+        }
+        command.encode(&self.scale).ok()
+    }
+
+    /// The motor is silent, or its zero is another: where it stands next says nothing of turns.
+    fn forget_turns(&mut self) {
+        if let Some(unwrap) = &mut self.unwrap {
+            *unwrap = Unwrap::default();
+        }
+    }
+
+    fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
+        self.asked = Asked::State;
+        // Without stiffness the position means nothing, so it is sent as zero: 0x80, the first byte of zero, is no
+        // native command, should this motor have left MIT mode unseen (protocol note 1.3).
+        let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
+        let Impedance { velocity, kp, kd, torque, .. } = *wanted;
+        let mut codes =
+            ControlCodes::nearest(&mit::Impedance { position, velocity, kp, kd, torque }, &self.scale)
+                .ok()?;
+        if let Some(feedback) = &mut self.feedback {
+            codes.torque = feedback.quantise(torque, &self.scale);
+        }
+        Some(codes.pack())
+    }
+
+    /// The first byte is another motor's id.
+    pub(super) fn is_from_another(&self, payload: &[u8]) -> bool {
+        payload.first().is_some_and(|id| *id != self.id)
+    }
+
+    /// `payload`, read as a state, goes on from the state told last.
+    pub(super) fn continues(&self, payload: &[u8], at: Instant) -> bool {
+        let (Some((last, then)), Ok(Reply::State(state))) =
+            (self.last, mit::decode_reply(payload, Asked::State, &self.scale))
+        else {
+            return false;
+        };
+        let silence = at.since(then);
+        let reach = VELOCITY_TOP * silence.as_secs_f32() + POSITION_MARGIN;
+        !is_fault_report(payload)
+            && silence <= SILENCE_MAX
+            && (state.position - last.position).abs() < reach
+            && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
+    }
+
+    /// The fault report that `payload` is by its shape.
+    pub(super) fn report(&self, payload: &[u8]) -> Option<Heard> {
+        match mit::decode_reply(payload, Asked::Fault, &self.scale) {
+            Ok(Reply::Fault { fault, .. }) if is_fault_report(payload) => Some(Heard::Fault(fault)),
+            _ => None,
+        }
+    }
+
+    pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
+        let Ok(reply) = mit::decode_reply(payload, self.asked, &self.scale) else { return Answer::Malformed };
+        Answer::Heard(match reply {
+            Reply::State(_) if is_fault_report(payload) => return Answer::Malformed,
+            Reply::State(state) => {
+                self.last = Some((state, at));
+                let position =
+                    self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
+                let motor = Measured::new(position, state.velocity, state.torque, None);
+                Heard::State(self.transmission.to_joint(&motor), latency)
+            }
+            Reply::Fault { fault, .. } => Heard::Fault(fault),
+            Reply::Cleared { .. } => Heard::Cleared,
+        })
+    }
+}
+
+/// Its last bytes, which mean nothing, are zero: as a state, full speed and full torque backward, which no motor has.
+fn is_fault_report(payload: &[u8]) -> bool {
+    payload.get(3..6) == Some(&[0; 3])
+}
+
+impl Feedback {
+    /// For torques up to `torque_max`, N·m: no code asks for more than that, but for the two next to zero.
+    fn within(torque_max: f32, scale: &TorqueScale) -> Self {
+        let [low, zero, high] = [-torque_max, 0.0, torque_max].map(|torque| exact(torque, scale));
+        Self { carried: 0.0, codes: [low.ceil().min(zero.floor()), high.floor().max(zero.ceil())] }
+    }
+
+    /// The code for `torque`: one of its two neighbours, such that the error of all codes so far stays within half a
+    /// code. What the limit takes away is not carried.
+    fn quantise(&mut self, torque: f32, scale: &TorqueScale) -> u16 {
+        let exact = exact(torque, scale);
+        let [low, high] = self.codes;
+        let wanted = exact - self.carried;
+        // Codes are not negative: cutting off is rounding down, without a call of the mathematical library.
+        let below = f64::from(exact as u16);
+        let above = below + f64::from(u8::from(exact > below));
+        let code = if wanted - below < 0.5 { below } else { above }.max(low).min(high);
+        self.carried = (code - wanted).clamp(-0.5, 0.5);
+        code as u16
+    }
+}
+
+/// The torque in codes, before rounding.
+fn exact(torque: f32, scale: &TorqueScale) -> f64 {
+    scale.field().quantise(f64::from(torque)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    /// Of the GIM8108-8, by the MIT document 1.1.
+    fn scale() -> TorqueScale {
+        TorqueScale::new(0.125, 8.0).unwrap()
+    }
+
+    #[test]
+    fn the_mean_of_a_thousand_frames_is_within_a_thousandth_of_a_code() {
+        let scale = scale();
+        let code = 2.0 * f64::from(scale.full_scale()) / 4095.0;
+        for thirds in -30..30 {
+            let torque = (f64::from(thirds) * 0.3 * code) as f32;
+            let exact = exact(torque, &scale);
+            let mut feedback = Feedback::within(20.0, &scale);
+            let codes: Vec<f64> = (0..1000).map(|_| f64::from(feedback.quantise(torque, &scale))).collect();
+            let mean = codes.iter().sum::<f64>() / 1000.0;
+            assert!((mean - exact).abs() <= 0.001, "{exact} became {mean}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_mean_of_many_frames_is_the_torque_asked_for(
+            before in vec(-19.0_f32..19.0, 0..5),
+            torque in -19.0_f32..19.0,
+            frames in 1_u16..2000,
+        ) {
+            let scale = scale();
+            let exact = exact(torque, &scale);
+            let mut feedback = Feedback::within(20.0, &scale);
+            for torque in before {
+                feedback.quantise(torque, &scale);
+            }
+            let mut sum = 0.0;
+            for _ in 0..frames {
+                let code = f64::from(feedback.quantise(torque, &scale));
+                prop_assert!((code - exact).abs() < 1.0, "{} is no neighbour of {}", code, exact);
+                sum += code;
+            }
+            let frames = f64::from(frames);
+            prop_assert!((sum / frames - exact).abs() <= 1.0 / frames + 1e-9);
+        }
+
+        #[test]
+        fn no_code_asks_for_more_torque_than_the_joint_may_have(
+            limit in 0.06_f32..25.0,
+            shares in vec(-1.0_f32..=1.0, 1..50),
+        ) {
+            let scale = scale();
+            let mut feedback = Feedback::within(limit, &scale);
+            for share in shares.into_iter().chain([1.0, 1.0, -1.0, -1.0]) {
+                let code = feedback.quantise(share * limit, &scale);
+                prop_assert!(scale.field().decode(code).abs() <= f64::from(limit) + 1e-6, "{}", share);
+            }
+        }
+    }
+
+    #[test]
+    fn a_position_that_wraps_goes_on() {
+        let mut unwrap = Unwrap::default();
+        let mut turned = 0.0_f32;
+        for _ in 0..1000 {
+            turned += 0.11;
+            let told = (turned + TURN / 2.0).rem_euclid(TURN) - TURN / 2.0;
+            assert!((unwrap.position(told) - turned).abs() < 1e-3, "at {turned}");
+        }
+    }
+}

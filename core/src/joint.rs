@@ -1,0 +1,149 @@
+//! The two sides of a joint: what the robot means, and what the drive hears.
+//!
+//! Both sides are radians and newton-metres, so no unit could tell them apart; the type does. Going from one to the
+//! other happens in [`Transmission`] and nowhere else:
+//!
+//! ```compile_fail
+//! # use motord_core::joint::{Impedance, Joint, Motor};
+//! let wanted: Impedance<Joint> = Impedance::NEUTRAL;
+//! let sent: Impedance<Motor> = wanted;
+//! ```
+//!
+//! ```
+//! # use motord_core::joint::{Impedance, Motor, Transmission};
+//! let sent: Impedance<Motor> = Transmission::new(-1.0, 0.5).to_motor(&Impedance::NEUTRAL);
+//! ```
+
+use core::marker::PhantomData;
+
+/// The robot's side: sign and zero as the controllers know them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Joint {}
+
+/// The drive's side: sign and zero as they are on the wire. Both sides are after the gear.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Motor {}
+
+/// What a drive makes of a command: torque = `kp`·(position − p) + `kd`·(velocity − v) + `torque`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Impedance<Side> {
+    /// rad.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// Stiffness, N·m/rad.
+    pub kp: f32,
+    /// Damping, N·m·s/rad.
+    pub kd: f32,
+    /// N·m.
+    pub torque: f32,
+    side: PhantomData<Side>,
+}
+
+impl<Side> Impedance<Side> {
+    /// No stiffness, no damping, no torque.
+    pub const NEUTRAL: Self = Self::new(0.0, 0.0, 0.0, 0.0, 0.0);
+
+    /// Units as in the fields.
+    #[must_use]
+    pub const fn new(position: f32, velocity: f32, kp: f32, kd: f32, torque: f32) -> Self {
+        Self { position, velocity, kp, kd, torque, side: PhantomData }
+    }
+
+    /// The torque it asks of a joint that stands at `position` and turns at `velocity`, N·m.
+    #[must_use]
+    pub fn predicted_torque(&self, position: f32, velocity: f32) -> f32 {
+        self.kp * (self.position - position) + self.kd * (self.velocity - velocity) + self.torque
+    }
+
+    /// Every value is a finite number.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        [self.position, self.velocity, self.kp, self.kd, self.torque].iter().all(|value| value.is_finite())
+    }
+}
+
+/// What a drive tells of itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured<Side> {
+    /// rad.
+    pub position: f32,
+    /// rad/s.
+    pub velocity: f32,
+    /// N·m.
+    pub torque: f32,
+    /// °C, where the protocol tells it.
+    pub temperature: Option<f32>,
+    side: PhantomData<Side>,
+}
+
+impl<Side> Measured<Side> {
+    /// Units as in the fields.
+    #[must_use]
+    pub const fn new(position: f32, velocity: f32, torque: f32, temperature: Option<f32>) -> Self {
+        Self { position, velocity, torque, temperature, side: PhantomData }
+    }
+}
+
+/// How a joint sits on its motor: joint angle = direction · motor angle + offset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Transmission {
+    direction: f32,
+    offset: f32,
+}
+
+impl Transmission {
+    /// `direction` is +1 or -1, `offset` in rad.
+    #[must_use]
+    pub const fn new(direction: f32, offset: f32) -> Self {
+        Self { direction, offset }
+    }
+
+    /// What the motor must hear for the joint to do `joint`.
+    #[must_use]
+    pub fn to_motor(&self, joint: &Impedance<Joint>) -> Impedance<Motor> {
+        Impedance::new(
+            self.direction * (joint.position - self.offset),
+            self.direction * joint.velocity,
+            joint.kp,
+            joint.kd,
+            self.direction * joint.torque,
+        )
+    }
+
+    /// What the joint does when the motor tells `motor`.
+    #[must_use]
+    pub fn to_joint(&self, motor: &Measured<Motor>) -> Measured<Joint> {
+        Measured::new(
+            self.direction * motor.position + self.offset,
+            self.direction * motor.velocity,
+            self.direction * motor.torque,
+            motor.temperature,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reversed_joint_asks_for_the_same_torque_on_both_sides() {
+        let transmission = Transmission::new(-1.0, 0.3);
+        let motor = Measured::<Motor>::new(0.8, -2.0, 1.5, None);
+        let joint = transmission.to_joint(&motor);
+        let wanted = Impedance::<Joint>::new(0.1, 1.0, 40.0, 2.0, -3.0);
+        let sent = transmission.to_motor(&wanted);
+
+        let on_joint = wanted.predicted_torque(joint.position, joint.velocity);
+        let on_motor = sent.predicted_torque(motor.position, motor.velocity);
+        assert!(
+            (on_joint + on_motor).abs() < 1e-4,
+            "{on_joint} on the joint is {on_motor} on its reversed motor"
+        );
+        assert!(
+            (joint.torque * joint.velocity - motor.torque * motor.velocity).abs() < 1e-6,
+            "power is kept"
+        );
+    }
+}

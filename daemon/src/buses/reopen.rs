@@ -1,0 +1,62 @@
+//! Opens buses again that went away, off the real-time thread.
+//!
+//! ```text
+//!   telemetry ──bus is gone, or stays off──▶ this thread ──opened bus──▶ cycle
+//!                                                ▲                         │
+//!                                                └────── old bus ──────────┘   (closing it is a system call, too)
+//! ```
+//!
+//! A bus that is back is a bus with stopped motors: nothing is enabled by it.
+
+use crate::buses;
+use motord_bus::Duration;
+use motord_core::cycle::Supply;
+use motord_core::settings::Settings;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+
+/// The wait after a failed attempt; it doubles up to [`BACK_OFF_MAX`].
+const BACK_OFF: Duration = Duration::from_secs(1);
+const BACK_OFF_MAX: Duration = Duration::from_secs(8);
+
+/// The thread that opens buses again.
+pub struct Workshop(Supply);
+
+impl Workshop {
+    /// Hands what it opens to `supply`.
+    #[must_use]
+    pub const fn new(supply: Supply) -> Self {
+        Self(supply)
+    }
+
+    /// Opens what `broken` names, until `stop` says so. A bus that cannot be opened is tried again, ever more rarely.
+    pub fn run(&mut self, settings: &Settings, broken: &Receiver<usize>, stop: impl Fn() -> bool) {
+        let mut waiting: Vec<usize> = Vec::new();
+        let mut back_off = BACK_OFF;
+        while !stop() {
+            match broken.recv_timeout(if waiting.is_empty() { BACK_OFF } else { back_off }) {
+                Ok(bus) if !waiting.contains(&bus) => waiting.push(bus),
+                Ok(_) | Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            self.0.close_retired();
+            let before = waiting.len();
+            waiting.retain(|&bus| !self.reopen(settings, bus));
+            let failing = !waiting.is_empty() && waiting.len() == before;
+            back_off = if failing { (2 * back_off).min(BACK_OFF_MAX) } else { BACK_OFF };
+        }
+    }
+
+    fn reopen(&mut self, settings: &Settings, index: usize) -> bool {
+        let name = &settings.buses[index].name;
+        match buses::open_one(settings, index) {
+            Ok(bus) => {
+                tracing::warn!(bus = name, "opened again; its motors are stopped until they are enabled");
+                self.0.hand_over(index, bus)
+            }
+            Err(error) => {
+                tracing::warn!("{error}; trying again");
+                false
+            }
+        }
+    }
+}

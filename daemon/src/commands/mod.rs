@@ -1,0 +1,5 @@
+//! The commands of `motord`, a file each.
+
+pub mod check;
+pub mod run;
+pub mod safe_stop;

@@ -1,0 +1,101 @@
+//! The heartbeat: a number in shared memory by which another process sees that motors are cycled.
+//!
+//! The cycle stores its number at every beginning, and [`AT_REST`] after its last; the other process only watches the
+//! number move. It reads the file instead of mapping it, so nothing done to the file can hurt it.
+
+use crate::host::kernel;
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, SealFlag, fcntl};
+use nix::sys::memfd::{MFdFlags, memfd_create};
+use nix::sys::uio::pread;
+use nix::unistd::ftruncate;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// The heartbeat while no motor is commanded: before the first cycle, and after the last one of a daemon that has stopped
+/// its motors.
+pub const AT_REST: u64 = 0;
+
+/// The daemon's end.
+#[derive(Debug, Clone, Copy)]
+pub struct Heartbeat(&'static AtomicU64);
+
+impl Heartbeat {
+    /// A heartbeat at rest, and the file that shows it to others. One per process: its memory is never freed.
+    ///
+    /// # Errors
+    ///
+    /// What the kernel refused.
+    pub fn create() -> Result<(Self, Pulse), Errno> {
+        let file = memfd_create("motord-heartbeat", MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING)?;
+        ftruncate(&file, size_of::<AtomicU64>() as i64)?;
+        fcntl(&file, FcntlArg::F_ADD_SEALS(SealFlag::F_SEAL_SHRINK | SealFlag::F_SEAL_GROW))?;
+        Ok((Self(kernel::map_counter(file.as_fd())?), Pulse(file)))
+    }
+
+    /// Cycle number `cycle` begins. Real-time: one plain store.
+    pub fn beat(self, cycle: u64) {
+        self.0.store(cycle, Ordering::Release);
+    }
+
+    /// The motors are stopped and no cycle follows. Real-time: one plain store.
+    pub fn rest(self) {
+        self.beat(AT_REST);
+    }
+}
+
+/// Another process's view of a [`Heartbeat`].
+#[derive(Debug)]
+pub struct Pulse(OwnedFd);
+
+impl Pulse {
+    /// The number as it is now; `None` when the file is no heartbeat. Does not allocate; one system call.
+    #[must_use]
+    pub fn read(&self) -> Option<u64> {
+        let mut bytes = [0; size_of::<u64>()];
+        let count = pread(&self.0, &mut bytes, 0).ok()?;
+        (count == bytes.len()).then(|| u64::from_ne_bytes(bytes))
+    }
+}
+
+impl From<OwnedFd> for Pulse {
+    fn from(file: OwnedFd) -> Self {
+        Self(file)
+    }
+}
+
+impl AsFd for Pulse {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_beat_is_seen_through_the_file() {
+        let (heartbeat, pulse) = Heartbeat::create().unwrap();
+        assert_eq!(pulse.read(), Some(AT_REST));
+        heartbeat.beat(7);
+        assert_eq!(pulse.read(), Some(7));
+        heartbeat.rest();
+        assert_eq!(pulse.read(), Some(AT_REST));
+    }
+
+    #[test]
+    fn nobody_can_cut_the_memory_away_under_the_cycle() {
+        let (_heartbeat, pulse) = Heartbeat::create().unwrap();
+        assert_eq!(ftruncate(&pulse, 0), Err(Errno::EPERM));
+        let unsealed = memfd_create("test", MFdFlags::MFD_ALLOW_SEALING).unwrap();
+        ftruncate(&unsealed, 8).unwrap();
+        assert!(kernel::map_counter(unsealed.as_fd()).is_err());
+    }
+
+    #[test]
+    fn a_file_that_is_no_heartbeat_has_no_pulse() {
+        let file = memfd_create("test", MFdFlags::empty()).unwrap();
+        assert_eq!(Pulse::from(file).read(), None);
+    }
+}

@@ -1,0 +1,35 @@
+//! What clients are told of the configuration.
+
+use motord_core::settings::Settings;
+use motord_shared::roster::{GroupDescription, JointDescription, Roster};
+
+/// Names and limits, in the order of the configuration.
+#[must_use]
+pub fn roster(settings: &Settings, boot_id: u64) -> Roster {
+    let joints = settings.motors.iter().map(|motor| JointDescription {
+        name: motor.name.clone(),
+        bus: settings.buses[motor.bus].name.clone(),
+        protocol: motor.protocol.name().to_owned(),
+        model: motor.model.clone(),
+        position: motor.limits.position,
+        velocity: motor.limits.velocity,
+        torque: motor.limits.torque,
+        kp: motor.limits.kp,
+        kd: motor.limits.kd,
+    });
+    let groups = settings
+        .groups
+        .iter()
+        .map(|group| GroupDescription { name: group.name.clone(), joints: group.motors.clone() });
+    Roster {
+        instance: settings.instance.clone(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        pid: std::process::id(),
+        boot_id,
+        rate_hz: settings.cycle.rate_hz,
+        setpoint_timeout: settings.safety.setpoint_timeout.as_secs_f64(),
+        joints: joints.collect(),
+        groups: groups.collect(),
+        buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
+    }
+}
