@@ -3,14 +3,17 @@
 //! One object per frame, with the same keys in both directions, so that what one command prints the other reads. It needs
 //! no daemon and no bus: logs and frames typed by hand are enough.
 
-mod decode;
-mod encode;
+mod agreement;
+mod gim;
 mod hex;
-mod kind;
+mod member;
+mod mit;
+mod null_bytes;
 mod object;
 mod refused;
 mod robot;
 mod scale;
+mod serial;
 
 use clap::{Args, Subcommand, ValueEnum};
 use motord_protocol::ScaleError;
@@ -25,16 +28,16 @@ use std::path::PathBuf;
 /// The two ways.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Frame {
-    /// Tell what frames mean, one JSON object a line.
+    /// Decode frames, one JSON object a line.
     ///
     /// A frame that cannot be read gives {"kind":"reject","reason":…} and, in the end, exit status 65.
     #[command(override_usage = DECODE_USAGE, after_help = DECODE_EXAMPLES)]
     Decode(Decode),
-    /// Make frames from JSON objects as `decode` prints them, one frame in hexadecimal a line.
+    /// Encode JSON objects as `decode` prints them, one frame in hexadecimal a line.
     ///
     /// Quantities are physical values (pos_rad, vel_rad_s, kp, kd, torque_nm) or raw codes (pos_int, vel_int, kp_int,
-    /// kd_int, torque_int); where both are given they must agree. An object that is no frame gives
-    /// {"kind":"reject","reason":…} and, in the end, exit status 65.
+    /// kd_int, torque_int); where both are given they must agree. An object that is no frame, has an unknown key or
+    /// contradicts itself gives {"kind":"reject","reason":…} and, in the end, exit status 65.
     #[command(after_help = ENCODE_EXAMPLES)]
     Encode(Encode),
 }
@@ -149,6 +152,41 @@ struct Reading {
     scale: Option<Scale>,
 }
 
+impl Reading {
+    /// The object of a frame.
+    fn decode(&self, bytes: &[u8]) -> Result<Object, Refused> {
+        let object = Object::new(self.scale);
+        match (self.protocol, self.direction) {
+            (Protocol::Mit, Direction::ToMotor) => mit::decode_command(bytes, object),
+            (Protocol::Mit, Direction::ToHost) => mit::decode_reply(bytes, self.asked, object),
+            (Protocol::GimCan, Direction::ToMotor) => gim::decode_command(bytes, object),
+            (Protocol::GimCan, Direction::ToHost) => gim::decode_reply(bytes, self.asked, object),
+            (Protocol::GimRs485, direction) => serial::decode(bytes, direction, self.asked, object),
+        }
+    }
+
+    /// The frame of an object. The frame is decoded again, and an object that says anything else is refused.
+    fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Refused> {
+        let object = object.with_scale(self.scale)?;
+        let bytes = match (self.protocol, self.direction) {
+            (Protocol::Mit, Direction::ToMotor) => mit::command(&object)?.encode().to_vec(),
+            (Protocol::Mit, Direction::ToHost) => mit::encode_reply(&object)?,
+            (Protocol::GimCan, Direction::ToMotor) => gim::encode_command(&object, mit_safe)?,
+            (Protocol::GimCan, Direction::ToHost) => gim::encode_reply(&object)?,
+            (Protocol::GimRs485, direction) => serial::encode(&object, direction, mit_safe)?,
+        };
+        let asked = match object.kind()? {
+            "fault_reply" => Asked::GetFault,
+            "clear_fault_reply" => Asked::ClearFault,
+            "calibration" => Asked::Calibration,
+            _ => Asked::State,
+        };
+        let decoded = Self { asked, scale: object.scale(), ..*self }.decode(&bytes)?;
+        agreement::check(&object, &decoded)?;
+        Ok(bytes)
+    }
+}
+
 /// Why the command did not do all it was asked to.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FrameFailure {
@@ -207,7 +245,7 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
     } else if let (Some(protocol), Some(direction)) = (*protocol, *direction) {
         let reading = Reading { protocol, direction, asked: *asked, scale: constants.scale()? };
         for_each_line(frames, |line| {
-            report.object(hex::bytes_of_frame(line).and_then(|bytes| decode::decode(&bytes, &reading)))
+            report.object(hex::bytes_of_frame(line).and_then(|bytes| reading.decode(&bytes)))
         })?;
     }
     report.finish()
@@ -223,7 +261,7 @@ fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
             let bytes = value
                 .and_then(serde_json::from_value)
                 .map_err(Refused::Json)
-                .and_then(|object| encode::encode(&object, &reading, arguments.mit_safe));
+                .and_then(|object| reading.encode(object, arguments.mit_safe));
             report.line(bytes.map(|bytes| hex::digits(&bytes)))?;
         }
     }

@@ -26,8 +26,10 @@ pub(super) enum Refused {
     Range { key: &'static str, least: i64, most: i64, received: String },
     #[error("'{raw}' is {code}, but '{physical}' is nearest to {nearest}")]
     Disagree { raw: &'static str, code: u16, physical: &'static str, nearest: u16 },
-    #[error("'payload' says otherwise of '{key}'")]
-    Payload { key: String },
+    #[error("'{key}' is {received}, but the frame has {expected}")]
+    Contradiction { key: String, received: String, expected: String },
+    #[error("'{key}' is not in this frame")]
+    UnknownKey { key: String },
     #[error("'{physical}' needs the torque constant and the gear ratio")]
     NoScale { physical: &'static str },
     #[error("'null_bytes' has {received} bytes, expected {least} to {most}")]

@@ -1,6 +1,5 @@
 //! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
 
-use crate::frame::decode;
 use crate::frame::object::Object;
 use crate::frame::refused::Refused;
 use crate::frame::scale::Scale;
@@ -163,7 +162,7 @@ impl Motor {
 
     fn decode(&mut self, payload: &[u8], direction: Direction) -> Result<Object, Refused> {
         let Self { protocol, asked, scale, .. } = *self;
-        let object = decode::decode(payload, &Reading { protocol, direction, asked, scale })?;
+        let object = Reading { protocol, direction, asked, scale }.decode(payload)?;
         if direction == Direction::ToMotor {
             self.asked = match object.kind()? {
                 "get_fault" => Asked::GetFault,

@@ -1,10 +1,10 @@
-//! The constants behind a torque code, kept as they were given so that an object can tell them.
+//! The constants behind a torque code, kept as they were given, so that an object can have them.
 
 use crate::frame::object::Object;
 use crate::frame::refused::Refused;
 use motord_protocol::{ScaleError, TorqueScale};
 
-/// The torque constant and the gear ratio, and what follows from them.
+/// The torque constant, the gear ratio and the torque scale that follows from them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scale {
     /// The rotor's torque constant, N·m/A.
@@ -20,21 +20,17 @@ impl Scale {
         Ok(Self { torque_constant, gear_ratio, torque })
     }
 
-    pub(super) fn tell(&self, object: &mut Object) {
+    /// Puts the constants into `object`.
+    pub(super) fn write(&self, object: &mut Object) {
         object.insert("torque_constant", self.torque_constant);
         object.insert("gear_ratio", self.gear_ratio);
     }
 
-    /// The constants in `object`, if it tells them.
+    /// The constants in `object`, if it has them.
     pub(super) fn of(object: &Object) -> Result<Option<Self>, Refused> {
         if !object.has("torque_constant") && !object.has("gear_ratio") {
             return Ok(None);
         }
         Ok(Some(Self::new(object.number("torque_constant")?, object.number("gear_ratio")?)?))
     }
-}
-
-/// The torque scale; any, where torques are told by their codes alone.
-pub(super) fn torque_or_any(scale: Option<&Scale>) -> Result<TorqueScale, ScaleError> {
-    scale.map_or_else(|| TorqueScale::new(1.0, 1.0), |scale| Ok(scale.torque))
 }

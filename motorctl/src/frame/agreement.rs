@@ -1,0 +1,63 @@
+//! An object must say what its frame says: no more, and nothing else.
+
+use crate::frame::object::{Object, Quantity};
+use crate::frame::refused::Refused;
+use crate::frame::{hex, null_bytes};
+use serde_json::Value;
+
+/// Members that belong to a frame and do not follow from its bytes: the place of a log's line, the vendor's filler.
+const CONTEXT: [&str; 4] = ["time", "interface", "motor", "as_mit"];
+
+/// Compares the object that somebody gave with the one that its frame decodes to.
+///
+/// # Errors
+///
+/// When a member of `given` is not in the frame, or the frame has another value.
+pub(super) fn check(given: &Object, decoded: &Object) -> Result<(), Refused> {
+    for (key, received) in given.entries() {
+        let expected = decoded.get(key);
+        if CONTEXT.contains(&key.as_str()) || is_rounded(key, given) || is_same(key, received, expected) {
+            continue;
+        }
+        let key = key.clone();
+        return Err(match expected {
+            None => Refused::UnknownKey { key },
+            Some(expected) => {
+                Refused::Contradiction { key, received: received.to_string(), expected: expected.to_string() }
+            }
+        });
+    }
+    Ok(())
+}
+
+/// The frame was made of this value: rounded to a code, which reading compares with the object's own code, or moved to the
+/// next code where a control frame would be another command. A payload is taken as it is, so nothing is rounded then.
+fn is_rounded(key: &str, given: &Object) -> bool {
+    if given.has("payload") {
+        return false;
+    }
+    Quantity::has_key(key, given) || key == "position_rad" && !given.has("value") && given.has("conf_id")
+}
+
+fn is_same(key: &str, given: &Value, decoded: Option<&Value>) -> bool {
+    match (given, decoded) {
+        (Value::String(given), None) if key == null_bytes::KEY => {
+            hex::bytes(given).is_ok_and(|bytes| bytes.iter().all(|&byte| byte == 0))
+        }
+        (Value::String(given), Some(Value::String(decoded)))
+            if [null_bytes::KEY, "payload"].contains(&key) =>
+        {
+            hex::bytes(given).is_ok_and(|bytes| hex::digits(&bytes) == *decoded)
+        }
+        (Value::Object(given), Some(Value::Object(decoded))) => {
+            given.iter().all(|(key, given)| is_same(key, given, decoded.get(key)))
+        }
+        (Value::Number(given), Some(Value::Number(decoded))) => {
+            let (given, is_float) = (given.as_f64(), decoded.is_f64());
+            // Floats of 32 bits: what a person writes has fewer digits than what is printed.
+            let single = |value: Option<f64>| value.map(|value| value as f32);
+            given == decoded.as_f64() || is_float && single(given) == single(decoded.as_f64())
+        }
+        (given, decoded) => Some(given) == decoded,
+    }
+}

@@ -1,0 +1,51 @@
+//! The bytes of a frame that have no meaning. An object keeps them, so that encoding gives the same frame again.
+
+use crate::frame::hex;
+use crate::frame::object::Object;
+use crate::frame::refused::Refused;
+
+/// The key of these bytes, in hexadecimal and in their order.
+pub(super) const KEY: &str = "null_bytes";
+
+/// Puts the bytes without a meaning into `object` if one of them is not 0, or if there are more of them than needed.
+pub(super) fn write<const N: usize>(
+    object: &mut Object,
+    bytes: &[u8],
+    encode_over: impl Fn([u8; N]) -> [u8; N],
+) {
+    let null = is_null(encode_over);
+    let is_free = |(at, _): &(usize, &u8)| null.get(*at).is_none_or(|&is_null| is_null);
+    let free: Vec<u8> = bytes.iter().enumerate().filter(is_free).map(|(_, &byte)| byte).collect();
+    if bytes.len() > N || free.iter().any(|&byte| byte != 0) {
+        object.insert(KEY, hex::digits(&free));
+    }
+}
+
+/// The bytes of a frame. Those without a meaning are the object's, of which up to `surplus` may follow the frame; an
+/// object without them takes those of `filler`.
+pub(super) fn fill<const N: usize>(
+    object: &Object,
+    filler: [u8; N],
+    surplus: usize,
+    encode_over: impl Fn([u8; N]) -> [u8; N],
+) -> Result<Vec<u8>, Refused> {
+    if !object.has(KEY) {
+        return Ok(encode_over(filler).to_vec());
+    }
+    let given = object.bytes(KEY)?;
+    let null = is_null(&encode_over);
+    let least = null.iter().filter(|&&is_null| is_null).count();
+    let most = least + surplus;
+    if !(least..=most).contains(&given.len()) {
+        return Err(Refused::NullBytes { least, most, received: given.len() });
+    }
+    let mut given = given.into_iter();
+    let filler = null.map(|is_null| if is_null { given.next().unwrap_or(0) } else { 0 });
+    Ok(encode_over(filler).into_iter().chain(given).collect())
+}
+
+/// Marks the bytes without a meaning: a filler shows through there.
+fn is_null<const N: usize>(encode_over: impl Fn([u8; N]) -> [u8; N]) -> [bool; N] {
+    let (zeros, ones) = (encode_over([0x00; N]), encode_over([0xFF; N]));
+    core::array::from_fn(|at| zeros[at] != ones[at])
+}

@@ -1,0 +1,52 @@
+//! Native frames on a serial line: a header before the payload.
+
+use crate::frame::object::Object;
+use crate::frame::refused::Refused;
+use crate::frame::{Asked, Direction, gim, hex};
+use motord_protocol::DecodeError;
+use motord_protocol::rs485::{FRAME_LEN_MAX, Frame, FrameType};
+use serde_json::json;
+
+/// The kind of a frame that says that a request could not be read.
+const ACK: &str = "ack_error";
+
+/// Decodes a frame into `object`.
+pub(super) fn decode(
+    bytes: &[u8],
+    direction: Direction,
+    asked: Asked,
+    mut object: Object,
+) -> Result<Object, Refused> {
+    let frame = Frame::decode(bytes)?;
+    let payload = frame.payload();
+    match (frame.frame_type(), direction) {
+        (FrameType::Ack, _) => object.insert("kind", ACK),
+        (FrameType::Normal, Direction::ToMotor) => object = gim::decode_command(payload, object)?,
+        (FrameType::Normal, Direction::ToHost) => object = gim::decode_reply(payload, asked, object)?,
+    }
+    let [id, frame_type, len, crc] = frame.header();
+    object.insert("header", json!({ "id": id, "type": frame_type, "len": len, "crc": crc }));
+    if !payload.is_empty() {
+        object.insert("payload", hex::digits(payload));
+    }
+    Ok(object)
+}
+
+/// Encodes a frame: the payload if the object has one, else what the other members mean.
+pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> Result<Vec<u8>, Refused> {
+    let receiver = object.object("header")?.byte("id")?;
+    let is_ack = object.kind()? == ACK;
+    let payload = match direction {
+        _ if object.has("payload") => object.bytes("payload")?,
+        _ if is_ack => Vec::new(),
+        Direction::ToMotor => gim::encode_command(object, mit_safe)?,
+        Direction::ToHost => gim::encode_reply(object)?,
+    };
+    let frame = if is_ack {
+        Frame::ack(receiver, &payload)
+    } else {
+        payload[..].try_into().ok().map(|payload| Frame::normal(receiver, payload))
+    };
+    let frame = frame.ok_or(DecodeError::Length { least: 0, most: 8, received: payload.len() })?;
+    Ok(frame.write(&mut [0; FRAME_LEN_MAX]).to_vec())
+}
