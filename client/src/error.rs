@@ -1,8 +1,8 @@
 //! What can go wrong between a controller and the daemon, as sentences that say what to do next.
 
+use motord_shared::codes::UnknownCode;
 use motord_shared::roster::Roster;
 use motord_shared::service::{self, Obstacle, Part};
-use motord_shared::vocabulary::UnknownCode;
 use motord_shared::{Cause, Instance, InstanceError, Operation, Refusal, ServiceError};
 use std::fmt;
 use std::path::PathBuf;

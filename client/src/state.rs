@@ -1,6 +1,6 @@
-//! The states of a cycle, as words instead of numbers.
+//! The states of a cycle, as codes instead of numbers.
 //!
-//! What comes through shared memory is checked here: a number that is no word of its table becomes `None`, an index
+//! What comes through shared memory is checked here: a number that is no code of its table becomes `None`, an index
 //! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
 
 use motord_shared::message::{
@@ -165,7 +165,7 @@ pub struct Joint {
     pub applied: Applied,
     /// The limits that made `applied` differ from the setpoint.
     pub limits: Limits,
-    /// What the motor does. `None` for a word that this client does not know.
+    /// What the motor does. `None` for a code that this client does not know.
     pub mode: Option<MotorMode>,
     /// The motor's fault bits (GIM document, table 9), 0 for none.
     pub fault: u32,
@@ -237,11 +237,11 @@ pub struct Group {
     pub owned: bool,
     /// The owner's lease.
     pub lease: Option<Lease>,
-    /// Where it is between standing still and following setpoints. `None` for a word that this client does not know.
+    /// Where it is between standing still and following setpoints. `None` for a code that this client does not know.
     pub phase: Option<Phase>,
     /// It was stopped, and a reset is needed.
     pub latched: bool,
-    /// Why it was stopped. `None` when it was not, and for a word that this client does not know.
+    /// Why it was stopped. `None` when it was not, and for a code that this client does not know.
     pub cause: Option<Cause>,
     /// The joint that gave the cause, by index in the roster.
     pub cause_joint: Option<usize>,
@@ -265,7 +265,7 @@ impl Group {
 /// One bus after a cycle. All counters are modulo 2³².
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bus {
-    /// What the controller is able to do. `None` for a word that this client does not know.
+    /// What the controller is able to do. `None` for a code that this client does not know.
     pub condition: Option<BusCondition>,
     /// Frames that the bus accepted.
     pub sent: u32,

@@ -2,7 +2,7 @@
 //!
 //! - [`message`]: the shared-memory layouts. Integers and floats only: another process may write any bytes there, so a
 //!   `bool` or an `enum` in them would be undefined behaviour waiting for a bad client.
-//! - [`vocabulary`]: what the integers mean. A code becomes a word by `TryFrom`, and every word has a sentence.
+//! - [`codes`]: the meaning of the integers. A number becomes a code by `TryFrom`, and every code has a name and a sentence.
 //! - [`Lease`]: the right to command a group.
 //! - [`roster`]: names and limits of the joints, and what the tool asks for, as text.
 //! - [`limits`]: every bound, by name.
@@ -20,6 +20,7 @@
 
 #[cfg(feature = "ports")]
 pub mod clock;
+pub mod codes;
 #[cfg(feature = "ports")]
 pub mod instance;
 mod lease;
@@ -32,8 +33,8 @@ mod room;
 pub mod roster;
 #[cfg(feature = "ports")]
 pub mod service;
-pub mod vocabulary;
 
+pub use codes::{BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode};
 #[cfg(feature = "ports")]
 pub use instance::{DEFAULT_INSTANCE, Instance, InstanceError, InstanceLock};
 pub use lease::Lease;
@@ -45,6 +46,3 @@ pub use message::{
 pub use ports::{ClientPorts, DaemonPorts, Housekeeper, Request};
 #[cfg(feature = "ports")]
 pub use service::ServiceError;
-pub use vocabulary::{
-    BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
-};

@@ -3,8 +3,8 @@
 //! Joints, groups and buses stand in the order of the configuration; entries past the count are zero. A message's
 //! type name carries its version, and the service is refused to a client whose layout differs.
 
+use crate::codes::Rejection;
 use crate::limits::{ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
-use crate::vocabulary::Rejection;
 #[cfg(feature = "ports")]
 use iceoryx2::prelude::ZeroCopySend;
 

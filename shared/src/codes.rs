@@ -1,4 +1,4 @@
-//! What the integers in the messages mean.
+//! The meaning of the integers in the messages.
 //!
 //! One table per kind of code: number, kebab-case name (for JSON and the command line), and a sentence for people.
 
@@ -13,7 +13,7 @@ macro_rules! codes {
         }
 
         impl $type {
-            /// Every word, by rising number.
+            /// Every code, by rising number.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
 
             /// The number in the messages.
@@ -50,7 +50,7 @@ macro_rules! codes {
     };
 }
 
-/// A number that is no word of its table: the other side is newer, or hostile.
+/// A number that is no code of its table: the other side is newer, or hostile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("unknown code {0}")]
 pub struct UnknownCode(pub u32);
@@ -223,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_code_turns_into_its_word_and_back() {
+    fn every_number_turns_into_its_code_and_back() {
         for cause in Cause::ALL {
             assert_eq!(Cause::try_from(cause.code()), Ok(*cause));
         }
