@@ -11,8 +11,8 @@ use motord::telemetry;
 use motord_client::{Claim, Client, Setpoint, State};
 use motord_core::cycle::{self, Ends, REQUESTS_MAX};
 use motord_core::settings::{ExchangeMode, ExchangeSettings};
+use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::ports::DaemonPorts;
-use motord_shared::roster::{GroupDescription, JointDescription, Roster};
 use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::cell::RefCell;
@@ -115,7 +115,7 @@ fn exchange(lock: &InstanceLock) -> (Exchange, Echo) {
     let (echo, ends) = Echo::new();
     let (end, _telemetry) = CycleEnd::split(ends);
     let (questions, _answers) = telemetry::questions();
-    let roster = Roster {
+    let robot = RobotDescription {
         pid: std::process::id(),
         boot_id: BOOT_ID,
         rate_hz: 1000.0,
@@ -123,10 +123,10 @@ fn exchange(lock: &InstanceLock) -> (Exchange, Echo) {
         groups: vec![GroupDescription { name: "all".into(), joints: (0..JOINTS).collect() }],
         ..Default::default()
     };
-    let roster = serde_json::to_string(&roster).expect("names and numbers are JSON");
+    let description = serde_json::to_string(&robot).expect("names and numbers are JSON");
     let settings =
         ExchangeSettings { mode: ExchangeMode::Spin, lead: Duration::ZERO, cpu: None, priority: None };
-    (Exchange::new(ports, end, questions, roster, &settings, Duration::from_millis(1)), echo)
+    (Exchange::new(ports, end, questions, description, &settings, Duration::from_millis(1)), echo)
 }
 
 /// Sends a setpoint, and takes the state that answers it.

@@ -139,7 +139,7 @@ impl Motion {
             Self { names: vec![], joints: vec![], hz: options.hz, kp: options.kp, kd: options.kd };
         for &index in claim.joints() {
             let (description, centre) =
-                (&client.roster().joints[index], start.joint(index).map_or(0.0, |joint| joint.position));
+                (&client.description().joints[index], start.joint(index).map_or(0.0, |joint| joint.position));
             let moves = moved.is_none_or(|moved| moved == index);
             motion.joints.push((
                 centre,

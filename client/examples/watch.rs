@@ -1,7 +1,7 @@
 //! Prints the states of all joints ten times per second.
 
 use clap::Parser;
-use motord_client::{Cause, Client, DEFAULT_INSTANCE, Error, MotorMode, Roster, State};
+use motord_client::{Cause, Client, DEFAULT_INSTANCE, Error, MotorMode, RobotDescription, State};
 use std::io::{self, Write};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -34,7 +34,7 @@ fn watch(options: &Options) -> Result<(), Error> {
     let mut printed = 0;
     while options.count.is_none_or(|count| printed < count) {
         match client.wait(10 * PERIOD) {
-            Ok(state) if print(client.roster(), &state).is_err() => return Ok(()),
+            Ok(state) if print(client.description(), &state).is_err() => return Ok(()),
             Ok(_) => {}
             Err(
                 error @ (Error::NotRunning { .. }
@@ -51,10 +51,10 @@ fn watch(options: &Options) -> Result<(), Error> {
 }
 
 /// An error means that nobody reads any more.
-fn print(roster: &Roster, state: &State) -> io::Result<()> {
+fn print(robot: &RobotDescription, state: &State) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "cycle {}, {:.1} ms old", state.cycle(), state.age().as_secs_f64() * 1e3)?;
-    for (description, joint) in roster.joints.iter().zip(state.joints()) {
+    for (description, joint) in robot.joints.iter().zip(state.joints()) {
         let mode = joint.mode.map_or("unknown", MotorMode::name);
         let freshness = if joint.fresh { "" } else { "  (not fresh)" };
         writeln!(
@@ -63,7 +63,7 @@ fn print(roster: &Roster, state: &State) -> io::Result<()> {
             description.name, joint.position, joint.velocity, joint.torque
         )?;
     }
-    for (description, group) in roster.groups.iter().zip(state.groups()).filter(|(_, group)| group.latched) {
+    for (description, group) in robot.groups.iter().zip(state.groups()).filter(|(_, group)| group.latched) {
         let cause =
             group.cause.map_or("It was stopped for a cause unknown to this program.", Cause::sentence);
         writeln!(out, "  group {}: {cause}", description.name)?;

@@ -33,7 +33,7 @@ pub struct Claim {
 impl Claim {
     pub(crate) fn new(link: Rc<RefCell<Link>>, index: usize) -> Result<Self, Error> {
         let connection = link.borrow();
-        let group = connection.roster.groups[index].clone();
+        let group = connection.robot.groups[index].clone();
         let port = connection.setpoint_port()?;
         let (reply, _) = connection.ask(
             Operation::Claim,
@@ -68,13 +68,13 @@ impl Claim {
         &self.name
     }
 
-    /// Index of the group in the roster.
+    /// Index of the group in the description.
     #[must_use]
     pub fn index(&self) -> usize {
         self.index
     }
 
-    /// The joints of the group, by index in the roster. Setpoints stand in this order.
+    /// The joints of the group, by index in the description. Setpoints stand in this order.
     #[must_use]
     pub fn joints(&self) -> &[usize] {
         &self.joints

@@ -3,10 +3,10 @@
 use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
 use crate::{Error, State};
+use motord_shared::description::{RobotDescription, Telemetry};
 use motord_shared::instance::Attachment;
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::ports::ClientPorts;
-use motord_shared::roster::{Roster, Telemetry};
 use motord_shared::service::ServiceError;
 use motord_shared::{Instance, Operation};
 use std::cell::{RefCell, RefMut};
@@ -22,7 +22,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub struct Client {
     link: Rc<RefCell<Link>>,
-    roster: Rc<Roster>,
+    robot: Rc<RobotDescription>,
     boot_id: u64,
 }
 
@@ -58,25 +58,25 @@ impl Client {
         open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
     ) -> Result<Self, Error> {
         let link = Link::open(instance, open)?;
-        Ok(Self { roster: Rc::clone(&link.roster), boot_id: link.boot_id, link: Rc::new(RefCell::new(link)) })
+        Ok(Self { robot: Rc::clone(&link.robot), boot_id: link.boot_id, link: Rc::new(RefCell::new(link)) })
     }
 
     /// Names and limits of joints, groups and buses. It changes only when a call returned [`Error::Restarted`].
     #[must_use]
-    pub fn roster(&self) -> &Roster {
-        &self.roster
+    pub fn description(&self) -> &RobotDescription {
+        &self.robot
     }
 
     /// The index of the joint `name`.
     #[must_use]
     pub fn joint(&self, name: &str) -> Option<usize> {
-        self.roster.joints.iter().position(|joint| joint.name == name)
+        self.robot.joints.iter().position(|joint| joint.name == name)
     }
 
     /// The index of the group `name`.
     #[must_use]
     pub fn group(&self, name: &str) -> Option<usize> {
-        self.roster.groups.iter().position(|group| group.name == name)
+        self.robot.groups.iter().position(|group| group.name == name)
     }
 
     /// The index of the joint `name`, as [`joint`](Self::joint).
@@ -85,7 +85,7 @@ impl Client {
     /// [`Error::UnknownJoint`], which names those that there are.
     pub fn joint_named(&self, name: &str) -> Result<usize, Error> {
         self.joint(name).ok_or_else(|| {
-            let known = listed(self.roster.joints.iter().map(|joint| joint.name.as_str()));
+            let known = listed(self.robot.joints.iter().map(|joint| joint.name.as_str()));
             Error::UnknownJoint { name: name.to_owned(), known }
         })
     }
@@ -96,7 +96,7 @@ impl Client {
     /// [`Error::UnknownGroup`], which names those that there are.
     pub fn group_named(&self, name: &str) -> Result<usize, Error> {
         self.group(name).ok_or_else(|| {
-            let known = listed(self.roster.groups.iter().map(|group| group.name.as_str()));
+            let known = listed(self.robot.groups.iter().map(|group| group.name.as_str()));
             Error::UnknownGroup { name: name.to_owned(), known }
         })
     }
@@ -254,7 +254,7 @@ impl Client {
         link.poll()?;
         if link.boot_id != self.boot_id {
             self.boot_id = link.boot_id;
-            self.roster = Rc::clone(&link.roster);
+            self.robot = Rc::clone(&link.robot);
             return Err(Error::Restarted);
         }
         Ok(link)

@@ -1,7 +1,7 @@
 //! What can go wrong between a controller and the daemon, as sentences that say what to do next.
 
 use motord_shared::codes::UnknownCode;
-use motord_shared::roster::Roster;
+use motord_shared::description::RobotDescription;
 use motord_shared::service::{self, Obstacle, Part};
 use motord_shared::{Cause, Instance, InstanceError, Operation, Refusal, ServiceError};
 use std::fmt;
@@ -157,9 +157,9 @@ impl Error {
     }
 
     /// The refusal that `code` stands for.
-    pub(crate) fn refused(operation: Operation, code: u32, detail: u32, roster: &Roster) -> Self {
+    pub(crate) fn refused(operation: Operation, code: u32, detail: u32, robot: &RobotDescription) -> Self {
         match Refusal::try_from(code) {
-            Ok(refusal) => Self::Refused { operation, refusal, about: About::of(refusal, detail, roster) },
+            Ok(refusal) => Self::Refused { operation, refusal, about: About::of(refusal, detail, robot) },
             Err(UnknownCode(_)) => Self::NotUnderstood { operation },
         }
     }
@@ -179,14 +179,14 @@ pub enum About {
 }
 
 impl About {
-    fn of(refusal: Refusal, detail: u32, roster: &Roster) -> Self {
+    fn of(refusal: Refusal, detail: u32, robot: &RobotDescription) -> Self {
         match refusal {
             Refusal::Owned if detail != 0 => Self::Process(detail),
             Refusal::Latched | Refusal::CauseActive => {
                 Cause::try_from(detail).map_or(Self::Nothing, Self::Cause)
             }
             Refusal::MotorOffline | Refusal::MotorFault | Refusal::StateStale | Refusal::SetpointTooFar => {
-                roster
+                robot
                     .joints
                     .get(detail as usize)
                     .map_or(Self::Nothing, |joint| Self::Joint(joint.name.clone()))

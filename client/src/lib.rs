@@ -53,7 +53,7 @@
 //! A controller that wakes with [`Client::wait`] and has sent its setpoint before the lead begins is heard in the next
 //! tick: one cycle from measurement to command. A later one is heard one tick later. [`Client::spin`] saves the wake-up
 //! of some 50 µs for a core of its own. A controller may also be slower than the grid: the newest setpoint holds until
-//! the daemon's setpoint timeout (`roster().setpoint_timeout`), after which the group is damped, stopped, and stays so
+//! the daemon's setpoint timeout (`description().setpoint_timeout`), after which the group is damped, stopped, and stays so
 //! until someone resets it. [`Group::setpoint_age`] tells how old the setpoint in use was.
 //!
 //! # When things end
@@ -62,7 +62,7 @@
 //! - The daemon ends or hangs: calls return [`Error::NotRunning`] or [`Error::Silent`] once states have stopped for
 //!   50 ms. Its motors are damped without the controller's help.
 //! - The daemon is back: the next call returns [`Error::Restarted`] once, then the [`Client`] works again, with the new
-//!   [`Client::roster`]. Claims are void and must be made anew; nothing moves before someone enables.
+//!   [`Client::description`]. Claims are void and must be made anew; nothing moves before someone enables.
 //!
 //! Nothing here can be sent to another thread: open a [`Client`] on each thread that needs one.
 
@@ -78,8 +78,10 @@ mod state;
 pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error};
+pub use motord_shared::description::{
+    GroupDescription, JointDescription, Percentiles, RobotDescription, Telemetry,
+};
 pub use motord_shared::instance::{DEFAULT_INSTANCE, InstanceError, RUNTIME_DIR_VARIABLE};
-pub use motord_shared::roster::{GroupDescription, JointDescription, Percentiles, Roster, Telemetry};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::{
     Applied, BusCondition, Cause, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,

@@ -2,11 +2,11 @@
 
 use crate::Error;
 use crate::state::State;
+use motord_shared::description::RobotDescription;
 use motord_shared::instance::{Attachment, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
-use motord_shared::roster::Roster;
 use motord_shared::service::ServiceError;
 use motord_shared::{AdminRequest, Instance, Lease, Operation};
 use serde::de::DeserializeOwned;
@@ -40,7 +40,7 @@ pub(crate) struct Link {
     instance: Instance,
     ports: ClientPorts,
     /// Who is there, as the daemon of `boot_id` said.
-    pub(crate) roster: Rc<Roster>,
+    pub(crate) robot: Rc<RobotDescription>,
     /// Changes exactly when another daemon's states arrive.
     pub(crate) boot_id: u64,
     /// Longest time without a state that is no error.
@@ -63,7 +63,7 @@ impl Link {
         let mut link = Self {
             instance,
             ports,
-            roster: Rc::default(),
+            robot: Rc::default(),
             boot_id: 0,
             silence: SILENCE_MIN,
             newest: None,
@@ -71,19 +71,19 @@ impl Link {
             heard: None,
             silence_told: false,
         };
-        link.read_roster()?;
-        link.boot_id = link.roster.boot_id;
+        link.read_description()?;
+        link.boot_id = link.robot.boot_id;
         Ok(link)
     }
 
-    /// Takes in what has arrived. When it comes from another daemon, its roster is read first, which may take up to
+    /// Takes in what has arrived. When it comes from another daemon, its description is read first, which may take up to
     /// [`ANSWER_TIMEOUT`].
     pub(crate) fn poll(&mut self) -> Result<(), Error> {
         let arrived = self.ports.newest_state().map_err(|error| Error::of_service(error, &self.instance))?;
         self.heard.get_or_insert_with(Instant::now);
         let Some(state) = arrived.map(State::from) else { return Ok(()) };
         if state.boot_id() != self.boot_id {
-            self.read_roster()?;
+            self.read_description()?;
             self.boot_id = state.boot_id();
         }
         self.newest = Some(state);
@@ -133,7 +133,7 @@ impl Link {
     }
 
     fn gone(&self) -> Error {
-        if process_exists(self.roster.pid) {
+        if process_exists(self.robot.pid) {
             Error::Silent { silent_for: self.quiet() }
         } else {
             Error::not_running(&self.instance)
@@ -174,10 +174,10 @@ impl Link {
             match answer {
                 Some((reply, text)) if reply.refusal == 0 => return Ok((reply, text)),
                 Some((reply, _)) => {
-                    return Err(Error::refused(operation, reply.refusal, reply.detail, &self.roster));
+                    return Err(Error::refused(operation, reply.refusal, reply.detail, &self.robot));
                 }
                 None if begun.elapsed() < timeout => std::thread::sleep(ANSWER_POLL),
-                None if self.roster.pid != 0 && !process_exists(self.roster.pid) => {
+                None if self.robot.pid != 0 && !process_exists(self.robot.pid) => {
                     return Err(Error::not_running(&self.instance));
                 }
                 None => return Err(Error::NoAnswer { operation, waited: timeout }),
@@ -200,17 +200,16 @@ impl Link {
         &self.instance
     }
 
-    fn read_roster(&mut self) -> Result<(), Error> {
-        let roster: Roster = self.read(Operation::Roster)?;
-        let sound = |index: &usize| *index < roster.joints.len();
-        if roster.joints.len() > JOINTS_MAX
-            || !roster.groups.iter().flat_map(|group| &group.joints).all(sound)
+    fn read_description(&mut self) -> Result<(), Error> {
+        let robot: RobotDescription = self.read(Operation::Describe)?;
+        let sound = |index: &usize| *index < robot.joints.len();
+        if robot.joints.len() > JOINTS_MAX || !robot.groups.iter().flat_map(|group| &group.joints).all(sound)
         {
-            return Err(Error::NotUnderstood { operation: Operation::Roster });
+            return Err(Error::NotUnderstood { operation: Operation::Describe });
         }
-        let cycles = Duration::try_from_secs_f64(SILENCE_CYCLES / roster.rate_hz).unwrap_or(SILENCE_MIN);
+        let cycles = Duration::try_from_secs_f64(SILENCE_CYCLES / robot.rate_hz).unwrap_or(SILENCE_MIN);
         self.silence = self.silence.max(cycles);
-        self.roster = Rc::new(roster);
+        self.robot = Rc::new(robot);
         Ok(())
     }
 }

@@ -92,34 +92,34 @@ impl State {
         self.has(FLAG_CONFIG_CHANGED)
     }
 
-    /// The joints, in the order of the roster.
+    /// The joints, in the order of the description.
     pub fn joints(&self) -> impl ExactSizeIterator<Item = Joint> + '_ {
         self.message.joints().iter().map(Joint::from)
     }
 
-    /// The joint with this index in the roster.
+    /// The joint with this index in the description.
     #[must_use]
     pub fn joint(&self, index: usize) -> Option<Joint> {
         self.message.joints().get(index).map(Joint::from)
     }
 
-    /// The groups, in the order of the roster.
+    /// The groups, in the order of the description.
     pub fn groups(&self) -> impl ExactSizeIterator<Item = Group> + '_ {
         self.message.groups().iter().map(|group| self.checked(group))
     }
 
-    /// The group with this index in the roster.
+    /// The group with this index in the description.
     #[must_use]
     pub fn group(&self, index: usize) -> Option<Group> {
         self.message.groups().get(index).map(|group| self.checked(group))
     }
 
-    /// The buses, in the order of the roster.
+    /// The buses, in the order of the description.
     pub fn buses(&self) -> impl ExactSizeIterator<Item = Bus> + '_ {
         self.message.buses().iter().map(Bus::from)
     }
 
-    /// The bus with this index in the roster.
+    /// The bus with this index in the description.
     #[must_use]
     pub fn bus(&self, index: usize) -> Option<Bus> {
         self.message.buses().get(index).map(Bus::from)
@@ -243,7 +243,7 @@ pub struct Group {
     pub latched: bool,
     /// Why it was stopped. `None` when it was not, and for a code that this client does not know.
     pub cause: Option<Cause>,
-    /// The joint that gave the cause, by index in the roster.
+    /// The joint that gave the cause, by index in the description.
     pub cause_joint: Option<usize>,
     /// Sequence number of the setpoint in use; 0 for none.
     pub sequence: u64,

@@ -4,10 +4,10 @@
 
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
 use motord_client::{Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
+use motord_shared::description::{GroupDescription, JointDescription, RobotDescription, Telemetry};
 use motord_shared::limits::CONTROLLERS_MAX;
 use motord_shared::message::{AdminReply, GroupState, SetpointMessage, StateMessage};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
-use motord_shared::roster::{GroupDescription, JointDescription, Roster, Telemetry};
 use motord_shared::{Instance, Lease, Operation, clock};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
@@ -62,7 +62,7 @@ impl FakeDaemon {
     fn answer(&mut self, operation: u32, lease: u64) -> (AdminReply, Vec<u8>) {
         let done = AdminReply::default();
         match Operation::try_from(operation) {
-            Ok(Operation::Roster) => (done, serde_json::to_vec(&self.roster()).unwrap()),
+            Ok(Operation::Describe) => (done, serde_json::to_vec(&self.description()).unwrap()),
             Ok(Operation::Telemetry) => (done, serde_json::to_vec(&Telemetry::default()).unwrap()),
             Ok(Operation::Claim) if self.owner == 0 => {
                 self.epoch += 1;
@@ -90,15 +90,15 @@ impl FakeDaemon {
         }
     }
 
-    fn roster(&self) -> Roster {
+    fn description(&self) -> RobotDescription {
         let joint = |name: &str| JointDescription { name: name.into(), ..JointDescription::default() };
-        Roster {
+        RobotDescription {
             pid: std::process::id(),
             boot_id: self.boot_id,
             rate_hz: 1000.0,
             joints: vec![joint("hip"), joint("knee")],
             groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
-            ..Roster::default()
+            ..RobotDescription::default()
         }
     }
 }
@@ -327,7 +327,7 @@ fn a_restart_is_told_once_and_survived() {
     });
     assert_eq!(error, Error::Restarted);
     client.wait(PATIENCE).unwrap();
-    assert_eq!(client.roster().boot_id, 2);
+    assert_eq!(client.description().boot_id, 2);
     for _ in 0..3 {
         assert_eq!(
             claim.send(&[Setpoint::damping(1.0); 2]),

@@ -19,7 +19,7 @@ use crate::deadman::registrar::Registrar;
 use crate::deadman::will::Will;
 use crate::host::clock::Monotonic;
 use crate::host::rt::{self, Wish};
-use crate::ipc::roster::roster;
+use crate::ipc::description::describe;
 use crate::ipc::{self, Exchange};
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
@@ -220,7 +220,8 @@ fn start_exchange(
     let (lock, told) = (Arc::clone(lock), Arc::clone(orders));
     let exchange = settings.exchange.clone();
     let period = settings.cycle.period;
-    let roster = serde_json::to_string(&roster(settings, boot_id)).expect("names and numbers are JSON");
+    let description =
+        serde_json::to_string(&describe(settings, boot_id)).expect("names and numbers are JSON");
     let thread = start("exchange", orders, move || {
         // The ports cannot be sent to another thread.
         let ports = match DaemonPorts::open(&lock) {
@@ -230,7 +231,7 @@ fn start_exchange(
         let wish = Wish { cpu: exchange.cpu, priority: exchange.priority };
         rt::prepare_thread(wish).iter().for_each(|step| step.tell("exchange"));
         report(&opened, Ok(()));
-        Exchange::new(ports, end, questions, roster, &exchange, period).run(|| told.are(Orders::END));
+        Exchange::new(ports, end, questions, description, &exchange, period).run(|| told.are(Orders::END));
     })?;
     await_report(&ready, "exchange")??;
     Ok(thread)

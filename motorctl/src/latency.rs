@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::json;
 use crate::table::{Cell, Palette, Table};
-use motord_client::{Client, Percentiles, Roster, Telemetry};
+use motord_client::{Client, Percentiles, RobotDescription, Telemetry};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
@@ -17,9 +17,9 @@ pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
     let telemetry = client.telemetry()?;
     let out = &mut io::stdout().lock();
     if as_json {
-        json::write_line(out, &object(client.roster(), &telemetry))?;
+        json::write_line(out, &object(client.description(), &telemetry))?;
     } else {
-        write(out, client.roster(), &telemetry)?;
+        write(out, client.description(), &telemetry)?;
     }
     Ok(())
 }
@@ -38,21 +38,24 @@ pub(crate) fn table(rows: &[(&str, Percentiles)]) -> Table {
     table
 }
 
-fn named<'a>(roster: &'a Roster, telemetry: &'a Telemetry) -> impl Iterator<Item = (&'a str, Percentiles)> {
-    roster.joints.iter().map(|joint| joint.name.as_str()).zip(telemetry.joints.iter().copied())
+fn named<'a>(
+    robot: &'a RobotDescription,
+    telemetry: &'a Telemetry,
+) -> impl Iterator<Item = (&'a str, Percentiles)> {
+    robot.joints.iter().map(|joint| joint.name.as_str()).zip(telemetry.joints.iter().copied())
 }
 
-fn object(roster: &Roster, telemetry: &Telemetry) -> Value {
-    let joints: Vec<Value> = named(roster, telemetry)
+fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
+    let joints: Vec<Value> = named(robot, telemetry)
         .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
         .collect();
     let mut object = json!(telemetry);
-    object["instance"] = json!(roster.instance);
+    object["instance"] = json!(robot.instance);
     object["joints"] = json!(joints);
     object
 }
 
-fn write(out: &mut dyn Write, roster: &Roster, telemetry: &Telemetry) -> io::Result<()> {
+fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -> io::Result<()> {
     let palette = Palette::of_stdout();
     let rows = [
         ("cycle", telemetry.cycle_us),
@@ -62,7 +65,7 @@ fn write(out: &mut dyn Write, roster: &Roster, telemetry: &Telemetry) -> io::Res
     ];
     table(&rows).write(out, palette)?;
     writeln!(out, "\nreply latency by joint")?;
-    let joints: Vec<_> = named(roster, telemetry).collect();
+    let joints: Vec<_> = named(robot, telemetry).collect();
     table(&joints).write(out, palette)?;
     let Telemetry { cycles, seconds, overruns, missed_replies, dropped_records, .. } = telemetry;
     writeln!(

@@ -57,7 +57,7 @@ fn for_groups(
     let mut client = Client::connect(instance)?;
     let groups: Vec<String> = match group {
         Some(group) => vec![group.to_owned()],
-        None => client.roster().groups.iter().map(|group| group.name.clone()).collect(),
+        None => client.description().groups.iter().map(|group| group.name.clone()).collect(),
     };
     let mut outcome = Ok(());
     for group in groups {

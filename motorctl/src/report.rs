@@ -3,8 +3,8 @@
 use crate::advice::advice;
 use crate::table::{Cell, Colour, Palette, Table};
 use motord_client::{
-    Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection, Roster,
-    State,
+    Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
+    RobotDescription, State,
 };
 use motord_protocol::FaultBits;
 use serde::Serialize;
@@ -103,23 +103,23 @@ struct BusReport {
 }
 
 impl Report {
-    /// `state` with the names of `roster`.
-    pub(crate) fn new(roster: &Roster, state: &State) -> Self {
-        let groups = roster.groups.iter().map(|group| group.name.as_str()).zip(state.groups());
+    /// `state` with the names of `robot`.
+    pub(crate) fn new(robot: &RobotDescription, state: &State) -> Self {
+        let groups = robot.groups.iter().map(|group| group.name.as_str()).zip(state.groups());
         Self {
-            instance: roster.instance.clone(),
-            version: roster.version.clone(),
-            pid: roster.pid,
-            rate_hz: roster.rate_hz,
+            instance: robot.instance.clone(),
+            version: robot.version.clone(),
+            pid: robot.pid,
+            rate_hz: robot.rate_hz,
             cycle: state.cycle(),
             realtime: state.realtime(),
             emergency_stop: state.emergency_stop(),
             shutting_down: state.shutting_down(),
             config_changed: state.config_changed(),
             overruns: state.overruns(),
-            groups: groups.map(|(name, group)| GroupReport::new(name, &group, roster)).collect(),
-            joints: roster.joints.iter().zip(state.joints()).map(JointReport::from).collect(),
-            buses: roster.buses.iter().zip(state.buses()).map(BusReport::from).collect(),
+            groups: groups.map(|(name, group)| GroupReport::new(name, &group, robot)).collect(),
+            joints: robot.joints.iter().zip(state.joints()).map(JointReport::from).collect(),
+            buses: robot.buses.iter().zip(state.buses()).map(BusReport::from).collect(),
         }
     }
 
@@ -158,7 +158,7 @@ impl Report {
 }
 
 impl GroupReport {
-    fn new(name: &str, group: &Group, roster: &Roster) -> Self {
+    fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
         let rejected = Rejection::ALL.iter().map(|reason| (reason.name(), group.rejected(*reason)));
         Self {
             name: name.to_owned(),
@@ -167,14 +167,14 @@ impl GroupReport {
             setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
             accepted: group.accepted,
             rejected: rejected.filter(|(_, count)| *count > 0).collect(),
-            stop: group.latched.then(|| Stop::new(name, group, roster)),
+            stop: group.latched.then(|| Stop::new(name, group, robot)),
         }
     }
 }
 
 impl Stop {
-    fn new(name: &str, group: &Group, roster: &Roster) -> Self {
-        let joint = group.cause_joint.and_then(|joint| roster.joints.get(joint));
+    fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
+        let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint));
         Self {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
             sentence: group.cause.map_or("For a cause that this motorctl does not know.", Cause::sentence),

@@ -30,7 +30,7 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
 pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
     let mut client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
-    let report = Report::new(client.roster(), &state);
+    let report = Report::new(client.description(), &state);
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &report)?;

@@ -60,7 +60,7 @@ impl Screen {
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
         self.lost = false;
-        let report = Report::new(client.roster(), state);
+        let report = Report::new(client.description(), state);
         let mut text = Vec::new();
         if self.as_json {
             json::write_line(&mut text, &report)?;

@@ -96,8 +96,8 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
     });
     controller.0.kill().unwrap();
 
-    let timeout = Duration::from_secs_f64(client.roster().setpoint_timeout);
-    let period = Duration::from_secs_f64(1.0 / client.roster().rate_hz);
+    let timeout = Duration::from_secs_f64(client.description().setpoint_timeout);
+    let period = Duration::from_secs_f64(1.0 / client.description().rate_hz);
     let mut before = (0, Duration::ZERO);
     let damped = until("damping", || {
         let state = client.wait(Duration::from_secs(1)).unwrap();

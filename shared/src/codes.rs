@@ -115,7 +115,7 @@ codes! {
         EmergencyStop = 7 "emergency-stop" "Damp and stop every motor, now.",
         SetZero = 8 "set-zero" "Make a stopped motor's present position its zero.",
         ClearFault = 9 "clear-fault" "Acknowledge a motor's fault.",
-        Roster = 10 "roster" "Tell names and limits of joints, groups and buses, as JSON.",
+        Describe = 10 "describe" "Tell names and limits of joints, groups and buses, as JSON.",
         Telemetry = 11 "telemetry" "Tell counters and latency percentiles, as JSON.",
     }
 }

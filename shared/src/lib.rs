@@ -4,7 +4,7 @@
 //!   `bool` or an `enum` in them would be undefined behaviour waiting for a bad client.
 //! - [`codes`]: the meaning of the integers. A number becomes a code by `TryFrom`, and every code has a name and a sentence.
 //! - [`Lease`]: the right to command a group.
-//! - [`roster`]: names and limits of the joints, and what the tool asks for, as text.
+//! - [`description`]: names and limits of the joints, and what the tool asks for, as text.
 //! - [`limits`]: every bound, by name.
 //! - [`instance`]: where daemon and clients meet, and who may.
 //! - [`service`]: the iceoryx2 services, with every limit of theirs.
@@ -21,6 +21,7 @@
 #[cfg(feature = "ports")]
 pub mod clock;
 pub mod codes;
+pub mod description;
 #[cfg(feature = "ports")]
 pub mod instance;
 mod lease;
@@ -30,7 +31,6 @@ pub mod message;
 pub mod ports;
 #[cfg(feature = "ports")]
 mod room;
-pub mod roster;
 #[cfg(feature = "ports")]
 pub mod service;
 

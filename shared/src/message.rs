@@ -275,7 +275,7 @@ pub struct AdminRequest {
     pub pid: u32,
 }
 
-/// The head of an answer; for `roster` and `telemetry` JSON text follows it.
+/// The head of an answer; for `describe` and `telemetry` JSON text follows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminReply.v1"))]
 #[repr(C)]

@@ -69,7 +69,7 @@ impl Control {
             Operation::Disable => self.disable(request),
             Operation::Reset => self.reset(request),
             Operation::EmergencyStop => self.emergency_stop(),
-            Operation::Roster | Operation::Telemetry => Err((Refusal::UnknownOperation, request.operation)),
+            Operation::Describe | Operation::Telemetry => Err((Refusal::UnknownOperation, request.operation)),
         };
         Some(reply(outcome))
     }

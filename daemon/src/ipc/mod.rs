@@ -3,7 +3,7 @@
 //! Not real-time: iceoryx2 allocates with every message and maps files when a client comes or goes. If this thread
 //! stands still, setpoints grow old and the cycle damps the robot.
 
-pub mod roster;
+pub mod description;
 
 use crate::telemetry::Questions;
 use motord_bus::{Duration, Instant, clock};
@@ -45,7 +45,7 @@ pub struct Exchange {
     ports: DaemonPorts,
     cycle: CycleEnd,
     questions: Questions,
-    roster: String,
+    description: String,
     period: Duration,
     mode: ExchangeMode,
     lead: Duration,
@@ -57,13 +57,13 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    /// Everything in place. `roster` is the answer to [`Operation::Roster`].
+    /// Everything in place. `description` is the answer to [`Operation::Describe`].
     #[must_use]
     pub fn new(
         ports: DaemonPorts,
         cycle: CycleEnd,
         questions: Questions,
-        roster: String,
+        description: String,
         settings: &ExchangeSettings,
         period: Duration,
     ) -> Self {
@@ -71,7 +71,7 @@ impl Exchange {
             ports,
             cycle,
             questions,
-            roster,
+            description,
             period,
             mode: settings.mode,
             lead: settings.lead,
@@ -165,7 +165,9 @@ impl Exchange {
     fn serve(&mut self, request: Request) {
         let payload = *request.payload();
         match Operation::try_from(payload.operation) {
-            Ok(Operation::Roster) => self.answer(request, AdminReply::default(), self.roster.as_bytes()),
+            Ok(Operation::Describe) => {
+                self.answer(request, AdminReply::default(), self.description.as_bytes())
+            }
             _ if self.waiting.len() >= REQUESTS_MAX => self.refuse(request, Refusal::Busy),
             Ok(Operation::Telemetry) => {
                 let ticket = self.await_answer(request);

@@ -3,7 +3,7 @@
 use hdrhistogram::Histogram;
 use motord_bus::{Duration, Instant};
 use motord_core::cycle::Record;
-use motord_shared::roster::{Percentiles, Telemetry};
+use motord_shared::description::{Percentiles, Telemetry};
 
 /// Latencies beyond it are recorded as it: 10 s.
 const LATENCY_MAX_NS: u64 = 10_000_000_000;

@@ -37,7 +37,7 @@ const PROGRESS_PERIOD: f64 = 0.2;
 pub(crate) enum Message {
     /// The trot goes on.
     Progress(Progress),
-    /// The trot is over: the tracking of every joint, in the order of the roster.
+    /// The trot is over: the tracking of every joint, in the order of the description.
     Outcome(Vec<Tracking>),
 }
 
@@ -92,7 +92,7 @@ impl Controller {
         let mut client = Client::connect(instance)?;
         client.set_silence(PATIENCE);
         let claim = client.claim(GROUP)?;
-        let joints = &client.roster().joints;
+        let joints = &client.description().joints;
         let swings: Vec<Swing> = claim.joints().iter().map(|&joint| Swing::of(&joints[joint].name)).collect();
         Ok(Self {
             origins: vec![0.0; swings.len()],

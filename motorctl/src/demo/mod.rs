@@ -151,8 +151,8 @@ pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<
     let mut client = daemon.connect(&interrupt)?;
     let tracking = trot(&mut daemon, seconds, &interrupt)?;
     let telemetry = client.telemetry()?;
-    let report = Report::new(client.roster(), &telemetry, &tracking);
-    let shortfalls = report.shortfalls(client.roster());
+    let report = Report::new(client.description(), &telemetry, &tracking);
+    let shortfalls = report.shortfalls(client.description());
     drop(client);
     daemon.stop()?;
 

@@ -3,7 +3,7 @@
 use crate::demo::tracking::Tracking;
 use crate::latency;
 use crate::table::{Cell, Colour, Palette, Table};
-use motord_client::{Percentiles, Roster, Telemetry};
+use motord_client::{Percentiles, RobotDescription, Telemetry};
 use serde::Serialize;
 use std::io::{self, Write};
 
@@ -75,9 +75,9 @@ pub(crate) enum Shortfall {
 
 impl Report {
     /// Sums up what the controller saw and what the daemon counted.
-    pub(crate) fn new(roster: &Roster, telemetry: &Telemetry, tracking: &[Tracking]) -> Self {
+    pub(crate) fn new(robot: &RobotDescription, telemetry: &Telemetry, tracking: &[Tracking]) -> Self {
         let joint = |(index, tracking): (usize, &Tracking)| JointReport {
-            name: roster.joints.get(index).map_or_else(String::new, |joint| joint.name.clone()),
+            name: robot.joints.get(index).map_or_else(String::new, |joint| joint.name.clone()),
             tracking_rms_rad: tracking.rms(),
             tracking_max_rad: tracking.max,
             reply_latency_us: telemetry.joints.get(index).copied().unwrap_or_default(),
@@ -100,9 +100,9 @@ impl Report {
         }
     }
 
-    /// In what the run was not good enough for `roster`; empty when it was.
-    pub(crate) fn shortfalls(&self, roster: &Roster) -> Vec<Shortfall> {
-        let (motors, rate) = (roster.joints.len(), roster.rate_hz);
+    /// In what the run was not good enough for `robot`; empty when it was.
+    pub(crate) fn shortfalls(&self, robot: &RobotDescription) -> Vec<Shortfall> {
+        let (motors, rate) = (robot.joints.len(), robot.rate_hz);
         // Asked this way round, a rate or an error that is not a number falls short.
         let on_time = (self.rate_hz - rate).abs() <= RATE_TOLERANCE * rate;
         let on_track = self.tracking_rms_rad < TRACKING_RMS_MAX;
@@ -160,10 +160,10 @@ mod tests {
     use super::*;
     use motord_client::JointDescription;
 
-    fn roster() -> Roster {
+    fn description() -> RobotDescription {
         let joints =
             ["fl-hip", "fl-thigh"].map(|name| JointDescription { name: name.into(), ..Default::default() });
-        Roster { rate_hz: 1000.0, joints: joints.into(), ..Roster::default() }
+        RobotDescription { rate_hz: 1000.0, joints: joints.into(), ..RobotDescription::default() }
     }
 
     fn telemetry() -> Telemetry {
@@ -177,7 +177,7 @@ mod tests {
     }
 
     fn shortfalls(telemetry: &Telemetry, tracking: &[Tracking]) -> Vec<Shortfall> {
-        Report::new(&roster(), telemetry, tracking).shortfalls(&roster())
+        Report::new(&description(), telemetry, tracking).shortfalls(&description())
     }
 
     #[test]
@@ -187,9 +187,9 @@ mod tests {
 
     #[test]
     fn the_worst_joint_judges_the_tracking() {
-        let report = Report::new(&roster(), &telemetry(), &[tracked(0.01), tracked(-0.06)]);
+        let report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(-0.06)]);
         assert!((report.tracking_rms_rad - 0.06).abs() < 1e-6);
-        assert!(matches!(report.shortfalls(&roster())[..], [Shortfall::Tracking { .. }]));
+        assert!(matches!(report.shortfalls(&description())[..], [Shortfall::Tracking { .. }]));
     }
 
     #[test]
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn the_json_has_the_agreed_keys() {
-        let report = Report::new(&roster(), &telemetry(), &[tracked(0.01), tracked(0.02)]);
+        let report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.02)]);
         let json = serde_json::to_value(report).unwrap();
         for key in
             ["motors", "seconds", "cycles", "rate_hz", "missed_replies", "overruns", "tracking_rms_rad"]

@@ -1,11 +1,11 @@
-//! What clients are told of the configuration.
+//! The description of the robot that clients get, made of the configuration.
 
 use motord_core::settings::Settings;
-use motord_shared::roster::{GroupDescription, JointDescription, Roster};
+use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 
 /// Names and limits, in the order of the configuration.
 #[must_use]
-pub fn roster(settings: &Settings, boot_id: u64) -> Roster {
+pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
     let joints = settings.motors.iter().map(|motor| JointDescription {
         name: motor.name.clone(),
         bus: settings.buses[motor.bus].name.clone(),
@@ -21,7 +21,7 @@ pub fn roster(settings: &Settings, boot_id: u64) -> Roster {
         .groups
         .iter()
         .map(|group| GroupDescription { name: group.name.clone(), joints: group.motors.clone() });
-    Roster {
+    RobotDescription {
         instance: settings.instance.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         pid: std::process::id(),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Who is there: names and limits, in the order of the configuration.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
-pub struct Roster {
+pub struct RobotDescription {
     /// The instance's name.
     pub instance: String,
     /// The daemon's version.
@@ -83,7 +83,7 @@ pub struct Telemetry {
     pub setpoint_age_us: Percentiles,
     /// From the beginning of a cycle to the publication of its states.
     pub cycle_us: Percentiles,
-    /// Reply latency by joint, in the order of the roster.
+    /// Reply latency by joint, in the order of the description.
     pub joints: Vec<Percentiles>,
 }
 
