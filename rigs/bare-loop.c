@@ -1,6 +1,6 @@
 /* bare-loop SECONDS RATE_HZ INTERFACE...: the least that a control loop over SocketCAN can do, as a yardstick.
  *
- * In every cycle: sleep until the next place on the grid, one sendmmsg of three dynamic-control frames on every interface,
+ * In every cycle: sleep until the next tick, one sendmmsg of three dynamic-control frames on every interface,
  * one sleep while the motors answer, one recvmmsg on every interface. Sockets are set up as motord's are: exact filters,
  * error reports, receive stamps, drop counter. Nothing is decoded, decided, checked or told.
  *

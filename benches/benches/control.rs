@@ -6,7 +6,7 @@ mod robot;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Control, Heard, Tick};
+use motord_core::control::{Control, Heard, Wake};
 use motord_core::joint::Measured;
 use motord_protocol::FaultBits;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
@@ -59,7 +59,7 @@ impl Robot {
         let (cycle, now) = (self.cycle, self.now());
         (self.message.sequence, self.message.time_ns) = (cycle, now.as_nanos());
         self.control.offer(&self.message, now);
-        black_box(self.control.decide(Tick { cycle, scheduled: now, begun: now, ..Tick::default() }));
+        black_box(self.control.decide(Wake { cycle, scheduled: now, begun: now, ..Wake::default() }));
         let latency = Duration::from_micros(300);
         for motor in 0..12 {
             let still = Measured::new(0.0, 0.0, 0.0, None);

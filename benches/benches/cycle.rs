@@ -9,7 +9,7 @@ mod robot;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
-use motord_core::cycle::{self, Cycle, Place};
+use motord_core::cycle::{self, Cycle, Tick};
 use motord_core::plan::BusPlan;
 use motord_core::settings::Settings;
 use motord_shared::limits::BUSES_MAX;
@@ -76,7 +76,7 @@ struct Cost {
 /// An active robot whose owner sends a setpoint in every cycle.
 struct Running {
     robot: Robot,
-    place: Place,
+    tick: Tick,
     joints: Vec<JointSetpoint>,
     spent_ns: Arc<AtomicU64>,
 }
@@ -94,14 +94,14 @@ impl Running {
         let joints = robot.activate();
         let state = robot.state();
         let at = Instant::from_nanos(state.tick_ns) + robot.settings.cycle.period;
-        Self { place: Place { cycle: state.cycle + 1, at }, robot, joints, spent_ns }
+        Self { tick: Tick { number: state.cycle + 1, at }, robot, joints, spent_ns }
     }
 
     fn cycle(&mut self) -> Cost {
         self.robot.send(&self.joints);
         self.spent_ns.store(0, Ordering::Relaxed);
         let begun = std::time::Instant::now();
-        self.place = self.robot.cycle.run(self.place);
+        self.tick = self.robot.cycle.run(self.tick);
         let all = begun.elapsed();
         let in_buses = Duration::from_nanos(self.spent_ns.load(Ordering::Relaxed));
         self.robot.ends.states.update();

@@ -102,7 +102,7 @@ fn connect() -> Client {
     }
 }
 
-/// Returns once this many cycles have run; skipped places on the grid do not count.
+/// Returns once this many cycles have run; missed ticks do not count.
 fn await_cycles(client: &mut Client, count: u64) {
     let mut run = || client.wait(PATIENCE).map(|state| state.cycle() - state.overruns()).unwrap();
     let first = run();

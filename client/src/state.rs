@@ -26,7 +26,7 @@ impl From<StateMessage> for State {
 }
 
 impl State {
-    /// Number of the cycle, from 1. A gap means that the daemon skipped cycles, or that this client was slow.
+    /// Number of the cycle, from 1. A gap means that the daemon missed ticks, or that this client was slow.
     #[must_use]
     pub fn cycle(&self) -> u64 {
         self.message.cycle
@@ -50,13 +50,13 @@ impl State {
         Duration::from_nanos(clock::now_ns().saturating_sub(self.message.publish_ns))
     }
 
-    /// How much later than its place on the grid the cycle began.
+    /// How much later than its tick the cycle began.
     #[must_use]
     pub fn wake_latency(&self) -> Duration {
         Duration::from_nanos(self.message.wake_latency_ns)
     }
 
-    /// Places on the grid that were skipped since the daemon started.
+    /// Ticks that were missed since the daemon started.
     #[must_use]
     pub fn overruns(&self) -> u64 {
         self.message.overruns

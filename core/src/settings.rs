@@ -38,8 +38,8 @@ pub struct CycleSettings {
     pub require_realtime: bool,
     /// A cycle that begins later than this has lost its time base: safe stop.
     pub max_lateness: Duration,
-    /// The part of the places on the grid, 0 to 1, that may be skipped over a second: beyond it, safe stop.
-    pub max_skipped: f32,
+    /// The part of the ticks, 0 to 1, that may be missed over a second: beyond it, safe stop.
+    pub max_missed_ticks: f32,
     /// From the sending of a cycle's commands: replies that have not come by then are missed.
     pub reply_deadline: Duration,
     /// Look at the buses without a sleep for this long, before each sleep for replies; zero sleeps only.

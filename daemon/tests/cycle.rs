@@ -160,7 +160,7 @@ fn a_late_wake_up_skips_to_the_grid_and_sends_one_set_of_frames() {
     robot.oversleep(Duration::from_micros(10_300));
     robot.step();
     let state = robot.state();
-    assert_eq!((state.cycle - before, state.overruns), (11, 10), "ten places were skipped");
+    assert_eq!((state.cycle - before, state.overruns), (11, 10), "ten ticks were missed");
     assert_eq!(robot.take_sent().len(), 3, "no burst");
     assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::TimeBase)));
 }

@@ -22,11 +22,11 @@ fn a_cycle_that_is_a_little_late_skips_and_goes_on() {
 }
 
 /// Goal: a robot whose computer is too slow is stopped, not moved at a part of its rate.
-/// Method: with a fifth of the places allowed to be skipped, every cycle begins 1.2 ms late, so that half are.
+/// Method: with a fifth of the ticks allowed to be missed, every cycle begins 1.2 ms late, so that half are.
 #[test]
 fn a_cycle_that_skips_too_many_places_stops_the_robot() {
     let mut settings = robot::three_motors();
-    settings.cycle.max_skipped = 0.2;
+    settings.cycle.max_missed_ticks = 0.2;
     let mut robot = Robot::new(settings, 1);
     let joints = robot.activate();
     let mut late = 0;

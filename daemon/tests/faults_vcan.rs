@@ -19,7 +19,7 @@ use motord::deadman::will::{Will, expect_interface};
 use motord::host::clock::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
-use motord_core::cycle::{self, Cycle, Ends, Place};
+use motord_core::cycle::{self, Cycle, Ends, Tick};
 use motord_core::cycle::{Supply, replacements};
 use motord_core::plan::BusPlan;
 use motord_core::settings::Settings;
@@ -99,7 +99,7 @@ struct Robot {
     cycle: Cycle<Monotonic>,
     ends: Ends,
     supply: Supply,
-    place: Place,
+    tick: Tick,
     observer: SocketCanBus,
     heard: Vec<(u16, Meaning)>,
     motors: Option<Motors>,
@@ -129,7 +129,7 @@ impl Robot {
             cycle,
             ends,
             supply,
-            place: Place { cycle: 1, at: clock::monotonic() },
+            tick: Tick { number: 1, at: clock::monotonic() },
             lease: 0,
             sequence: 0,
         }
@@ -161,7 +161,7 @@ impl Robot {
     }
 
     fn step(&mut self) {
-        self.place = self.cycle.run(self.place);
+        self.tick = self.cycle.run(self.tick);
         self.ends.states.update();
         while self.ends.records.pop().is_ok() {}
         while self.ends.events.pop().is_ok() {}
@@ -204,7 +204,7 @@ impl Robot {
     /// Disturbs the host's interface between two cycles; the robot's time goes on when it is done.
     fn disturb(&mut self, command: &str) {
         run(&command.replace("DEV", self.interface.as_str()));
-        self.place.at = clock::monotonic();
+        self.tick.at = clock::monotonic();
     }
 
     /// What the controller of the interface would report.
@@ -434,7 +434,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
     robot.observer = observer(robot.motor_side);
     robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
     assert!(robot.supply.hand_over(0, opened));
-    robot.place.at = clock::monotonic();
+    robot.tick.at = clock::monotonic();
     robot.recovers_on_request();
 }
 

@@ -22,7 +22,7 @@ const ROBOT: &str = include_str!("logs/two-legs.toml");
 const LOG: &str = include_str!("logs/two-legs.log");
 /// Stiffness and damping that the client of the log asked for: those of the client's example `hold`.
 const GAINS: (f32, f32) = (20.0, 0.5);
-/// From a place on the daemon's grid to the first frame of its cycle, when that was not late.
+/// From a tick of the daemon to the first frame of its cycle, when that was not late.
 const LEAD: Duration = Duration::from_micros(300);
 
 /// A frame, and when it was on the bus.
@@ -107,7 +107,7 @@ fn replay(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Vec<Frame>> {
     let mut robot = Robot::on(buses.collect(), begun - LEAD, settings.clone());
     let mut client = Client::default();
     Client::ask(&mut robot, Operation::Claim);
-    // The first command after a place on the grid tells when its cycle began.
+    // The first command after a tick tells when its cycle began.
     while let Some(&(woke, _)) = commands.get(commands.partition_point(|command| command.0 < robot.next())) {
         robot.oversleep(woke.since(robot.next()));
         client.act(&mut robot, enabled.is_some_and(|enabled| enabled <= woke));

@@ -28,7 +28,7 @@ pub(crate) struct Report {
     shutting_down: bool,
     /// The configuration's file was changed since the daemon read it.
     config_changed: bool,
-    /// Places on the grid of cycles that were skipped since the daemon started.
+    /// Ticks that were missed since the daemon started.
     overruns: u64,
     groups: Vec<GroupReport>,
     joints: Vec<JointReport>,

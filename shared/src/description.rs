@@ -67,7 +67,7 @@ pub struct GroupDescription {
 pub struct Telemetry {
     /// Cycles that were run.
     pub cycles: u64,
-    /// Places on the grid that were skipped.
+    /// Ticks that were missed.
     pub overruns: u64,
     /// From the first cycle to the last, s.
     pub seconds: f64,
@@ -75,7 +75,7 @@ pub struct Telemetry {
     pub missed_replies: u64,
     /// Records that telemetry could not keep up with.
     pub dropped_records: u64,
-    /// From a cycle's place on the grid to its beginning.
+    /// From a tick to the beginning of its cycle.
     pub wake_latency_us: Percentiles,
     /// From a command to its reply, all motors.
     pub reply_latency_us: Percentiles,

@@ -12,7 +12,7 @@ use iceoryx2::prelude::ZeroCopySend;
 pub const FLAG_EMERGENCY_STOP: u32 = 1 << 0;
 /// `StateMessage::flags`: the cycle has real-time scheduling and locked memory.
 pub const FLAG_REALTIME: u32 = 1 << 1;
-/// `StateMessage::flags`: this cycle began later than its place on the grid by a period or more.
+/// `StateMessage::flags`: this cycle began later than its tick by a period or more.
 pub const FLAG_OVERRUN: u32 = 1 << 2;
 /// `StateMessage::flags`: the daemon is shutting down.
 pub const FLAG_SHUTDOWN: u32 = 1 << 3;
@@ -138,7 +138,7 @@ pub struct BusState {
 pub struct StateMessage {
     /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
     pub boot_id: u64,
-    /// Cycle number, from 1; it counts the places on the grid, so that skipped cycles leave a gap.
+    /// Cycle number, from 1; it counts the ticks, so that missed ones leave a gap.
     pub cycle: u64,
     /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
     pub tick_ns: u64,
@@ -146,7 +146,7 @@ pub struct StateMessage {
     pub wake_latency_ns: u64,
     /// When the states were complete, ns of `CLOCK_MONOTONIC`.
     pub publish_ns: u64,
-    /// Places on the grid that were skipped, since the start.
+    /// Ticks that were missed, since the start.
     pub overruns: u64,
     /// `FLAG_*`.
     pub flags: u32,

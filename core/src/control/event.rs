@@ -59,10 +59,10 @@ pub enum Event {
         /// What it is now.
         condition: BusCondition,
     },
-    /// Places on the grid were skipped.
+    /// Ticks were missed: the cycle thread woke up too late for them.
     Overrun {
         /// How many.
-        skipped: u64,
+        missed_ticks: u64,
     },
 }
 

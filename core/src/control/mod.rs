@@ -83,17 +83,17 @@ pub enum Heard {
     Late,
 }
 
-/// A place on the grid.
+/// How a cycle began: its tick, and how much later it woke up.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tick {
+pub struct Wake {
     /// Its number, from 1.
     pub cycle: u64,
     /// When the cycle should begin.
     pub scheduled: Instant,
     /// When it began.
     pub begun: Instant,
-    /// Places skipped just before it.
-    pub skipped: u64,
+    /// Ticks missed just before it.
+    pub missed_ticks: u64,
     /// How long the computer was suspended, since it was started.
     pub suspended: Duration,
 }
@@ -122,7 +122,7 @@ pub struct Control {
     safety: SafetySettings,
     period: Duration,
     max_lateness: Duration,
-    max_skipped: f32,
+    max_missed_ticks: f32,
     settings: Vec<MotorSettings>,
     group_of: Vec<usize>,
     motors: Vec<Motor>,
@@ -132,14 +132,14 @@ pub struct Control {
     poll_next: Vec<usize>,
     boot_id: u64,
     epoch: u32,
-    tick: Tick,
+    tick: Wake,
     /// The time of the call that is running.
     now: Instant,
     elapsed: f32,
     /// How long the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
     suspended: Duration,
-    /// The part of the places on the grid that were skipped of late, 0 to 1.
-    skipped: f32,
+    /// The part of the ticks that were missed of late, 0 to 1.
+    missed_ticks: f32,
     events: Events,
     answers: Answers,
     started: Option<Instant>,
@@ -162,7 +162,7 @@ impl Control {
             safety: settings.safety.clone(),
             period: settings.cycle.period,
             max_lateness: settings.cycle.max_lateness,
-            max_skipped: settings.cycle.max_skipped,
+            max_missed_ticks: settings.cycle.max_missed_ticks,
             settings: settings.motors.clone(),
             group_of,
             motors: settings.motors.iter().map(Motor::new).collect(),
@@ -172,11 +172,11 @@ impl Control {
             poll_next: vec![0; settings.buses.len()],
             boot_id,
             epoch: 0,
-            tick: Tick::default(),
+            tick: Wake::default(),
             now: Instant::ZERO,
             elapsed: 0.0,
             suspended: Duration::ZERO,
-            skipped: 0.0,
+            missed_ticks: 0.0,
             events: Events::new(),
             answers: Answers::new(),
             started: None,
@@ -196,11 +196,11 @@ impl Control {
     }
 
     /// Begins a cycle: draws the consequences of time, and makes one command per motor. Bounded by motors and groups.
-    pub fn decide(&mut self, tick: Tick) -> &[Command] {
-        let elapsed = tick.begun.since(self.tick.begun);
+    pub fn decide(&mut self, wake: Wake) -> &[Command] {
+        let elapsed = wake.begun.since(self.tick.begun);
         self.elapsed = elapsed.min(2 * self.period).as_secs_f32();
-        self.tick = tick;
-        self.now = tick.begun;
+        self.tick = wake;
+        self.now = wake.begun;
         self.watch_time(elapsed);
         self.watch_silence();
         self.watch_heat(elapsed);

@@ -2,7 +2,7 @@
 
 use super::errand::{Kind, ZERO_TOLERANCE};
 use super::plausibility::Verdict;
-use super::{Control, Event, Tick};
+use super::{Control, Event, Wake};
 use crate::joint::{Joint, Measured};
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, Instant};
@@ -11,8 +11,8 @@ use motord_shared::{Cause, Phase, Refusal};
 
 /// The owner of a stopped group that says nothing for this long has gone.
 const OWNER_SILENCE: Duration = Duration::from_secs(1);
-/// How long a skipped place on the grid is remembered.
-const SKIPPED_TIME: Duration = Duration::from_secs(1);
+/// How long a missed tick is remembered.
+const MISSED_TICKS_TIME: Duration = Duration::from_secs(1);
 /// A computer takes longer than this to be suspended and woken; the readings of two clocks differ by less.
 const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
 /// A motor that has not answered by then is told of, once.
@@ -21,19 +21,19 @@ const SILENT_START: Duration = Duration::from_secs(2);
 impl Control {
     /// The tick before this one began `elapsed` ago.
     pub(super) fn watch_time(&mut self, elapsed: Duration) {
-        let Tick { scheduled, begun, skipped, suspended, .. } = self.tick;
-        if skipped > 0 {
-            self.events.push(Event::Overrun { skipped });
+        let Wake { scheduled, begun, missed_ticks, suspended, .. } = self.tick;
+        if missed_ticks > 0 {
+            self.events.push(Event::Overrun { missed_ticks });
         }
-        let weight = (elapsed.as_secs_f32() / SKIPPED_TIME.as_secs_f32()).min(1.0);
-        self.skipped += weight * (skipped as f32 / (skipped + 1) as f32 - self.skipped);
+        let weight = (elapsed.as_secs_f32() / MISSED_TICKS_TIME.as_secs_f32()).min(1.0);
+        self.missed_ticks += weight * (missed_ticks as f32 / (missed_ticks + 1) as f32 - self.missed_ticks);
         let known = self.suspended;
         self.suspended = known.max(suspended);
         if begun.since(scheduled) >= self.max_lateness {
             self.stop_moving(Cause::TimeBase);
         } else if suspended > known + SUSPENDED_LEAST {
             self.stop_moving(Cause::Suspended);
-        } else if self.skipped > self.max_skipped {
+        } else if self.missed_ticks > self.max_missed_ticks {
             self.stop_moving(Cause::Overload);
         }
     }

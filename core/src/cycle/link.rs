@@ -9,8 +9,8 @@
 //! | opened buses, old buses | reopening, cycle | cycle, reopening | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
-use super::Tick;
 use super::replacement::{Indexed, Replacements};
+use crate::control::Wake;
 use crate::control::{Control, Event};
 use motord_bus::time::nanos;
 use motord_bus::{Bus, Instant};
@@ -42,24 +42,24 @@ pub struct Record {
     pub setpoint_age_ns: Option<u64>,
     /// Cycles without a reply, over all motors, since the start.
     pub missed: u64,
-    /// Places on the grid skipped just before this cycle.
-    pub skipped: u64,
+    /// Ticks missed just before this cycle.
+    pub missed_ticks: u64,
     /// Time from command to reply, ns, by joint; 0 where none came in this cycle.
     pub reply_latency_ns: [u32; JOINTS_MAX],
 }
 
 impl Record {
-    pub(super) fn of(tick: &Tick, published: Instant, control: &Control) -> Self {
+    pub(super) fn of(wake: &Wake, published: Instant, control: &Control) -> Self {
         let mut reply_latency_ns = [0; JOINTS_MAX];
         control.reply_latencies().zip(&mut reply_latency_ns).for_each(|(latency, slot)| *slot = latency);
         Self {
-            cycle: tick.cycle,
-            scheduled: tick.scheduled,
-            wake_latency_ns: nanos(tick.begun.since(tick.scheduled)),
-            cycle_ns: nanos(published.since(tick.begun)),
+            cycle: wake.cycle,
+            scheduled: wake.scheduled,
+            wake_latency_ns: nanos(wake.begun.since(wake.scheduled)),
+            cycle_ns: nanos(published.since(wake.begun)),
             setpoint_age_ns: control.setpoint_age().map(nanos),
             missed: control.missed(),
-            skipped: tick.skipped,
+            missed_ticks: wake.missed_ticks,
             reply_latency_ns,
         }
     }

@@ -16,7 +16,7 @@ pub use replacement::{Replacements, Supply, replacements};
 pub use run::Order;
 
 use crate::clock::Clock;
-use crate::control::{Command, Control, Tick};
+use crate::control::{Command, Control, Wake};
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
@@ -49,7 +49,7 @@ pub struct Cycle<C> {
     control: Control,
     link: Link,
     will: Will,
-    overruns: u64,
+    missed_ticks: u64,
     boot_id: u64,
     realtime: bool,
 }
@@ -84,7 +84,7 @@ impl<C: Clock> Cycle<C> {
             control: Control::new(settings, boot_id),
             link,
             will: Will::new(settings),
-            overruns: 0,
+            missed_ticks: 0,
             boot_id,
             realtime: false,
         }
@@ -127,35 +127,36 @@ impl<C: Clock> Cycle<C> {
         self.control.is_still()
     }
 
-    /// Sleeps until a place on the grid, runs its cycle, and returns the next place. Places that have passed meanwhile
-    /// are skipped, never made up for: a burst would be worse than a gap.
-    pub fn run(&mut self, place: Place) -> Place {
-        self.clock.sleep_until(place.at);
+    /// Sleeps until `tick`, runs its cycle, and returns the next tick. Ticks that have passed meanwhile are missed: no
+    /// burst of cycles makes up for them, and the cycle bears the number of the latest tick that has passed.
+    ///
+    /// Real-time: does not allocate; blocks only in the clock, at most until the replies are overdue.
+    pub fn run(&mut self, tick: Tick) -> Tick {
+        self.clock.sleep_until(tick.at);
         let begun = self.clock.now();
-        let skipped = begun.since(place.at).as_nanos() / self.period.as_nanos();
-        let skipped = u32::try_from(skipped).unwrap_or(u32::MAX);
-        let place = place.later(skipped, self.period);
-        self.overruns += u64::from(skipped);
-        let lateness_from = place.at - skipped * self.period;
-        self.cycle(&Tick {
-            cycle: place.cycle,
-            scheduled: lateness_from,
+        let missed = begun.since(tick.at).as_nanos() / self.period.as_nanos();
+        let missed = u32::try_from(missed).unwrap_or(u32::MAX);
+        let reached = tick.later(missed, self.period);
+        self.missed_ticks += u64::from(missed);
+        self.cycle(&Wake {
+            cycle: reached.number,
+            scheduled: tick.at,
             begun,
-            skipped: u64::from(skipped),
+            missed_ticks: u64::from(missed),
             suspended: self.clock.suspended(),
         });
-        place.later(1, self.period)
+        reached.later(1, self.period)
     }
 
-    fn cycle(&mut self, tick: &Tick) {
-        self.link.beat(tick.cycle);
+    fn cycle(&mut self, wake: &Wake) {
+        self.link.beat(wake.cycle);
         self.replace_buses();
-        self.serve(tick.begun);
-        let sent = self.transmit(tick);
+        self.serve(wake.begun);
+        let sent = self.transmit(wake);
         self.collect(sent + self.reply_deadline);
         self.control.end_cycle();
-        self.publish(tick);
-        self.poll_faults(tick.scheduled + self.period);
+        self.publish(wake);
+        self.poll_faults(wake.scheduled + self.period);
     }
 
     /// Takes at most one bus that was opened again; its motors are as lost as they were.
@@ -179,9 +180,9 @@ impl<C: Clock> Cycle<C> {
     }
 
     /// Tells when the last frames were handed over: the replies are awaited from then on.
-    fn transmit(&mut self, tick: &Tick) -> Instant {
+    fn transmit(&mut self, wake: &Wake) -> Instant {
         let Self { control, drives, slots, bus_of, clock, stale_after, .. } = self;
-        let commands = control.decide(*tick);
+        let commands = control.decide(*wake);
         let mut now = clock.now();
         slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
         for (motor, command) in commands.iter().enumerate() {
@@ -190,7 +191,7 @@ impl<C: Clock> Cycle<C> {
         for (bus, slot) in slots.iter_mut().enumerate() {
             now = clock.now();
             // A process that was frozen since it decided goes on here, when others may have stopped its motors.
-            let is_stale = now.since(tick.begun) > *stale_after;
+            let is_stale = now.since(wake.begun) > *stale_after;
             let unask = |motor: usize| {
                 drives[motor].unask();
                 control.unsent(motor);
@@ -287,26 +288,26 @@ impl<C: Clock> Cycle<C> {
         read
     }
 
-    fn publish(&mut self, tick: &Tick) {
+    fn publish(&mut self, wake: &Wake) {
         let Self { link, control, slots, clock, .. } = self;
         let now = clock.now();
         let state = link.state();
         control.report(state);
         state.boot_id = self.boot_id;
-        state.cycle = tick.cycle;
-        state.tick_ns = tick.scheduled.as_nanos();
-        state.wake_latency_ns = motord_bus::time::nanos(tick.begun.since(tick.scheduled));
+        state.cycle = wake.cycle;
+        state.tick_ns = wake.scheduled.as_nanos();
+        state.wake_latency_ns = motord_bus::time::nanos(wake.begun.since(wake.scheduled));
         state.publish_ns = now.as_nanos();
-        state.overruns = self.overruns;
+        state.overruns = self.missed_ticks;
         state.flags |= if self.realtime { message::FLAG_REALTIME } else { 0 };
-        state.flags |= if tick.skipped > 0 { message::FLAG_OVERRUN } else { 0 };
+        state.flags |= if wake.missed_ticks > 0 { message::FLAG_OVERRUN } else { 0 };
         state.bus_count = slots.len() as u32;
         state.buses.iter_mut().zip(slots.iter()).for_each(|(told, slot)| *told = slot.report());
-        link.publish(Record::of(tick, now, control));
+        link.publish(Record::of(wake, now, control));
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);
         }
-        control.events().for_each(|event| link.tell(tick.cycle, event));
+        control.events().for_each(|event| link.tell(wake.cycle, event));
         link.lose(control.clear_events());
     }
 
@@ -347,17 +348,17 @@ enum Interest {
     OpenBuses,
 }
 
-/// A place on the grid of cycles.
+/// One point of the time grid: when a cycle should begin. Ticks are a period apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
-    /// Its number, from 1.
-    pub cycle: u64,
-    /// When its cycle should begin.
+pub struct Tick {
+    /// Its number, from 1; its cycle bears the same.
+    pub number: u64,
+    /// Its time.
     pub at: Instant,
 }
 
-impl Place {
-    fn later(self, places: u32, period: Duration) -> Self {
-        Self { cycle: self.cycle + u64::from(places), at: self.at + places * period }
+impl Tick {
+    fn later(self, ticks: u32, period: Duration) -> Self {
+        Self { number: self.number + u64::from(ticks), at: self.at + ticks * period }
     }
 }

@@ -5,7 +5,7 @@
 //!                └── StopNow, or SHUTDOWN_MARGIN too late: stopped without more damping
 //! ```
 
-use super::{Cycle, Place};
+use super::{Cycle, Tick};
 use crate::clock::Clock;
 use motord_bus::Duration;
 
@@ -33,29 +33,29 @@ impl<C: Clock> Cycle<C> {
     ///
     /// Real-time: allocates nothing; blocks only in the clock; `order` is asked once per cycle and must not block.
     pub fn run_until(&mut self, order: impl Fn() -> Order) {
-        let mut place = Place { cycle: 1, at: self.clock.now() + self.period };
+        let mut tick = Tick { number: 1, at: self.clock.now() + self.period };
         while order() == Order::Run {
-            place = self.run(place);
+            tick = self.run(tick);
         }
-        place = self.disarm(place, order);
-        let end = place.at + STOP_TIME;
-        while self.unstopped().next().is_some() && place.at < end {
-            place = self.run(place);
+        tick = self.disarm(tick, order);
+        let end = tick.at + STOP_TIME;
+        while self.unstopped().next().is_some() && tick.at < end {
+            tick = self.run(tick);
         }
     }
 
     /// Damps and stops every group, within the time of a safe stop and [`SHUTDOWN_MARGIN`].
-    fn disarm(&mut self, mut place: Place, order: impl Fn() -> Order) -> Place {
+    fn disarm(&mut self, mut tick: Tick, order: impl Fn() -> Order) -> Tick {
         self.shut_down();
-        let end = place.at + self.damp + SHUTDOWN_MARGIN;
+        let end = tick.at + self.damp + SHUTDOWN_MARGIN;
         let mut last = LAST_CYCLES;
         while last > 0 {
-            place = self.run(place);
-            if order() == Order::StopNow || place.at > end {
+            tick = self.run(tick);
+            if order() == Order::StopNow || tick.at > end {
                 self.stop_now();
             }
             last -= u32::from(self.is_still());
         }
-        place
+        tick
     }
 }

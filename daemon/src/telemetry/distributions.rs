@@ -41,7 +41,7 @@ impl Distributions {
 
     pub(super) fn record(&mut self, record: &Record) {
         self.totals.cycles += 1;
-        self.totals.overruns += record.skipped;
+        self.totals.overruns += record.missed_ticks;
         self.totals.missed_replies = record.missed;
         self.first.get_or_insert(record.scheduled);
         self.last = record.scheduled;

@@ -15,7 +15,7 @@ pub(super) struct Log {
     motors: Vec<Subject>,
     groups: Vec<String>,
     buses: Vec<Subject>,
-    skipped: u64,
+    missed_ticks: u64,
     dropped: u64,
     errors: u64,
 }
@@ -52,7 +52,7 @@ impl Log {
             motors: settings.motors.iter().map(|motor| Subject::new(&motor.name)).collect(),
             groups: settings.groups.iter().map(|group| group.name.clone()).collect(),
             buses: settings.buses.iter().map(|bus| Subject::new(&bus.name)).collect(),
-            skipped: 0,
+            missed_ticks: 0,
             dropped: 0,
             errors: 0,
         }
@@ -86,7 +86,7 @@ impl Log {
                 tracing::info!(cycle, group = self.groups[group], "has no owner");
             }
             Event::Bus { bus, condition } => self.tell_condition(cycle, bus, condition),
-            Event::Overrun { skipped } => self.skipped += skipped,
+            Event::Overrun { missed_ticks } => self.missed_ticks += missed_ticks,
         }
     }
 
@@ -131,9 +131,9 @@ impl Log {
     /// A second is over: tells what was only counted.
     pub(super) fn tell_counts(&mut self, counters: &Counters) {
         self.motors.iter_mut().chain(&mut self.buses).for_each(Subject::summarise);
-        let skipped = std::mem::take(&mut self.skipped);
-        if skipped > 0 {
-            tracing::warn!(skipped, "cycles were skipped: the cycle thread woke up too late");
+        let missed_ticks = std::mem::take(&mut self.missed_ticks);
+        if missed_ticks > 0 {
+            tracing::warn!(missed_ticks, "ticks were missed: the cycle thread woke up too late");
         }
         let dropped = counters.dropped.load(Ordering::Relaxed);
         if dropped > std::mem::replace(&mut self.dropped, dropped) {

@@ -14,7 +14,7 @@ use motord::config::{self, Machine};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
 use motord_core::clock::Clock;
 use motord_core::control::Event;
-use motord_core::cycle::{self, Cycle, Ends, Place};
+use motord_core::cycle::{self, Cycle, Ends, Tick};
 use motord_core::cycle::{Supply, replacements};
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, Settings};
@@ -206,7 +206,7 @@ pub struct Robot {
     pub clock: Virtual,
     pub buses: Vec<SharedBus>,
     supply: Supply,
-    place: Place,
+    tick: Tick,
     tickets: u32,
     sequence: u64,
     pub lease: u64,
@@ -266,7 +266,7 @@ impl Robot {
         link.repairs(taken);
         let plans = BusPlan::of(&settings);
         let cycle = Cycle::new(&settings, &plans, buses, clock.clone(), link, 7);
-        let place = Place { cycle: 1, at: start };
+        let tick = Tick { number: 1, at: start };
         Self {
             settings,
             cycle,
@@ -274,7 +274,7 @@ impl Robot {
             clock,
             buses: Vec::new(),
             supply,
-            place,
+            tick,
             tickets: 0,
             sequence: 0,
             lease: 0,
@@ -290,12 +290,12 @@ impl Robot {
 
     /// When the next cycle should begin.
     pub fn next(&self) -> Instant {
-        self.place.at
+        self.tick.at
     }
 
     /// One cycle.
     pub fn step(&mut self) {
-        self.place = self.cycle.run(self.place);
+        self.tick = self.cycle.run(self.tick);
         self.ends.states.update();
         while self.ends.records.pop().is_ok() {}
         while let Ok((_, event)) = self.ends.events.pop() {

@@ -25,7 +25,7 @@ pub(crate) struct Report {
     pub(crate) rate_hz: f64,
     /// Replies that did not come in their cycle.
     pub(crate) missed_replies: u64,
-    /// Places on the grid of cycles that were skipped.
+    /// Ticks that were missed.
     pub(crate) overruns: u64,
     /// Tracking error of the worst joint, rad RMS.
     pub(crate) tracking_rms_rad: f64,
@@ -33,7 +33,7 @@ pub(crate) struct Report {
     pub(crate) tracking_max_rad: f64,
     /// From the beginning of a cycle to the publication of its states.
     pub(crate) cycle_us: Percentiles,
-    /// From a cycle's place on the grid to its beginning.
+    /// From a tick to the beginning of its cycle.
     pub(crate) wake_latency_us: Percentiles,
     /// From a command to its reply.
     pub(crate) reply_latency_us: Percentiles,

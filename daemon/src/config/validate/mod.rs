@@ -65,7 +65,8 @@ fn cycle(written: &written::Cycle, findings: &mut Findings<'_>) -> CycleSettings
         priority,
         require_realtime,
         max_lateness: millis(findings.number(&written.max_lateness_ms, range::MAX_LATENESS_MS)),
-        max_skipped: findings.number(&written.max_skipped_percent, range::MAX_SKIPPED_PERCENT) as f32 / 100.0,
+        max_missed_ticks: findings.number(&written.max_skipped_percent, range::MAX_SKIPPED_PERCENT) as f32
+            / 100.0,
         reply_deadline: period.mul_f64(deadline_percent / 100.0),
         busy_poll,
     }
