@@ -99,11 +99,35 @@ impl Transmission {
         Self { direction, offset }
     }
 
+    /// +1, or -1 where the joint turns against its motor.
+    #[must_use]
+    pub const fn direction(&self) -> f32 {
+        self.direction
+    }
+
+    /// Joint angle at the motor's zero, rad.
+    #[must_use]
+    pub const fn offset(&self) -> f32 {
+        self.offset
+    }
+
+    /// Position of the motor, rad, at this position of the joint, rad.
+    #[must_use]
+    pub fn position_to_motor(&self, joint: f32) -> f32 {
+        self.direction * (joint - self.offset)
+    }
+
+    /// Position of the joint, rad, at this position of the motor, rad.
+    #[must_use]
+    pub fn position_to_joint(&self, motor: f32) -> f32 {
+        self.direction * motor + self.offset
+    }
+
     /// What the motor must hear for the joint to do `joint`.
     #[must_use]
     pub fn to_motor(&self, joint: &Impedance<Joint>) -> Impedance<Motor> {
         Impedance::new(
-            self.direction * (joint.position - self.offset),
+            self.position_to_motor(joint.position),
             self.direction * joint.velocity,
             joint.kp,
             joint.kd,
@@ -115,7 +139,7 @@ impl Transmission {
     #[must_use]
     pub fn to_joint(&self, motor: &Measured<Motor>) -> Measured<Joint> {
         Measured::new(
-            self.direction * motor.position + self.offset,
+            self.position_to_joint(motor.position),
             self.direction * motor.velocity,
             self.direction * motor.torque,
             motor.temperature,

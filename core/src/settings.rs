@@ -1,7 +1,9 @@
 //! The configuration once it is known to be good: every value present, in range, and in the units of the code.
 
+use crate::joint::Transmission;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::TorqueScale;
+use motord_shared::SetpointMode;
 use serde::Deserialize;
 
 /// Everything the daemon was told.
@@ -187,6 +189,26 @@ impl MotorProtocol {
     }
 }
 
+/// The abilities of a motor that decisions depend on. Its protocol and its vendor stay behind the drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Capabilities {
+    /// The motor computes stiffness, damping and torque itself: it takes setpoints in impedance mode. Else it takes torque,
+    /// speed and position setpoints.
+    pub impedance: bool,
+    /// The motor reports positions within ± this value only, motor side, rad. `None`: its positions do not end.
+    pub position_end: Option<f32>,
+    /// A state that answers a stop confirms the stop. Else the motor confirms a stop by a message of its own.
+    pub state_confirms_stop: bool,
+}
+
+impl Capabilities {
+    /// The motor has a command for setpoints of this mode.
+    #[must_use]
+    pub fn takes(&self, mode: SetpointMode) -> bool {
+        self.impedance == (mode == SetpointMode::Impedance)
+    }
+}
+
 /// What a motor does with a position beyond the ±12.5 rad that MIT can tell; the documents are silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -222,10 +244,10 @@ pub struct MotorSettings {
     pub overload: Duration,
     /// Its fastest speed without load, output side, rad/s.
     pub max_velocity: f32,
-    /// Joint angle = `direction` · motor angle + `offset`; +1 or -1.
-    pub direction: f32,
-    /// rad.
-    pub offset: f32,
+    /// How the joint sits on the motor: its direction and its offset.
+    pub transmission: Transmission,
+    /// The abilities of the motor that decisions depend on.
+    pub capabilities: Capabilities,
     /// Damping of a safe stop, N·m·s/rad.
     pub damping_kd: f32,
     /// What happens at the end of the position range.

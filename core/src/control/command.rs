@@ -4,7 +4,6 @@ use super::limit::{self, Circumstances, Limited, limit};
 use super::motor::Motor;
 use super::{Command, Control};
 use crate::joint::Impedance;
-use crate::settings::MotorProtocol;
 use motord_shared::{MotorMode, SetpointMode};
 
 /// Damping that is left when a motor tells over-voltage.
@@ -78,9 +77,9 @@ impl Control {
         match (motor.held, motor.measured()) {
             (Some(hold), Some(measured)) if held => {
                 let limited = limit::hold(&hold, kd, &settings.limits, measured, self.unheard(motor));
-                // A native motor holds by itself; its setpoints have no stiffness to hold with.
-                let native = settings.protocol == MotorProtocol::Gim;
-                (limited, if native { SetpointMode::Position } else { SetpointMode::Impedance })
+                // A motor without impedance mode holds by itself: its setpoints have no stiffness to hold with.
+                let impedance = settings.capabilities.impedance;
+                (limited, if impedance { SetpointMode::Impedance } else { SetpointMode::Position })
             }
             (_, measured) => (limit::damp(kd, &settings.limits, measured), SetpointMode::Impedance),
         }

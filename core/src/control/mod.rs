@@ -22,7 +22,7 @@ pub use event::{Event, Events};
 pub use limit::{Circumstances, Limited, limit};
 
 use crate::joint::{Impedance, Joint, Measured};
-use crate::settings::{MotorProtocol, MotorSettings, SafetySettings, Settings};
+use crate::settings::{MotorSettings, SafetySettings, Settings};
 use admin::Answers;
 use group::Group;
 use motor::Motor;
@@ -191,7 +191,7 @@ impl Control {
         let lease = Lease::from_raw(message.lease);
         let Some(group) = lease.and_then(|lease| groups.get_mut(lease.group())) else { return };
         let _counted = group.offer(message, now, safety.setpoint_timeout, |motor, mode| {
-            is_spoken(settings[motor].protocol, mode)
+            settings[motor].capabilities.takes(mode)
         });
     }
 
@@ -359,9 +359,4 @@ impl Control {
             .zip(&self.groups)
             .for_each(|(told, group)| *told = group.report(self.tick.begun));
     }
-}
-
-/// The protocol has a command for the mode.
-fn is_spoken(protocol: MotorProtocol, mode: SetpointMode) -> bool {
-    (protocol == MotorProtocol::Mit) == (mode == SetpointMode::Impedance)
 }

@@ -15,7 +15,7 @@ use super::errand::{Errand, Kind};
 use super::heat::Heat;
 use super::plausibility::{Expectation, Plausibility, Verdict};
 use crate::joint::{Impedance, Joint, Measured};
-use crate::settings::{MotorProtocol, MotorSettings};
+use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
 use motord_protocol::FaultBits;
 use motord_shared::{Applied, JointState, MotorMode, SetpointMode, message};
@@ -101,7 +101,7 @@ impl Motor {
             answered: false,
             refused: false,
             told_to_stop: false,
-            state_confirms: settings.protocol == MotorProtocol::Mit,
+            state_confirms: settings.capabilities.state_confirms_stop,
             may_run: false,
             silent: 0,
             age_cycles: 0,

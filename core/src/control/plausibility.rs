@@ -7,11 +7,11 @@
 //! | 1.2 times the joint's speed limit | 5 ms | overspeed |
 //! | too far from the position it is pulled to | 50 ms | following-error |
 //! | at the temperature limit | 1 s | over-temperature |
-//! | the end of the positions that MIT can tell | at once | range-end |
+//! | the end of the positions that the motor can report | at once | range-end |
 //! | two answers to one question | 5 times in 10 cycles | duplicate-id |
 
 use crate::joint::{Joint, Measured};
-use crate::settings::{BeyondRange, LimitSettings, MotorProtocol, MotorSettings};
+use crate::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_bus::{Duration, Instant};
 use motord_shared::Cause;
 
@@ -31,8 +31,9 @@ const HOT_TIME: Duration = Duration::from_secs(1);
 const TEMPERATURES: core::ops::RangeInclusive<f32> = -40.0..=180.0;
 /// No winding heats up by this much from one reply to the next, K.
 const TEMPERATURE_STEP: f32 = 20.0;
-/// MIT positions end at ±12.5 rad: beyond it a motor wraps or clamps, and the documents do not say which.
-const RANGE_END: f32 = 12.0;
+/// So close to the end of the positions that a motor can report, rad, it is stopped: beyond the end it wraps or clamps, and
+/// the vendors' documents do not say which.
+const END_MARGIN: f32 = 0.5;
 /// A leaky bucket: a second answer adds, every cycle takes one off.
 const DUPLICATE_WEIGHT: u32 = 2;
 const DUPLICATES_MAX: u32 = 5;
@@ -178,7 +179,8 @@ fn is_far(told: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings
 
 /// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot tell one beyond the range.
 fn is_at_range_end(told: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
-    let position = settings.direction * (told.position - settings.offset);
+    let Some(end) = settings.capabilities.position_end else { return false };
+    let position = settings.transmission.position_to_motor(told.position);
     let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
-    settings.protocol == MotorProtocol::Mit && position.abs() > RANGE_END && !free
+    position.abs() > end - END_MARGIN && !free
 }

@@ -156,8 +156,9 @@ impl Control {
         let Some(errand) = told.errand.filter(|errand| errand.kind == Kind::SetZero && errand.sent) else {
             return;
         };
-        let at_zero =
-            told.measured().is_some_and(|told| (told.position - settings.offset).abs() < ZERO_TOLERANCE);
+        let at_zero = told.measured().is_some_and(|told| {
+            settings.transmission.position_to_motor(told.position).abs() < ZERO_TOLERANCE
+        });
         if at_zero {
             self.motors[motor].errand = None;
             self.answers.push(errand.ticket, None);

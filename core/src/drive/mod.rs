@@ -18,8 +18,8 @@ mod gim;
 mod mit;
 
 use crate::control::{Command, Heard};
-use crate::joint::{Impedance, Transmission};
-use crate::settings::{MotorProtocol, MotorSettings};
+use crate::joint::Impedance;
+use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_shared::SetpointMode;
 
@@ -34,6 +34,20 @@ pub enum Answer {
     Stranger,
     /// It does not decode, or does not answer what was asked.
     Malformed,
+}
+
+/// The abilities of motors that speak `protocol` (MIT document 1.1: positions of ±12.5 rad; GIM document 3.2.12: a stop is
+/// answered by a message of its own).
+#[must_use]
+pub const fn capabilities(protocol: MotorProtocol) -> Capabilities {
+    match protocol {
+        MotorProtocol::Mit => {
+            Capabilities { impedance: true, position_end: Some(12.5), state_confirms_stop: true }
+        }
+        MotorProtocol::Gim => {
+            Capabilities { impedance: false, position_end: None, state_confirms_stop: false }
+        }
+    }
 }
 
 /// The frames that damp and stop a motor when nobody controls it any more. In native mode damping is made of the last
@@ -90,7 +104,7 @@ impl Drive {
     /// `fastest_answer` is the time that command and reply need at least on this bus; zero where it is not known.
     #[must_use]
     pub fn new(settings: &MotorSettings, fastest_answer: Duration, error_feedback: bool) -> Self {
-        let transmission = Transmission::new(settings.direction, settings.offset);
+        let transmission = settings.transmission;
         let command_id = FrameId::new(u16::from(settings.id)).expect("a motor id has eight bits");
         let dialect = match settings.protocol {
             MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),

@@ -280,10 +280,10 @@ impl Checker {
     fn judge_values(&mut self, settings: &MotorSettings, cycle: &Cycle, motor: usize, frame: &Sent) {
         assert_ne!(frame.bytes, [0; 8], "I1: the all-zero frame");
         let Meaning::Control { position, velocity, kp, kd, torque } = frame.meaning else { return };
-        let (limits, direction) = (&settings.limits, f64::from(settings.direction));
+        let (limits, direction) = (&settings.limits, f64::from(settings.transmission.direction()));
         let torque_code = 2.0 * settings.torque_scale.field().max() / 4095.0;
         let told = &cycle.before.joints[motor];
-        let position = direction * position + f64::from(settings.offset);
+        let position = direction * position + f64::from(settings.transmission.offset());
         let (velocity, torque) = (direction * velocity, direction * torque);
         assert!((velocity - f64::from(FOREIGN_VELOCITY)).abs() > 0.05, "I7: a foreign setpoint was followed");
         assert!(kp <= f64::from(limits.kp) + 0.07, "I2: kp {kp}");
@@ -344,7 +344,8 @@ fn held(motor: usize, before: &StateMessage, state: &StateMessage, last: Option<
 /// The command holds the motor at one of these positions, rad.
 fn is_held(motor: &MotorSettings, command: &Meaning, held: [f64; 2]) -> bool {
     let Meaning::Control { position, velocity, torque, .. } = *command else { return false };
-    let position = f64::from(motor.direction) * position + f64::from(motor.offset);
+    let position =
+        f64::from(motor.transmission.direction()) * position + f64::from(motor.transmission.offset());
     let there = held.iter().any(|held| (position - held).abs() < 4e-4);
     there && velocity.abs() < 0.02 && torque.abs() < 0.2
 }
@@ -374,10 +375,11 @@ fn judge_joint(settings: &MotorSettings, motor: usize, cycle: &Cycle, told: &[To
 fn says(told: &Told, motor: &MotorSettings, joint: &JointState) -> bool {
     let [id, high, low, rest @ ..] = told.frame.payload() else { return false };
     let position = f64::from(u16::from_be_bytes([*high, *low])) * 25.0 / 65535.0 - 12.5;
-    let position = f64::from(motor.direction) * position + f64::from(motor.offset);
+    let position =
+        f64::from(motor.transmission.direction()) * position + f64::from(motor.transmission.offset());
     let [fast, slow, ..] = rest else { return false };
     let velocity = f64::from(u16::from_be_bytes([*fast, *slow]) >> 4) * 130.0 / 4095.0 - 65.0;
-    let velocity = f64::from(motor.direction) * velocity;
+    let velocity = f64::from(motor.transmission.direction()) * velocity;
     let fault = rest.iter().all(|byte| *byte == 0);
     (told.bus, told.frame.id(), *id) == (motor.bus, motor.host_id, motor.id)
         && told.at.as_nanos() == joint.receive_ns

@@ -8,6 +8,7 @@ use crate::config::range::Range;
 use crate::config::source::Span;
 use crate::config::written::Number;
 use crate::config::{Findings, range, written};
+use motord_core::joint::Transmission;
 use motord_core::settings::{BeyondRange, LimitSettings};
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
@@ -21,10 +22,7 @@ const KD: Scale = Scale { end: mit::KD.max(), usable: mit::KD.max() };
 
 /// What the motor and its protocol can do, output side.
 pub(super) struct Capability {
-    /// Joint angle = direction · motor angle + offset.
-    pub(super) direction: f64,
-    /// rad.
-    pub(super) offset: f64,
+    pub(super) transmission: Transmission,
     pub(super) beyond_range: BeyondRange,
     /// The torque of the largest code, N·m.
     pub(super) full_scale_torque: f64,
@@ -39,7 +37,7 @@ pub(super) struct Capability {
 impl Capability {
     /// The motor's angle at a joint's `position`, rad.
     pub(super) fn to_motor(&self, position: f64) -> f64 {
-        (position - self.offset) * self.direction
+        self.transmission.position_to_motor(position as f32).into()
     }
 
     /// How far the motor may turn, rad.
@@ -105,8 +103,9 @@ impl Scale {
     fn judge(&self, value: f64, at_motor: f64) -> Result<(), Wrong> {
         let &Self { end, usable } = self;
         match at_motor.abs() {
-            size if size.is_finite() && size > end => Err(Wrong::BeyondScale { value, end, usable }),
-            size if size.is_finite() && size > usable => Err(Wrong::NoMargin { value, end, usable }),
+            _ if !value.is_finite() => Ok(()),
+            size if size > end => Err(Wrong::BeyondScale { value, end, usable }),
+            size if size > usable => Err(Wrong::NoMargin { value, end, usable }),
             _ => Ok(()),
         }
     }
@@ -137,7 +136,7 @@ fn position(
     findings: &mut Findings<'_>,
 ) -> [f32; 2] {
     let cautious = [-range::CAUTIOUS_POSITION_RAD, range::CAUTIOUS_POSITION_RAD];
-    let default = cautious.map(|position| position + capability.offset);
+    let default = cautious.map(|position| position + f64::from(capability.transmission.offset()));
     let position = written.as_ref().map_or(Ok(default), |written| judge_position(written, capability));
     let position = position.unwrap_or_else(|(place, wrong)| {
         findings.error(place, wrong);

@@ -11,6 +11,8 @@ use super::micros;
 use crate::config::problem::Wrong;
 use crate::config::written::Integer;
 use crate::config::{Findings, range, written};
+use motord_core::drive;
+use motord_core::joint::Transmission;
 use motord_core::settings::{
     BeyondRange, BusKind, BusSettings, FaultPolicy, GroupSettings, MotorProtocol, MotorSettings,
     MotorSimulation, SafeStop,
@@ -57,8 +59,8 @@ fn motor(written: &Written, buses: &[BusSettings], findings: &mut Findings<'_>) 
         peak_torque: capability.peak_torque as f32,
         overload: Duration::from_secs_f64(findings.number(&keys.overload_seconds, range::OVERLOAD_SECONDS)),
         max_velocity: capability.max_velocity as f32,
-        direction: capability.direction as f32,
-        offset: capability.offset as f32,
+        transmission: capability.transmission,
+        capabilities: drive::capabilities(protocol),
         damping_kd: findings.number(&keys.damping_kd, range::DAMPING_KD.or(damping_kd)) as f32,
         beyond_range: capability.beyond_range,
         fault_policy: keys.fault_policy.unwrap_or(FaultPolicy::StopGroup),
@@ -147,9 +149,10 @@ fn capability(
     let rated_torque = findings.number(&keys.rated_torque_nm, rated_torque);
     limits::judge_peak(&keys.rated_torque_nm, rated_torque, peak_torque, findings);
     let max_velocity = range::MAX_VELOCITY_RAD_S.or(model.max_velocity.into());
+    let direction = direction(&keys.direction, findings);
+    let offset = findings.number(&keys.offset_rad, range::OFFSET_RAD);
     Capability {
-        direction: direction(&keys.direction, findings),
-        offset: findings.number(&keys.offset_rad, range::OFFSET_RAD),
+        transmission: Transmission::new(direction as f32, offset as f32),
         beyond_range: keys.beyond_range.unwrap_or(BeyondRange::Stop),
         full_scale_torque: torque_scale.full_scale().into(),
         rated_torque,
