@@ -1,16 +1,16 @@
-//! A round trip controller -> daemon -> controller: a setpoint through the client crate, shared memory and the exchange
+//! A round trip controller -> daemon -> controller: a setpoint through the client crate, shared memory and the ipc
 //! thread to the cycle's side, and the state that answers it all the way back.
 //!
 //! A real cycle answers on its grid, once a millisecond, and would hide what the way costs. So the cycle's side answers
-//! every setpoint at once here, within the exchange thread, which spins. The controller sleeps on the cycle event
+//! every setpoint at once here, within the ipc thread, which spins. The controller sleeps on the cycle event
 //! (`event`) or keeps looking (`spin`). Both threads need a core of their own.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use motord::ipc::{CycleEnd, Exchange};
+use motord::ipc::{CycleEnd, IpcThread};
 use motord::telemetry;
 use motord_client::{Claim, Client, Setpoint, State};
 use motord_core::cycle::{self, Ends, REQUESTS_MAX};
-use motord_core::settings::{ExchangeMode, ExchangeSettings};
+use motord_core::settings::{IpcMode, IpcSettings};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::ports::DaemonPorts;
 use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage};
@@ -72,7 +72,7 @@ impl Echo {
     }
 }
 
-/// The exchange thread of a daemon without motors, until it is dropped.
+/// The ipc thread of a daemon without motors, until it is dropped.
 struct Daemon {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -88,16 +88,16 @@ impl Daemon {
         let thread = std::thread::spawn({
             let stop = Arc::clone(&stop);
             move || {
-                let (mut exchange, echo) = exchange(&lock);
+                let (mut ipc, echo) = ipc_thread(&lock);
                 let echo = RefCell::new(echo);
                 open.send(()).expect("the starting thread waits");
-                exchange.run(|| {
+                ipc.run(|| {
                     echo.borrow_mut().turn();
                     stop.load(Ordering::Relaxed)
                 });
             }
         });
-        opened.recv().expect("the exchange starts");
+        opened.recv().expect("the ipc thread starts");
         Self { stop, thread: Some(thread) }
     }
 }
@@ -106,11 +106,11 @@ impl Drop for Daemon {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         let ended = self.thread.take().map(JoinHandle::join);
-        assert!(matches!(ended, Some(Ok(()))), "the exchange thread panicked");
+        assert!(matches!(ended, Some(Ok(()))), "the ipc thread panicked");
     }
 }
 
-fn exchange(lock: &InstanceLock) -> (Exchange, Echo) {
+fn ipc_thread(lock: &InstanceLock) -> (IpcThread, Echo) {
     let ports = DaemonPorts::open(lock).expect("nobody else uses the directory");
     let (echo, ends) = Echo::new();
     let (end, _telemetry) = CycleEnd::split(ends);
@@ -124,9 +124,8 @@ fn exchange(lock: &InstanceLock) -> (Exchange, Echo) {
         ..Default::default()
     };
     let description = serde_json::to_string(&robot).expect("names and numbers are JSON");
-    let settings =
-        ExchangeSettings { mode: ExchangeMode::Spin, lead: Duration::ZERO, cpu: None, priority: None };
-    (Exchange::new(ports, end, questions, description, &settings, Duration::from_millis(1)), echo)
+    let settings = IpcSettings { mode: IpcMode::Spin, lead: Duration::ZERO, cpu: None, priority: None };
+    (IpcThread::new(ports, end, questions, description, &settings, Duration::from_millis(1)), echo)
 }
 
 /// Sends a setpoint, and takes the state that answers it.

@@ -13,8 +13,8 @@ pub struct Settings {
     pub instance: String,
     /// `[cycle]`.
     pub cycle: CycleSettings,
-    /// `[exchange]`.
-    pub exchange: ExchangeSettings,
+    /// `[ipc]`.
+    pub ipc: IpcSettings,
     /// `[safety]`.
     pub safety: SafetySettings,
     /// `[[bus]]`, in the order of the file.
@@ -48,21 +48,21 @@ pub struct CycleSettings {
     pub busy_poll: Duration,
 }
 
-/// How the exchange thread waits.
+/// How the ipc thread waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ExchangeMode {
+pub enum IpcMode {
     /// Wakes when the states are ready, and `lead` before the next cycle to fetch setpoints.
     Timed,
     /// Polls. Needs a processor of its own.
     Spin,
 }
 
-/// `[exchange]`.
+/// `[ipc]`.
 #[derive(Debug, Clone)]
-pub struct ExchangeSettings {
+pub struct IpcSettings {
     /// How it waits.
-    pub mode: ExchangeMode,
+    pub mode: IpcMode,
     /// How long before a cycle the setpoints are fetched.
     pub lead: Duration,
     /// The processor it is pinned to.

@@ -3,7 +3,7 @@
 //! | thread | what it does |
 //! |---|---|
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
-//! | `motord-exchange` | clients |
+//! | `motord-ipc` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
 //! | `motord-registrar` | leaves the daemon's will with its dead man's switch |
 //! | `motord-reopen` | opens buses again that went away |
@@ -20,7 +20,7 @@ use crate::deadman::will::Will;
 use crate::host::clock::Monotonic;
 use crate::host::rt::{self, Wish};
 use crate::ipc::description::describe;
-use crate::ipc::{self, Exchange};
+use crate::ipc::{self, IpcThread};
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
 use motord_core::cycle::{self, Cycle, Order};
@@ -101,7 +101,7 @@ impl Drop for StopsOnPanic {
 pub struct Daemon {
     orders: Arc<Orders>,
     cycle: JoinHandle<()>,
-    exchange: JoinHandle<()>,
+    ipc: JoinHandle<()>,
     telemetry: JoinHandle<()>,
 }
 
@@ -121,14 +121,14 @@ impl Daemon {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
         let (mut link, ends) = cycle::link(settings.groups.len());
-        let (exchange_end, telemetry_end) = ipc::CycleEnd::split(ends);
+        let (ipc_end, telemetry_end) = ipc::CycleEnd::split(ends);
         let (questions, answers) = telemetry::questions();
 
-        let exchange = start_exchange(&settings, lock, &orders, exchange_end, questions, boot_id)?;
-        let wakes = exchange.thread().clone();
+        let ipc = start_ipc(&settings, lock, &orders, ipc_end, questions, boot_id)?;
+        let wakes = ipc.thread().clone();
         link.on_publish(move || wakes.unpark());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
-        recorder.wakes(exchange.thread().clone());
+        recorder.wakes(ipc.thread().clone());
         if let Some((path, hash)) = config {
             recorder.watches(path.to_owned(), hash);
         }
@@ -145,7 +145,7 @@ impl Daemon {
         let cycle = Cycle::new(&settings, &plans, buses.buses, Monotonic, link, boot_id);
         let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
         start_registrar(&settings, lock.instance(), &orders, pulse)?;
-        Ok(Self { orders, cycle, exchange, telemetry })
+        Ok(Self { orders, cycle, ipc, telemetry })
     }
 
     /// The motors are stopped, by request or because a thread panicked.
@@ -179,8 +179,8 @@ impl Daemon {
         self.stop();
         let _told_by_orders = self.cycle.join();
         self.orders.give(Orders::END);
-        self.exchange.thread().unpark();
-        for thread in [self.exchange, self.telemetry] {
+        self.ipc.thread().unpark();
+        for thread in [self.ipc, self.telemetry] {
             let _told_by_orders = thread.join();
         }
         if let Some(thread) = self.orders.panicked.get() {
@@ -208,7 +208,7 @@ fn start(
     Ok(Builder::new().name(format!("motord-{thread}")).spawn(run)?)
 }
 
-fn start_exchange(
+fn start_ipc(
     settings: &Settings,
     lock: &Arc<InstanceLock>,
     orders: &Arc<Orders>,
@@ -218,22 +218,22 @@ fn start_exchange(
 ) -> Result<JoinHandle<()>, RunError> {
     let (opened, ready) = channel();
     let (lock, told) = (Arc::clone(lock), Arc::clone(orders));
-    let exchange = settings.exchange.clone();
+    let ipc = settings.ipc.clone();
     let period = settings.cycle.period;
     let description =
         serde_json::to_string(&describe(settings, boot_id)).expect("names and numbers are JSON");
-    let thread = start("exchange", orders, move || {
+    let thread = start("ipc", orders, move || {
         // The ports cannot be sent to another thread.
         let ports = match DaemonPorts::open(&lock) {
             Ok(ports) => ports,
             Err(error) => return report(&opened, Err(error)),
         };
-        let wish = Wish { cpu: exchange.cpu, priority: exchange.priority };
-        rt::prepare_thread(wish).iter().for_each(|step| step.tell("exchange"));
+        let wish = Wish { cpu: ipc.cpu, priority: ipc.priority };
+        rt::prepare_thread(wish).iter().for_each(|step| step.tell("ipc"));
         report(&opened, Ok(()));
-        Exchange::new(ports, end, questions, description, &exchange, period).run(|| told.are(Orders::END));
+        IpcThread::new(ports, end, questions, description, &ipc, period).run(|| told.are(Orders::END));
     })?;
-    await_report(&ready, "exchange")??;
+    await_report(&ready, "ipc")??;
     Ok(thread)
 }
 

@@ -486,7 +486,7 @@ fn what_is_not_written_is_cautious() {
     assert_eq!(settings.cycle.period, Duration::from_millis(1));
     assert_eq!(settings.cycle.reply_deadline, Duration::from_micros(800));
     assert_eq!(settings.cycle.max_lateness, Duration::from_millis(5));
-    assert_eq!(settings.exchange.lead, Duration::from_micros(150));
+    assert_eq!(settings.ipc.lead, Duration::from_micros(150));
     assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(20));
     assert_eq!(settings.safety.deadman, Duration::from_millis(7));
     assert_eq!((settings.safety.safe_stop, settings.safety.lost_cycles), (SafeStop::Damp, 10));

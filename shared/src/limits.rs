@@ -1,4 +1,4 @@
-//! Every bound of the exchange, by name. Changing one changes a layout: give the message a new version with it.
+//! Every bound of the messages and services, by name. Changing one changes a layout: give the message a new version with it.
 
 /// Most joints of one robot.
 pub const JOINTS_MAX: usize = 64;

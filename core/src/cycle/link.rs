@@ -2,10 +2,10 @@
 //!
 //! | what | from | to | when full |
 //! |---|---|---|---|
-//! | setpoints, by group | exchange | cycle | the newest replaces the one before |
-//! | states | cycle | exchange | the newest replaces the one before |
-//! | requests | exchange | cycle | refused: busy |
-//! | answers | cycle | exchange | as many as requests, so never |
+//! | setpoints, by group | ipc | cycle | the newest replaces the one before |
+//! | states | cycle | ipc | the newest replaces the one before |
+//! | requests | ipc | cycle | refused: busy |
+//! | answers | cycle | ipc | as many as requests, so never |
 //! | opened buses, old buses | reopening, cycle | cycle, reopening | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
@@ -106,8 +106,8 @@ pub struct Counters {
     pub dropped: AtomicU64,
     /// Frames of strangers, by bus, modulo 2³².
     pub strays: [AtomicU32; BUSES_MAX],
-    /// Exchanges with clients that failed.
-    pub exchange_errors: AtomicU64,
+    /// Calls to the services that failed.
+    pub ipc_errors: AtomicU64,
     /// The configuration's file is no longer the one that was read at the start.
     pub config_changed: AtomicBool,
 }
@@ -186,7 +186,7 @@ impl Link {
     }
 
     pub(super) fn answer(&mut self, ticket: u32, reply: AdminReply) {
-        // The exchange lets at most as many requests through as there is room for answers.
+        // The ipc thread lets at most as many requests through as there is room for answers.
         let _room = self.answers.push((ticket, reply));
     }
 
@@ -203,7 +203,7 @@ impl Link {
         self.states.input_buffer_mut()
     }
 
-    /// Hands over what was written, and wakes the exchange.
+    /// Hands over what was written, and wakes the ipc thread.
     pub(super) fn publish(&mut self, record: Record) {
         self.states.publish();
         let dropped = self.records.push(record).is_err();

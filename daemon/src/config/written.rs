@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use toml::Spanned;
 
-use motord_core::settings::{BeyondRange, ExchangeMode, FaultPolicy, MotorProtocol, SafeStop};
+use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
 
 pub(super) type Number = Option<Spanned<f64>>;
 pub(super) type Integer = Option<Spanned<i64>>;
@@ -47,7 +47,7 @@ sections! {
     }
     /// `[exchange]`.
     Exchange {
-        mode: Option<ExchangeMode>,
+        mode: Option<IpcMode>,
         lead_us: Number,
         cpu: Integer,
         priority: Integer,

@@ -11,7 +11,7 @@ use std::time::SystemTime;
 
 /// The names of the threads, as [`threads`](crate::threads) gives them.
 const THREADS: [&str; 6] =
-    ["main", "motord-cycle", "motord-exchange", "motord-telemetry", "motord-registrar", "motord-reopen"];
+    ["main", "motord-cycle", "motord-ipc", "motord-telemetry", "motord-registrar", "motord-reopen"];
 
 /// One more than the place in [`THREADS`] of the thread that was asked; 0 when none was.
 static ASKED: LazyLock<Arc<AtomicUsize>> = LazyLock::new(Arc::default);

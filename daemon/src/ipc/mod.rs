@@ -1,4 +1,4 @@
-//! The exchange thread: owns every iceoryx2 port, and stands between the clients and the cycle.
+//! The ipc thread: owns every iceoryx2 port, and stands between the clients and the cycle.
 //!
 //! Not real-time: iceoryx2 allocates with every message and maps files when a client comes or goes. If this thread
 //! stands still, setpoints grow old and the cycle damps the robot.
@@ -8,7 +8,7 @@ pub mod description;
 use crate::telemetry::Questions;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::{Counters, Ends, REQUESTS_MAX};
-use motord_core::settings::{ExchangeMode, ExchangeSettings};
+use motord_core::settings::{IpcMode, IpcSettings};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{
@@ -40,14 +40,14 @@ impl CycleEnd {
     }
 }
 
-/// What the exchange thread knows.
-pub struct Exchange {
+/// The ipc thread.
+pub struct IpcThread {
     ports: DaemonPorts,
     cycle: CycleEnd,
     questions: Questions,
     description: String,
     period: Duration,
-    mode: ExchangeMode,
+    mode: IpcMode,
     lead: Duration,
     waiting: Vec<(u32, Request)>,
     next_ticket: u32,
@@ -56,7 +56,7 @@ pub struct Exchange {
     tick: Instant,
 }
 
-impl Exchange {
+impl IpcThread {
     /// Everything in place. `description` is the answer to [`Operation::Describe`].
     #[must_use]
     pub fn new(
@@ -64,7 +64,7 @@ impl Exchange {
         cycle: CycleEnd,
         questions: Questions,
         description: String,
-        settings: &ExchangeSettings,
+        settings: &IpcSettings,
         period: Duration,
     ) -> Self {
         Self {
@@ -103,7 +103,7 @@ impl Exchange {
     /// In timed mode the cycle ends this sleep when its states are ready; else it lasts until `lead` before the next
     /// cycle, so that a setpoint sent by then is used in that cycle.
     fn wait(&self) {
-        if self.mode == ExchangeMode::Spin {
+        if self.mode == IpcMode::Spin {
             std::hint::spin_loop();
             return;
         }
@@ -222,7 +222,7 @@ impl Exchange {
 
     fn count(&self, failed: bool) {
         if failed {
-            self.cycle.counters.exchange_errors.fetch_add(1, Ordering::Relaxed);
+            self.cycle.counters.ipc_errors.fetch_add(1, Ordering::Relaxed);
         }
     }
 }

@@ -139,11 +139,11 @@ impl Log {
         if dropped > std::mem::replace(&mut self.dropped, dropped) {
             tracing::warn!(dropped, "telemetry could not keep up: records were dropped");
         }
-        let errors = counters.exchange_errors.load(Ordering::Relaxed);
+        let errors = counters.ipc_errors.load(Ordering::Relaxed);
         if errors > std::mem::replace(&mut self.errors, errors) {
             tracing::error!(
                 errors,
-                "the exchange with clients failed: are its files damaged, or is the disk full?"
+                "a service for clients failed: are its files damaged, or is the disk full?"
             );
         }
     }

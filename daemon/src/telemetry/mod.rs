@@ -40,7 +40,7 @@ pub struct CycleEnd {
     pub counters: Arc<Counters>,
 }
 
-/// How the exchange asks for telemetry without waiting for it.
+/// How the ipc thread asks for telemetry without waiting for it.
 pub struct Questions {
     questions: Sender<u32>,
     answers: Receiver<(u32, String)>,
@@ -78,7 +78,7 @@ pub fn questions() -> (Questions, Answers) {
 pub struct Recorder {
     cycle: CycleEnd,
     answers: Answers,
-    exchange: Option<Thread>,
+    ipc_thread: Option<Thread>,
     config: Option<(PathBuf, u64)>,
     broken: Option<Sender<usize>>,
     off: Vec<usize>,
@@ -98,7 +98,7 @@ impl Recorder {
             distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
             log: Log::new(settings),
             strays: StrayCounts::new(settings),
-            exchange: None,
+            ipc_thread: None,
             config: None,
             broken: None,
             off: Vec::new(),
@@ -107,8 +107,8 @@ impl Recorder {
     }
 
     /// The thread to wake when an answer is ready.
-    pub fn wakes(&mut self, exchange: Thread) {
-        self.exchange = Some(exchange);
+    pub fn wakes(&mut self, ipc_thread: Thread) {
+        self.ipc_thread = Some(ipc_thread);
     }
 
     /// The configuration's file and its hash, to be watched.
@@ -166,8 +166,8 @@ impl Recorder {
         telemetry.dropped_records = self.cycle.counters.dropped.load(Ordering::Relaxed);
         let text = serde_json::to_string(&telemetry).expect("numbers and lists of them are JSON");
         let _gone = self.answers.answers.send((ticket, text));
-        if let Some(exchange) = &self.exchange {
-            exchange.unpark();
+        if let Some(thread) = &self.ipc_thread {
+            thread.unpark();
         }
     }
 

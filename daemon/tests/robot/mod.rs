@@ -449,7 +449,7 @@ impl Robot {
         message(self.lease, self.sequence, self.now(), joints)
     }
 
-    /// Hands a message to the cycle as the exchange does.
+    /// Hands a message to the cycle as the ipc thread does.
     pub fn deliver(&mut self, message: &SetpointMessage) {
         self.deliver_to(0, message);
     }

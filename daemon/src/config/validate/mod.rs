@@ -14,9 +14,7 @@ use toml::Spanned;
 use crate::config::problem::Wrong;
 use crate::config::written::{self, Document};
 use crate::config::{Findings, range};
-use motord_core::settings::{
-    CycleSettings, ExchangeMode, ExchangeSettings, SafeStop, SafetySettings, Settings,
-};
+use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafeStop, SafetySettings, Settings};
 
 /// Judges the whole document. `None` when something is missing that nothing can stand in for, and that the rest refers
 /// to: motors to buses, groups to motors. The reason is among the findings then.
@@ -26,13 +24,13 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
         None => DEFAULT_INSTANCE.to_owned(),
     };
     let cycle = cycle(&document.cycle, findings);
-    let exchange = exchange(&document.exchange, &cycle, findings);
+    let ipc = ipc(&document.exchange, &cycle, findings);
     let safety = safety(&document.safety, &cycle, findings);
     let buses = bus::buses(&document.bus, findings)?;
     let motors = motor::motors(&document.motor, &buses, findings)?;
     let groups = group::groups(&document.group, &motors, safety.safe_stop, findings)?;
     motor::judge_damping(&document.motor, &motors, &groups, findings);
-    let settings = Settings { instance, cycle, exchange, safety, buses, motors, groups };
+    let settings = Settings { instance, cycle, ipc, safety, buses, motors, groups };
     bus::judge_load(&document.bus, &settings, findings);
     Some(settings)
 }
@@ -72,16 +70,12 @@ fn cycle(written: &written::Cycle, findings: &mut Findings<'_>) -> CycleSettings
     }
 }
 
-fn exchange(
-    written: &written::Exchange,
-    cycle: &CycleSettings,
-    findings: &mut Findings<'_>,
-) -> ExchangeSettings {
+fn ipc(written: &written::Exchange, cycle: &CycleSettings, findings: &mut Findings<'_>) -> IpcSettings {
     let lead = micros(findings.number(&written.lead_us, range::LEAD_US));
     findings.within_cycle(&written.lead_us, lead, cycle.period);
-    let mode = written.mode.unwrap_or(ExchangeMode::Timed);
+    let mode = written.mode.unwrap_or(IpcMode::Timed);
     let cpu = findings.processor(&written.cpu);
-    if let (ExchangeMode::Spin, Some(cpu), Some(place)) = (mode, cpu, &written.cpu)
+    if let (IpcMode::Spin, Some(cpu), Some(place)) = (mode, cpu, &written.cpu)
         && cycle.cpu == Some(cpu)
     {
         findings.error(place.span(), Wrong::SharedProcessor { cpu });
@@ -91,7 +85,7 @@ fn exchange(
         findings.judge_priority(Some(place.span()), priority, cycle.require_realtime);
         priority
     });
-    ExchangeSettings { mode, lead, cpu, priority }
+    IpcSettings { mode, lead, cpu, priority }
 }
 
 fn safety(written: &written::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> SafetySettings {
