@@ -99,8 +99,8 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
     let place = tempfile::TempDir::new().unwrap();
     let settings =
         config::parse(Path::new("sweep.toml"), CONFIG.as_bytes(), &Machine::here()).unwrap().settings;
-    let motors = settings.motors.iter().map(buses::simulated).collect();
-    let wire = BusSettings { name: "can".into(), record: 1 << 17, ..Default::default() };
+    let (wire, motors) = buses::physics(&settings, 0);
+    let wire = BusSettings { record: 1 << 17, ..wire };
     let bus = SharedBus::new(SimulatedBus::new(wire, motors, 1));
     let lock = Arc::new(Instance::below(place.path(), "sweep").unwrap().lock().unwrap());
     let torque_max = settings.motors[0].limits.torque;

@@ -66,8 +66,7 @@ struct Motors {
 
 impl Motors {
     fn on(interface: InterfaceName, settings: &Settings) -> Self {
-        let motors: Vec<_> = settings.motors.iter().collect();
-        let simulated = buses::simulate(&settings.buses[0], BITRATE, 1, &motors);
+        let simulated = buses::simulate(settings, 0, 1);
         let mut bridge = Bridge::open(simulated, interface, BITRATE).unwrap();
         let end = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&end);

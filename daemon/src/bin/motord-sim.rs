@@ -6,7 +6,7 @@ use motord::config::{self, ConfigError};
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
 use motord_core::settings::{BusKind, Settings};
-use motord_simulator::{Bridge, FaultVerb, InjectError, VerbError};
+use motord_simulator::{Bridge, FaultVerb, InjectError, SimulatedBus, VerbError};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};
 use std::os::fd::AsFd;
@@ -103,8 +103,9 @@ fn open(settings: &Settings, wire_bitrate: Option<u32>) -> Result<Vec<Bridge>, F
     let mut bridges = Vec::new();
     for (index, bus) in settings.buses.iter().enumerate() {
         let BusKind::SocketCan { interface, bitrate } = &bus.kind else { continue };
-        let motors: Vec<_> = settings.motors.iter().filter(|motor| motor.bus == index).collect();
-        let simulated = buses::simulate(bus, wire_bitrate.unwrap_or(*bitrate), index as u64, &motors);
+        let (mut wire, motors) = buses::physics(settings, index);
+        wire.bitrate = wire_bitrate.unwrap_or(*bitrate);
+        let simulated = SimulatedBus::new(wire, motors, index as u64);
         bridges.push(Bridge::open(simulated, interface.parse()?, *bitrate)?);
     }
     if bridges.is_empty() { Err(Failure::NoBus) } else { Ok(bridges) }

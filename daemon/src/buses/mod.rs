@@ -1,12 +1,13 @@
 //! Opens what the configuration calls buses.
 
+mod physics;
 pub mod reopen;
+
+pub use physics::{physics, simulate};
 
 use motord_bus::Bus;
 use motord_bus::socketcan::{self, InterfaceLock, InterfaceName, LockError, OpenError, SocketCanBus};
-use motord_core::settings::{BusKind, BusSettings, MotorProtocol, MotorSettings, Settings};
-use motord_protocol::Model;
-use motord_simulator::{self as simulator, Dialect, SimulatedBus};
+use motord_core::settings::{BusKind, BusSettings, Settings};
 use std::path::Path;
 
 /// Why a bus could not be opened.
@@ -76,11 +77,11 @@ pub fn open(settings: &Settings, directory: &Path) -> Result<Buses, BusError> {
 /// Why it cannot be opened.
 pub fn open_one(settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusError> {
     let bus = &settings.buses[index];
-    let motors: Vec<_> = settings.motors.iter().filter(|motor| motor.bus == index).collect();
     match &bus.kind {
-        BusKind::Simulated { bitrate, seed } => Ok(Box::new(simulate(bus, *bitrate, *seed, &motors))),
+        BusKind::Simulated { seed, .. } => Ok(Box::new(simulate(settings, index, *seed))),
         BusKind::SocketCan { interface, bitrate } => {
-            let host_ids = motors.iter().map(|motor| motor.host_id).collect();
+            let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+            let host_ids = motors.map(|motor| motor.host_id).collect();
             let interface = interface_name(bus, interface)?;
             let settings = socketcan::Settings { interface, bitrate: *bitrate, host_ids };
             match SocketCanBus::open(&settings) {
@@ -94,39 +95,4 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusEr
 
 fn interface_name(bus: &BusSettings, interface: &str) -> Result<InterfaceName, BusError> {
     interface.parse().map_err(|_| BusError::Name { bus: bus.name.clone(), interface: interface.to_owned() })
-}
-
-/// The simulated bus of a configuration, with its motors.
-#[must_use]
-pub fn simulate(bus: &BusSettings, bitrate: u32, seed: u64, motors: &[&MotorSettings]) -> SimulatedBus {
-    let settings = simulator::BusSettings { name: bus.name.clone(), bitrate, ..Default::default() };
-    SimulatedBus::new(settings, motors.iter().map(|motor| simulated(motor)).collect(), seed)
-}
-
-/// The current behind the largest torque code, A (MIT document 1.1).
-const CURRENT_MAX: f64 = 225.0;
-
-/// The simulated twin of a configured motor.
-#[must_use]
-pub fn simulated(motor: &MotorSettings) -> simulator::MotorSettings {
-    let defaults = simulator::MotorSettings::default();
-    let model = Model::by_name(&motor.model);
-    let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
-    simulator::MotorSettings {
-        name: motor.name.clone(),
-        id: u16::from(motor.id),
-        host_id: motor.host_id.raw(),
-        dialect: match motor.protocol {
-            MotorProtocol::Mit => Dialect::Mit,
-            MotorProtocol::Gim => Dialect::Gim,
-        },
-        torque_constant: motor.torque_scale.field().max() / (CURRENT_MAX * gear_ratio),
-        gear_ratio,
-        torque_peak: model.map_or(defaults.torque_peak, |model| f64::from(model.peak_torque)),
-        velocity_max: model.map_or(defaults.velocity_max, |model| f64::from(model.max_velocity)),
-        initial_position: motor.simulation.initial_position,
-        load_inertia: motor.simulation.load_inertia,
-        reply_latency: motor.simulation.reply_latency,
-        ..defaults
-    }
 }

@@ -17,7 +17,7 @@ use motord_core::control::Event;
 use motord_core::cycle::{self, Cycle, Ends, Tick};
 use motord_core::cycle::{Supply, replacements};
 use motord_core::plan::BusPlan;
-use motord_core::settings::{BusKind, Settings};
+use motord_core::settings::Settings;
 use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation,
     Phase, Refusal, SetpointMessage, StateMessage,
@@ -241,7 +241,9 @@ impl Robot {
     ) -> Self {
         let buses: Vec<_> = (0..settings.buses.len())
             .map(|index| {
-                let (mut bus, mut motors) = physics(&settings, index);
+                let (bus, mut motors) = buses::physics(&settings, index);
+                // The queue is as the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
+                let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
                 build(&mut bus, &mut motors);
                 SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
             })
@@ -555,24 +557,6 @@ pub fn message(lease: u64, sequence: u64, now: Instant, joints: &[JointSetpoint]
 
 fn refusal(reply: AdminReply) -> Refusal {
     reply.refusal.try_into().expect("refusals are known")
-}
-
-/// The bus and the motors that a configuration means.
-fn physics(settings: &Settings, index: usize) -> (BusSettings, Vec<MotorSettings>) {
-    let BusKind::Simulated { bitrate, .. } = settings.buses[index].kind else {
-        panic!("the harness is simulated")
-    };
-    let motors: Vec<_> =
-        settings.motors.iter().filter(|motor| motor.bus == index).map(buses::simulated).collect();
-    let bus = BusSettings {
-        name: settings.buses[index].name.clone(),
-        bitrate,
-        record: 4096,
-        // As the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
-        tx_queue: 2 * (motors.len() + 1),
-        ..Default::default()
-    };
-    (bus, motors)
 }
 
 /// A number from the environment, such as `MOTORD_SEEDS`.

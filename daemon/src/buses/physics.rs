@@ -1,0 +1,52 @@
+//! The physics of a configuration: from [`Settings`] to the bus and the motors of the simulator.
+//!
+//! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
+
+use motord_core::settings::{MotorProtocol, MotorSettings, Settings};
+use motord_protocol::Model;
+use motord_simulator::{self as simulator, Dialect, SimulatedBus};
+
+/// The current of the largest torque code, A (MIT document 1.1).
+const CURRENT_MAX: f64 = 225.0;
+
+/// The simulated twin of a bus, with its motors. `bus` is its index in `settings`; its type does not matter. Everything
+/// that the configuration does not say is the simulator's default.
+#[must_use]
+pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<simulator::MotorSettings>) {
+    let motors = settings.motors.iter().filter(|motor| motor.bus == bus).map(twin).collect();
+    let bus = &settings.buses[bus];
+    let twin =
+        simulator::BusSettings { name: bus.name.clone(), bitrate: bus.kind.bitrate(), ..Default::default() };
+    (twin, motors)
+}
+
+/// The simulated bus of a configuration, with its motors at rest. `seed` decides everything that is random in it.
+#[must_use]
+pub fn simulate(settings: &Settings, bus: usize, seed: u64) -> SimulatedBus {
+    let (bus, motors) = physics(settings, bus);
+    SimulatedBus::new(bus, motors, seed)
+}
+
+/// The simulated twin of a configured motor.
+fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
+    let defaults = simulator::MotorSettings::default();
+    let model = Model::by_name(&motor.model);
+    let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
+    simulator::MotorSettings {
+        name: motor.name.clone(),
+        id: u16::from(motor.id),
+        host_id: motor.host_id.raw(),
+        dialect: match motor.protocol {
+            MotorProtocol::Mit => Dialect::Mit,
+            MotorProtocol::Gim => Dialect::Gim,
+        },
+        torque_constant: motor.torque_scale.field().max() / (CURRENT_MAX * gear_ratio),
+        gear_ratio,
+        torque_peak: model.map_or(defaults.torque_peak, |model| f64::from(model.peak_torque)),
+        velocity_max: model.map_or(defaults.velocity_max, |model| f64::from(model.max_velocity)),
+        initial_position: motor.simulation.initial_position,
+        load_inertia: motor.simulation.load_inertia,
+        reply_latency: motor.simulation.reply_latency,
+        ..defaults
+    }
+}
