@@ -44,7 +44,7 @@ pub struct CycleSettings {
     pub max_missed_ticks: f32,
     /// From the sending of a cycle's commands: replies that have not come by then are missed.
     pub reply_deadline: Duration,
-    /// Look at the buses without a sleep for this long, before each sleep for replies; zero sleeps only.
+    /// Read the buses without a sleep for this long, before each sleep for replies; zero sleeps only.
     pub busy_poll: Duration,
 }
 

@@ -1,4 +1,4 @@
-//! Busy polling, on virtual time: looking at the buses in the place of sleeping.
+//! Busy polling, on virtual time: reading the buses instead of sleeping.
 
 mod robot;
 

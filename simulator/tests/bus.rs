@@ -91,15 +91,15 @@ fn readiness_is_never_later_than_the_next_arrival_and_leads_there_in_few_steps()
     let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
     bus.send(at(0), &[to(1, NEUTRAL), to(2, NEUTRAL), to(3, NEUTRAL)]);
     let truth: Vec<Instant> = received(&mut bus.clone(), at(5000)).iter().map(|arrival| arrival.at).collect();
-    let (mut seen, mut looks) = (Vec::new(), 0);
+    let (mut seen, mut reads) = (Vec::new(), 0);
     while let Readiness::At(next) = bus.readiness() {
         let pending = truth[seen.len()];
         assert!(next <= pending, "{next:?} is later than {pending:?}");
         seen.extend(received(&mut bus, next).iter().map(|arrival| arrival.at));
-        looks += 1;
+        reads += 1;
     }
     assert_eq!(seen, truth);
-    assert!(looks <= 5, "{looks} looks for three answers");
+    assert!(reads <= 5, "{reads} reads for three replies");
 }
 
 #[test]

@@ -5,10 +5,10 @@
 //! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
 //! receiving; busy polling, where configured, comes on top.
 
+mod channel;
 mod link;
 mod replacement;
 mod run;
-mod slot;
 mod will;
 
 pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
@@ -20,10 +20,10 @@ use crate::control::{Command, Control, Wake};
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
+use channel::{Batch, BusChannel};
 use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
 use motord_shared::limits::{ADMINS_MAX, BUSES_MAX};
 use motord_shared::message;
-use slot::{Asks, Slot};
 use will::Will;
 
 /// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
@@ -31,20 +31,16 @@ use will::Will;
 const REQUESTS_PER_CYCLE: usize = ADMINS_MAX;
 /// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
 const CALLS_PER_BUS: usize = 3;
-/// Most looks at the open buses in the place of one sleep, should the clock not move.
-const LOOKS_MAX: usize = 1000;
+/// Most reads of the open buses instead of one sleep, should the clock not move.
+const READS_MAX: usize = 1000;
 
 /// Everything the real-time thread owns.
 pub struct Cycle<C> {
     clock: C,
-    period: Duration,
-    damp: Duration,
-    reply_deadline: Duration,
-    /// Commands are stale so long after their cycle began: the dead man's switch may have acted, or the robot is to be stopped.
-    stale_after: Duration,
-    busy_poll: Duration,
-    slots: Vec<Slot>,
+    timing: Timing,
+    channels: Vec<BusChannel>,
     drives: Vec<Drive>,
+    /// The bus of each motor.
     bus_of: Vec<usize>,
     control: Control,
     link: Link,
@@ -54,9 +50,36 @@ pub struct Cycle<C> {
     realtime: bool,
 }
 
+/// The configured times of a cycle.
+#[derive(Debug, Clone, Copy)]
+struct Timing {
+    /// From tick to tick.
+    period: Duration,
+    /// How long a safe stop may damp.
+    damp: Duration,
+    /// From the sending of the commands to the time when replies count as missed.
+    reply_deadline: Duration,
+    /// Commands are stale so long after their cycle began: the dead man's switch may have acted, or the robot is to be stopped.
+    stale_after: Duration,
+    /// How long the buses are polled before each sleep for replies.
+    busy_poll: Duration,
+}
+
+impl Timing {
+    fn new(settings: &Settings) -> Self {
+        Self {
+            period: settings.cycle.period,
+            damp: settings.safety.damp,
+            reply_deadline: settings.cycle.reply_deadline,
+            stale_after: settings.cycle.max_lateness.min(settings.safety.deadman),
+            busy_poll: settings.cycle.busy_poll,
+        }
+    }
+}
+
 impl<C: Clock> Cycle<C> {
-    /// Puts everything in place. `buses` and `plans` stand in the order of the configuration. Allocates; nothing
-    /// after it does.
+    /// A cycle that has not run yet. `buses` and `plans` are in the order of the configuration. Allocates; nothing after
+    /// it does.
     #[must_use]
     pub fn new(
         settings: &Settings,
@@ -69,16 +92,14 @@ impl<C: Clock> Cycle<C> {
         let drives = settings.motors.iter().map(|motor| {
             Drive::new(motor, fastest_answer(settings, plans, motor.bus), settings.safety.error_feedback)
         });
-        let slots =
-            buses.into_iter().enumerate().map(|(index, bus)| Slot::new(bus, index, settings, &plans[index]));
+        let channels = buses
+            .into_iter()
+            .enumerate()
+            .map(|(index, bus)| BusChannel::new(bus, index, settings, &plans[index]));
         Self {
             clock,
-            period: settings.cycle.period,
-            damp: settings.safety.damp,
-            reply_deadline: settings.cycle.reply_deadline,
-            stale_after: settings.cycle.max_lateness.min(settings.safety.deadman),
-            busy_poll: settings.cycle.busy_poll,
-            slots: slots.collect(),
+            timing: Timing::new(settings),
+            channels: channels.collect(),
             drives: drives.collect(),
             bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
             control: Control::new(settings, boot_id),
@@ -113,7 +134,7 @@ impl<C: Clock> Cycle<C> {
 
     /// Damps and stops every motor after a panic in [`run`](Self::run); the cycle must not be run again.
     pub fn carry_out_will(&mut self) {
-        self.will.carry_out(&mut self.slots, &mut self.clock);
+        self.will.carry_out(&mut self.channels, &mut self.clock);
     }
 
     /// The motors that were started and have not answered a stop since.
@@ -134,9 +155,9 @@ impl<C: Clock> Cycle<C> {
     pub fn run(&mut self, tick: Tick) -> Tick {
         self.clock.sleep_until(tick.at);
         let begun = self.clock.now();
-        let missed = begun.since(tick.at).as_nanos() / self.period.as_nanos();
+        let missed = begun.since(tick.at).as_nanos() / self.timing.period.as_nanos();
         let missed = u32::try_from(missed).unwrap_or(u32::MAX);
-        let reached = tick.later(missed, self.period);
+        let reached = tick.later(missed, self.timing.period);
         self.missed_ticks += u64::from(missed);
         self.cycle(&Wake {
             cycle: reached.number,
@@ -145,7 +166,7 @@ impl<C: Clock> Cycle<C> {
             missed_ticks: u64::from(missed),
             suspended: self.clock.suspended(),
         });
-        reached.later(1, self.period)
+        reached.later(1, self.timing.period)
     }
 
     fn cycle(&mut self, wake: &Wake) {
@@ -153,16 +174,16 @@ impl<C: Clock> Cycle<C> {
         self.replace_buses();
         self.serve(wake.begun);
         let sent = self.transmit(wake);
-        self.collect(sent + self.reply_deadline);
+        self.collect(sent + self.timing.reply_deadline);
         self.control.end_cycle();
         self.publish(wake);
-        self.poll_faults(wake.scheduled + self.period);
+        self.poll_faults(wake.scheduled + self.timing.period);
     }
 
     /// Takes at most one bus that was opened again; its motors are as lost as they were.
     fn replace_buses(&mut self) {
         if let Some((index, bus)) = self.link.next_bus() {
-            let old = self.slots[index].replace(bus);
+            let old = self.channels[index].replace(bus);
             self.link.retire_bus(index, old);
         }
     }
@@ -181,39 +202,39 @@ impl<C: Clock> Cycle<C> {
 
     /// Tells when the last frames were handed over: the replies are awaited from then on.
     fn transmit(&mut self, wake: &Wake) -> Instant {
-        let Self { control, drives, slots, bus_of, clock, stale_after, .. } = self;
+        let Self { control, drives, channels, bus_of, clock, timing, .. } = self;
         let commands = control.decide(*wake);
         let mut now = clock.now();
-        slots.iter_mut().for_each(|slot| slot.begin(Asks::States));
+        channels.iter_mut().for_each(|channel| channel.begin(Batch::Commands));
         for (motor, command) in commands.iter().enumerate() {
-            slots[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
+            channels[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
         }
-        for (bus, slot) in slots.iter_mut().enumerate() {
+        for (bus, channel) in channels.iter_mut().enumerate() {
             now = clock.now();
             // A process that was frozen since it decided goes on here, when others may have stopped its motors.
-            let is_stale = now.since(wake.begun) > *stale_after;
+            let is_stale = now.since(wake.begun) > timing.stale_after;
             let unask = |motor: usize| {
                 drives[motor].unask();
                 control.unsent(motor);
             };
-            let took_all = if is_stale { slot.withhold(unask) } else { slot.send(now, unask) };
+            let took_all = if is_stale { channel.withhold(unask) } else { channel.send(now, unask) };
             control.bus_took(bus, took_all);
-            control.bus_changed(bus, slot.condition());
+            control.bus_changed(bus, channel.condition());
         }
         now
     }
 
     /// Waits for the answers to everything that was asked, at most until `deadline`, within a budget of system calls.
-    /// The first wait lasts as long as the answers usually take: waking for every single frame would cost more calls.
+    /// The first wait lasts for the expected reply time: waking for every single frame would cost more calls.
     fn collect(&mut self, deadline: Instant) {
-        let mut calls = CALLS_PER_BUS * self.slots.len();
-        let open = self.slots.iter().filter(|slot| slot.is_open(&self.drives));
-        let Some(expected) = open.map(Slot::expected).max() else {
-            // Buses without a question have news, too: a controller that is back, frames of strangers.
+        let mut calls = CALLS_PER_BUS * self.channels.len();
+        let open = self.channels.iter().filter(|channel| channel.is_open(&self.drives));
+        let Some(expected) = open.map(BusChannel::expected).max() else {
+            // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
             self.receive(None);
             return;
         };
-        let mut ready = self.wait(Interest::Nothing, (expected - self.busy_poll).min(deadline));
+        let mut ready = self.wait(Interest::Nothing, (expected - self.timing.busy_poll).min(deadline));
         loop {
             let read = self.receive(ready);
             calls = calls.saturating_sub(1 + read);
@@ -222,23 +243,23 @@ impl<C: Clock> Cycle<C> {
             if open == 0 || self.clock.now() >= deadline {
                 break;
             }
-            // Enough is left for a wait that no frame ends, and a last look at each open bus.
+            // Enough is left for a wait that no frame ends, and a last read of each open bus.
             let patient = calls <= 2 * open;
             ready = self.wait(if patient { Interest::Nothing } else { Interest::OpenBuses }, deadline);
         }
-        let Self { slots, drives, .. } = self;
-        slots.iter_mut().filter(|slot| !slot.is_open(drives)).for_each(Slot::complete);
+        let Self { channels, drives, .. } = self;
+        channels.iter_mut().filter(|channel| !channel.is_open(drives)).for_each(BusChannel::complete);
     }
 
-    /// Looks at the open buses without a sleep, for as long as configured and at most until `deadline`: the replies that come
-    /// meanwhile wait for no wake-up.
+    /// Reads the open buses again and again without a sleep, for as long as configured and at most until `deadline`: the
+    /// replies that arrive meanwhile wait for no wake-up. At most [`READS_MAX`] reads.
     fn busy_poll(&mut self, deadline: Instant) {
-        if self.busy_poll.is_zero() {
+        if self.timing.busy_poll.is_zero() {
             return;
         }
-        let until = deadline.min(self.clock.now() + self.busy_poll);
-        for _ in 0..LOOKS_MAX {
-            let open = Ready::of(self.slots.iter().map(|slot| slot.is_open(&self.drives)));
+        let until = deadline.min(self.clock.now() + self.timing.busy_poll);
+        for _ in 0..READS_MAX {
+            let open = Ready::of(self.channels.iter().map(|channel| channel.is_open(&self.drives)));
             if !open.any() || self.clock.now() >= until {
                 break;
             }
@@ -250,31 +271,31 @@ impl<C: Clock> Cycle<C> {
     /// when that is not known.
     fn wait(&mut self, interest: Interest, until: Instant) -> Option<Ready> {
         let mut readiness = [Readiness::Never; BUSES_MAX];
-        for (readiness, slot) in readiness.iter_mut().zip(&self.slots) {
+        for (readiness, channel) in readiness.iter_mut().zip(&self.channels) {
             *readiness = match interest {
-                Interest::OpenBuses if slot.is_open(&self.drives) => slot.readiness(),
+                Interest::OpenBuses if channel.is_open(&self.drives) => channel.readiness(),
                 Interest::OpenBuses | Interest::Nothing => Readiness::Never,
             };
         }
-        let ready = self.clock.wait(&readiness[..self.slots.len().min(BUSES_MAX)], until);
+        let ready = self.clock.wait(&readiness[..self.channels.len().min(BUSES_MAX)], until);
         (interest == Interest::OpenBuses).then_some(ready)
     }
 
     fn open_buses(&self) -> usize {
-        self.slots.iter().filter(|slot| slot.is_open(&self.drives)).count()
+        self.channels.iter().filter(|channel| channel.is_open(&self.drives)).count()
     }
 
     /// Reads the buses that are `ready`, or all when that is not known. Returns how many were read.
     fn receive(&mut self, ready: Option<Ready>) -> usize {
-        let Self { slots, drives, control, clock, .. } = self;
+        let Self { channels, drives, control, clock, .. } = self;
         let now = clock.now();
         let mut read = 0;
-        for (bus, slot) in slots.iter_mut().enumerate() {
+        for (bus, channel) in channels.iter_mut().enumerate() {
             if ready.is_some_and(|ready| !ready.contains(bus)) {
                 continue;
             }
             read += 1;
-            slot.receive(now, |motor, payload, at| {
+            channel.receive(now, |motor, payload, at| {
                 let answer = drives[motor].read(payload, at);
                 match answer {
                     Answer::Heard(heard) if !control.heard(motor, heard, at) => return Answer::Malformed,
@@ -283,13 +304,13 @@ impl<C: Clock> Cycle<C> {
                 }
                 answer
             });
-            control.bus_changed(bus, slot.condition());
+            control.bus_changed(bus, channel.condition());
         }
         read
     }
 
     fn publish(&mut self, wake: &Wake) {
-        let Self { link, control, slots, clock, .. } = self;
+        let Self { link, control, channels, clock, .. } = self;
         let now = clock.now();
         let state = link.state();
         control.report(state);
@@ -301,8 +322,8 @@ impl<C: Clock> Cycle<C> {
         state.overruns = self.missed_ticks;
         state.flags |= if self.realtime { message::FLAG_REALTIME } else { 0 };
         state.flags |= if wake.missed_ticks > 0 { message::FLAG_OVERRUN } else { 0 };
-        state.bus_count = slots.len() as u32;
-        state.buses.iter_mut().zip(slots.iter()).for_each(|(told, slot)| *told = slot.report());
+        state.bus_count = channels.len() as u32;
+        state.buses.iter_mut().zip(channels.iter()).for_each(|(told, channel)| *told = channel.report());
         link.publish(Record::of(wake, now, control));
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);
@@ -316,15 +337,15 @@ impl<C: Clock> Cycle<C> {
     fn poll_faults(&mut self, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;
-        for bus in 0..self.slots.len() {
-            if self.slots[bus].is_open(&self.drives) || now + self.slots[bus].poll_time() > end {
+        for bus in 0..self.channels.len() {
+            if self.channels[bus].is_open(&self.drives) || now + self.channels[bus].poll_time() > end {
                 continue;
             }
             let Some(motor) = self.control.fault_poll(bus) else { continue };
-            let Self { slots, drives, .. } = self;
-            slots[bus].begin(Asks::Faults);
-            slots[bus].queue(motor, drives[motor].ask(&Command::GetFault, now));
-            slots[bus].send(now, |motor| drives[motor].unask());
+            let Self { channels, drives, .. } = self;
+            channels[bus].begin(Batch::FaultRequest);
+            channels[bus].queue(motor, drives[motor].ask(&Command::GetFault, now));
+            channels[bus].send(now, |motor| drives[motor].unask());
             asked = true;
         }
         if asked {

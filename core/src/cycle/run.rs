@@ -33,7 +33,7 @@ impl<C: Clock> Cycle<C> {
     ///
     /// Real-time: allocates nothing; blocks only in the clock; `order` is asked once per cycle and must not block.
     pub fn run_until(&mut self, order: impl Fn() -> Order) {
-        let mut tick = Tick { number: 1, at: self.clock.now() + self.period };
+        let mut tick = Tick { number: 1, at: self.clock.now() + self.timing.period };
         while order() == Order::Run {
             tick = self.run(tick);
         }
@@ -47,7 +47,7 @@ impl<C: Clock> Cycle<C> {
     /// Damps and stops every group, within the time of a safe stop and [`SHUTDOWN_MARGIN`].
     fn disarm(&mut self, mut tick: Tick, order: impl Fn() -> Order) -> Tick {
         self.shut_down();
-        let end = tick.at + self.damp + SHUTDOWN_MARGIN;
+        let end = tick.at + self.timing.damp + SHUTDOWN_MARGIN;
         let mut last = LAST_CYCLES;
         while last > 0 {
             tick = self.run(tick);

@@ -1,6 +1,6 @@
 //! What is left to do when the cycle itself failed: a panic in it must not leave the motors with their last command.
 
-use super::slot::Slot;
+use super::channel::BusChannel;
 use crate::clock::Clock;
 use crate::drive::last_frames;
 use crate::settings::Settings;
@@ -36,7 +36,7 @@ impl Will {
     }
 
     /// Damps every motor for as long as a stop may last, then stops it. Trusts nothing of the cycle but its buses.
-    pub(super) fn carry_out(&self, slots: &mut [Slot], clock: &mut impl Clock) {
+    pub(super) fn carry_out(&self, channels: &mut [BusChannel], clock: &mut impl Clock) {
         let mut at = clock.now();
         let end = at + self.damp;
         let mut stops = STOPS;
@@ -44,8 +44,8 @@ impl Will {
         while stops > 0 {
             let damping = at < end;
             stops -= u32::from(!damping);
-            for (slot, frames) in slots.iter_mut().zip(&self.frames) {
-                slot.send_unasked(at, if damping { &frames.damp } else { &frames.stop }, &mut unread);
+            for (channel, frames) in channels.iter_mut().zip(&self.frames) {
+                channel.send_unattended(at, if damping { &frames.damp } else { &frames.stop }, &mut unread);
             }
             at = at + ROUND;
             clock.sleep_until(at);

@@ -1,4 +1,7 @@
-//! One bus in the cycle: what is sent on it, who answers there, and what is counted.
+//! One bus in the cycle: the frames sent on it, the motors that reply there, and the counters.
+//!
+//! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by the motors of the bus
+//! or by one inbox.
 
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
@@ -8,7 +11,7 @@ use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readine
 use motord_shared::{BusCondition, BusState};
 
 /// A bus, and everything the cycle knows of it.
-pub(super) struct Slot {
+pub(super) struct BusChannel {
     bus: Box<dyn Bus>,
     /// Reply id and motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
@@ -18,27 +21,30 @@ pub(super) struct Slot {
     counters: BusState,
     condition: BusCondition,
     sent_at: Instant,
-    heard_at: Instant,
-    asks: Asks,
-    usual: [Usual; 2],
+    replied_at: Instant,
+    batch: Batch,
+    /// By [`Batch`].
+    expected: [ExpectedReplyTime; 2],
+    /// How long a fault request and its reply take on the wire at worst.
     poll_time: Duration,
 }
 
-/// What a round of frames asks, as an index: both take their own time.
+/// The kind of frames that are sent together. Each kind has its own expected reply time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Asks {
-    /// Every motor for its state.
-    States,
-    /// One motor for its faults.
-    Faults,
+pub(super) enum Batch {
+    /// One command per motor. Most are answered with a state.
+    Commands,
+    /// A fault request to one motor.
+    FaultRequest,
 }
 
-/// How long the last reply of a round usually takes: the first look at a bus comes then, and mostly it is the only one.
-/// Rises at once, falls slowly.
+/// Time from the sending of a batch to its last reply. The bus is read first after this time, and mostly only then.
+/// Follows a longer time at once, and a shorter one slowly.
 #[derive(Debug, Clone, Copy)]
-struct Usual(Duration);
+struct ExpectedReplyTime(Duration);
 
-impl Usual {
+impl ExpectedReplyTime {
+    /// A shorter time counts as one part of so many.
     const FALL: u32 = 32;
 
     fn observe(&mut self, time: Duration) {
@@ -46,7 +52,8 @@ impl Usual {
     }
 }
 
-impl Slot {
+impl BusChannel {
+    /// `index` is that of the bus in `settings`. Allocates.
     pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
         let routes: Vec<_> = motors.map(|(motor, settings)| (settings.host_id, motor)).collect();
@@ -59,27 +66,27 @@ impl Slot {
             counters: BusState::default(),
             condition: BusCondition::Active,
             sent_at: Instant::ZERO,
-            heard_at: Instant::ZERO,
-            asks: Asks::States,
-            usual: [Usual(plan.expected), Usual(plan.exchange_least)],
+            replied_at: Instant::ZERO,
+            batch: Batch::Commands,
+            expected: [ExpectedReplyTime(plan.expected), ExpectedReplyTime(plan.exchange_least)],
             poll_time: plan.exchange_worst,
         }
     }
 
-    /// Puts an opened bus in the place of one that went away.
+    /// Replaces a bus that is gone by one that was opened again, and returns the old one: closing it may block.
     pub(super) fn replace(&mut self, bus: Box<dyn Bus>) -> Box<dyn Bus> {
         self.condition = BusCondition::Active;
         std::mem::replace(&mut self.bus, bus)
     }
 
-    /// Begins a round: forgets the frames of the one before.
-    pub(super) fn begin(&mut self, asks: Asks) {
-        self.asks = asks;
+    /// Begins a batch without frames.
+    pub(super) fn begin(&mut self, batch: Batch) {
+        self.batch = batch;
         self.frames.clear();
         self.senders.clear();
     }
 
-    /// Adds the frame of a motor, if there is one.
+    /// Adds the frame of a motor, if there is one. There is reserved space for one frame per motor of the bus.
     pub(super) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
         if let Some(frame) = frame {
             self.frames.push(frame);
@@ -87,11 +94,11 @@ impl Slot {
         }
     }
 
-    /// Sends what was queued; to a bus that is off or gone, nothing. What is not accepted is dropped and counted: its
-    /// motor was not asked. Tells whether all was accepted.
-    pub(super) fn send(&mut self, now: Instant, unask: impl FnMut(usize)) -> bool {
+    /// Sends the queued frames; nothing to a bus that is off or gone. Frames that the bus does not accept are dropped and
+    /// counted, and `unsent` is called with their motors. Returns whether the bus accepted all. At most one system call.
+    pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         self.sent_at = now;
-        self.heard_at = now;
+        self.replied_at = now;
         if self.frames.is_empty() {
             return true;
         }
@@ -106,39 +113,39 @@ impl Slot {
             None if self.condition == BusCondition::Down => self.condition = BusCondition::Active,
             None => {}
         }
-        self.account(sent.accepted, unask)
+        self.account(sent.accepted, unsent)
     }
 
-    /// Sends nothing of what was queued, as if the bus had not accepted it.
-    pub(super) fn withhold(&mut self, unask: impl FnMut(usize)) -> bool {
-        self.account(0, unask)
+    /// Sends none of the queued frames, as if the bus had not accepted them. No system call.
+    pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
+        self.account(0, unsent)
     }
 
-    fn account(&mut self, accepted: usize, mut unask: impl FnMut(usize)) -> bool {
+    fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> bool {
         let accepted = accepted.min(self.frames.len());
         let dropped = self.frames.len() - accepted;
-        self.senders[accepted..].iter().for_each(|&motor| unask(motor));
+        self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
         dropped == 0
     }
 
-    /// Sends frames whose answers nobody waits for, after what came meanwhile was thrown away.
-    pub(super) fn send_unasked(&mut self, now: Instant, frames: &[Frame], unread: &mut Inbox) {
+    /// Discards what has arrived, then sends frames whose replies nobody waits for. At most two system calls.
+    pub(super) fn send_unattended(&mut self, now: Instant, frames: &[Frame], unread: &mut Inbox) {
         unread.clear();
         self.bus.receive(now, unread);
         let _refused = self.bus.send(now, frames);
     }
 
-    /// When all answers to this round are usually there.
+    /// When all replies to this batch are expected to have arrived.
     pub(super) fn expected(&self) -> Instant {
-        self.sent_at + self.usual[self.asks as usize].0
+        self.sent_at + self.expected[self.batch as usize].0
     }
 
-    /// Every answer to this round has come: learns how long that takes.
+    /// Every reply to this batch has arrived: learns how long that takes.
     pub(super) fn complete(&mut self) {
         if !self.frames.is_empty() {
-            self.usual[self.asks as usize].observe(self.heard_at.since(self.sent_at));
+            self.expected[self.batch as usize].observe(self.replied_at.since(self.sent_at));
         }
     }
 
@@ -147,38 +154,42 @@ impl Slot {
         self.routes.iter().any(|&(_, motor)| drives[motor].is_open())
     }
 
+    /// How to wait for the bus. No system call.
     pub(super) fn readiness(&self) -> Readiness<'_> {
         self.bus.readiness()
     }
 
-    /// How long a question for a fault and its answer take at worst.
+    /// How long a fault request and its reply take on the wire at worst.
     pub(super) const fn poll_time(&self) -> Duration {
         self.poll_time
     }
 
+    /// The condition of the bus as of its last report or refusal.
     pub(super) const fn condition(&self) -> BusCondition {
         self.condition
     }
 
+    /// The counters and the condition, as they are published.
     pub(super) const fn report(&self) -> BusState {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 
-    /// Reads one inbox full and gives every frame to the motor it is from.
+    /// Reads at most one inbox full, and gives every frame to the motor that it is from. Bounded by the inbox times the
+    /// motors of the bus; at most one system call.
     pub(super) fn receive(&mut self, now: Instant, mut read: impl FnMut(usize, &[u8], Instant) -> Answer) {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, counters, condition, heard_at, .. } = self;
+        let Self { inbox, routes, counters, condition, replied_at, .. } = self;
         for arrival in inbox.arrivals() {
             count(&mut counters.received);
             match arrival.content {
                 Content::Frame(frame) => {
                     let route = routes.iter().find(|(id, _)| *id == frame.id());
-                    match route
-                        .map_or(Answer::Stranger, |&(_, motor)| read(motor, frame.payload(), arrival.at))
-                    {
-                        Answer::Heard(_) => *heard_at = arrival.at,
+                    let answer = route
+                        .map_or(Answer::Stranger, |&(_, motor)| read(motor, frame.payload(), arrival.at));
+                    match answer {
+                        Answer::Heard(_) => *replied_at = arrival.at,
                         Answer::Duplicate => count(&mut counters.duplicate),
                         Answer::Stranger => count(&mut counters.unknown),
                         Answer::Malformed => count(&mut counters.malformed),
