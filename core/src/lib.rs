@@ -8,6 +8,7 @@
 //! - [`control`]: one command per motor and cycle, as pure decisions on (state, inputs, now).
 //! - [`joint`]: the two sides of a joint, and the one transmission between them.
 //! - [`drive`]: from commands to frames, and back.
+//! - [`stopper`]: damps and stops the motors when nobody else does.
 //! - [`cycle`]: wake, decide, transmit, collect, publish. [`clock`]: the time of the cycle.
 
 #![forbid(unsafe_code)]
@@ -19,3 +20,4 @@ pub mod drive;
 pub mod joint;
 pub mod plan;
 pub mod settings;
+pub mod stopper;

@@ -3,7 +3,7 @@
 use clap::{CommandFactory, Parser, Subcommand};
 use motord::commands::run::RunError;
 use motord::commands::safe_stop::{SafeStopError, safe_stop};
-use motord::deadman::will::open_interface;
+use motord::deadman::interfaces::open_interface;
 use motord::deadman::{self, DeadmanError};
 use motord::host::log::Log;
 use std::fmt::Display;

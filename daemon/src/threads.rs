@@ -5,7 +5,7 @@
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-ipc` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
-//! | `motord-registrar` | leaves the daemon's will with its dead man's switch |
+//! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-reopen` | opens buses again that went away |
 //!
 //! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
@@ -16,7 +16,7 @@ use crate::buses::reopen::Workshop;
 use crate::commands::run::RunError;
 use crate::deadman::heartbeat::{Heartbeat, Pulse};
 use crate::deadman::registrar::Registrar;
-use crate::deadman::will::Will;
+use crate::deadman::safe_frames::SafeFrames;
 use crate::host::clock::Monotonic;
 use crate::host::rt::{self, Wish};
 use crate::ipc::description::describe;
@@ -295,7 +295,7 @@ fn start_cycle(
         drop(prepared);
         let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| told.cycle_order())));
         if let Err(panic) = ran {
-            cycle.carry_out_will();
+            cycle.stop_after_panic();
             resume_unwind(panic);
         }
         let unstopped: Vec<String> = cycle.unstopped().map(|motor| names[motor].clone()).collect();
@@ -317,12 +317,12 @@ fn start_registrar(
     orders: &Arc<Orders>,
     pulse: Pulse,
 ) -> Result<(), RunError> {
-    let will = Will::of(settings);
-    if will.buses.is_empty() {
+    let frames = SafeFrames::of(settings);
+    if frames.buses.is_empty() {
         tracing::info!("no dead man's switch: it serves CAN interfaces, and there is none");
         return Ok(());
     }
-    let mut registrar = Registrar::new(instance.clone(), will, pulse);
+    let mut registrar = Registrar::new(instance.clone(), frames, pulse);
     let told = Arc::clone(orders);
     // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
     let wish = Wish { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) };

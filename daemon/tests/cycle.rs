@@ -276,7 +276,7 @@ fn a_panic_in_the_cycle_leaves_every_joint_damped_and_then_stopped() {
     let panicked = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| robot.step()));
     assert!(panicked.is_err());
     let begun = robot.now();
-    robot.cycle.carry_out_will();
+    robot.cycle.stop_after_panic();
     for bus in 0..4 {
         robot.collect_record(bus);
     }

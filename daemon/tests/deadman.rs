@@ -7,9 +7,10 @@ use motord::config;
 use motord::deadman::channel::{Answer, Channel, Listener, Refusal, Request};
 use motord::deadman::heartbeat::{Heartbeat, Pulse};
 use motord::deadman::registrar::Registrar;
+use motord::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
 use motord::deadman::server::Server;
-use motord::deadman::will::{BusWill, Outlet, Will, WillError, WrittenFrame};
-use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Refusal as BusRefusal, Sent, clock};
+use motord_bus::{Frame, Instant, Refusal as BusRefusal, clock};
+use motord_core::stopper::Outlet;
 use motord_shared::instance::Instance;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -35,17 +36,17 @@ const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
 /// The motor on `can1`, which can be jammed.
 const SECOND: u16 = 2;
 
-fn will() -> Will {
-    let bus = BusWill { interface: "can0".into(), damp: vec![DAMPING], stop: vec![STOPPING] };
-    Will { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
+fn safe_frames() -> SafeFrames {
+    let bus = InterfaceFrames { interface: "can0".into(), damp: vec![DAMPING], stop: vec![STOPPING] };
+    SafeFrames { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
 }
 
 /// The same, and a motor on `can1`.
-fn will_of_two() -> Will {
-    let mut will = will();
+fn safe_frames_of_two() -> SafeFrames {
+    let mut frames = safe_frames();
     let (damp, stop) = (vec![(SECOND, DAMPING.1)], vec![(SECOND, STOPPING.1)]);
-    will.buses.push(BusWill { interface: "can1".into(), damp, stop });
-    will
+    frames.buses.push(InterfaceFrames { interface: "can1".into(), damp, stop });
+    frames
 }
 
 /// Tells what was sent, and when. Takes nothing while it is jammed.
@@ -65,24 +66,16 @@ impl Recorder {
 }
 
 impl Outlet for Recorder {
-    fn look_for(&mut self) -> bool {
-        unreachable!("it is never gone")
-    }
-}
-
-impl Bus for Recorder {
-    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<BusRefusal> {
         if self.jammed.load(Ordering::Relaxed) {
-            return Sent { accepted: 0, refusal: Some(BusRefusal::Full) };
+            return Some(BusRefusal::Full);
         }
         frames.iter().for_each(|frame| self.sent.send((now, *frame)).unwrap());
-        Sent::all(frames.len())
+        None
     }
 
-    fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
-
-    fn readiness(&self) -> Readiness<'_> {
-        Readiness::Never
+    fn find(&mut self) -> bool {
+        unreachable!("it is never gone")
     }
 }
 
@@ -101,12 +94,12 @@ impl Switch {
         let recorder = Mutex::new(recorder);
         let jammed = Arc::new(AtomicBool::new(false));
         let can1 = Arc::clone(&jammed);
-        let open = move |interface: &str, _frames: u32| -> Result<Box<dyn Outlet>, WillError> {
+        let open = move |interface: &str, _frames: u32| -> Result<Box<dyn Outlet>, InterfaceError> {
             let recorder = Recorder::new(&recorder.lock().unwrap());
             match interface {
                 "can0" => Ok(Box::new(recorder)),
                 "can1" => Ok(Box::new(Recorder { jammed: Arc::clone(&can1), ..recorder })),
-                _ => Err(WillError::Interface { reason: format!("{interface} is not there") }),
+                _ => Err(InterfaceError::Open { reason: format!("{interface} is not there") }),
             }
         };
         let mut server = Server::new(Listener::bind(instance).unwrap(), open);
@@ -124,8 +117,8 @@ impl Switch {
         assert_eq!(self.sent.recv_timeout(time), Err(RecvTimeoutError::Timeout));
     }
 
-    /// The whole will of the one motor. Returns when it began.
-    fn carries_the_will_out(&self) -> Instant {
+    /// The damping and the stops of the motor on `can0`. Returns when they began.
+    fn stops_the_first(&self) -> Instant {
         self.serves(DAMPING.0)
     }
 
@@ -161,9 +154,9 @@ fn runtime() -> (TempDir, Instance) {
 }
 
 /// Registers as this process.
-fn register(instance: &Instance, will: Will, pulse: &Pulse) -> (Channel, Answer) {
+fn register(instance: &Instance, frames: SafeFrames, pulse: &Pulse) -> (Channel, Answer) {
     let switch = Channel::connect(instance).unwrap();
-    switch.send(&Request::Register(will), Some(pulse)).unwrap();
+    switch.send(&Request::Register(frames), Some(pulse)).unwrap();
     let (answer, _) = switch.receive().unwrap();
     (switch, answer)
 }
@@ -205,7 +198,7 @@ fn plays_the_daemon() {
     let instance = Instance::below(&PathBuf::from(runtime), "test").unwrap();
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
-    let (_switch, answer) = register(&instance, will(), &pulse);
+    let (_switch, answer) = register(&instance, safe_frames(), &pulse);
     assert_eq!(answer, Answer::Registered);
     println!("registered");
     for cycle in 2..u64::MAX {
@@ -221,7 +214,7 @@ fn a_killed_daemon_leaves_every_motor_damped_and_then_stopped() {
     let daemon = Daemon::start(directory.path());
     switch.sends_nothing_for(2 * PATIENCE);
     let killed = daemon.signal(Signal::SIGKILL);
-    let latency = switch.carries_the_will_out().since(killed);
+    let latency = switch.stops_the_first().since(killed);
     println!("from SIGKILL to the first damping frame: {latency:?}");
     assert!(latency < PATIENCE, "the closed connection tells, not the heartbeat: {latency:?}");
 }
@@ -242,9 +235,9 @@ fn a_daemon_that_stands_still_is_damped_until_it_goes_on() {
 }
 
 /// A daemon in this process, which registers and is gone.
-fn dies(instance: &Instance, will: Will) {
+fn dies(instance: &Instance, frames: SafeFrames) {
     let (_heartbeat, pulse) = beating();
-    let (_connection, answer) = register(instance, will, &pulse);
+    let (_connection, answer) = register(instance, frames, &pulse);
     assert_eq!(answer, Answer::Registered);
 }
 
@@ -263,7 +256,7 @@ fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     switch.jammed.store(true, Ordering::Relaxed);
-    dies(&instance, will_of_two());
+    dies(&instance, safe_frames_of_two());
     (directory, instance, switch)
 }
 
@@ -289,11 +282,11 @@ fn the_next_daemon_ends_what_the_switch_owes_to_a_bus_that_takes_nothing() {
 #[test]
 fn a_bus_that_takes_nothing_does_not_keep_a_switch_that_is_told_to_end() {
     let (_directory, instance) = runtime();
-    let open = |_: &str, _| -> Result<Box<dyn Outlet>, WillError> { Ok(Box::new(Recorder::jammed())) };
+    let open = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::jammed())) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
     let (_heartbeat, pulse) = beating();
     let daemon = Channel::connect(&instance).unwrap();
-    daemon.send(&Request::Register(will()), Some(&pulse)).unwrap();
+    daemon.send(&Request::Register(safe_frames()), Some(&pulse)).unwrap();
     server.turn(clock::monotonic() + PATIENCE);
     server.turn(clock::monotonic() + PATIENCE);
     drop(daemon);
@@ -308,7 +301,7 @@ fn a_daemon_that_left_a_stopped_robot_is_not_followed_by_a_frame() {
     let switch = Switch::start(&instance);
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
-    let (connection, _) = register(&instance, will(), &pulse);
+    let (connection, _) = register(&instance, safe_frames(), &pulse);
     heartbeat.rest();
     drop((connection, pulse));
     switch.sends_nothing_for(2 * PATIENCE);
@@ -321,20 +314,25 @@ fn a_second_daemon_is_refused_while_the_first_lives_and_watched_after_its_death(
     let first = Daemon::start(directory.path());
     let (_heartbeat, pulse) = beating();
     let busy = Answer::Refused(Refusal::Busy { pid: first.0.id() as i32 });
-    assert_eq!(register(&instance, will(), &pulse).1, busy);
+    assert_eq!(register(&instance, safe_frames(), &pulse).1, busy);
     first.signal(Signal::SIGKILL);
     assert_eq!(switch.sent.recv().map(|(_, frame)| frame.payload() == DAMPING.1), Ok(true));
 
-    let unfit =
-        Will { buses: vec![BusWill { interface: "can9".into(), damp: vec![], stop: vec![] }], ..will() };
-    assert!(matches!(register(&instance, unfit, &pulse).1, Answer::Refused(Refusal::Will(_))));
-    assert!(switch.sent.recv().is_ok(), "a registration that failed does not end the will of the dead");
+    let unfit = SafeFrames {
+        buses: vec![InterfaceFrames { interface: "can9".into(), damp: vec![], stop: vec![] }],
+        ..safe_frames()
+    };
+    assert!(matches!(register(&instance, unfit, &pulse).1, Answer::Refused(Refusal::SafeFrames(_))));
+    assert!(
+        switch.sent.recv().is_ok(),
+        "a registration that failed does not end the action for the dead daemon"
+    );
 
     let second = Daemon::start(directory.path());
     while switch.sent.try_recv().is_ok() {}
     switch.sends_nothing_for(PATIENCE);
     second.signal(Signal::SIGKILL);
-    switch.carries_the_will_out();
+    switch.stops_the_first();
 }
 
 fn beating() -> (Heartbeat, Pulse) {
@@ -348,9 +346,9 @@ fn a_registration_needs_a_heartbeat_that_has_begun() {
     let (_directory, instance) = runtime();
     let _switch = Switch::start(&instance);
     let (_heartbeat, at_rest) = Heartbeat::create().unwrap();
-    assert_eq!(register(&instance, will(), &at_rest).1, Answer::Refused(Refusal::NoHeartbeat));
+    assert_eq!(register(&instance, safe_frames(), &at_rest).1, Answer::Refused(Refusal::NoHeartbeat));
     let channel = Channel::connect(&instance).unwrap();
-    channel.send(&Request::Register(will()), None).unwrap();
+    channel.send(&Request::Register(safe_frames()), None).unwrap();
     assert_eq!(channel.receive::<Answer>().unwrap().0, Answer::Refused(Refusal::NoHeartbeat));
 }
 
@@ -362,16 +360,16 @@ fn nonsense_and_silence_do_not_keep_others_out() {
     let nonsense = Channel::connect(&instance).unwrap();
     nonsense.send(&vec![0; 1000], None).unwrap();
     assert!(nonsense.receive::<Answer>().is_err(), "hung up on");
-    let too_wide = Will {
-        buses: vec![BusWill { interface: "can0".into(), damp: vec![(0x800, [0; 8])], stop: vec![] }],
-        ..will()
+    let too_wide = SafeFrames {
+        buses: vec![InterfaceFrames { interface: "can0".into(), damp: vec![(0x800, [0; 8])], stop: vec![] }],
+        ..safe_frames()
     };
     let (_heartbeat, pulse) = beating();
-    let refused = Answer::Refused(Refusal::Will(WillError::Id { id: 0x800 }));
+    let refused = Answer::Refused(Refusal::SafeFrames(InterfaceError::Id { id: 0x800 }));
     assert_eq!(register(&instance, too_wide, &pulse).1, refused);
     let daemon = Daemon::start(directory.path());
     daemon.signal(Signal::SIGKILL);
-    switch.carries_the_will_out();
+    switch.stops_the_first();
 }
 
 #[test]
@@ -380,7 +378,7 @@ fn a_daemon_finds_a_switch_that_starts_after_it() {
     let (heartbeat, pulse) = beating();
     let end = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&end);
-    let mut registrar = Registrar::new(instance.clone(), will(), pulse);
+    let mut registrar = Registrar::new(instance.clone(), safe_frames(), pulse);
     let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
     let switch = Switch::start(&instance);
     assert!(switch.sent.recv_timeout(Duration::from_secs(10)).is_ok(), "this heartbeat stands still");
@@ -407,17 +405,17 @@ const SIMULATED: &str = "type = 'simulated'";
 /// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in the middle or at the
 /// given fraction of its code. Stop is its special frame. The native stop has a tail that is neutral in MIT.
 #[test]
-fn the_will_of_a_configuration_is_what_the_documents_call_damping_and_stop() {
+fn the_safe_frames_of_a_configuration_are_what_the_documents_call_damping_and_stop() {
     let directory = TempDir::new().unwrap();
     let settings = config::load(&configuration(directory.path(), CAN)).unwrap().settings;
-    let will = Will::of(&settings);
+    let frames = SafeFrames::of(&settings);
     let native_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
-    let expected = BusWill {
+    let expected = InterfaceFrames {
         interface: "nocan0".into(),
         damp: vec![(1, [0x80, 0x00, 0x80, 0x00, 0x00, 0x66, 0x68, 0x00]), native_stop],
         stop: vec![(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]), native_stop],
     };
-    assert_eq!((will.damp, will.buses), (Duration::from_millis(200), vec![expected]));
+    assert_eq!((frames.damp, frames.buses), (Duration::from_millis(200), vec![expected]));
 }
 
 #[test]

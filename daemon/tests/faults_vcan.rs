@@ -14,8 +14,9 @@ use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
 use motord::deadman::channel::{Answer, Channel, Listener, Request};
 use motord::deadman::heartbeat::Heartbeat;
+use motord::deadman::interfaces::expect_interface;
+use motord::deadman::safe_frames::SafeFrames;
 use motord::deadman::server::Server;
-use motord::deadman::will::{Will, expect_interface};
 use motord::host::clock::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
@@ -438,7 +439,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
 }
 
 /// Goal: a robot that lost its adapters with its daemon is damped and stopped when they come back, however late.
-/// Method: the switch registers a will, here from this thread, while its interface is missing; that comes, goes, and comes
+/// Method: a daemon registers, here from this thread, while its interface is missing; that comes, goes, and comes
 /// again when the daemon is dead and the damping would be over.
 #[test]
 #[ignore = "needs SocketCAN and root: run rigs/test-can"]
@@ -452,7 +453,7 @@ fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
     let daemon = Channel::connect(&instance).unwrap();
-    daemon.send(&Request::Register(Will::of(&settings)), Some(&pulse)).unwrap();
+    daemon.send(&Request::Register(SafeFrames::of(&settings)), Some(&pulse)).unwrap();
     for _ in 0..2 {
         server.turn(clock::monotonic() + Duration::from_millis(10));
     }

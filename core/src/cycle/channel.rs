@@ -6,6 +6,7 @@
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use crate::settings::Settings;
+use crate::stopper::Outlet;
 use motord_bus::frame::ControllerState;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_shared::{BusCondition, BusState};
@@ -130,13 +131,6 @@ impl BusChannel {
         dropped == 0
     }
 
-    /// Discards what has arrived, then sends frames whose replies nobody waits for. At most two system calls.
-    pub(super) fn send_unattended(&mut self, now: Instant, frames: &[Frame], unread: &mut Inbox) {
-        unread.clear();
-        self.bus.receive(now, unread);
-        let _refused = self.bus.send(now, frames);
-    }
-
     /// When all replies to this batch are expected to have arrived.
     pub(super) fn expected(&self) -> Instant {
         self.sent_at + self.expected[self.batch as usize].0
@@ -204,6 +198,15 @@ impl BusChannel {
                 }
             }
         }
+    }
+}
+
+impl Outlet for BusChannel {
+    /// Discards what has arrived, then sends frames whose replies nobody waits for. At most two system calls.
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        self.inbox.clear();
+        self.bus.receive(now, &mut self.inbox);
+        self.bus.send(now, frames).refusal
     }
 }
 

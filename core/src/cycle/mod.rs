@@ -9,7 +9,6 @@ mod channel;
 mod link;
 mod replacement;
 mod run;
-mod will;
 
 pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
 pub use replacement::{Replacements, Supply, replacements};
@@ -20,11 +19,11 @@ use crate::control::{Command, Control, Wake};
 use crate::drive::{Answer, Drive};
 use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
+use crate::stopper::{BusFrames, Stopper};
 use channel::{Batch, BusChannel};
 use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
 use motord_shared::limits::{ADMINS_MAX, BUSES_MAX};
 use motord_shared::message;
-use will::Will;
 
 /// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
 /// those of others.
@@ -44,7 +43,7 @@ pub struct Cycle<C> {
     bus_of: Vec<usize>,
     control: Control,
     link: Link,
-    will: Will,
+    stopper: Stopper,
     missed_ticks: u64,
     boot_id: u64,
     realtime: bool,
@@ -96,6 +95,7 @@ impl<C: Clock> Cycle<C> {
             .into_iter()
             .enumerate()
             .map(|(index, bus)| BusChannel::new(bus, index, settings, &plans[index]));
+        let frames = (0..settings.buses.len()).map(|bus| BusFrames::of(settings, bus));
         Self {
             clock,
             timing: Timing::new(settings),
@@ -104,7 +104,7 @@ impl<C: Clock> Cycle<C> {
             bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
             control: Control::new(settings, boot_id),
             link,
-            will: Will::new(settings),
+            stopper: Stopper::new(frames, settings.safety.damp),
             missed_ticks: 0,
             boot_id,
             realtime: false,
@@ -132,9 +132,10 @@ impl<C: Clock> Cycle<C> {
         self.control.stop_now();
     }
 
-    /// Damps and stops every motor after a panic in [`run`](Self::run); the cycle must not be run again.
-    pub fn carry_out_will(&mut self) {
-        self.will.carry_out(&mut self.channels, &mut self.clock);
+    /// Damps and stops every motor after a panic in [`run`](Self::run), by frames that were made beforehand. It trusts
+    /// nothing of the cycle but its buses and its clock; the cycle must not be run again.
+    pub fn stop_after_panic(&mut self) {
+        self.stopper.run(&mut self.clock, &mut self.channels);
     }
 
     /// The motors that were started and have not answered a stop since.

@@ -53,7 +53,7 @@ pub const fn capabilities(protocol: MotorProtocol) -> Capabilities {
 /// The frames that damp and stop a motor when nobody controls it any more. In native mode damping is made of the last
 /// state, which nobody knows then: such a motor is stopped at once.
 #[must_use]
-pub fn last_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
+pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
     let make = |command| Drive::new(motor, Duration::ZERO, false).ask(&command, Instant::ZERO);
     let stop = make(Command::Stop)?;
     let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);

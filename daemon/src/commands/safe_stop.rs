@@ -2,18 +2,19 @@
 
 use crate::config::{self, ConfigError};
 use crate::deadman::channel::{Answer, Channel, Request};
-use crate::deadman::executor::{Executor, Executors};
-use crate::deadman::will::{BusWill, Open, Will, WillError};
+use crate::deadman::interfaces::{Interface, Interfaces, Open};
+use crate::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
+use crate::host::clock::Monotonic;
 use motord_bus::socketcan::{InterfaceLock, LockError};
 use motord_bus::{Duration, clock};
+use motord_core::stopper::PATIENCE;
 use motord_shared::instance::Instance;
 use std::io;
 use std::path::Path;
 
 /// systemd waits for this program before it starts the daemon again.
 const DAMP_MAX: Duration = Duration::from_secs(1);
-/// An interface that takes its frames late has so much longer than the damping.
-const MARGIN: Duration = Duration::from_secs(1);
+/// How often the dead man's switch is asked whether it still acts.
 const SWITCH_TURN: Duration = Duration::from_millis(50);
 
 /// Why not every motor was told to stop.
@@ -35,7 +36,7 @@ pub enum LeftOut {
     Driven(LockError),
     /// It cannot be opened.
     #[error("{0}")]
-    Will(#[from] WillError),
+    Interface(#[from] InterfaceError),
     /// It did not take the frames of all of its motors often enough.
     #[error("{interface} refuses frames")]
     Refused {
@@ -71,26 +72,28 @@ impl SafeStopError {
 /// Which interfaces were left out or refused, and why. The others are served all the same.
 pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
-    let will = Will::of(&settings);
+    let frames = SafeFrames::of(&settings);
     let instance = Instance::find(&settings.instance).ok();
-    if let Some(owed) = instance.as_ref().and_then(|instance| await_switch(instance, will.damp + MARGIN)) {
+    if let Some(owed) = instance.as_ref().and_then(|instance| await_switch(instance, frames.damp + PATIENCE))
+    {
         tracing::info!("left to the dead man's switch");
         return report(owed.into_iter().map(|interface| LeftOut::Awaited { interface }).collect());
     }
     let directory = instance.as_ref().map(Instance::runtime);
     // The locks keep a daemon that starts from driving these interfaces until their motors are stopped.
-    let (mut executors, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
-    for bus in &will.buses {
+    let (mut opened, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
+    for bus in &frames.buses {
         match prepare(bus, directory, open) {
-            Ok((executor, lock)) => {
-                executors.push(executor);
+            Ok((interface, lock)) => {
+                opened.push(interface);
                 locks.push(lock);
             }
             Err(reason) => left_out.push(reason),
         }
     }
-    let refused = carry_out(executors, will.damp.min(DAMP_MAX));
-    left_out.extend(refused.into_iter().map(|interface| LeftOut::Refused { interface }));
+    let mut interfaces = Interfaces::new(opened, frames.damp.min(DAMP_MAX));
+    interfaces.run(&mut Monotonic);
+    left_out.extend(interfaces.owed().into_iter().map(|interface| LeftOut::Refused { interface }));
     report(left_out)
 }
 
@@ -121,10 +124,10 @@ fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
 
 /// The interface is nobody else's while the lock is held; `None` where no daemon could hold one.
 fn prepare(
-    bus: &BusWill,
+    bus: &InterfaceFrames,
     directory: Option<&Path>,
     open: Open<'_>,
-) -> Result<(Executor, Option<InterfaceLock>), LeftOut> {
+) -> Result<(Interface, Option<InterfaceLock>), LeftOut> {
     let interface = bus.interface.parse().ok();
     let lock = match directory.zip(interface).map(|(directory, name)| InterfaceLock::acquire(directory, name))
     {
@@ -133,18 +136,5 @@ fn prepare(
         Some(Err(LockError::File { .. })) | None => None,
         Some(Ok(lock)) => Some(lock),
     };
-    Ok((Executor::new(bus, open)?, lock))
-}
-
-/// Returns the interfaces that are not served [`MARGIN`] after the damping.
-fn carry_out(executors: Vec<Executor>, damp: Duration) -> Vec<String> {
-    let mut executors = Executors::new(executors, damp);
-    let now = clock::monotonic();
-    executors.begin(now);
-    let end = now + damp + MARGIN;
-    while let Some(due) = executors.due().filter(|due| *due < end) {
-        clock::sleep_until(due);
-        executors.round(clock::monotonic());
-    }
-    executors.owed()
+    Ok((Interface::open(bus, open)?, lock))
 }

@@ -22,38 +22,38 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
-use super::will::{Will, WillError};
+use super::safe_frames::{InterfaceError, SafeFrames};
 
-/// Most bytes of a message: a will of 64 motors has about 6 000.
+/// Most bytes of a message: the safe frames of 64 motors have about 6 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
 /// How long a client waits for the switch, s: it opens an interface in milliseconds.
 const PATIENCE_S: i64 = 2;
 
-/// What a client wants.
+/// A request to the switch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
-    /// Carry this out when I die. Comes with the file of the heartbeat.
-    Register(Will),
-    /// Are you carrying out a will, and what is left of it?
+    /// Supervise me, and send these frames when I cannot. Comes with the file of the heartbeat.
+    Register(SafeFrames),
+    /// Which interfaces have you still to serve?
     AskWhetherActing,
 }
 
-/// What the switch answers.
+/// The answer of the switch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Answer {
-    /// The will is accepted and can be carried out.
+    /// The daemon is supervised.
     Registered,
-    /// It is not.
+    /// The daemon is not supervised.
     Refused(Refusal),
-    /// The interfaces whose motors it has still to damp or stop; none when it carries out no will.
+    /// The interfaces whose motors it has still to damp or stop; none when it does not act.
     Acting(Vec<String>),
 }
 
 /// Why a registration is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 pub enum Refusal {
-    /// It works for another process that lives.
-    #[error("it works for process {pid}, which lives")]
+    /// It supervises another process that lives.
+    #[error("it supervises process {pid}, which lives")]
     Busy {
         /// That process.
         pid: i32,
@@ -61,9 +61,9 @@ pub enum Refusal {
     /// There is no heartbeat, or it is at rest: nobody cycles any motor.
     #[error("the heartbeat is missing or at rest")]
     NoHeartbeat,
-    /// The will cannot be carried out.
+    /// The motors of an interface could not be stopped.
     #[error("{0}")]
-    Will(WillError),
+    SafeFrames(InterfaceError),
 }
 
 /// One end of a connection.

@@ -6,29 +6,29 @@
 //!   registrar ◀───── connection ───────────────▶ server
 //! ```
 //!
-//! The daemon registers with a [will](will::Will), ready-made frames for every motor, and the file of its
-//! [heartbeat](crate::deadman::heartbeat). The switch knows no protocol and no configuration. It acts when the connection closes
-//! or the heartbeat stands still, unless that is at rest: then the motors are stopped already. It outlives the daemon,
-//! and the next one registers again.
+//! The daemon registers its [safe frames](safe_frames::SafeFrames), made beforehand for every motor, and the file of its
+//! [heartbeat]. The switch knows no protocol, and no configuration but its instance and its priority. It acts when the
+//! connection closes or the heartbeat stands still, unless the heartbeat is at rest: then the motors are stopped already.
+//! The switch outlives the daemon, and the next daemon registers again.
 //!
-//! - [`switch`]: when to act, pure. [`schedule`]: what a bus is told then, and when, pure.
-//! - [`server`]: watching. [`executor`]: sending. [`will`]: the frames.
+//! - [`switch`]: when to act, pure. [`server`]: supervises a daemon, and acts.
+//! - [`safe_frames`]: the frames. [`interfaces`]: where they leave, by the [`Stopper`](motord_core::stopper::Stopper).
 //! - [`channel`]: the connection. [`registrar`]: the daemon's side.
 
 pub mod channel;
-pub mod executor;
 pub mod heartbeat;
+pub mod interfaces;
 pub mod registrar;
-pub mod schedule;
+pub mod safe_frames;
 pub mod server;
 pub mod switch;
-pub mod will;
 
 use crate::config::{self, ConfigError};
 use crate::host::rt::{self, Wish};
 use crate::host::systemd;
 use channel::Listener;
 use motord_bus::{Duration, clock};
+use motord_core::stopper::PATIENCE;
 use motord_shared::instance::{Instance, InstanceError};
 use server::Server;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -37,10 +37,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How often an idle switch looks whether it was told to end.
+/// How often an idle switch checks for a signal.
 const IDLE: Duration = Duration::from_secs(1);
-/// What it finishes after that takes at most so much longer than the damping. Less than systemd waits.
-const FINISH_MARGIN: Duration = Duration::from_secs(1);
 
 /// Why there is no dead man's switch.
 #[derive(Debug, thiserror::Error)]
@@ -75,8 +73,8 @@ impl DeadmanError {
     }
 }
 
-/// Is the dead man's switch of the configuration's instance until a signal ends it. A will that is being carried out is
-/// carried out first, but an interface that refuses is not waited for any longer than damping takes.
+/// Runs the dead man's switch of the configuration's instance until a signal ends it. A switch that acts finishes first,
+/// and waits for an interface that refuses frames at most a second longer than damping takes.
 ///
 /// # Errors
 ///
@@ -88,9 +86,9 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
         io::ErrorKind::ResourceBusy => DeadmanError::AlreadyRunning { instance: settings.instance.clone() },
         _ => error.into(),
     })?;
-    let told_to_end = Arc::new(AtomicBool::new(false));
+    let ending = Arc::new(AtomicBool::new(false));
     for signal in [SIGTERM, SIGINT] {
-        signal_hook::flag::register(signal, Arc::clone(&told_to_end))?;
+        signal_hook::flag::register(signal, Arc::clone(&ending))?;
     }
     // Above the cycle, so that a cycle that runs away cannot keep the switch from a processor.
     let wish = Wish { cpu: None, priority: Some(settings.cycle.priority.saturating_add(1)) };
@@ -98,16 +96,16 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     steps.extend([rt::tighten_timers(), rt::lock_memory()]);
     steps.iter().for_each(|step| step.tell("deadman"));
 
-    let mut server = Server::new(listener, will::expect_interface);
+    let mut server = Server::new(listener, interfaces::expect_interface);
     tracing::info!(instance = instance.name(), "ready");
     systemd::ready();
-    while !told_to_end.load(Ordering::Relaxed) {
+    while !ending.load(Ordering::Relaxed) {
         server.turn(clock::monotonic() + IDLE);
     }
     systemd::stops(settings.safety.damp);
-    let owed = server.finish(clock::monotonic() + settings.safety.damp + FINISH_MARGIN);
+    let owed = server.finish(clock::monotonic() + settings.safety.damp + PATIENCE);
     if !owed.is_empty() {
-        tracing::error!("told to end before these took their stops: {}", owed.join(", "));
+        tracing::error!("ends before these took their stops: {}", owed.join(", "));
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! The daemon's side: leaves its will with the switch, and does so again whenever the switch is gone.
+//! The daemon's side: registers its safe frames with the switch, and again whenever the switch is gone.
 
 use crate::deadman::heartbeat::{AT_REST, Pulse};
 use crate::host::kernel;
@@ -8,11 +8,11 @@ use std::io;
 use std::os::fd::AsFd;
 
 use super::channel::{Answer, Channel, Refusal, Request};
-use super::will::Will;
+use super::safe_frames::SafeFrames;
 
-/// Between two tries.
+/// Between two attempts to register.
 const RETRY: Duration = Duration::from_secs(1);
-/// How often the thread looks whether the daemon ends.
+/// How often the thread checks whether the daemon ends.
 const TURN: Duration = Duration::from_millis(50);
 
 /// Why the daemon has no dead man's switch.
@@ -22,48 +22,51 @@ enum RegistrarError {
     NotThere(#[from] io::Error),
     #[error("`motord deadman` refuses: {0}")]
     Refused(Refusal),
-    #[error("`motord deadman` answers something else")]
+    #[error("`motord deadman` gives an answer of another kind")]
     Answer,
 }
 
-/// Keeps a daemon's will with the dead man's switch.
+/// Keeps a daemon registered with its dead man's switch.
 #[derive(Debug)]
 pub struct Registrar {
     instance: Instance,
-    will: Will,
+    frames: SafeFrames,
     pulse: Pulse,
-    /// Closed with this value, not when `run` ends: a panic in it must not set the switch on a cycle that lives.
+    /// Closed with this value, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its motors, and
+    /// the switch must not act.
     switch: Option<Channel>,
-    told: bool,
+    /// Whether the log says that there is no switch.
+    logged: bool,
 }
 
 impl Registrar {
-    /// For the daemon of `instance`, whose heartbeat is `pulse`.
+    /// The registrar of the daemon of `instance`, whose heartbeat is `pulse`.
     #[must_use]
-    pub fn new(instance: Instance, will: Will, pulse: Pulse) -> Self {
-        Self { instance, will, pulse, switch: None, told: false }
+    pub fn new(instance: Instance, frames: SafeFrames, pulse: Pulse) -> Self {
+        Self { instance, frames, pulse, switch: None, logged: false }
     }
 
-    /// Runs until `stop` says so, in a thread of its own, which loses the descriptors of all others. Nothing waits for it:
-    /// the daemon drives its motors with or without a switch.
+    /// Runs until `stop` returns true, in a thread of its own, which loses the descriptors of all others. Nothing waits for
+    /// it: the daemon drives its motors with or without a switch.
     pub fn run(&mut self, stop: impl Fn() -> bool) {
-        // A killed process closes what its threads share after it has given back all of its memory, which takes
-        // milliseconds. What only this thread has is closed at once. Refused, the switch hears of the death later.
-        let _later = kernel::keep_only(self.pulse.as_fd());
+        // A killed process closes the descriptors that its threads share after it has given back all of its memory, which
+        // takes milliseconds. A descriptor of this thread alone is closed at once. If the kernel refuses, the switch learns
+        // of the death later.
+        let _refused = kernel::keep_only(self.pulse.as_fd());
         while !stop() {
             match self.register() {
                 Ok(switch) => {
                     tracing::info!("dead man's switch: yes");
-                    self.told = false;
+                    self.logged = false;
                     let switch = self.switch.insert(switch);
                     while !stop() && !has_ended(switch) {}
                     self.switch = None;
                 }
-                Err(reason) if !self.told => {
+                Err(reason) if !self.logged => {
                     tracing::warn!(
                         "no dead man's switch: {reason}. If this process dies, nothing damps the robot."
                     );
-                    self.told = true;
+                    self.logged = true;
                 }
                 Err(_) => {}
             }
@@ -75,12 +78,12 @@ impl Registrar {
     }
 
     fn register(&self) -> Result<Channel, RegistrarError> {
-        // The switch watches nobody who is at rest, and the first cycle begins within a period.
+        // The switch refuses a heartbeat that is at rest, and the first cycle begins within a period.
         while self.pulse.read() == Some(AT_REST) {
             std::thread::sleep(TURN);
         }
         let switch = Channel::connect(&self.instance)?;
-        switch.send(&Request::Register(self.will.clone()), Some(&self.pulse))?;
+        switch.send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
         match switch.receive()?.0 {
             Answer::Registered => Ok(switch),
             Answer::Refused(refusal) => Err(RegistrarError::Refused(refusal)),
@@ -89,7 +92,7 @@ impl Registrar {
     }
 }
 
-/// Looks after at most [`TURN`].
+/// Waits for the end of the connection, at most [`TURN`].
 fn has_ended(switch: &Channel) -> bool {
     let now = clock::monotonic();
     wait(&[Readiness::Readable(switch.as_fd())], now, now + TURN).any() && switch.has_ended()

@@ -1,72 +1,74 @@
-//! The dead man's switch at work: hears registrations, watches one daemon, and carries its will out.
+//! The dead man's switch at work: hears registrations, supervises one daemon, and stops its motors when it cannot.
 
 use crate::deadman::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Instant, Readiness, Ready, clock, wait};
+use motord_core::stopper::Outlet;
 use std::os::fd::AsFd;
 
 use super::channel::{Answer, Channel, Listener, Refusal, Request};
-use super::executor::{Executor, Executors};
+use super::interfaces::{Interface, Interfaces};
+use super::safe_frames::{InterfaceError, SafeFrames};
 use super::switch::{Cause, Switch};
-use super::will::{Outlet, Will, WillError};
 
 /// The switch of one instance. `O` opens an interface, to send up to so many frames at a time.
 pub struct Server<O> {
     listener: Listener,
     open: O,
-    /// Connected, and has not said what it wants. Only the latest: whoever is silent makes room.
+    /// A connection that has not asked for anything yet. Only the latest: a silent one makes room.
     caller: Option<Channel>,
-    ward: Option<Ward>,
+    supervised: Option<Supervised>,
 }
 
-/// The daemon that is watched, and its will.
-struct Ward {
+/// The daemon that is supervised.
+struct Supervised {
     channel: Channel,
     pid: i32,
     connected: bool,
-    duty: Duty,
+    watch: Watch,
 }
 
-struct Duty {
+/// Its heartbeat, and its motors.
+struct Watch {
     pulse: Pulse,
     switch: Switch,
-    executors: Executors,
-    /// Whether it was told that only buses that refuse are left.
-    waits: bool,
+    interfaces: Interfaces,
+    /// Whether the log says that only interfaces that refuse are left.
+    stalled: bool,
 }
 
-/// What is worth a line in the log.
+/// An event that is worth a line in the log.
 enum News {
-    /// Only buses that refuse are left.
-    Waits(Cause),
-    /// Every bus is served, or the daemon has its motors back.
+    /// Only interfaces that refuse are left.
+    Stalled(Cause),
+    /// Every interface is served, or the daemon has its motors back.
     Over(Cause),
 }
 
-/// Places in what is waited for.
+/// Indices of the connections that are waited for.
 const LISTENER: usize = 0;
 const CALLER: usize = 1;
-const WARD: usize = 2;
+const SUPERVISED: usize = 2;
 
-impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
-    /// Nobody is watched yet.
+impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
+    /// A switch that supervises nobody yet.
     pub fn new(listener: Listener, open: O) -> Self {
-        Self { listener, open, caller: None, ward: None }
+        Self { listener, open, caller: None, supervised: None }
     }
 
-    /// Whether a will is being carried out.
+    /// Whether it damps or stops motors.
     #[must_use]
     pub fn is_acting(&self) -> bool {
-        self.ward.as_ref().is_some_and(|ward| ward.duty.switch.acts().is_some())
+        self.supervised.as_ref().is_some_and(|daemon| daemon.watch.switch.acts().is_some())
     }
 
-    /// The interfaces whose motors are still to be damped or stopped; none when no will is being carried out. Allocates.
+    /// The interfaces whose motors are still to be damped or stopped; none when it does not act. Allocates.
     #[must_use]
     pub fn owed(&self) -> Vec<String> {
-        let acting = self.ward.as_ref().filter(|_| self.is_acting());
-        acting.map_or_else(Vec::new, |ward| ward.duty.executors.owed())
+        let acting = self.supervised.as_ref().filter(|_| self.is_acting());
+        acting.map_or_else(Vec::new, |daemon| daemon.watch.interfaces.owed())
     }
 
-    /// Goes on while a will is being carried out, at most until `end`. Returns what is [owed](Self::owed) then.
+    /// Goes on while it acts, at most until `end`. Returns the interfaces that are [owed](Self::owed) then.
     pub fn finish(&mut self, end: Instant) -> Vec<String> {
         while self.is_acting() && clock::monotonic() < end {
             self.turn(end);
@@ -74,18 +76,18 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
         self.owed()
     }
 
-    /// Waits until something is due, at most until `until`, and does it. While a daemon is watched and nobody calls, that is
-    /// two system calls and those of one [round](Executors::round), which looks for at most one interface: only that can
-    /// block, while another process configures interfaces. Allocates when somebody calls, and when the log is told.
+    /// Waits until something is due, at most until `until`, and does it. While a daemon is supervised and nobody calls, that
+    /// is two system calls and those of one [round](Interfaces::round), which looks for at most one interface: only that
+    /// can block, while another process configures interfaces. Allocates when somebody calls, and when it logs.
     pub fn turn(&mut self, until: Instant) {
-        let wake = self.ward.as_ref().map_or(until, |ward| ward.duty.due().min(until));
+        let wake = self.supervised.as_ref().map_or(until, |daemon| daemon.watch.due().min(until));
         let ready = wait(&self.readiness(), clock::monotonic(), wake);
-        if let Some(ward) = &mut self.ward {
-            ward.watch(ready);
+        if let Some(daemon) = &mut self.supervised {
+            daemon.watch(ready);
         }
-        self.ward.take_if(|ward| !ward.connected && ward.duty.switch.acts().is_none());
+        self.supervised.take_if(|daemon| !daemon.connected && daemon.watch.switch.acts().is_none());
         if ready.contains(CALLER) {
-            self.hear();
+            self.answer_caller();
         }
         if ready.contains(LISTENER) {
             self.caller = self.listener.accept().ok();
@@ -93,24 +95,25 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
     }
 
     fn readiness(&self) -> [Readiness<'_>; 3] {
-        let ward = self.ward.as_ref().filter(|ward| ward.connected);
+        let connected = self.supervised.as_ref().filter(|daemon| daemon.connected);
         [
             Readiness::Readable(self.listener.as_fd()),
             readable(self.caller.as_ref()),
-            readable(ward.map(|ward| &ward.channel)),
+            readable(connected.map(|daemon| &daemon.channel)),
         ]
     }
 
-    /// What the caller wants. Allocates. Opening an interface takes milliseconds, and longer while another process configures
-    /// interfaces: meanwhile the motors keep the last command.
-    fn hear(&mut self) {
+    /// Does what the caller asks for. Processes of other users get no answer. Allocates. Opening an interface takes
+    /// milliseconds, and longer while another process configures interfaces: meanwhile the motors keep their last command.
+    fn answer_caller(&mut self) {
         let Some(caller) = self.caller.take() else { return };
-        // Strangers are not answered.
         let Some(pid) = caller.peer() else { return };
         let answer = match caller.receive() {
             Ok((Request::AskWhetherActing, _)) => Answer::Acting(self.owed()),
-            Ok((Request::Register(will), pulse)) => match self.prepare(&will, pulse) {
-                Ok(duty) => return self.take_on(Ward { channel: caller, pid, connected: true, duty }),
+            Ok((Request::Register(frames), pulse)) => match self.prepare(&frames, pulse) {
+                Ok(watch) => {
+                    return self.supervise(Supervised { channel: caller, pid, connected: true, watch });
+                }
                 Err(refusal) => Answer::Refused(refusal),
             },
             Err(error) => return tracing::warn!(pid, "no request: {error}"),
@@ -118,24 +121,24 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, WillError>> Server<O> {
         let _gone = caller.send(&answer, None);
     }
 
-    fn prepare(&mut self, will: &Will, pulse: Option<Pulse>) -> Result<Duty, Refusal> {
-        if let Some(Ward { pid, .. }) = self.ward.as_ref().filter(|ward| ward.connected) {
+    fn prepare(&mut self, frames: &SafeFrames, pulse: Option<Pulse>) -> Result<Watch, Refusal> {
+        if let Some(Supervised { pid, .. }) = self.supervised.as_ref().filter(|daemon| daemon.connected) {
             return Err(Refusal::Busy { pid: *pid });
         }
         let pulse = pulse.ok_or(Refusal::NoHeartbeat)?;
-        let executors = will.buses.iter().map(|bus| Executor::new(bus, &mut self.open));
-        let executors = executors.collect::<Result<_, _>>().map_err(Refusal::Will)?;
-        let executors = Executors::new(executors, will.damp);
+        let opened = frames.buses.iter().map(|bus| Interface::open(bus, &mut self.open));
+        let opened: Vec<Interface> = opened.collect::<Result<_, _>>().map_err(Refusal::SafeFrames)?;
+        let interfaces = Interfaces::new(opened, frames.damp);
         let heartbeat = pulse.read().filter(|heartbeat| *heartbeat != AT_REST).ok_or(Refusal::NoHeartbeat)?;
-        let switch = Switch::new(will.patience, heartbeat, clock::monotonic());
-        Ok(Duty { pulse, switch, executors, waits: false })
+        let switch = Switch::new(frames.patience, heartbeat, clock::monotonic());
+        Ok(Watch { pulse, switch, interfaces, stalled: false })
     }
 
-    /// From here on the ward before, dead as it is, is left to this one.
-    fn take_on(&mut self, ward: Ward) {
-        let ward = self.ward.insert(ward);
-        let _closed_is_seen = ward.channel.send(&Answer::Registered, None);
-        tracing::info!(pid = ward.pid, interfaces = ward.duty.executors.count(), "watching");
+    /// Replaces the registration of the dead daemon.
+    fn supervise(&mut self, daemon: Supervised) {
+        let daemon = self.supervised.insert(daemon);
+        let _closed_is_seen = daemon.channel.send(&Answer::Registered, None);
+        tracing::info!(pid = daemon.pid, interfaces = daemon.watch.interfaces.count(), "watching");
     }
 }
 
@@ -143,49 +146,49 @@ fn readable(channel: Option<&Channel>) -> Readiness<'_> {
     channel.map_or(Readiness::Never, |channel| Readiness::Readable(channel.as_fd()))
 }
 
-impl Ward {
+impl Supervised {
     fn watch(&mut self, ready: Ready) {
-        self.connected &= !(ready.contains(WARD) && self.channel.has_ended());
-        match self.duty.step(self.connected) {
+        self.connected &= !(ready.contains(SUPERVISED) && self.channel.has_ended());
+        match self.watch.step(self.connected) {
             Some(News::Over(cause)) => {
                 tracing::warn!(pid = self.pid, "damped or stopped its motors: {cause}");
             }
-            Some(News::Waits(cause)) => tracing::error!(
+            Some(News::Stalled(cause)) => tracing::error!(
                 pid = self.pid,
                 "{cause}, and motors keep their last command, for these interfaces refuse frames: {}. Keeps trying.",
-                self.duty.executors.owed().join(", ")
+                self.watch.interfaces.owed().join(", ")
             ),
             None => {}
         }
     }
 }
 
-impl Duty {
+impl Watch {
     fn due(&self) -> Instant {
-        let round = self.switch.acts().and_then(|_| self.executors.due());
+        let round = self.switch.acts().and_then(|_| self.interfaces.due());
         round.unwrap_or(self.switch.due())
     }
 
-    /// Real-time: does not allocate; one system call, and while the switch acts those of a [round](Executors::round), which
-    /// can block when an interface is away.
+    /// Real-time: does not allocate; one system call, and while the switch acts those of a [round](Interfaces::round), which
+    /// can block when an interface is missing.
     fn step(&mut self, connected: bool) -> Option<News> {
         let acted = self.switch.acts();
         let now = clock::monotonic();
-        // A file that can be read no more does not move.
+        // A file that cannot be read any more counts as a heartbeat that stands still.
         let heartbeat = self.pulse.read().unwrap_or(self.switch.heartbeat());
         self.switch.step(now, connected, heartbeat);
         let Some(cause) = self.switch.acts() else { return acted.map(News::Over) };
         if acted.is_none() {
-            self.executors.begin(now);
-            self.waits = false;
+            self.interfaces.begin(now);
+            self.stalled = false;
         }
-        self.executors.round(now);
-        if self.executors.due().is_none() {
+        self.interfaces.round(now);
+        if self.interfaces.due().is_none() {
             self.switch.served();
             return Some(News::Over(cause));
         }
-        let told = self.waits;
-        self.waits |= self.executors.only_wait();
-        (self.waits && !told).then_some(News::Waits(cause))
+        let logged = self.stalled;
+        self.stalled |= self.interfaces.is_stalled();
+        (self.stalled && !logged).then_some(News::Stalled(cause))
     }
 }

@@ -11,18 +11,17 @@
 //! ```
 //!
 //! A heartbeat that moves again takes the motors back: that daemon was late, knows it, and stops safely by itself. Two
-//! senders with different opinions would be worse than either. A closed connection is final: its heartbeat is dead.
+//! senders that contradict each other would be worse than either. A closed connection is final: its daemon is dead.
 
 use crate::deadman::heartbeat::AT_REST;
 use motord_bus::{Duration, Instant};
+use motord_core::stopper::schedule::{INTERVAL, next_tick};
 
-use super::schedule::{INTERVAL, later_on_the_grid};
-
-/// The heartbeat is looked at this often within `patience`: its last beat is seen a fifth later at most, and that it stands
-/// still another fifth.
-const LOOKS: u32 = 5;
-/// It is not looked at more often than this.
-const LOOK_LEAST: Duration = Duration::from_millis(1);
+/// Reads of the heartbeat within `patience`. The last beat is seen at most a fifth of `patience` late, and so is its
+/// absence.
+const READS: u32 = 5;
+/// The least time between two reads.
+const READ_INTERVAL_MIN: Duration = Duration::from_millis(1);
 
 /// Why the switch acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -49,19 +48,19 @@ pub struct Switch {
     phase: Phase,
     heartbeat: u64,
     moved: Instant,
-    /// The next look.
+    /// The next read.
     due: Instant,
 }
 
 impl Switch {
-    /// Watches a heartbeat, which is `heartbeat` at `now`. It acts when that stands still for `patience`.
+    /// A switch for a heartbeat, which is `heartbeat` at `now`. It acts when the heartbeat stands still for `patience`.
     #[must_use]
     pub fn new(patience: Duration, heartbeat: u64, now: Instant) -> Self {
         let phase = if heartbeat == AT_REST { Phase::Quiet } else { Phase::Watching };
         Self { patience, phase, heartbeat, moved: now, due: now }
     }
 
-    /// Why it acts, while it does.
+    /// The cause, while the switch acts.
     #[must_use]
     pub const fn acts(&self) -> Option<Cause> {
         match self.phase {
@@ -70,20 +69,20 @@ impl Switch {
         }
     }
 
-    /// The heartbeat as it was told last.
+    /// The heartbeat at the last step.
     #[must_use]
     pub const fn heartbeat(&self) -> u64 {
         self.heartbeat
     }
 
-    /// When [`step`](Self::step) is due next, unless it acts: whoever sends looks before every frame.
+    /// When the next [`step`](Self::step) is due, unless the switch acts: then there is one before every round.
     #[must_use]
     pub const fn due(&self) -> Instant {
         self.due
     }
 
-    /// Looks at the daemon at `now`: its heartbeat and whether its connection is open. Real-time: does not allocate, block
-    /// or loop.
+    /// Judges the daemon at `now` by its heartbeat and by whether its connection is open. Real-time: does not allocate,
+    /// block or loop.
     pub fn step(&mut self, now: Instant, connected: bool, heartbeat: u64) {
         let moved = heartbeat != self.heartbeat;
         self.heartbeat = heartbeat;
@@ -98,12 +97,12 @@ impl Switch {
             self.phase = Phase::Acting(Cause::StoodStill);
         }
         if now >= self.due {
-            let look = (self.patience / LOOKS).clamp(LOOK_LEAST, INTERVAL);
-            self.due = later_on_the_grid(self.due, look, now);
+            let interval = (self.patience / READS).clamp(READ_INTERVAL_MIN, INTERVAL);
+            self.due = next_tick(self.due, interval, now);
         }
     }
 
-    /// Every bus is served.
+    /// Ends the action: every bus is served.
     pub fn served(&mut self) {
         self.phase = Phase::Quiet;
     }
@@ -167,7 +166,7 @@ mod tests {
         assert_eq!(story.pass(1000), Some((0, Cause::Died)));
         assert_eq!(story.switch.acts(), Some(Cause::Died), "however long that takes");
         story.switch.served();
-        assert_eq!(story.pass(1000), None, "a will is carried out once");
+        assert_eq!(story.pass(1000), None, "motors are stopped once");
     }
 
     #[test]
@@ -178,7 +177,7 @@ mod tests {
         assert_eq!(story.pass(1000), Some((4, Cause::StoodStill)));
         story.switch.served();
         story.dies();
-        assert_eq!(story.pass(1000), None, "a will is carried out once");
+        assert_eq!(story.pass(1000), None, "motors are stopped once");
     }
 
     #[test]
@@ -220,7 +219,7 @@ mod tests {
         story.switch.served();
         story.heartbeat += 1;
         story.dies();
-        assert_eq!(story.pass(1000), Some((0, Cause::Died)), "even after a will that was carried out");
+        assert_eq!(story.pass(1000), Some((0, Cause::Died)), "even after its motors were stopped");
         let mut story = Story::begin();
         story.heartbeat += 1;
         story.dies();

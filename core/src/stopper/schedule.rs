@@ -1,24 +1,25 @@
-//! What the motors of one bus are told when nobody else does, and when: a pure function of the time and of what the bus took.
+//! Which frames the motors of one bus get, and when: a pure function of the time and of the rounds that the bus took.
 //!
 //! ```text
 //!                  rounds for all of `damp` taken              STOPS rounds taken
 //!   begin ──▶ Damping ─────────────────────────────▶ Stopping ───────────────────▶ Served
 //! ```
 //!
-//! A round is one frame to each motor, and counts when the bus took all of them. A bus that is jammed or away is owed its
-//! rounds until it takes them: its motors keep their last command meanwhile, and are damped before they are stopped whenever
-//! it comes back. A queue holds two rounds of frames, so a third that is taken means that the first has left.
+//! A round is one frame to each motor. It counts when the bus took all of its frames. A bus that is jammed or missing is
+//! owed its rounds until it takes them: its motors keep their last command meanwhile, and are damped before they are stopped
+//! whenever it comes back. A queue holds two rounds of frames, so a third round that is taken proves that the first has
+//! left.
 
 use motord_bus::{Duration, Instant};
 
-/// Between two frames to a motor: 100 Hz. A drive keeps its last command, so more would only fill the bus.
+/// Between two frames to a motor: 100 Hz. A drive keeps its last command, so a higher rate would only fill the bus.
 pub const INTERVAL: Duration = Duration::from_millis(10);
 /// Between two tries on a bus that still refuses when the damping would be over: 10 Hz.
-pub const RETRY: Duration = Duration::from_millis(100);
+const RETRY: Duration = Duration::from_millis(100);
 /// Stop frames to each motor, after damping.
-pub const STOPS: u32 = 3;
+const STOPS: u32 = 3;
 
-/// What to send to every motor.
+/// The kind of frame that every motor gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     /// The frame that damps it.
@@ -39,14 +40,14 @@ enum Phase {
 pub struct Schedule {
     phase: Phase,
     due: Instant,
-    /// To the round that is due.
+    /// From the last round to the one that is due.
     interval: Duration,
-    /// From here on a refusal is followed by [`RETRY`].
+    /// From here on a refused round is tried again after [`RETRY`].
     slow_from: Instant,
 }
 
 impl Schedule {
-    /// Begins at `now`, and damps for `damp`.
+    /// A schedule that begins at `now` and damps for `damp`.
     #[must_use]
     pub fn begin(damp: Duration, now: Instant) -> Self {
         let rounds = damp.as_nanos().div_ceil(INTERVAL.as_nanos());
@@ -69,7 +70,7 @@ impl Schedule {
         self.interval == RETRY
     }
 
-    /// What is due at `now`, until [`told`](Self::told).
+    /// The frames that are due at `now`, until the round is [recorded](Self::record).
     #[must_use]
     pub fn order(&self, now: Instant) -> Option<Order> {
         match self.phase {
@@ -79,13 +80,13 @@ impl Schedule {
         }
     }
 
-    /// The bus must wait for its turn: it is due again in the next round after `now`.
-    pub fn pass(&mut self, now: Instant) {
-        self.due = later_on_the_grid(self.due, INTERVAL, now);
+    /// Moves what is due to the next round after `now`, for a bus whose interface could not be looked for in this one.
+    pub fn skip(&mut self, now: Instant) {
+        self.due = next_tick(self.due, INTERVAL, now);
     }
 
-    /// The round of `now` was sent; the bus took all of its frames, or not. Real-time: does not allocate, block or loop.
-    pub fn told(&mut self, taken: bool, now: Instant) {
+    /// Records the round of `now`: whether the bus took all of its frames. Real-time: does not allocate, block or loop.
+    pub fn record(&mut self, taken: bool, now: Instant) {
         if taken {
             self.phase = match self.phase {
                 Phase::Damping { left: 1 } => Phase::Stopping { left: STOPS },
@@ -95,12 +96,13 @@ impl Schedule {
             };
         }
         self.interval = if taken || now < self.slow_from { INTERVAL } else { RETRY };
-        self.due = later_on_the_grid(self.due, self.interval, now);
+        self.due = next_tick(self.due, self.interval, now);
     }
 }
 
-/// The first instant after `now` that lies a whole number of `interval`s after `from`.
-pub(super) fn later_on_the_grid(from: Instant, interval: Duration, now: Instant) -> Instant {
+/// The first instant after `now` that is a whole number of `interval`s after `from`.
+#[must_use]
+pub fn next_tick(from: Instant, interval: Duration, now: Instant) -> Instant {
     let passed = now.since(from).as_nanos() / interval.as_nanos();
     from + interval.saturating_mul(u32::try_from(passed).unwrap_or(u32::MAX).saturating_add(1))
 }
@@ -112,7 +114,7 @@ mod tests {
     const DAMP: Duration = Duration::from_millis(100);
     const BEGIN: Instant = Instant::from_nanos(1_000_000_000);
 
-    /// What the bus was given at which ms since the begin, when it takes what `takes` says.
+    /// The rounds that the bus was given, in ms since the begin, when it takes those of which `takes` is true.
     fn given(millis: u64, takes: impl Fn(u64) -> bool) -> Vec<(u64, Order)> {
         let mut schedule = Schedule::begin(DAMP, BEGIN);
         let mut given = Vec::new();
@@ -120,7 +122,7 @@ mod tests {
             let now = BEGIN + Duration::from_millis(at);
             let Some(order) = schedule.order(now) else { continue };
             given.push((at, order));
-            schedule.told(takes(at), now);
+            schedule.record(takes(at), now);
         }
         given
     }
@@ -175,18 +177,18 @@ mod tests {
     #[test]
     fn a_schedule_that_was_stalled_sends_no_burst() {
         let mut schedule = Schedule::begin(DAMP, BEGIN);
-        schedule.told(true, BEGIN);
+        schedule.record(true, BEGIN);
         let late = BEGIN + Duration::from_millis(35);
         assert_eq!(schedule.order(late), Some(Order::Damp));
-        schedule.told(true, late);
-        assert_eq!(schedule.due(), Some(BEGIN + Duration::from_millis(40)), "the next is on the grid again");
+        schedule.record(true, late);
+        assert_eq!(schedule.due(), Some(BEGIN + Duration::from_millis(40)), "the rounds keep their ticks");
     }
 
     #[test]
     fn without_a_damping_time_there_are_only_stops() {
         let mut schedule = Schedule::begin(Duration::ZERO, BEGIN);
         assert_eq!(schedule.order(BEGIN), Some(Order::Stop));
-        schedule.told(false, BEGIN);
+        schedule.record(false, BEGIN);
         assert_eq!(schedule.order(BEGIN + RETRY), Some(Order::Stop));
     }
 }

@@ -1,0 +1,141 @@
+//! The CAN interfaces whose motors are stopped, each opened to send and nothing else.
+
+use core::fmt::Display;
+use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
+use motord_bus::{Bus, Duration, Frame, Instant, Refusal};
+use motord_core::clock::Clock;
+use motord_core::stopper::{BusFrames, Outlet, Stopper};
+
+use super::safe_frames::{InterfaceError, InterfaceFrames};
+
+/// Opens an interface by name, to send up to so many frames at a time.
+pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>;
+
+/// One interface, opened.
+pub struct Interface {
+    name: String,
+    outlet: Box<dyn Outlet>,
+    frames: BusFrames,
+}
+
+impl Interface {
+    /// Checks the frames and opens the interface. Allocates.
+    ///
+    /// # Errors
+    ///
+    /// Why its motors cannot be stopped.
+    pub fn open(frames: &InterfaceFrames, open: Open<'_>) -> Result<Self, InterfaceError> {
+        let checked = frames.checked()?;
+        let count = checked.damp.len().max(checked.stop.len());
+        let outlet = open(&frames.interface, 2 * count as u32)?;
+        Ok(Self { name: frames.interface.clone(), outlet, frames: checked })
+    }
+}
+
+/// Interfaces with the [`Stopper`] of their motors.
+pub struct Interfaces {
+    names: Vec<String>,
+    outlets: Vec<Box<dyn Outlet>>,
+    stopper: Stopper,
+}
+
+impl Interfaces {
+    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; nothing after it does, but [`owed`](Self::owed).
+    #[must_use]
+    pub fn new(opened: impl IntoIterator<Item = Interface>, damp: Duration) -> Self {
+        let (mut names, mut outlets, mut frames) = (Vec::new(), Vec::new(), Vec::new());
+        for interface in opened {
+            names.push(interface.name);
+            outlets.push(interface.outlet);
+            frames.push(interface.frames);
+        }
+        Self { names, outlets, stopper: Stopper::new(frames, damp) }
+    }
+
+    /// The number of interfaces.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.names.len()
+    }
+
+    /// As [`Stopper::begin`].
+    pub fn begin(&mut self, now: Instant) {
+        self.stopper.begin(now);
+    }
+
+    /// As [`Stopper::due`].
+    #[must_use]
+    pub fn due(&self) -> Option<Instant> {
+        self.stopper.due()
+    }
+
+    /// As [`Stopper::is_stalled`].
+    #[must_use]
+    pub fn is_stalled(&self) -> bool {
+        self.stopper.is_stalled()
+    }
+
+    /// As [`Stopper::round`]. One system call per interface; a search is five more and a send.
+    pub fn round(&mut self, now: Instant) {
+        self.stopper.round(now, &mut self.outlets);
+    }
+
+    /// As [`Stopper::run`].
+    pub fn run(&mut self, clock: &mut impl Clock) {
+        self.stopper.run(clock, &mut self.outlets);
+    }
+
+    /// The interfaces that are not served yet. Allocates.
+    #[must_use]
+    pub fn owed(&self) -> Vec<String> {
+        self.stopper.owed().map(|index| self.names[index].clone()).collect()
+    }
+}
+
+/// A CAN interface of this machine.
+struct CanInterface(Sender);
+
+impl Outlet for CanInterface {
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        self.0.send(now, frames).refusal
+    }
+
+    fn find(&mut self) -> bool {
+        self.0.find().is_ok()
+    }
+}
+
+/// Opens an interface of this machine as it is.
+///
+/// # Errors
+///
+/// [`InterfaceError::Open`].
+pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, InterfaceError> {
+    let (sender, found) = prepare(name, frames)?;
+    found.map_err(|error| failed(&error))?;
+    Ok(Box::new(CanInterface(sender)))
+}
+
+/// Opens an interface of this machine as it is. One that is missing may come later.
+///
+/// # Errors
+///
+/// [`InterfaceError::Open`].
+pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, InterfaceError> {
+    let (sender, found) = prepare(name, frames)?;
+    if let Err(error) = found {
+        tracing::warn!("{error}. It is looked for again when its motors are to be damped.");
+    }
+    Ok(Box::new(CanInterface(sender)))
+}
+
+fn prepare(name: &str, frames: u32) -> Result<(Sender, Result<(), OpenError>), InterfaceError> {
+    let interface: InterfaceName = name.parse().map_err(|error| failed(&error))?;
+    let mut sender = Sender::new(interface, frames).map_err(|error| failed(&error))?;
+    let found = sender.find();
+    Ok((sender, found))
+}
+
+fn failed(reason: &dyn Display) -> InterfaceError {
+    InterfaceError::Open { reason: reason.to_string() }
+}

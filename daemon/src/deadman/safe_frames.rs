@@ -1,0 +1,105 @@
+//! The safe frames of a daemon, as its dead man's switch gets them: made beforehand, by interface.
+
+use motord_bus::{Duration, Frame, FrameId, Inbox};
+use motord_core::settings::{BusKind, Settings};
+use motord_core::stopper::BusFrames;
+use serde::{Deserialize, Serialize};
+
+/// The frames that damp and stop every motor of a daemon, and when to send them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SafeFrames {
+    /// A heartbeat that stands still for this long is dead.
+    pub patience: Duration,
+    /// Motors are damped for this long, then stopped.
+    pub damp: Duration,
+    /// CAN interfaces, and the frames for each.
+    pub buses: Vec<InterfaceFrames>,
+}
+
+/// The frames for one CAN interface.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InterfaceFrames {
+    /// The interface.
+    pub interface: String,
+    /// One frame per motor that damps it.
+    pub damp: Vec<WrittenFrame>,
+    /// One frame per motor that stops it.
+    pub stop: Vec<WrittenFrame>,
+}
+
+/// A frame on its way between processes: arbitration id and payload.
+pub type WrittenFrame = (u16, [u8; 8]);
+
+/// Why the motors of an interface cannot be stopped.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
+pub enum InterfaceError {
+    /// The interface cannot be opened.
+    #[error("{reason}")]
+    Open {
+        /// The error of the interface, as text: it comes from another process.
+        reason: String,
+    },
+    /// An arbitration id has more than 11 bits.
+    #[error("{id:#x} is no arbitration id: it has more than 11 bits")]
+    Id {
+        /// The id of a frame.
+        id: u16,
+    },
+    /// The interface has more frames than fit into one call.
+    #[error("{count} motors on {interface}: at most {} fit", Inbox::CAPACITY)]
+    Count {
+        /// The interface.
+        interface: String,
+        /// The number of its frames.
+        count: usize,
+    },
+}
+
+impl SafeFrames {
+    /// The safe frames of a daemon with these settings. Simulated buses are inside the daemon and die with it; serial buses
+    /// are not cycled: neither takes part.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let interface = |(index, bus): (usize, &_)| match bus {
+            BusKind::SocketCan { interface, .. } => Some(InterfaceFrames::of(settings, index, interface)),
+            BusKind::Simulated { .. } | BusKind::Serial { .. } => None,
+        };
+        Self {
+            patience: settings.safety.deadman,
+            damp: settings.safety.damp,
+            buses: settings.buses.iter().map(|bus| &bus.kind).enumerate().filter_map(interface).collect(),
+        }
+    }
+}
+
+impl InterfaceFrames {
+    fn of(settings: &Settings, index: usize, interface: &str) -> Self {
+        let written = |frame: &Frame| Some((frame.id().raw(), frame.payload().try_into().ok()?));
+        let BusFrames { damp, stop } = BusFrames::of(settings, index);
+        Self {
+            interface: interface.to_owned(),
+            damp: damp.iter().filter_map(written).collect(),
+            stop: stop.iter().filter_map(written).collect(),
+        }
+    }
+
+    /// The frames, checked.
+    ///
+    /// # Errors
+    ///
+    /// [`InterfaceError::Id`] or [`InterfaceError::Count`].
+    pub fn checked(&self) -> Result<BusFrames, InterfaceError> {
+        let count = self.damp.len().max(self.stop.len());
+        if count > Inbox::CAPACITY {
+            return Err(InterfaceError::Count { interface: self.interface.clone(), count });
+        }
+        Ok(BusFrames { damp: frames(&self.damp)?, stop: frames(&self.stop)? })
+    }
+}
+
+fn frames(written: &[WrittenFrame]) -> Result<Vec<Frame>, InterfaceError> {
+    let frame = |&(id, bytes): &WrittenFrame| {
+        FrameId::new(id).map(|id| Frame::full(id, bytes)).ok_or(InterfaceError::Id { id })
+    };
+    written.iter().map(frame).collect()
+}
