@@ -9,8 +9,7 @@ mod robot;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
-use motord_core::cycle::{self, Cycle, Tick};
-use motord_core::plan::BusPlan;
+use motord_core::cycle::{Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::limits::BUSES_MAX;
 use motord_shared::{JointSetpoint, Phase};
@@ -87,10 +86,7 @@ impl Running {
         let spent_ns = Arc::default();
         let metered = |bus: &SharedBus| Metered { bus: bus.clone(), spent_ns: Arc::clone(&spent_ns) };
         let buses = robot.buses.iter().map(|bus| Box::new(metered(bus)) as Box<dyn Bus>).collect();
-        let (link, ends) = cycle::link(robot.settings.groups.len());
-        let plans = BusPlan::of(&robot.settings);
-        robot.cycle = Cycle::new(&robot.settings, &plans, buses, robot.clock.clone(), link, 7);
-        robot.ends = ends;
+        (robot.cycle, robot.ends) = assemble(&robot.settings, buses, robot.clock.clone(), 7);
         let joints = robot.activate();
         let state = robot.state();
         let at = Instant::from_nanos(state.tick_ns) + robot.settings.cycle.period;

@@ -113,7 +113,7 @@ impl Drop for Daemon {
 fn ipc_thread(lock: &InstanceLock) -> (IpcThread, Echo) {
     let ports = DaemonPorts::open(lock).expect("nobody else uses the directory");
     let (echo, ends) = Echo::new();
-    let (end, _telemetry) = CycleEnd::split(ends);
+    let (end, _telemetry, _supply) = CycleEnd::split(ends);
     let (questions, _answers) = telemetry::questions();
     let robot = RobotDescription {
         pid: std::process::id(),

@@ -23,8 +23,7 @@ use crate::ipc::description::describe;
 use crate::ipc::{self, IpcThread};
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
-use motord_core::cycle::{self, Cycle, Order};
-use motord_core::plan::BusPlan;
+use motord_core::cycle::{Cycle, Order, assemble};
 use motord_core::settings::Settings;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
@@ -120,29 +119,25 @@ impl Daemon {
     ) -> Result<Self, RunError> {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
-        let (mut link, ends) = cycle::link(settings.groups.len());
-        let (ipc_end, telemetry_end) = ipc::CycleEnd::split(ends);
+        let (mut cycle, ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
+        let (ipc_end, telemetry_end, supply) = ipc::CycleEnd::split(ends);
         let (questions, answers) = telemetry::questions();
 
         let ipc = start_ipc(&settings, lock, &orders, ipc_end, questions, boot_id)?;
         let wakes = ipc.thread().clone();
-        link.on_publish(move || wakes.unpark());
+        cycle.on_publish(move || wakes.unpark());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
         recorder.wakes(ipc.thread().clone());
         if let Some((path, hash)) = config {
             recorder.watches(path.to_owned(), hash);
         }
-        let (replacements, supply) = cycle::replacements();
-        link.repairs(replacements);
         let (broken, hears_broken) = channel();
         recorder.reports_broken(broken);
         start_workshop(&settings, &orders, Workshop::new(supply), hears_broken)?;
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
-        let plans = BusPlan::of(&settings);
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
-        link.on_begin(move |cycle| heartbeat.beat(cycle));
-        let cycle = Cycle::new(&settings, &plans, buses.buses, Monotonic, link, boot_id);
+        cycle.on_begin(move |cycle| heartbeat.beat(cycle));
         let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
         start_registrar(&settings, lock.instance(), &orders, pulse)?;
         Ok(Self { orders, cycle, ipc, telemetry })

@@ -20,9 +20,7 @@ use motord::deadman::server::Server;
 use motord::host::clock::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
-use motord_core::cycle::{self, Cycle, Ends, Tick};
-use motord_core::cycle::{Supply, replacements};
-use motord_core::plan::BusPlan;
+use motord_core::cycle::{Cycle, Ends, Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::instance::Instance;
 use motord_shared::{
@@ -98,7 +96,6 @@ struct Robot {
     settings: Settings,
     cycle: Cycle<Monotonic>,
     ends: Ends,
-    supply: Supply,
     tick: Tick,
     observer: SocketCanBus,
     heard: Vec<(u16, Meaning)>,
@@ -115,10 +112,7 @@ impl Robot {
         plug_in(interface, motor_side);
         let settings = configured(interface.as_str());
         let bus = buses::open_one(&settings, 0).unwrap();
-        let (mut link, ends) = cycle::link(1);
-        let (taken, supply) = replacements();
-        link.repairs(taken);
-        let cycle = Cycle::new(&settings, &BusPlan::of(&settings), vec![bus], Monotonic, link, 7);
+        let (cycle, ends) = assemble(&settings, vec![bus], Monotonic, 7);
         Self {
             interface,
             motor_side,
@@ -128,7 +122,6 @@ impl Robot {
             settings,
             cycle,
             ends,
-            supply,
             tick: Tick { number: 1, at: clock::monotonic() },
             lease: 0,
             sequence: 0,
@@ -433,7 +426,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
     let opened = buses::open_one(&robot.settings, 0).unwrap();
     robot.observer = observer(robot.motor_side);
     robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
-    assert!(robot.supply.hand_over(0, opened));
+    assert!(robot.ends.supply.hand_over(0, opened));
     robot.tick.at = clock::monotonic();
     robot.recovers_on_request();
 }

@@ -9,7 +9,7 @@
 //! | opened buses, old buses | reopening, cycle | cycle, reopening | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
-use super::replacement::{Indexed, Replacements};
+use super::replacement::{Indexed, Replacements, Supply, replacements};
 use crate::control::Wake;
 use crate::control::{Control, Event};
 use motord_bus::time::nanos;
@@ -76,7 +76,7 @@ pub struct Link {
     counters: Arc<Counters>,
     published: Option<Box<dyn Fn() + Send>>,
     begun: Option<Box<dyn Fn(u64) + Send>>,
-    replacements: Option<Replacements>,
+    replacements: Replacements,
 }
 
 /// The other threads' end.
@@ -95,6 +95,8 @@ pub struct Ends {
     pub events: Consumer<(u64, Event)>,
     /// Counters.
     pub counters: Arc<Counters>,
+    /// Takes buses that were opened again; without them, a bus that is gone stays gone.
+    pub supply: Supply,
 }
 
 /// What both sides may look at at any time.
@@ -123,6 +125,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
     let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS_MAX);
     let (record_producer, record_consumer) = RingBuffer::new(RECORDS);
     let (event_producer, event_consumer) = RingBuffer::new(EVENTS);
+    let (replacements, supply) = replacements();
     let counters = Arc::new(Counters::default());
     let link = Link {
         setpoints: setpoint_outputs,
@@ -134,7 +137,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         counters: Arc::clone(&counters),
         published: None,
         begun: None,
-        replacements: None,
+        replacements,
     };
     let ends = Ends {
         setpoints: setpoint_inputs,
@@ -144,33 +147,25 @@ pub fn link(groups: usize) -> (Link, Ends) {
         records: record_consumer,
         events: event_consumer,
         counters,
+        supply,
     };
     (link, ends)
 }
 
 impl Link {
-    /// Called in every cycle once its states are published. Must not allocate or block; at most one system call.
-    pub fn on_publish(&mut self, published: impl Fn() + Send + 'static) {
+    pub(super) fn on_publish(&mut self, published: impl Fn() + Send + 'static) {
         self.published = Some(Box::new(published));
     }
 
-    /// Where buses come from that were opened again; without it, a bus that is gone stays gone.
-    pub fn repairs(&mut self, replacements: Replacements) {
-        self.replacements = Some(replacements);
-    }
-
     pub(super) fn next_bus(&mut self) -> Option<Indexed> {
-        self.replacements.as_mut()?.take()
+        self.replacements.take()
     }
 
     pub(super) fn retire_bus(&mut self, index: usize, bus: Box<dyn Bus>) {
-        if let Some(replacements) = &mut self.replacements {
-            replacements.retire(index, bus);
-        }
+        self.replacements.retire(index, bus);
     }
 
-    /// Called at the beginning of every cycle with its number. Must not allocate or block; no system call.
-    pub fn on_begin(&mut self, begun: impl Fn(u64) + Send + 'static) {
+    pub(super) fn on_begin(&mut self, begun: impl Fn(u64) + Send + 'static) {
         self.begun = Some(Box::new(begun));
     }
 

@@ -1,17 +1,19 @@
 //! One cycle: wake, decide, transmit, collect, publish.
 //!
-//! The functions here run in the real-time thread. After [`Cycle::new`] none allocates, locks or logs, every loop is
+//! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: a silent motor is data for a later phase. System
 //! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
 //! receiving; busy polling, where configured, comes on top.
 
+mod assemble;
 mod channel;
 mod link;
 mod replacement;
 mod run;
 
+pub use assemble::assemble;
 pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
-pub use replacement::{Replacements, Supply, replacements};
+pub use replacement::Supply;
 pub use run::Order;
 
 use crate::clock::Clock;
@@ -79,8 +81,7 @@ impl Timing {
 impl<C: Clock> Cycle<C> {
     /// A cycle that has not run yet. `buses` and `plans` are in the order of the configuration. Allocates; nothing after
     /// it does.
-    #[must_use]
-    pub fn new(
+    fn new(
         settings: &Settings,
         plans: &[BusPlan],
         buses: Vec<Box<dyn Bus>>,
@@ -109,6 +110,18 @@ impl<C: Clock> Cycle<C> {
             boot_id,
             realtime: false,
         }
+    }
+
+    /// `begun` is called at the beginning of every cycle with its number. It must not allocate or block, and makes no system
+    /// call.
+    pub fn on_begin(&mut self, begun: impl Fn(u64) + Send + 'static) {
+        self.link.on_begin(begun);
+    }
+
+    /// `published` is called in every cycle once its states are published. It must not allocate or block, and makes at most
+    /// one system call.
+    pub fn on_publish(&mut self, published: impl Fn() + Send + 'static) {
+        self.link.on_publish(published);
     }
 
     /// Tells clients whether this thread has real-time scheduling and locked memory.

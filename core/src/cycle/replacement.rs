@@ -10,7 +10,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 pub(super) type Indexed = (usize, Box<dyn Bus>);
 
 /// The cycle's end.
-pub struct Replacements {
+pub(super) struct Replacements {
     opened: Consumer<Indexed>,
     retired: Producer<Indexed>,
 }
@@ -22,8 +22,7 @@ pub struct Supply {
 }
 
 /// Makes both ends. Allocates; nothing after it does.
-#[must_use]
-pub fn replacements() -> (Replacements, Supply) {
+pub(super) fn replacements() -> (Replacements, Supply) {
     let (opened_producer, opened_consumer) = RingBuffer::new(BUSES_MAX);
     let (retired_producer, retired_consumer) = RingBuffer::new(BUSES_MAX);
     (

@@ -7,7 +7,7 @@ pub mod description;
 
 use crate::telemetry::Questions;
 use motord_bus::{Duration, Instant, clock};
-use motord_core::cycle::{Counters, Ends, REQUESTS_MAX};
+use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
 use motord_core::settings::{IpcMode, IpcSettings};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::ports::{DaemonPorts, Request};
@@ -31,12 +31,12 @@ pub struct CycleEnd {
 }
 
 impl CycleEnd {
-    /// Takes what concerns clients from `ends`; what is left concerns telemetry.
+    /// What of `ends` concerns clients, telemetry, and the thread that opens buses again.
     #[must_use]
-    pub fn split(ends: Ends) -> (Self, crate::telemetry::CycleEnd) {
-        let Ends { setpoints, states, requests, answers, records, events, counters } = ends;
+    pub fn split(ends: Ends) -> (Self, crate::telemetry::CycleEnd, Supply) {
+        let Ends { setpoints, states, requests, answers, records, events, counters, supply } = ends;
         let telemetry = crate::telemetry::CycleEnd { records, events, counters: Arc::clone(&counters) };
-        (Self { setpoints, states, requests, answers, counters }, telemetry)
+        (Self { setpoints, states, requests, answers, counters }, telemetry, supply)
     }
 }
 

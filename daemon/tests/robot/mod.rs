@@ -14,9 +14,7 @@ use motord::config::{self, Machine};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
 use motord_core::clock::Clock;
 use motord_core::control::Event;
-use motord_core::cycle::{self, Cycle, Ends, Tick};
-use motord_core::cycle::{Supply, replacements};
-use motord_core::plan::BusPlan;
+use motord_core::cycle::{Cycle, Ends, Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation,
@@ -205,7 +203,6 @@ pub struct Robot {
     pub ends: Ends,
     pub clock: Virtual,
     pub buses: Vec<SharedBus>,
-    supply: Supply,
     tick: Tick,
     tickets: u32,
     sequence: u64,
@@ -263,11 +260,7 @@ impl Robot {
             broken: Rc::default(),
             freeze: Rc::default(),
         };
-        let (mut link, ends) = cycle::link(settings.groups.len());
-        let (taken, supply) = replacements();
-        link.repairs(taken);
-        let plans = BusPlan::of(&settings);
-        let cycle = Cycle::new(&settings, &plans, buses, clock.clone(), link, 7);
+        let (cycle, ends) = assemble(&settings, buses, clock.clone(), 7);
         let tick = Tick { number: 1, at: start };
         Self {
             settings,
@@ -275,7 +268,6 @@ impl Robot {
             ends,
             clock,
             buses: Vec::new(),
-            supply,
             tick,
             tickets: 0,
             sequence: 0,
@@ -368,7 +360,7 @@ impl Robot {
     /// Opens a bus again that the cycle gave up, as the daemon's own thread does.
     pub fn reopen(&mut self, bus: usize) {
         let opened = Box::new(self.buses[bus].clone());
-        assert!(self.supply.hand_over(bus, opened), "there is room for every bus");
+        assert!(self.ends.supply.hand_over(bus, opened), "there is room for every bus");
     }
 
     /// The truth about a motor, which it would not tell.

@@ -1,0 +1,28 @@
+//! From settings to a cycle that can run, and the ends that everybody else holds.
+
+use super::{Cycle, Ends, link};
+use crate::clock::Clock;
+use crate::plan::BusPlan;
+use crate::settings::Settings;
+use motord_bus::Bus;
+
+/// Makes the cycle of `settings` on `buses`, and its other ends. Allocates; nothing in the cycle does after it.
+///
+/// `buses` stand in the order of the configuration, and are open. `clock` is the machine's or one of virtual time.
+/// `boot_id` must differ from that of every earlier run whose leases may still be around: any number will do where all
+/// clients live in this program.
+///
+/// # Panics
+///
+/// When there are not as many buses as in the settings.
+#[must_use]
+pub fn assemble<C: Clock>(
+    settings: &Settings,
+    buses: Vec<Box<dyn Bus>>,
+    clock: C,
+    boot_id: u64,
+) -> (Cycle<C>, Ends) {
+    assert_eq!(buses.len(), settings.buses.len(), "every bus of the settings is there");
+    let (link, ends) = link(settings.groups.len());
+    (Cycle::new(settings, &BusPlan::of(settings), buses, clock, link, boot_id), ends)
+}
