@@ -16,9 +16,15 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-bus", &[], &["motord-bus"]),
     ("motord-simulator", &["motord-bus"], &["motord-simulator"]),
     ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &[]),
-    ("motord", &["motord-core", "motord-shared", "motord-protocol", "motord-bus", "motord-simulator"], &[]),
+    (
+        "motord",
+        &["motord-core", "motord-shared", "motord-protocol", "motord-bus", "motord-simulator"],
+        &["motord-checker"],
+    ),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
     ("motorctl", &["motord-client", "motord-bus", "motord-protocol"], &[]),
+    // It judges the others, and shares no code with them.
+    ("motord-checker", &["motord-bus"], &[]),
 ];
 
 /// May import anything, and is in no other's list.

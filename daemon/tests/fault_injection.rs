@@ -1,4 +1,4 @@
-//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `robot/checker.rs` hold in every cycle;
+//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `checker/src/run.rs` hold in every cycle;
 //! and when they stop doing it, the robot can be armed again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. `MOTORD_SEEDS` sets how many,
 //! `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
@@ -186,13 +186,13 @@ impl Run {
 
     fn disturb_bus(&mut self, bus: usize, fault: &str) {
         let name = self.robot.settings.buses[bus].name.clone();
-        self.checker.disturbed_bus(&mut self.robot, bus, fault);
+        self.checker.disturbed_bus(bus, fault);
         self.robot.disturb(&format!("{name} {fault}"));
     }
 
     fn disturb_motor(&mut self, motor: usize, fault: &str) {
         let name = self.robot.settings.motors[motor].name.clone();
-        self.checker.disturbed_motor(&mut self.robot, motor, fault);
+        self.checker.disturbed_motor(motor, fault);
         self.robot.disturb(&format!("{name} {fault}"));
     }
 

@@ -129,7 +129,7 @@ fn a_value_beyond_its_range_is_clamped_and_leaves_its_neighbours_alone() {
         robot.follow(&joints);
         robot.take_sent();
         robot.follow(&far);
-        let Some(Meaning::Control { position, velocity, kp, kd, torque }) =
+        let Some(Meaning::Control { position, velocity, kp, kd, torque, .. }) =
             robot.take_sent_to(2).first().map(|sent| sent.meaning)
         else {
             panic!("it is controlled")

@@ -20,6 +20,7 @@ use motord::deadman::server::Server;
 use motord::host::clock::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
+use motord_checker::codec::Ranges;
 use motord_core::cycle::{Cycle, Ends, Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::instance::Instance;
@@ -301,7 +302,7 @@ fn observer(interface: InterfaceName) -> SocketCanBus {
 }
 
 fn meaning(frame: &Frame, torque_max: f64) -> Meaning {
-    Meaning::of(frame.payload().try_into().unwrap(), torque_max)
+    Meaning::of(frame.payload().try_into().unwrap(), &Ranges::steadywin(torque_max))
 }
 
 const WARNING: u8 = 0x08;

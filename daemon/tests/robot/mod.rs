@@ -1,7 +1,7 @@
 //! A whole robot on virtual time: the real cycle and the simulated motors, with a test as client, operator and saboteur.
 //!
 //! Method: one virtual clock moves only when the cycle sleeps or waits, so a run is the same every time. What reached
-//! the wire is recorded by the buses and decoded here, from the vendor's document, not by the daemon's codec.
+//! the wire is recorded by the buses and decoded by the invariant checker, not by the daemon's codec.
 
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its own part of the robot")]
 
@@ -12,6 +12,9 @@ pub mod random;
 use motord::buses;
 use motord::config::{self, Machine};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
+pub use motord_checker::codec::Meaning;
+use motord_checker::run::Command;
+pub use motord_checker::run::Reply;
 use motord_core::clock::Clock;
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, Ends, Tick, assemble};
@@ -22,8 +25,10 @@ use motord_shared::{
 };
 use motord_simulator::{BusSettings, Direction, FaultVerb, Motor, MotorSettings, SharedBus, SimulatedBus};
 use std::cell::Cell;
+use std::panic::RefUnwindSafe;
 use std::path::Path;
 use std::rc::Rc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 pub const PERIOD: Duration = Duration::from_millis(1);
 
@@ -119,7 +124,7 @@ impl Clock for Virtual {
     }
 }
 
-/// A frame to a motor, decoded from the MIT document 1.1.
+/// A frame to a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sent {
     /// When the cycle handed it over.
@@ -135,65 +140,12 @@ pub struct Sent {
     pub meaning: Meaning,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Meaning {
-    Start,
-    Stop,
-    SetZero,
-    GetFault,
-    ClearFault,
-    /// Position rad, velocity rad/s, kp, kd, torque N·m.
-    Control {
-        position: f64,
-        velocity: f64,
-        kp: f64,
-        kd: f64,
-        torque: f64,
-    },
-}
-
-impl Meaning {
-    pub fn of(bytes: [u8; 8], torque_max: f64) -> Self {
-        let [a, b, c, d, e, f, g, h] = bytes.map(f64::from);
-        match bytes {
-            [255, 255, 255, 255, 255, 255, 255, 0xFC] => Self::Start,
-            [255, 255, 255, 255, 255, 255, 255, 0xFD] => Self::Stop,
-            [255, 255, 255, 255, 255, 255, 255, 0xFE] => Self::SetZero,
-            [255, 255, 255, 255, 255, 255, 255, 0xFB] => Self::ClearFault,
-            [255, 255, 255, 255, 255, 255, _, 0xFB] => Self::GetFault,
-            _ => {
-                let (high, low) = (|x: f64| (x / 16.0).floor(), |x: f64| x % 16.0);
-                Self::Control {
-                    position: (a * 256.0 + b) * 25.0 / 65535.0 - 12.5,
-                    velocity: (c * 16.0 + high(d)) * 130.0 / 4095.0 - 65.0,
-                    kp: (low(d) * 256.0 + e) * 500.0 / 4095.0,
-                    kd: (f * 16.0 + high(g)) * 5.0 / 4095.0,
-                    torque: (low(g) * 256.0 + h) * 2.0 * torque_max / 4095.0 - torque_max,
-                }
-            }
-        }
+impl Sent {
+    /// As the invariant checker knows it.
+    pub fn command(&self) -> Command {
+        let id = FrameId::new(self.id).expect("an id has eleven bits");
+        Command { ready: self.ready, bus: self.bus, frame: Frame::full(id, self.bytes) }
     }
-
-    /// Neither stiffness, nor torque, nor a speed to follow beyond a code: at most it brakes.
-    pub fn is_safe(&self) -> bool {
-        match *self {
-            Self::Start | Self::SetZero => false,
-            Self::Stop | Self::GetFault | Self::ClearFault => true,
-            Self::Control { velocity, kp, torque, .. } => {
-                kp == 0.0 && torque.abs() < 0.2 && velocity.abs() < 0.02
-            }
-        }
-    }
-}
-
-/// A reply, as it was on the wire.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
-    /// The end of the frame.
-    pub at: Instant,
-    /// Which bus.
-    pub bus: usize,
-    pub frame: Frame,
 }
 
 /// The robot, its client, and what can be done to both.
@@ -210,7 +162,7 @@ pub struct Robot {
     /// Frames to motors since the last [`Robot::take_sent`].
     sent: Vec<Sent>,
     /// Frames to the host since the last [`Robot::take_told`].
-    told: Vec<Told>,
+    told: Vec<Reply>,
     /// What the log was told since the last [`Robot::take_events`].
     events: Vec<Event>,
 }
@@ -310,13 +262,13 @@ impl Robot {
         for recorded in guard.take_record() {
             let (at, frame) = (recorded.at, recorded.frame);
             if recorded.direction == Direction::ToHost {
-                self.told.push(Told { at, bus, frame });
+                self.told.push(Reply { at, bus, frame });
                 continue;
             }
             let id = frame.id().raw();
             let motor =
                 self.settings.motors.iter().find(|motor| motor.bus == bus && u16::from(motor.id) == id);
-            let torque_max = motor.expect("frames go to motors of the bus").torque_scale.field().max();
+            let ranges = checker::ranges(motor.expect("frames go to motors of the bus"));
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
             self.sent.push(Sent {
                 ready: recorded.ready,
@@ -324,7 +276,7 @@ impl Robot {
                 bus,
                 id,
                 bytes,
-                meaning: Meaning::of(bytes, torque_max),
+                meaning: Meaning::of(bytes, &ranges),
             });
         }
     }
@@ -340,7 +292,7 @@ impl Robot {
     }
 
     /// What was on the wire for the host since the last call.
-    pub fn take_told(&mut self) -> Vec<Told> {
+    pub fn take_told(&mut self) -> Vec<Reply> {
         std::mem::take(&mut self.told)
     }
 
@@ -556,24 +508,36 @@ pub fn number(variable: &str) -> Option<u64> {
     std::env::var(variable).ok().and_then(|text| text.parse().ok())
 }
 
-/// Runs `count` seeds, or as many as `MOTORD_SEEDS` says, or the one that `MOTORD_SEED` names. Tells how long they
-/// took, and how to run one again that failed.
-pub fn for_each_seed(test: &str, count: u64, run: impl Fn(u64) + std::panic::RefUnwindSafe) {
+/// Runs `count` seeds on all processors, or as many as `MOTORD_SEEDS` says, or the one that `MOTORD_SEED` names. Tells how
+/// long they took, and how to run one again that failed.
+pub fn for_each_seed(test: &str, count: u64, run: impl Fn(u64) + Sync + RefUnwindSafe) {
     let begun = motord_bus::clock::monotonic();
     let seeds = match number("MOTORD_SEED") {
         Some(seed) => seed..seed + 1,
         None => 0..number("MOTORD_SEEDS").unwrap_or(count),
     };
-    for seed in seeds.clone() {
-        let ended = std::panic::catch_unwind(|| run(seed));
-        let seconds =
-            number("MOTORD_ROBOT_SECONDS").map(|seconds| format!("MOTORD_ROBOT_SECONDS={seconds} "));
-        let seconds = seconds.unwrap_or_default();
-        assert!(
-            ended.is_ok(),
-            "run it alone with: MOTORD_SEED={seed} {seconds}cargo test -p motord --test {test}"
-        );
-    }
+    let (next, failed) = (AtomicU64::new(seeds.start), AtomicU64::new(u64::MAX));
+    let work = || {
+        while failed.load(Relaxed) == u64::MAX {
+            let seed = next.fetch_add(1, Relaxed);
+            if seed >= seeds.end {
+                return;
+            }
+            if std::panic::catch_unwind(|| run(seed)).is_err() {
+                failed.fetch_min(seed, Relaxed);
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        (0..threads).for_each(|_| drop(scope.spawn(work)));
+    });
+    let seconds = number("MOTORD_ROBOT_SECONDS").map(|seconds| format!("MOTORD_ROBOT_SECONDS={seconds} "));
+    let (failed, seconds) = (failed.into_inner(), seconds.unwrap_or_default());
+    assert!(
+        failed == u64::MAX,
+        "run it alone with: MOTORD_SEED={failed} {seconds}cargo test -p motord --test {test}"
+    );
     let took = motord_bus::clock::monotonic().since(begun);
     println!("{test}: seeds {seeds:?} took {took:.1?}");
 }

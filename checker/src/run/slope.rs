@@ -1,6 +1,10 @@
 //! How fast what a motor hears may change.
 
-use motord_core::settings::LimitSettings;
+use crate::codec::Ranges;
+use crate::robot::Limits;
+
+/// What rounding to codes can add between two values, in codes: both to the nearest, and what single precision adds.
+const ROUNDING: f64 = 1.04;
 
 /// A value that may fall at once, but rises no faster than its slew.
 #[derive(Debug, Clone, Copy, Default)]
@@ -12,8 +16,8 @@ struct Ceiling {
 
 impl Ceiling {
     /// `noise` is what rounding to codes can add between two values.
-    fn judge(&mut self, name: &str, value: f64, slew: f32, noise: f64, time: f64) {
-        let highest = self.lowest + f64::from(slew) * (time - self.time);
+    fn judge(&mut self, name: &str, value: f64, slew: f64, noise: f64, time: f64) {
+        let highest = self.lowest + slew * (time - self.time);
         assert!(value <= highest + noise, "I2: {name} rose to {value}, expected at most {highest}");
         *self = Self { lowest: value.min(highest), time };
     }
@@ -43,30 +47,32 @@ impl Slopes {
         (self.position, self.time) = (position, time);
     }
 
-    /// Judges what an active motor was told at `time`, s: joint side, `[kp, kd, torque]`.
+    /// Judges the command to an active motor at `time`, s: joint side, `[kp, kd, torque]`.
     pub(super) fn judge(
         &mut self,
         time: f64,
-        limits: &LimitSettings,
+        limits: &Limits,
         position: f64,
         [kp, kd, torque]: [f64; 3],
-        torque_code: f64,
+        codes: &Ranges,
     ) {
-        self.kp.judge("kp", kp, limits.kp_slew, 0.13, time);
-        self.kd.judge("kd", kd, limits.kd_slew, 0.0013, time);
-        self.forward.judge("torque", torque.max(0.0), limits.torque_slew, 2.0 * torque_code, time);
+        self.kp.judge("kp", kp, limits.kp_slew, ROUNDING * codes.kp, time);
+        self.kd.judge("kd", kd, limits.kd_slew, ROUNDING * codes.kd, time);
+        self.forward.judge("torque", torque.max(0.0), limits.torque_slew, 2.0 * codes.torque, time);
         self.backward.judge(
             "negative torque",
             (-torque).max(0.0),
             limits.torque_slew,
-            2.0 * torque_code,
+            2.0 * codes.torque,
             time,
         );
         // Without stiffness the position on the wire means nothing.
         if kp > 0.0 {
-            let (step, reach) =
-                ((position - self.position).abs(), f64::from(limits.velocity) * (time - self.time));
-            assert!(step <= reach + 4e-4, "I2: the position stepped by {step}, expected at most {reach}");
+            let (step, reach) = ((position - self.position).abs(), limits.velocity * (time - self.time));
+            assert!(
+                step <= reach + ROUNDING * codes.position,
+                "I2: the position stepped by {step}, expected at most {reach}"
+            );
             (self.position, self.time) = (position, time);
         }
     }

@@ -1,17 +1,17 @@
 //! What was seen of one cycle from outside, and what its frames are judged by, however late they leave.
 
-use super::Meaning;
+use crate::codec::Meaning;
+use crate::state::{Phase, State};
 use motord_bus::Instant;
-use motord_shared::{Phase, StateMessage};
 use std::rc::Rc;
 
 /// One cycle.
 #[derive(Debug)]
 pub(super) struct Cycle {
     /// What was published before it.
-    pub(super) before: Rc<StateMessage>,
+    pub(super) before: Rc<State>,
     /// What it published.
-    pub(super) state: Rc<StateMessage>,
+    pub(super) state: Rc<State>,
     pub(super) begun: Instant,
     /// Since the cycle before, as far as slews may count it, s.
     pub(super) elapsed: f64,
@@ -34,16 +34,16 @@ pub(super) struct Cycle {
 impl Cycle {
     /// The group was in this phase before the cycle, and after it.
     pub(super) fn is(&self, group: usize, phase: Phase) -> bool {
-        self.was(group, phase) && self.state.groups[group].phase == phase.code()
+        self.was(group, phase) && self.state.groups[group].phase == phase
     }
 
     /// The group was in this phase before the cycle.
     pub(super) fn was(&self, group: usize, phase: Phase) -> bool {
-        self.before.groups[group].phase == phase.code()
+        self.before.groups[group].phase == phase
     }
 
     /// The group was in this phase before the cycle, or after it.
     pub(super) fn touches(&self, group: usize, phase: Phase) -> bool {
-        self.was(group, phase) || self.state.groups[group].phase == phase.code()
+        self.was(group, phase) || self.state.groups[group].phase == phase
     }
 }

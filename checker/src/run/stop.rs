@@ -1,9 +1,9 @@
 //! What must happen: a motor that hears nothing keeps its last command.
 
 use super::cycle::Cycle;
-use super::{Meaning, Robot};
-use motord_core::settings::{SafeStop, Settings};
-use motord_shared::{MotorMode, Phase};
+use crate::codec::Meaning;
+use crate::robot::{Robot, SafeStop};
+use crate::state::{Mode, Phase, State};
 
 /// A safe frame comes within so many cycles of a fault that the cycle can see.
 const NOTICE_CYCLES: u32 = 2;
@@ -13,7 +13,9 @@ const SILENCE_CYCLES: u32 = 4;
 /// What a fault was done to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Target {
+    /// A bus, by its index.
     Bus(usize),
+    /// A motor, by its index.
     Motor(usize),
 }
 
@@ -31,19 +33,17 @@ pub(super) struct Injections(Vec<Injected>);
 
 impl Injections {
     /// Every active group that `target` is a part of must be stopped soon.
-    pub(super) fn begin(&mut self, target: Target, robot: &mut Robot) {
-        let state = robot.state();
-        let settings = &robot.settings;
+    pub(super) fn begin(&mut self, target: Target, robot: &Robot, state: &State) {
         let is_hurt = |motor: usize| match target {
-            Target::Bus(bus) => settings.motors[motor].bus == bus,
+            Target::Bus(bus) => robot.motors[motor].bus == bus,
             Target::Motor(hurt) => hurt == motor,
         };
         let cycles_left = match target {
             Target::Bus(_) => NOTICE_CYCLES,
-            Target::Motor(_) => settings.safety.lost_cycles + SILENCE_CYCLES,
+            Target::Motor(_) => robot.lost_cycles + SILENCE_CYCLES,
         };
-        for (group, members) in settings.groups.iter().enumerate() {
-            let active = state.groups[group].phase == Phase::Active.code();
+        for (group, members) in robot.groups.iter().enumerate() {
+            let active = state.groups[group].phase == Phase::Active;
             let known = self.0.iter().any(|injected| (injected.target, injected.group) == (target, group));
             if active && !known && members.motors.iter().any(|&motor| is_hurt(motor)) {
                 self.0.push(Injected { target, group, cycles_left });
@@ -67,14 +67,14 @@ impl Injections {
 }
 
 /// Judges what the motors heard in `cycle`, which came after `last`, on buses that were well.
-pub(super) fn judge(settings: &Settings, last: &Cycle, cycle: &Cycle, is_well: impl Fn(usize) -> bool) {
-    for (group, members) in settings.groups.iter().enumerate() {
-        let disarmed = cycle.state.groups[group].phase == Phase::Disarmed.code();
+pub(super) fn judge(robot: &Robot, last: &Cycle, cycle: &Cycle, is_well: impl Fn(usize) -> bool) {
+    for (group, members) in robot.groups.iter().enumerate() {
+        let disarmed = cycle.state.groups[group].phase == Phase::Disarmed;
         let moved = cycle.was(group, Phase::Starting) || cycle.was(group, Phase::Active);
         let may = members.safe_stop == SafeStop::Stop;
         assert!(may || !disarmed || !moved, "I10: a group was stopped without damping");
-        for &motor in members.motors.iter().filter(|&&motor| is_well(settings.motors[motor].bus)) {
-            judge_motor(&settings.motors[motor].name, [last, cycle], group, motor);
+        for &motor in members.motors.iter().filter(|&&motor| is_well(robot.motors[motor].bus)) {
+            judge_motor(&robot.motors[motor].name, [last, cycle], group, motor);
         }
     }
 }
@@ -82,9 +82,9 @@ pub(super) fn judge(settings: &Settings, last: &Cycle, cycle: &Cycle, is_well: i
 fn judge_motor(name: &str, [last, cycle]: [&Cycle; 2], group: usize, motor: usize) {
     let [was, is] = [&cycle.before, &cycle.state].map(|state| state.joints[motor].mode);
     let [before, now] = [last, cycle].map(|cycle| cycle.heard[motor]);
-    let offline = [was, is].contains(&MotorMode::Offline.code());
+    let offline = [was, is].contains(&Mode::Offline);
     assert!(offline || now.is_some(), "I10: {name} heard nothing");
-    if was != MotorMode::Damping.code() || !cycle.was(group, Phase::Damping) {
+    if was != Mode::Damping || !cycle.was(group, Phase::Damping) {
         return;
     }
     if !cycle.is(group, Phase::Damping) {

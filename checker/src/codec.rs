@@ -1,0 +1,237 @@
+//! Frames of the MIT protocol, as bytes mean them.
+//!
+//! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and other lengths and ids
+//! of a reply ([`Reply`]).
+
+use serde::Deserialize;
+
+/// What the end codes of the fields mean. Position, velocity and torque are symmetric; stiffness and damping begin at 0.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ranges {
+    /// Largest position, rad, of 65 535 codes.
+    #[serde(rename = "position-rad")]
+    pub position: f64,
+    /// Largest velocity, rad/s, of 4095 codes.
+    #[serde(rename = "velocity-rad-s")]
+    pub velocity: f64,
+    /// Largest stiffness, N·m/rad, of 4095 codes.
+    pub kp: f64,
+    /// Largest damping, N·m·s/rad, of 4095 codes.
+    pub kd: f64,
+    /// Largest torque, N·m, of 4095 codes.
+    #[serde(rename = "torque-nm")]
+    pub torque: f64,
+}
+
+impl Ranges {
+    /// SteadyWin: 12.5 rad, 65 rad/s, 500 N·m/rad, 5 N·m·s/rad, and the torque that the model says (MIT document 1.1).
+    #[must_use]
+    pub const fn steadywin(torque: f64) -> Self {
+        Self { position: 12.5, velocity: 65.0, kp: 500.0, kd: 5.0, torque }
+    }
+
+    /// What one code is worth in each field.
+    #[must_use]
+    pub const fn codes(&self) -> Self {
+        Self {
+            position: 2.0 * self.position / 65535.0,
+            velocity: 2.0 * self.velocity / 4095.0,
+            kp: self.kp / 4095.0,
+            kd: self.kd / 4095.0,
+            torque: 2.0 * self.torque / 4095.0,
+        }
+    }
+}
+
+/// How a motor's replies are recognised and read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reply {
+    /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an error code (Damiao).
+    #[serde(rename = "id-mask")]
+    pub id_mask: u8,
+    /// Bytes of a reply to a command.
+    pub length: usize,
+}
+
+impl Reply {
+    /// SteadyWin: the whole first byte is the id, and six bytes are all (MIT document 1.1).
+    pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6 };
+
+    /// Position, rad, and velocity, rad/s, that the reply of motor `id` tells. `None` when it is none, or a report on faults:
+    /// nothing but zeros after the third byte (MIT document 1.1).
+    #[must_use]
+    pub fn read(self, payload: &[u8], id: u8, ranges: &Ranges) -> Option<[f64; 2]> {
+        let [first, high, low, fast, slow, ..] = *payload else { return None };
+        let report = payload[3..].iter().all(|byte| *byte == 0);
+        if payload.len() != self.length || first & self.id_mask != id & self.id_mask || report {
+            return None;
+        }
+        let position = u16::from_be_bytes([high, low]);
+        let velocity = u16::from_be_bytes([fast, slow]) >> 4;
+        let codes = ranges.codes();
+        Some([
+            f64::from(position) * codes.position - ranges.position,
+            f64::from(velocity) * codes.velocity - ranges.velocity,
+        ])
+    }
+}
+
+/// The fields of a control command, as codes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Codes {
+    position: u16,
+    velocity: u16,
+    kp: u16,
+    kd: u16,
+    torque: u16,
+}
+
+impl Codes {
+    /// 16 bits of position, then 12 bits each.
+    fn of(bytes: [u8; 8]) -> Self {
+        let word = u64::from_be_bytes(bytes);
+        let twelve = |shift: u32| (word >> shift) as u16 & 0xFFF;
+        let position = (word >> 48) as u16;
+        Self { position, velocity: twelve(36), kp: twelve(24), kd: twelve(12), torque: twelve(0) }
+    }
+}
+
+/// A symmetric field of twelve bits.
+fn symmetric(code: u16, most: f64) -> f64 {
+    f64::from(code) * 2.0 * most / 4095.0 - most
+}
+
+/// Zero lies between two codes; both mean it.
+const fn is_zero(code: u16) -> bool {
+    matches!(code, 0x7FF | 0x800)
+}
+
+/// What a frame tells a motor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Meaning {
+    /// Follow commands.
+    Start,
+    /// Go limp.
+    Stop,
+    /// The present position is zero from now on.
+    SetZero,
+    /// Which fault there is.
+    GetFault,
+    /// Forget the fault.
+    ClearFault,
+    /// An impedance setpoint.
+    Control {
+        /// rad
+        position: f64,
+        /// rad/s
+        velocity: f64,
+        /// N·m/rad
+        kp: f64,
+        /// N·m·s/rad
+        kd: f64,
+        /// N·m
+        torque: f64,
+        /// Velocity and torque mean zero, which lies between two codes.
+        neutral: bool,
+    },
+}
+
+impl Meaning {
+    /// Reads the eight bytes of a command.
+    #[must_use]
+    pub fn of(bytes: [u8; 8], ranges: &Ranges) -> Self {
+        match bytes {
+            [255, 255, 255, 255, 255, 255, 255, 0xFC] => Self::Start,
+            [255, 255, 255, 255, 255, 255, 255, 0xFD] => Self::Stop,
+            [255, 255, 255, 255, 255, 255, 255, 0xFE] => Self::SetZero,
+            [255, 255, 255, 255, 255, 255, 255, 0xFB] => Self::ClearFault,
+            [255, 255, 255, 255, 255, 255, _, 0xFB] => Self::GetFault,
+            _ => {
+                let codes = Codes::of(bytes);
+                Self::Control {
+                    position: f64::from(codes.position) * 2.0 * ranges.position / 65535.0 - ranges.position,
+                    velocity: symmetric(codes.velocity, ranges.velocity),
+                    kp: f64::from(codes.kp) * ranges.kp / 4095.0,
+                    kd: f64::from(codes.kd) * ranges.kd / 4095.0,
+                    torque: symmetric(codes.torque, ranges.torque),
+                    neutral: is_zero(codes.velocity) && is_zero(codes.torque),
+                }
+            }
+        }
+    }
+
+    /// Neither stiffness, nor torque, nor a speed to follow: at most it brakes.
+    #[must_use]
+    pub fn is_safe(&self) -> bool {
+        match *self {
+            Self::Start | Self::SetZero => false,
+            Self::Stop | Self::GetFault | Self::ClearFault => true,
+            Self::Control { kp, neutral, .. } => kp == 0.0 && neutral,
+        }
+    }
+
+    /// Brakes, and does nothing else.
+    #[must_use]
+    pub fn is_damping(&self) -> bool {
+        matches!(*self, Self::Control { kd, .. } if kd > 0.0) && self.is_safe()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RANGES: Ranges = Ranges::steadywin(20.0);
+
+    /// 8123 7FF 0A4 099 812, by hand: 33059 · 25 / 65535 − 12.5 rad, 164 · 500 / 4095, 153 · 5 / 4095 and
+    /// 2066 · 40 / 4095 − 20 N·m.
+    #[test]
+    fn a_command_is_read_field_by_field() {
+        let Meaning::Control { position, velocity, kp, kd, torque, neutral } =
+            Meaning::of([0x81, 0x23, 0x7F, 0xF0, 0xA4, 0x09, 0x98, 0x12], &RANGES)
+        else {
+            panic!("it is a control command")
+        };
+        assert!((position - 0.111_200).abs() < 1e-5, "{position}");
+        assert!((velocity + 0.015_873).abs() < 1e-5 && !neutral, "{velocity}");
+        assert!((kp - 20.024_42).abs() < 1e-4, "{kp}");
+        assert!((kd - 0.186_813).abs() < 1e-5, "{kd}");
+        assert!((torque - 0.180_708).abs() < 1e-5, "{torque}");
+    }
+
+    #[test]
+    fn a_command_with_any_pull_is_not_safe() {
+        let is_safe = |bytes: u64| Meaning::of(bytes.to_be_bytes(), &RANGES).is_safe();
+        for safe in
+            [0x8123_7FF0_0009_97FF, 0x8123_8000_0009_9800, 0xFFFF_FFFF_FFFF_FFFD, 0xFFFF_FFFF_FFFF_01FB]
+        {
+            assert!(is_safe(safe), "{safe:016X}");
+        }
+        for pull in [
+            0x8123_7FF0_0109_97FF_u64,
+            0x8123_7FF0_0009_9801,
+            0x8123_8010_0009_97FF,
+            0x8123_7FE0_0009_97FF,
+            0x8123_7FF0_0009_97FE,
+            0xFFFF_FFFF_FFFF_FFFC,
+            0xFFFF_FFFF_FFFF_FFFE,
+            0,
+        ] {
+            assert!(!is_safe(pull), "{pull:016X}");
+        }
+    }
+
+    #[test]
+    fn a_reply_of_another_motor_or_length_and_a_report_on_faults_tell_no_state() {
+        let damiao = Reply { id_mask: 0x0F, length: 8 };
+        let read = |reply: Reply, payload: &[u8]| reply.read(payload, 1, &RANGES);
+        assert!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0]).is_some());
+        assert!(read(damiao, &[0x11, 0x80, 0, 0x80, 8, 0, 25, 25]).is_some());
+        assert_eq!(read(Reply::STEADYWIN, &[2, 0x80, 0, 0x80, 8, 0]), None);
+        assert_eq!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0, 25, 25]), None);
+        assert_eq!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0, 0, 0]), None);
+        assert_eq!(read(damiao, &[0x12, 0x80, 0, 0x80, 8, 0, 25, 25]), None);
+    }
+}

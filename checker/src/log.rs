@@ -1,0 +1,194 @@
+//! Logs of candump, judged by the marks that whoever disturbed the robot has written beside them.
+//!
+//! A mark is a line `seconds word...`, with the time as candump tells it. A line of the log that is none, such as
+//! candump's report of frames it lost, is wrong in itself.
+
+pub mod deaths;
+pub mod disturbances;
+pub mod service;
+pub mod times;
+pub mod trot;
+
+use crate::codec::{Meaning, Ranges};
+use crate::robot::Wiring;
+use motord_bus::candump::LogLine;
+use motord_bus::{Content, Duration};
+
+/// No more complaints than this are told; all are counted.
+const TOLD: usize = 20;
+
+/// The kind of a command, which does not depend on the motor's [`Ranges`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A start, a zero, a stiffness, a torque or a velocity; or bytes that mean nothing.
+    Motion,
+    /// Neither, but braking.
+    Damping,
+    /// A stop.
+    Stop,
+    /// A question for a fault, or its clearing.
+    Fault,
+}
+
+impl Kind {
+    /// One letter: T as in told to move, D, S, and Q as in question.
+    #[must_use]
+    pub const fn letter(self) -> char {
+        match self {
+            Self::Motion => 'T',
+            Self::Damping => 'D',
+            Self::Stop => 'S',
+            Self::Fault => 'Q',
+        }
+    }
+
+    fn of(meaning: Option<Meaning>) -> Self {
+        match meaning {
+            Some(Meaning::Stop) => Self::Stop,
+            Some(Meaning::GetFault | Meaning::ClearFault) => Self::Fault,
+            Some(meaning) if meaning.is_damping() => Self::Damping,
+            _ => Self::Motion,
+        }
+    }
+}
+
+/// A command in a log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Command {
+    /// When it was on the bus, as the log counts.
+    pub at: Duration,
+    /// Index of the motor in the [`Wiring`].
+    pub motor: usize,
+    /// What kind it is of.
+    pub kind: Kind,
+    /// `None` when it has not eight bytes.
+    pub meaning: Option<Meaning>,
+    /// As candump spells it: interface, id and data.
+    pub text: String,
+}
+
+/// Something that happened to the robot.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mark {
+    /// When, as the log counts.
+    pub at: Duration,
+    /// What, and more words.
+    pub words: Vec<String>,
+}
+
+impl Mark {
+    /// The word after the time.
+    #[must_use]
+    pub fn word(&self) -> &str {
+        self.words.first().map_or("", String::as_str)
+    }
+}
+
+/// What was found.
+#[derive(Debug, Default)]
+pub struct Verdict {
+    /// For people.
+    pub report: Vec<String>,
+    /// What is wrong, the first few.
+    pub complaints: Vec<String>,
+    /// How much is wrong.
+    pub wrong: usize,
+}
+
+impl Verdict {
+    /// Something is wrong.
+    pub fn complain(&mut self, complaint: impl Into<String>) {
+        self.wrong += 1;
+        if self.wrong <= TOLD {
+            self.complaints.push(complaint.into());
+        }
+    }
+
+    /// Complains unless this holds.
+    fn demand(&mut self, holds: bool, complaint: impl FnOnce() -> String) {
+        if !holds {
+            self.complain(complaint());
+        }
+    }
+}
+
+/// Rules for a log, which is shown in the order of time.
+pub trait Rules {
+    /// A mark begins, and the one before ends.
+    fn mark(&mut self, mark: &Mark, verdict: &mut Verdict);
+    /// A motor hears a command.
+    fn command(&mut self, command: &Command, verdict: &mut Verdict);
+    /// The log is over.
+    fn end(&mut self, verdict: &mut Verdict);
+}
+
+/// Shows `rules` the log of a robot and the marks.
+#[must_use]
+pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str) -> Verdict {
+    let mut verdict = Verdict::default();
+    let commands = commands(wiring, log, &mut verdict);
+    let mut marks = marks.iter().peekable();
+    for command in &commands {
+        while let Some(mark) = marks.next_if(|mark| mark.at <= command.at) {
+            rules.mark(mark, &mut verdict);
+        }
+        rules.command(command, &mut verdict);
+    }
+    marks.for_each(|mark| rules.mark(mark, &mut verdict));
+    rules.end(&mut verdict);
+    verdict
+}
+
+/// Reads marks.
+///
+/// # Errors
+///
+/// The line that is none.
+pub fn marks(text: &str) -> Result<Vec<Mark>, String> {
+    let mark = |line: &str| {
+        let mut words = line.split_whitespace();
+        let at = words.next().and_then(|time| time.parse().ok());
+        let at = at.and_then(|seconds: f64| Duration::try_from_secs_f64(seconds).ok());
+        let at = at.ok_or_else(|| format!("not a mark: {line}"))?;
+        // The time has microseconds, and a number with a fraction is not exact.
+        let at = Duration::from_micros((at.as_nanos() as u64 + 500) / 1000);
+        Ok(Mark { at, words: words.map(String::from).collect() })
+    };
+    text.lines().map(mark).collect()
+}
+
+/// The commands of a log by their times. Frames that go to no motor are the replies of one, or wrong.
+fn commands(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Command> {
+    let mut commands = Vec::new();
+    for line in log.lines() {
+        match command(wiring, line) {
+            Ok(command) => commands.extend(command),
+            Err(complaint) => verdict.complain(complaint),
+        }
+    }
+    // Each interface tells its frames in order; candump mixes them a little.
+    commands.sort_by_key(|command| command.at);
+    commands
+}
+
+fn command(wiring: &Wiring, line: &str) -> Result<Option<Command>, String> {
+    let said = || format!("candump says: {line}");
+    let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| said())?;
+    let Content::Frame(frame) = content else { return Err(said()) };
+    let id = frame.id().raw();
+    let is_to = |motor: &crate::robot::Wired| motor.interface == interface && motor.id == id;
+    if let Some(motor) = wiring.motors.iter().position(is_to) {
+        // A kind depends on no range, so one serves for every motor.
+        let bytes = frame.payload().try_into().ok();
+        let meaning = bytes.map(|bytes| Meaning::of(bytes, &Ranges::steadywin(1.0)));
+        let text = format!("{interface} {frame:?}");
+        return Ok(Some(Command { at, motor, kind: Kind::of(meaning), meaning, text }));
+    }
+    let replies = wiring.motors.iter().any(|motor| motor.interface == interface && motor.reply_id == id);
+    if replies { Ok(None) } else { Err(format!("no motor has this id: {line}")) }
+}
+
+/// A time in seconds, as candump tells it.
+fn seconds(at: Duration) -> String {
+    format!("{}.{:06}", at.as_secs(), at.subsec_micros())
+}

@@ -1,0 +1,166 @@
+//! After the death of a process or a thread every motor hears damping and then a stop; and from the first damping frame
+//! of a bus until the next start nothing on it moves.
+//!
+//! Marks: `due COUNT DEATH...` says how often each death is due, `start` that motors may be started, `DEATH` that it
+//! happens now. A process freezes when the kernel next runs one of its threads, so the death `freeze` is counted from the
+//! last command that moves.
+
+use super::times::{self, Limits};
+use super::{Command, Kind, Mark, Rules, Verdict};
+use crate::robot::Wiring;
+use motord_bus::Duration;
+use std::collections::BTreeMap;
+
+/// A robot that trots hears something on every bus in this time.
+const TROT: Duration = Duration::from_millis(30);
+
+/// What one motor has heard.
+#[derive(Debug, Clone, Copy, Default)]
+struct Heard {
+    /// It was told to move, at any time.
+    moved: bool,
+    /// Since the last mark.
+    damped: bool,
+    /// Since the last mark.
+    stopped: bool,
+}
+
+/// What one interface has carried.
+#[derive(Debug, Clone, Copy, Default)]
+struct Carried {
+    /// The last command that moves.
+    motion: Option<Duration>,
+    /// Damping since the last death.
+    damped: bool,
+}
+
+/// The rules.
+#[derive(Debug)]
+pub struct Deaths<'a> {
+    wiring: &'a Wiring,
+    limits: &'a Limits,
+    /// The death that is going on, and when it happened.
+    death: Option<(String, Duration)>,
+    motors: Vec<Heard>,
+    buses: BTreeMap<&'a str, Carried>,
+    due: BTreeMap<String, usize>,
+    repetitions: BTreeMap<String, usize>,
+    /// Milliseconds to the first damping frame of each bus.
+    times: BTreeMap<String, Vec<f64>>,
+}
+
+impl<'a> Deaths<'a> {
+    /// Nothing has happened yet.
+    #[must_use]
+    pub fn new(wiring: &'a Wiring, limits: &'a Limits) -> Self {
+        let buses =
+            wiring.interfaces().into_iter().map(|interface| (interface, Carried::default())).collect();
+        Self {
+            wiring,
+            limits,
+            death: None,
+            motors: vec![Heard::default(); wiring.motors.len()],
+            buses,
+            due: BTreeMap::new(),
+            repetitions: BTreeMap::new(),
+            times: BTreeMap::new(),
+        }
+    }
+
+    fn tell(&self, what: &str, verdict: &mut Verdict) {
+        let (death, repetition) = match &self.death {
+            Some((death, _)) => (death.as_str(), self.repetitions[death]),
+            None => ("start", 0),
+        };
+        verdict.complain(format!("{what} ({death}, repetition {repetition})"));
+    }
+
+    /// Every motor that ever moved has been damped and stopped.
+    fn close(&self, verdict: &mut Verdict) {
+        if self.death.is_none() {
+            return;
+        }
+        let moved = || self.motors.iter().zip(&self.wiring.motors).filter(|(heard, _)| heard.moved);
+        for (_, motor) in moved().filter(|(heard, _)| !heard.damped) {
+            self.tell(&format!("no damping for {}", motor.place()), verdict);
+        }
+        for (_, motor) in moved().filter(|(heard, _)| !heard.stopped) {
+            self.tell(&format!("no stop for {}", motor.place()), verdict);
+        }
+    }
+
+    /// The first damping frame of a bus after a death.
+    fn first_damping(&mut self, interface: &'a str, now: Duration, verdict: &mut Verdict) {
+        let Some((death, at)) = self.death.clone() else { return };
+        let motion = self.buses[interface].motion;
+        if motion.is_none_or(|motion| now.saturating_sub(motion) > TROT) {
+            self.tell(&format!("the robot did not trot on {interface}"), verdict);
+        }
+        let from = if death == "freeze" { motion.unwrap_or(at) } else { at };
+        let milliseconds = now.saturating_sub(from).as_secs_f64() * 1e3;
+        self.times.entry(death).or_default().push(milliseconds);
+    }
+}
+
+impl Rules for Deaths<'_> {
+    fn mark(&mut self, mark: &Mark, verdict: &mut Verdict) {
+        if mark.word() == "due" {
+            let count = mark.words.get(1).and_then(|count| count.parse().ok()).unwrap_or(0);
+            let deaths = mark.words.iter().skip(2);
+            self.due.extend(deaths.map(|death| (death.clone(), count * self.buses.len())));
+            return;
+        }
+        self.close(verdict);
+        self.motors.iter_mut().for_each(|heard| (heard.damped, heard.stopped) = (false, false));
+        self.buses.values_mut().for_each(|bus| bus.damped = false);
+        self.death = None;
+        if mark.word() != "start" {
+            *self.repetitions.entry(mark.word().into()).or_default() += 1;
+            self.death = Some((mark.word().into(), mark.at));
+        }
+    }
+
+    fn command(&mut self, command: &Command, verdict: &mut Verdict) {
+        let interface = self.wiring.motors[command.motor].interface.as_str();
+        let bus = self.buses[interface];
+        match command.kind {
+            Kind::Fault => {}
+            Kind::Stop => {
+                if self.death.is_some() && !self.motors[command.motor].damped {
+                    self.tell(&format!("{} before damping", command.text), verdict);
+                }
+                self.motors[command.motor].stopped = true;
+            }
+            Kind::Damping if self.death.is_none() => {}
+            Kind::Damping => {
+                self.motors[command.motor].damped = true;
+                if !bus.damped {
+                    self.first_damping(interface, command.at, verdict);
+                }
+                self.buses.insert(interface, Carried { damped: true, ..bus });
+            }
+            Kind::Motion if bus.damped => self.tell(&format!("{} after damping", command.text), verdict),
+            Kind::Motion => {
+                self.motors[command.motor].moved = true;
+                self.buses.insert(interface, Carried { motion: Some(command.at), ..bus });
+            }
+        }
+    }
+
+    fn end(&mut self, verdict: &mut Verdict) {
+        self.close(verdict);
+        for (death, due) in &self.due {
+            let judged = self.times.get(death).map_or(0, Vec::len);
+            verdict.demand(judged == *due, || format!("{death} was judged {judged} times of {due}"));
+        }
+        verdict.demand(!self.due.is_empty(), || "no death is due".into());
+        let moved = self.motors.iter().filter(|heard| heard.moved).count();
+        let motors = self.motors.len();
+        verdict.demand(moved == motors, || format!("{moved} motors of {motors} were told to move"));
+        for (death, times) in std::mem::take(&mut self.times) {
+            let (line, in_time) = times::judge(&death, times, self.limits);
+            verdict.report.push(line);
+            verdict.demand(in_time, || format!("{death} is damped too late"));
+        }
+    }
+}

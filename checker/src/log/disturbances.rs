@@ -1,0 +1,110 @@
+//! From soon after a stop until its reset no motor hears a start, a stiffness or a torque, and every motor hears something.
+//!
+//! Marks: `stop [INTERFACE]` says what stops the robot, and which interface is down from then on; `reset`.
+
+use super::{Command, Kind, Mark, Rules, Verdict, seconds};
+use crate::robot::Wiring;
+use motord_bus::Duration;
+
+/// What a stop asks for.
+#[derive(Debug, Clone, Copy)]
+pub struct Demand {
+    /// Time from a stop to the first command that must be harmless: until it is noticed, and what is under way.
+    pub notice: Duration,
+    /// Stops in the log.
+    pub stops: usize,
+}
+
+/// A stop that has not been reset.
+#[derive(Debug)]
+struct Stop {
+    at: Duration,
+    /// The interface that is down.
+    down: Option<String>,
+    /// Frames by motor since the stop was noticed.
+    heard: Vec<usize>,
+    /// A motor was damped.
+    damped: bool,
+}
+
+/// The rules.
+#[derive(Debug)]
+pub struct Disturbances<'a> {
+    wiring: &'a Wiring,
+    demand: Demand,
+    stop: Option<Stop>,
+    /// Motors of the log.
+    seen: Vec<bool>,
+    stops: usize,
+    judged: usize,
+    /// Motors that heard nothing, by stop: known before all of them were seen.
+    silent: Vec<(Duration, usize)>,
+}
+
+impl<'a> Disturbances<'a> {
+    /// Nothing has happened yet.
+    #[must_use]
+    pub fn new(wiring: &'a Wiring, demand: Demand) -> Self {
+        let seen = vec![false; wiring.motors.len()];
+        Self { wiring, demand, stop: None, seen, stops: 0, judged: 0, silent: Vec::new() }
+    }
+
+    fn close(&mut self, verdict: &mut Verdict) {
+        let Some(stop) = self.stop.take() else { return };
+        self.stops += 1;
+        for (index, motor) in self.wiring.motors.iter().enumerate() {
+            if stop.heard[index] == 0 && stop.down.as_ref() != Some(&motor.interface) {
+                self.silent.push((stop.at, index));
+            }
+        }
+        self.judged += stop.heard.iter().sum::<usize>();
+        // Motors that do not answer are only stopped.
+        if stop.down.is_some() && !stop.damped {
+            verdict.complain(format!("nothing was damped after the stop at {}", seconds(stop.at)));
+        }
+    }
+}
+
+impl Rules for Disturbances<'_> {
+    fn mark(&mut self, mark: &Mark, verdict: &mut Verdict) {
+        self.close(verdict);
+        if mark.word() == "stop" {
+            let heard = vec![0; self.wiring.motors.len()];
+            self.stop = Some(Stop { at: mark.at, down: mark.words.get(1).cloned(), heard, damped: false });
+        }
+    }
+
+    fn command(&mut self, command: &Command, verdict: &mut Verdict) {
+        self.seen[command.motor] = true;
+        let Some(stop) = &mut self.stop else { return };
+        let is_down = stop.down.as_ref() == Some(&self.wiring.motors[command.motor].interface);
+        if is_down || command.at < stop.at + self.demand.notice {
+            return;
+        }
+        stop.heard[command.motor] += 1;
+        match command.kind {
+            Kind::Damping => stop.damped = true,
+            Kind::Stop | Kind::Fault => {}
+            Kind::Motion => {
+                verdict.complain(format!("{} after the stop at {}", command.text, seconds(stop.at)));
+            }
+        }
+    }
+
+    fn end(&mut self, verdict: &mut Verdict) {
+        self.close(verdict);
+        for (at, motor) in &self.silent {
+            let place = self.wiring.motors[*motor].place();
+            verdict.complain(format!("{place} heard nothing after the stop at {}", seconds(*at)));
+        }
+        let Self { stops, judged, .. } = *self;
+        let motors = self.seen.iter().filter(|seen| **seen).count();
+        let summary =
+            format!("{stops} stops, {motors} motors, {judged} frames to them from a stop to its reset");
+        let complete = stops == self.demand.stops && motors == self.seen.len();
+        verdict.demand(complete, || {
+            format!("{stops} stops of {}, {motors} motors of {}", self.demand.stops, self.seen.len())
+        });
+        verdict.report.push(summary);
+    }
+}

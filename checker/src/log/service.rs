@@ -1,0 +1,109 @@
+//! What each motor hears after each mark, as a word: T motion, D damping, S stop, Q question; repetitions left out. Order,
+//! content and number are judged, no time.
+//!
+//! A safe-stop that comes when the switch has done its work does it again. What is told to end trots on until it hears of
+//! it: a signal comes at once, a request by way of systemd.
+
+use super::{Command, Kind, Mark, Rules, Verdict};
+use crate::robot::Wiring;
+
+/// What one motor has heard since the last mark.
+#[derive(Debug, Clone, Default)]
+struct Heard {
+    word: String,
+    motions: usize,
+}
+
+/// The rules.
+#[derive(Debug)]
+pub struct Service<'a> {
+    wiring: &'a Wiring,
+    mark: String,
+    marks: usize,
+    motors: Vec<Heard>,
+    seen: Vec<bool>,
+    frames: usize,
+}
+
+impl<'a> Service<'a> {
+    /// Nothing has happened yet.
+    #[must_use]
+    pub fn new(wiring: &'a Wiring) -> Self {
+        let motors = wiring.motors.len();
+        Self {
+            wiring,
+            mark: String::new(),
+            marks: 0,
+            motors: vec![Heard::default(); motors],
+            seen: vec![false; motors],
+            frames: 0,
+        }
+    }
+
+    fn close(&mut self, verdict: &mut Verdict) {
+        let (mark, number) = (&self.mark, self.marks);
+        let seen = self.wiring.motors.iter().zip(&self.motors).zip(&self.seen).filter(|(_, seen)| **seen);
+        for ((motor, Heard { word, motions }), _) in seen {
+            let place = motor.place();
+            verdict.demand(is_asked(mark, word), || {
+                format!("{place} heard \"{word}\" after mark {number} {mark}")
+            });
+            let few = most(mark).is_none_or(|most| *motions <= most);
+            verdict.demand(few, || {
+                format!("{place} was told to move {motions} times after mark {number} {mark}")
+            });
+        }
+        self.motors.fill(Heard::default());
+    }
+}
+
+/// The word that a mark asks for. A mark that is not named here, as before the first one, asks for nothing.
+fn is_asked(mark: &str, word: &str) -> bool {
+    let end = word.strip_prefix('T').unwrap_or(word);
+    match mark {
+        "rest" => word.is_empty() || word == "S",
+        "trot" => word == "T",
+        "died" => !end.is_empty() && end.replace("DS", "").is_empty(),
+        "stopped" => end == "DS",
+        "silent" => word.is_empty(),
+        _ => true,
+    }
+}
+
+/// How often a motor may be told to move: half a second after a death, three seconds after a request (20 cycles a second).
+fn most(mark: &str) -> Option<usize> {
+    match mark {
+        "died" => Some(10),
+        "stopped" => Some(60),
+        _ => None,
+    }
+}
+
+impl Rules for Service<'_> {
+    fn mark(&mut self, mark: &Mark, verdict: &mut Verdict) {
+        self.close(verdict);
+        self.mark = mark.word().into();
+        self.marks += 1;
+    }
+
+    fn command(&mut self, command: &Command, _: &mut Verdict) {
+        self.seen[command.motor] = true;
+        self.frames += 1;
+        if command.kind == Kind::Fault && self.mark != "silent" {
+            return;
+        }
+        let heard = &mut self.motors[command.motor];
+        heard.motions += usize::from(command.kind == Kind::Motion);
+        if !heard.word.ends_with(command.kind.letter()) {
+            heard.word.push(command.kind.letter());
+        }
+    }
+
+    fn end(&mut self, verdict: &mut Verdict) {
+        self.close(verdict);
+        let motors = self.seen.iter().filter(|seen| **seen).count();
+        let (frames, marks, all) = (self.frames, self.marks, self.seen.len());
+        verdict.report.push(format!("{frames} frames to {motors} motors, {marks} marks"));
+        verdict.demand(motors == all && marks > 0, || format!("{motors} motors of {all}, {marks} marks"));
+    }
+}

@@ -1,0 +1,184 @@
+//! The robot: which motors hear what, where, and within which limits.
+
+use crate::codec::{Ranges, Reply};
+use motord_bus::Duration;
+use serde::Deserialize;
+use std::path::Path;
+
+/// A robot whose cycle is judged.
+#[derive(Debug, Clone)]
+pub struct Robot {
+    /// In the order of the published states.
+    pub motors: Vec<Motor>,
+    /// In the order of the published states.
+    pub groups: Vec<Group>,
+    /// How many buses it has.
+    pub buses: usize,
+    /// Time between two ticks.
+    pub period: Duration,
+    /// A setpoint older than this moves nothing.
+    pub setpoint_timeout: Duration,
+    /// After so many cycles without a reply a motor is lost.
+    pub lost_cycles: u32,
+}
+
+/// One motor.
+#[derive(Debug, Clone)]
+pub struct Motor {
+    /// The joint.
+    pub name: String,
+    /// Index of its bus.
+    pub bus: usize,
+    /// Id of the commands.
+    pub id: u16,
+    /// Id of the replies.
+    pub reply_id: u16,
+    /// What the codes mean.
+    pub ranges: Ranges,
+    /// How a reply is read.
+    pub reply: Reply,
+    /// 1, or -1 when joint and motor turn opposite ways.
+    pub direction: f64,
+    /// Position of the joint when the motor is at zero, rad.
+    pub offset: f64,
+    /// Damping while the motor is stopped, N·m·s/rad.
+    pub damping_kd: f64,
+    /// What the joint may be told.
+    pub limits: Limits,
+}
+
+/// Limits of one joint.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Lowest and highest, rad.
+    pub position: [f64; 2],
+    /// rad/s
+    pub velocity: f64,
+    /// N·m
+    pub torque: f64,
+    /// N·m/rad
+    pub kp: f64,
+    /// N·m·s/rad
+    pub kd: f64,
+    /// N·m/s
+    pub torque_slew: f64,
+    /// N·m/rad/s
+    pub kp_slew: f64,
+    /// N·m·s/rad/s
+    pub kd_slew: f64,
+}
+
+/// Joints that start and stop together.
+#[derive(Debug, Clone)]
+pub struct Group {
+    /// Indices of its motors.
+    pub motors: Vec<usize>,
+    /// What it does when its owner is lost.
+    pub safe_stop: SafeStop,
+}
+
+/// What a group does when its owner is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SafeStop {
+    /// Brakes, then goes limp.
+    Damp,
+    /// Holds its position, then as above.
+    Hold,
+    /// Goes limp.
+    Stop,
+}
+
+/// Where the motors of a log are: interface and ids, from a configuration of the daemon.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wiring {
+    /// In the order of the configuration.
+    pub motors: Vec<Wired>,
+}
+
+/// One motor on its interface.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Wired {
+    /// The joint.
+    pub name: String,
+    /// As candump calls it.
+    pub interface: String,
+    /// Id of the commands.
+    pub id: u16,
+    /// Id of the replies.
+    pub reply_id: u16,
+}
+
+/// The keys of the configuration that matter here. What else the file holds is the daemon's business.
+#[derive(Deserialize)]
+struct File {
+    bus: Vec<BusTable>,
+    motor: Vec<MotorTable>,
+}
+
+#[derive(Deserialize)]
+struct BusTable {
+    name: String,
+    interface: String,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct MotorTable {
+    name: String,
+    bus: String,
+    id: u16,
+    host_id: Option<u16>,
+}
+
+impl Wiring {
+    /// Reads a configuration of the daemon whose buses are all CAN interfaces.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that says why not.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let text = std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        Self::parse(&text).map_err(|error| format!("{}: {error}", path.display()))
+    }
+
+    /// The same of a text.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that says why not.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let File { bus: buses, motor: motors } = toml::from_str(text).map_err(|error| error.to_string())?;
+        let wire = |motor: MotorTable| {
+            let bus = buses.iter().find(|bus| bus.name == motor.bus);
+            let interface = bus.map(|bus| bus.interface.clone());
+            Ok(Wired {
+                interface: interface.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?,
+                name: motor.name,
+                id: motor.id,
+                // The default of the daemon's configuration (docs/configuration.md).
+                reply_id: motor.host_id.unwrap_or(0x100 + motor.id),
+            })
+        };
+        Ok(Self { motors: motors.into_iter().map(wire).collect::<Result<_, String>>()? })
+    }
+
+    /// The interfaces, each once, in the order of their first motors.
+    #[must_use]
+    pub fn interfaces(&self) -> Vec<&str> {
+        let mut interfaces: Vec<&str> = Vec::new();
+        for motor in &self.motors {
+            if !interfaces.contains(&motor.interface.as_str()) {
+                interfaces.push(&motor.interface);
+            }
+        }
+        interfaces
+    }
+}
+
+impl Wired {
+    /// Interface and id, as candump spells them.
+    #[must_use]
+    pub fn place(&self) -> String {
+        format!("{} {:03X}", self.interface, self.id)
+    }
+}

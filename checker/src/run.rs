@@ -1,0 +1,471 @@
+//! A simulated run: every cycle is judged by what was on the wire and what was published.
+//!
+//! | | |
+//! |---|---|
+//! | I1 | no start, zero or clear command that nobody asked for; never the all-zero frame |
+//! | I2 | after decoding the bytes: position, velocity, gains, torque, their slews, and the torque they make together are within the limits |
+//! | I3 | no motion when the owner's newest good setpoint is older than its timeout |
+//! | I4 | a stopped motor hears stop and questions only, and only an active group moves |
+//! | I5 | at most one command per motor, and one question for faults per bus, in a cycle |
+//! | I6 | a state is fresh when a reply with it was on the wire in this cycle, and else says how old it is |
+//! | I7 | only messages of the owner's lease move motors |
+//! | I8 | counters never fall; every message is counted once; as many frames are on the wire as were counted |
+//! | I9 | a latched cause is left by a reset only, and nothing starts while it is latched |
+//! | I10 | a bus or a motor that fails stops its groups in time; no motion from the first cycle after a cause on; a motor
+//! |     | that is not offline hears a command in every cycle, and damping ones before it goes limp |
+//!
+//! A frame is judged by the cycle that handed it over, however late it leaves.
+//!
+//! Whoever runs the robot tells what it does to it, and after every cycle shows what came of it. A rule that is broken
+//! panics, and says which.
+
+mod cycle;
+mod slope;
+mod stop;
+
+use crate::codec::Meaning;
+use crate::robot::{Motor, Robot, SafeStop};
+use crate::state::{Bus, Cause, Group, Joint, Mode, Phase, State};
+use cycle::Cycle;
+use motord_bus::{Duration, Frame, Instant};
+use slope::Slopes;
+use std::collections::VecDeque;
+use std::rc::Rc;
+use stop::{Injections, Target};
+
+/// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
+/// in the cycle that uses it.
+pub const FOREIGN_VELOCITY: f32 = 18.0;
+
+/// A fault that was not cleared by then is not cleared any more: a second, and a late cycle.
+const CLEAR_TIME: Duration = Duration::from_millis(1020);
+/// No frame is held back for longer by a jammed bus.
+const MEMORY_CYCLES: usize = 8192;
+/// Other traffic and a clock that goes backward delay no frame by more cycles on a bus that is well.
+const DELAY_CYCLES: usize = 3;
+
+/// How far the nearest code is from a value, in codes: half of one, and what single precision adds.
+const NEAREST: f64 = 0.55;
+
+/// What a test did to a group, and what was seen of it.
+#[derive(Debug, Clone, Default)]
+struct Watched {
+    /// When its owner last sent a message that is good in every respect.
+    good_setpoint: Option<Instant>,
+    /// A message came since the last cycle.
+    delivered: bool,
+    /// A reset was asked for since the last cycle.
+    reset: bool,
+    /// An enable was asked for, and nothing has stopped the group since.
+    enabled: bool,
+}
+
+/// A frame to a motor, as it was on the wire.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// When the cycle handed it over.
+    pub ready: Instant,
+    /// Index of the bus.
+    pub bus: usize,
+    /// Id and bytes.
+    pub frame: Frame,
+}
+
+/// A frame to the host, as it was on the wire.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reply {
+    /// The end of the frame.
+    pub at: Instant,
+    /// Index of the bus.
+    pub bus: usize,
+    /// Id and bytes.
+    pub frame: Frame,
+}
+
+/// Requests that let motors hear what they must not hear otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Request {
+    Reset { group: usize },
+    Enable { group: usize },
+    SetZero { motor: usize },
+    ClearFault { motor: usize },
+}
+
+/// What is done to a bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BusFault {
+    /// The host is cut off from it, and must notice.
+    Cut,
+    /// Something keeps frames from the wire.
+    Blocked,
+    /// It is well again.
+    Lifted,
+}
+
+/// What is done to a motor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MotorFault {
+    /// It is switched off, and the host must notice.
+    Off,
+    /// It is well again.
+    Lifted,
+}
+
+/// What was seen so far.
+#[derive(Debug)]
+pub struct Checker {
+    robot: Robot,
+    /// The newest last.
+    cycles: VecDeque<Cycle>,
+    begun: Instant,
+    groups: Vec<Watched>,
+    slopes: Vec<Slopes>,
+    /// Set zero commands that each motor may still hear.
+    zeros: Vec<u32>,
+    /// Until when each motor may hear clear fault commands.
+    clears: Vec<Instant>,
+    sent: Vec<u32>,
+    /// Buses that something keeps from carrying frames.
+    blocked: Vec<bool>,
+    /// Buses that the host was cut off from, until they are known to be well again.
+    cut: Vec<bool>,
+    injections: Injections,
+    lossy: bool,
+}
+
+impl Checker {
+    /// Nothing was seen of `robot` yet; it is `now`.
+    #[must_use]
+    pub fn new(robot: Robot, now: Instant) -> Self {
+        let (motors, groups, buses) = (robot.motors.len(), robot.groups.len(), robot.buses);
+        Self {
+            robot,
+            cycles: VecDeque::new(),
+            begun: now,
+            groups: vec![Watched::default(); groups],
+            slopes: vec![Slopes::default(); motors],
+            zeros: vec![0; motors],
+            clears: vec![Instant::ZERO; motors],
+            sent: vec![0; buses],
+            blocked: vec![false; buses],
+            cut: vec![false; buses],
+            injections: Injections::default(),
+            lossy: false,
+        }
+    }
+
+    /// Buses lose frames from now on, so that counters and the wire cannot be compared any more.
+    pub fn allow_loss(&mut self) {
+        self.lossy = true;
+    }
+
+    /// This is done to a bus.
+    pub fn disturb_bus(&mut self, bus: usize, fault: BusFault) {
+        self.blocked[bus] = fault != BusFault::Lifted;
+        self.cut[bus] |= fault == BusFault::Cut;
+        match fault {
+            BusFault::Cut => self.begin(Target::Bus(bus)),
+            BusFault::Blocked | BusFault::Lifted => self.injections.end(Target::Bus(bus)),
+        }
+    }
+
+    /// This is done to a motor.
+    pub fn disturb_motor(&mut self, motor: usize, fault: MotorFault) {
+        match fault {
+            MotorFault::Off => self.begin(Target::Motor(motor)),
+            MotorFault::Lifted => self.injections.end(Target::Motor(motor)),
+        }
+    }
+
+    /// A fault that must be noticed by the groups that are active. Before the first cycle none is.
+    fn begin(&mut self, target: Target) {
+        if let Some(last) = self.cycles.back() {
+            self.injections.begin(target, &self.robot, &last.state);
+        }
+    }
+
+    /// Somebody asks for this.
+    pub fn asked(&mut self, request: Request) {
+        match request {
+            Request::Reset { group } => self.groups[group].reset = true,
+            Request::Enable { group } => self.groups[group].enabled = true,
+            Request::SetZero { motor } => self.zeros[motor] += 1,
+            Request::ClearFault { motor } => self.clears[motor] = self.begun + CLEAR_TIME,
+        }
+    }
+
+    /// The group's owner sends a message that is good in every respect.
+    pub fn good_setpoint(&mut self, group: usize, now: Instant) {
+        self.groups[group].good_setpoint = Some(now);
+    }
+
+    /// A message is under way that names the group.
+    pub fn delivered(&mut self, group: usize) {
+        self.groups[group].delivered = true;
+    }
+
+    /// Judges a cycle: what it published, and what was on the wire since the cycle before, in the order of the wire.
+    ///
+    /// # Panics
+    ///
+    /// With the rule that is broken.
+    pub fn judge(&mut self, state: State, commands: &[Command], replies: &[Reply]) {
+        let mut cycles = std::mem::take(&mut self.cycles);
+        let cycle = self.see(Rc::new(state), cycles.back());
+        self.judge_counts(&cycle, commands);
+        for motor in 0..self.robot.motors.len() {
+            self.judge_activation(motor, &cycle);
+            judge_joint(&self.robot.motors[motor], motor, &cycle, replies);
+        }
+        self.injections.judge(&cycle);
+        judge_counters(&cycle.before, &cycle.state);
+        for (group, watched) in self.groups.iter_mut().enumerate() {
+            judge_group(watched, &cycle.before.groups[group], &cycle.state.groups[group]);
+        }
+        cycles.push_back(cycle);
+        for command in commands {
+            let cycle = cycles.iter_mut().rfind(|cycle| cycle.begun <= command.ready);
+            self.judge_command(cycle.expect("no frame waits longer than the checker remembers"), command);
+        }
+        judge_stop(&self.robot, &cycles);
+        if cycles.len() > MEMORY_CYCLES {
+            cycles.pop_front();
+        }
+        self.cycles = cycles;
+    }
+
+    /// A cycle before its frames are known.
+    fn see(&mut self, state: Rc<State>, last: Option<&Cycle>) -> Cycle {
+        let begun = state.begun;
+        let elapsed = begun.since(self.begun).min(2 * self.robot.period).as_secs_f64();
+        self.begun = begun;
+        let before = last.map_or_else(|| Rc::clone(&state), |last| Rc::clone(&last.state));
+        let motors = self.robot.motors.len();
+        Cycle {
+            elapsed,
+            time: last.map_or(0.0, |last| last.time) + elapsed,
+            good_setpoint: self.groups.iter().map(|group| group.good_setpoint).collect(),
+            enabled: self.groups.iter().map(|group| group.enabled).collect(),
+            held: (0..motors).map(|motor| held(motor, &before, &state, last)).collect(),
+            well: (0..self.blocked.len()).map(|bus| self.is_well(bus, [&before, &state])).collect(),
+            heard: vec![None; motors],
+            frames: vec![0; self.blocked.len()],
+            before,
+            state,
+            begun,
+        }
+    }
+
+    /// Nothing keeps frames from the wire, and the cycle knows it. It may not give up a bus that was never cut off.
+    fn is_well(&mut self, bus: usize, states: [&State; 2]) -> bool {
+        let given_up = states.iter().any(|state| state.buses[bus].given_up);
+        assert!(self.cut[bus] || !given_up, "I10: bus {bus} was given up");
+        self.cut[bus] &= given_up || self.blocked[bus];
+        !given_up && !self.blocked[bus]
+    }
+
+    fn judge_counts(&mut self, cycle: &Cycle, commands: &[Command]) {
+        for bus in 0..self.robot.buses {
+            self.sent[bus] += commands.iter().filter(|command| command.bus == bus).count() as u32;
+            // A question for faults is sent after the states were published.
+            let unpublished = self.sent[bus].wrapping_sub(cycle.state.buses[bus].sent) as i32;
+            assert!(unpublished <= 1, "I8: {unpublished} frames more on the wire than counted");
+            assert!(self.lossy || unpublished >= 0, "I8: {unpublished} frames on the wire");
+        }
+    }
+
+    /// Judges a frame by the cycle that handed it over.
+    fn judge_command(&mut self, cycle: &mut Cycle, command: &Command) {
+        let Command { bus, frame, .. } = *command;
+        let motors = &self.robot.motors;
+        let motor = motors.iter().position(|motor| (motor.bus, motor.id) == (bus, frame.id().raw()));
+        let motor = motor.expect("frames go to motors");
+        let bytes = frame.payload().try_into().expect("every command has eight bytes");
+        assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
+        let meaning = Meaning::of(bytes, &motors[motor].ranges);
+        cycle.frames[bus] += 1;
+        let most = 1 + motors.iter().filter(|motor| motor.bus == bus).count();
+        assert!(cycle.frames[bus] <= most, "I5: more than {most} frames");
+        let heard = &mut cycle.heard[motor];
+        let first = heard.is_none() || meaning == Meaning::GetFault;
+        assert!(first, "I5: {meaning:?} after {heard:?} for {}", motors[motor].name);
+        heard.get_or_insert(meaning);
+        self.judge_values(cycle, motor, meaning);
+        self.judge_meaning(cycle, motor, meaning);
+    }
+
+    /// A motor that begins to follow setpoints begins with nothing, and from where it stands.
+    fn judge_activation(&mut self, motor: usize, cycle: &Cycle) {
+        let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
+        if before.mode == Mode::Starting {
+            self.slopes[motor] = Slopes::from(f64::from(before.position), cycle.time - cycle.elapsed);
+        }
+        let started = now.mode == Mode::Active && before.mode != now.mode;
+        assert!(!started || before.mode == Mode::Starting, "I1: active without a start");
+    }
+
+    fn judge_meaning(&mut self, cycle: &Cycle, motor: usize, meaning: Meaning) {
+        let group = self.robot.groups.iter().position(|group| group.motors.contains(&motor));
+        let group = group.expect("every motor is in a group");
+        match meaning {
+            Meaning::Stop | Meaning::GetFault => {}
+            Meaning::Start => {
+                let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
+                assert!(asked, "I1: start in {:?}", cycle.state.groups[group].phase);
+            }
+            Meaning::SetZero => {
+                assert!(self.zeros[motor] > 0 && cycle.touches(group, Phase::Disarmed), "I1: set zero");
+                self.zeros[motor] -= 1;
+            }
+            Meaning::ClearFault => {
+                let asked = cycle.begun <= self.clears[motor] && cycle.touches(group, Phase::Disarmed);
+                assert!(asked, "I1: clear fault");
+            }
+            Meaning::Control { .. } => {
+                assert!(!cycle.is(group, Phase::Disarmed), "I4: {meaning:?} to a stopped motor");
+                if !meaning.is_safe() && !self.holds(cycle, group, motor, &meaning) {
+                    judge_motion(self.robot.setpoint_timeout, cycle, group);
+                }
+            }
+        }
+    }
+
+    /// The command holds a motor whose group holds when its owner is late or gone.
+    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, meaning: &Meaning) -> bool {
+        let causes = [Cause::None, Cause::SetpointTimeout, Cause::OwnerLost];
+        self.robot.groups[group].safe_stop == SafeStop::Hold
+            && causes.contains(&cycle.before.groups[group].cause)
+            && cycle.state.groups[group].phase == Phase::Damping
+            && is_held(&self.robot.motors[motor], meaning, cycle.held[motor])
+    }
+
+    fn judge_values(&mut self, cycle: &Cycle, motor: usize, meaning: Meaning) {
+        let Meaning::Control { position, velocity, kp, kd, torque, .. } = meaning else { return };
+        let Motor { limits, direction, offset, damping_kd, .. } = self.robot.motors[motor];
+        let codes = self.robot.motors[motor].ranges.codes();
+        let before = &cycle.before.joints[motor];
+        let (position, velocity, torque) =
+            (direction * position + offset, direction * velocity, direction * torque);
+        assert!((velocity - f64::from(FOREIGN_VELOCITY)).abs() > 0.05, "I7: a foreign setpoint was followed");
+        assert!(kp <= limits.kp + NEAREST * codes.kp, "I2: kp {kp}");
+        assert!(kd <= limits.kd.max(damping_kd) + NEAREST * codes.kd, "I2: kd {kd}");
+        assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
+        assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
+        let active = cycle.state.joints[motor].mode == Mode::Active;
+        if kp > 0.0 && active && !cycle.state.joints[motor].slews {
+            let [low, high] = limits.position;
+            let noise = NEAREST * codes.position;
+            assert!((low - noise..=high + noise).contains(&position), "I2: position {position}");
+        }
+        if before.position.is_finite() {
+            let (far, fast) = (position - f64::from(before.position), velocity - f64::from(before.velocity));
+            let total = kp * far + kd * fast + torque;
+            let noise = NEAREST
+                * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs() + codes.velocity * kd)
+                + codes.torque;
+            assert!(total.abs() <= limits.torque + noise, "I2: {total} N·m in all");
+        }
+        if before.applied_kp == 0.0 {
+            self.slopes[motor].rest_at(f64::from(before.position), cycle.time - cycle.elapsed);
+        }
+        if active {
+            self.slopes[motor].judge(cycle.time, &limits, position, [kp, kd, torque], &codes);
+        }
+    }
+}
+
+/// Judges what motors heard in the newest cycle whose frames have left: those of a bus that was well all the while.
+fn judge_stop(robot: &Robot, cycles: &VecDeque<Cycle>) {
+    let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
+        return;
+    };
+    let first = judged.saturating_sub(DELAY_CYCLES);
+    let is_well = |bus: usize| cycles.range(first..).all(|cycle| cycle.well[bus]);
+    stop::judge(robot, &cycles[judged - 1], &cycles[judged], is_well);
+}
+
+fn judge_motion(timeout: Duration, cycle: &Cycle, group: usize) {
+    let (before, now) = (&cycle.before.groups[group], &cycle.state.groups[group]);
+    assert_eq!(before.cause, Cause::None, "I10: motion in the cycle after a cause");
+    assert!(now.phase == Phase::Active || now.cause != Cause::None, "I4: motion in phase {:?}", now.phase);
+    let good = cycle.good_setpoint[group].expect("I3: motion without any setpoint");
+    let age = cycle.begun.since(good);
+    assert!(age <= timeout, "I3: motion on a setpoint that is {age:?} old");
+}
+
+/// Where a motor stands that may be held from now on, or where it has been since it is damped, rad.
+fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f64; 2] {
+    match last {
+        Some(last) if before.joints[motor].mode == Mode::Damping => last.held[motor],
+        _ => [before, state].map(|state| f64::from(state.joints[motor].position)),
+    }
+}
+
+/// The command holds the motor at one of these positions, rad.
+fn is_held(motor: &Motor, command: &Meaning, held: [f64; 2]) -> bool {
+    let Meaning::Control { position, neutral, .. } = *command else { return false };
+    let position = motor.direction * position + motor.offset;
+    let there = held.iter().any(|held| (position - held).abs() < motor.ranges.codes().position);
+    there && neutral
+}
+
+fn judge_joint(settings: &Motor, motor: usize, cycle: &Cycle, replies: &[Reply]) {
+    let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
+    assert_eq!(now.fresh, now.age_cycles == 0 && now.receive_ns > 0, "I6: {now:?}");
+    assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
+    if now.fresh {
+        let said = replies.iter().any(|reply| says(reply, settings, now));
+        assert!(said, "I6: no reply said {now:?}");
+    } else if cycle.state.cycle > cycle.before.cycle {
+        assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");
+        assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
+        let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
+        let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
+        assert!(kept, "I6: {now:?} from {before:?}");
+    }
+}
+
+/// The reply is the motor's, came when `joint` says, and tells its position and velocity.
+fn says(reply: &Reply, motor: &Motor, joint: &Joint) -> bool {
+    if (reply.bus, reply.frame.id().raw(), reply.at.as_nanos())
+        != (motor.bus, motor.reply_id, joint.receive_ns)
+    {
+        return false;
+    }
+    let read = motor.reply.read(reply.frame.payload(), motor.id as u8, &motor.ranges);
+    read.is_some_and(|[position, velocity]| {
+        let position = motor.direction * position + motor.offset;
+        let velocity = motor.direction * velocity;
+        (position - f64::from(joint.position)).abs() < 1e-3
+            && (velocity - f64::from(joint.velocity)).abs() < 1e-3
+    })
+}
+
+fn judge_group(watched: &mut Watched, before: &Group, now: &Group) {
+    let (was, is) = (before.cause, now.cause);
+    let kept = is == was || was == Cause::None || is == Cause::EmergencyStop;
+    assert!(kept || watched.reset, "I9: cause {was:?} became {is:?}");
+    let stopped = matches!(now.phase, Phase::Disarmed | Phase::Damping);
+    assert!(is == Cause::None || stopped, "I9: phase {:?} with cause {is:?}", now.phase);
+    let new = now.messages.wrapping_sub(before.messages);
+    assert_eq!(new, u32::from(watched.delivered), "I8: messages counted in this cycle");
+    if is != Cause::None || now.phase == Phase::Disarmed {
+        watched.enabled = false;
+    }
+    (watched.reset, watched.delivered) = (false, false);
+}
+
+fn judge_counters(before: &State, now: &State) {
+    assert!(now.cycle >= before.cycle && now.missed_ticks >= before.missed_ticks, "I8: cycles");
+    for (before, now) in before.buses.iter().zip(&now.buses) {
+        assert!(never_fell(before, now), "I8: {now:?}");
+    }
+    for (before, now) in before.joints.iter().zip(&now.joints) {
+        assert!(now.missed >= before.missed && now.late >= before.late, "I8: {now:?}");
+    }
+}
+
+fn never_fell(before: &Bus, now: &Bus) -> bool {
+    before.counters.iter().zip(&now.counters).all(|(before, now)| now >= before)
+}

@@ -1,0 +1,377 @@
+//! Goal: the rules for logs accept a log in which all is well, and refuse every log with one thing wrong.
+//! Method: logs of twelve motors are made up, and falsified line by line. Each must be refused for what is wrong with it.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
+use motord_bus::Duration;
+use motord_checker::log::deaths::Deaths;
+use motord_checker::log::disturbances::{self, Disturbances};
+use motord_checker::log::service::Service;
+use motord_checker::log::times::Limits;
+use motord_checker::log::trot::{self, Trot};
+use motord_checker::log::{Verdict, judge, marks};
+use motord_checker::robot::Wiring;
+use std::fmt::Write;
+
+const TROT: &str = "81237FF0A4099812";
+const DAMPING: &str = "81237FF0000997FF";
+const START: &str = "FFFFFFFFFFFFFFFC";
+const STOP: &str = "FFFFFFFFFFFFFFFD";
+const QUESTION: &str = "FFFFFFFFFFFF00FB";
+const ZERO: &str = "FFFFFFFFFFFFFFFE";
+/// A stiffness, a torque, a velocity, no damping, a start.
+const WRONG: [&str; 5] =
+    ["81237FF0010997FF", "81237FF000099801", "81238010000997FF", "81237FF0000007FF", START];
+
+/// Twelve motors on four interfaces.
+fn wiring() -> Wiring {
+    let mut text = String::new();
+    for leg in 0..4 {
+        writeln!(text, "[[bus]]\nname = \"leg{leg}\"\ninterface = \"vcan{leg}\"").unwrap();
+    }
+    for leg in 0..4 {
+        for (id, joint) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
+            writeln!(text, "[[motor]]\nname = \"{leg}-{joint}\"\nbus = \"leg{leg}\"\nid = {id}").unwrap();
+        }
+    }
+    Wiring::parse(&text).unwrap()
+}
+
+/// One line of a log.
+#[derive(Debug, Clone, PartialEq)]
+struct Line {
+    /// ms
+    at: u32,
+    place: String,
+    data: String,
+}
+
+impl Line {
+    fn new(at: u32, place: &str, data: &str) -> Self {
+        Self { at, place: place.into(), data: data.into() }
+    }
+
+    fn is(&self, place: &str, data: &str) -> bool {
+        self.place.starts_with(place) && self.data == data
+    }
+}
+
+/// From when to when and how often, in ms, every motor hears which data.
+fn heard(plan: &[(u32, u32, usize, &str)]) -> Vec<Line> {
+    let mut lines = Vec::new();
+    for &(begin, end, every, data) in plan {
+        for at in (begin..end).step_by(every) {
+            let places = (0..4).flat_map(|bus| (1..4).map(move |id| format!("vcan{bus} {id:03}")));
+            lines.extend(places.map(|place| Line::new(at, &place, data)));
+        }
+    }
+    lines
+}
+
+/// As candump writes it.
+fn candump(lines: &[Line]) -> String {
+    let second = |at: u32| format!("{}.{:03}000", 1000 + at / 1000, at % 1000);
+    lines.iter().fold(String::new(), |mut text, Line { at, place, data }| {
+        let (interface, id) = place.split_once(' ').unwrap();
+        writeln!(text, "({}) {interface} {id}#{data}", second(*at)).unwrap();
+        text
+    })
+}
+
+/// A good log and its marks, and what judges them.
+struct Rig {
+    lines: Vec<Line>,
+    marks: &'static [&'static str],
+    judge: fn(&[&str], &str) -> Verdict,
+}
+
+impl Rig {
+    fn is_good(&self) {
+        let verdict = (self.judge)(self.marks, &candump(&self.lines));
+        assert_eq!(verdict.wrong, 0, "a good log was refused: {:?}", verdict.complaints);
+    }
+
+    /// The rules say `complaint` when each line of the log becomes these.
+    fn refuses(&self, complaint: &str, falsify: impl Fn(Line) -> Vec<Line>) {
+        let lines: Vec<_> = self.lines.iter().cloned().flat_map(falsify).collect();
+        assert_ne!(lines, self.lines, "nothing was falsified for: {complaint}");
+        assert_refused((self.judge)(self.marks, &candump(&lines)), complaint);
+    }
+
+    fn refuses_without(&self, complaint: &str, left_out: impl Fn(&Line) -> bool) {
+        self.refuses(complaint, |line| if left_out(&line) { vec![] } else { vec![line] });
+    }
+
+    /// The rules say `complaint` when this is heard besides, at the end of the log.
+    fn refuses_also(&self, complaint: &str, at: u32, data: &str) {
+        let also = candump(&[Line::new(at, "vcan1 002", data)]);
+        assert_refused((self.judge)(self.marks, &(candump(&self.lines) + &also)), complaint);
+    }
+
+    fn refuses_text(&self, complaint: &str, more: &str) {
+        assert_refused((self.judge)(self.marks, &(candump(&self.lines) + more)), complaint);
+    }
+
+    fn refuses_marks(&self, complaint: &str, marks: &[&str]) {
+        assert_refused((self.judge)(marks, &candump(&self.lines)), complaint);
+    }
+}
+
+fn assert_refused(verdict: Verdict, complaint: &str) {
+    let Verdict { report, complaints, wrong } = verdict;
+    assert!(wrong > 0, "it should have said: {complaint}");
+    let said = report.iter().chain(&complaints).any(|line| line.contains(complaint));
+    assert!(said, "it said this instead of {complaint:?}: {report:?} {complaints:?}");
+}
+
+const LOST: &str = "DROPCOUNT: dropped 1 CAN frame\n";
+
+fn deaths() -> Rig {
+    let lines = heard(&[
+        (10, 11, 1, START),
+        (11, 50, 1, TROT),
+        (53, 150, 10, DAMPING),
+        (154, 155, 1, STOP),
+        (410, 411, 1, START),
+        (411, 450, 1, TROT),
+        (453, 753, 10, DAMPING),
+        (754, 755, 1, STOP),
+    ]);
+    let judge = |marked: &[&str], log: &str| {
+        let limits = Limits { medians: [("daemon".to_string(), 5.0)].into(), maximum_per_median: 4.0 };
+        let wiring = wiring();
+        judge(&mut Deaths::new(&wiring, &limits), &wiring, &marks(&marked.join("\n")).unwrap(), log)
+    };
+    Rig { lines, marks: DEATHS, judge }
+}
+
+const DEATHS: &[&str] = &[
+    "1000.000000 due 2 daemon",
+    "1000.000000 start",
+    "1000.050000 daemon",
+    "1000.400000 start",
+    "1000.450000 daemon",
+    "1000.800000 start",
+];
+
+#[test]
+fn after_a_death_nothing_but_damping_and_then_a_stop_is_accepted() {
+    let rig = deaths();
+    rig.is_good();
+    for wrong in WRONG {
+        rig.refuses_also(&format!("vcan1 002#{wrong} after damping"), 200, wrong);
+    }
+    rig.refuses_without("no damping for vcan2 001", |line| line.is("vcan2", DAMPING));
+    rig.refuses_without("no damping for vcan2 001", |line| line.is("vcan2 001", DAMPING));
+    rig.refuses_without("no stop for vcan3 003", |line| line.is("vcan3 003", STOP));
+    rig.refuses_without(&format!("vcan3 003#{STOP} before damping"), |line| line.is("vcan3 003", DAMPING));
+}
+
+#[test]
+fn a_death_counts_only_when_the_whole_robot_trotted_and_the_log_is_whole() {
+    let rig = deaths();
+    rig.refuses_without("the robot did not trot on vcan0", |line| line.is("vcan0", TROT));
+    rig.refuses_without("11 motors of 12", |line| line.place == "vcan0 003");
+    rig.refuses_without("0 motors of 12", |_| true);
+    rig.refuses_text("candump says", LOST);
+    rig.refuses_text("no motor has this id", "(1000.200000) vcan1 004#00\n");
+}
+
+#[test]
+fn every_death_that_is_due_must_be_judged_on_every_bus() {
+    let rig = deaths();
+    let both = [DEATHS, &["1000.900000 both"]].concat();
+    rig.refuses_marks("no damping for vcan0 001 (both, repetition 1)", &both);
+    rig.refuses_marks("no death is due", &[]);
+    rig.refuses_marks("daemon was judged 0 times of 8", &[DEATHS[0], DEATHS[1], DEATHS[3], DEATHS[5]]);
+    rig.refuses_marks("daemon was judged 4 times of 8", &[&DEATHS[..2], &DEATHS[3..]].concat());
+    rig.refuses_without("daemon was judged 7 times of 8", |line| {
+        line.is("vcan2", DAMPING) && (400..800).contains(&line.at)
+    });
+    let due = [&["1000.000000 due 2 daemon both"], &DEATHS[1..]].concat();
+    rig.refuses_marks("both was judged 0 times of 8", &due);
+}
+
+#[test]
+fn a_late_median_and_a_late_maximum_are_refused() {
+    let rig = deaths();
+    // Half of the deaths, one bus of one death, and a robot that trots on.
+    rig.refuses_without("and 20 ms: MEDIAN TOO LATE", |line| (453..460).contains(&line.at));
+    rig.refuses_without("and 20 ms: MAX TOO LATE", |line| {
+        line.place.starts_with("vcan2") && [453, 463].contains(&line.at)
+    });
+    rig.refuses(": MAX TOO LATE", |line| {
+        let trots_on = line.data == DAMPING && (450..700).contains(&line.at);
+        vec![if trots_on { Line { data: TROT.into(), ..line } } else { line }]
+    });
+}
+
+const DISTURBANCES: &[&str] =
+    &["1000.020000 stop", "1000.080000 reset", "1000.120000 stop vcan0", "1000.400000 reset"];
+
+fn disturbances() -> Rig {
+    let lines = heard(&[
+        (0, 20, 1, TROT),
+        (26, 40, 1, DAMPING),
+        (41, 60, 1, STOP),
+        (100, 120, 1, TROT),
+        (126, 140, 1, DAMPING),
+        (141, 300, 1, STOP),
+    ]);
+    let judge = |marked: &[&str], log: &str| {
+        let demand = disturbances::Demand { notice: Duration::from_millis(15), stops: 2 };
+        let wiring = wiring();
+        judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks(&marked.join("\n")).unwrap(), log)
+    };
+    Rig { lines, marks: DISTURBANCES, judge }
+}
+
+#[test]
+fn from_a_stop_to_its_reset_nothing_that_moves_is_accepted() {
+    let rig = disturbances();
+    rig.is_good();
+    for wrong in WRONG {
+        rig.refuses_also(&format!("vcan1 002#{wrong} after the stop"), 200, wrong);
+    }
+    rig.refuses(&format!("{TROT} after the stop"), |line| {
+        vec![if line.data == DAMPING { Line { data: TROT.into(), ..line } } else { line }]
+    });
+    rig.refuses_without("vcan3 003 heard nothing after the stop", |line| {
+        line.place == "vcan3 003" && (20..100).contains(&line.at)
+    });
+    rig.refuses_without("nothing was damped after the stop", |line| line.data == DAMPING);
+    rig.refuses_without("11 motors", |line| line.place == "vcan3 003");
+    rig.refuses_without(" 0 motors", |_| true);
+    rig.refuses_marks("1 stops", &DISTURBANCES[..2]);
+    rig.refuses_text("candump says", LOST);
+}
+
+fn service() -> Rig {
+    let lines = heard(&[
+        (0, 1, 1, STOP),
+        (20, 21, 1, START),
+        (25, 250, 50, TROT),
+        (275, 300, 50, TROT),
+        (305, 405, 10, DAMPING),
+        (405, 406, 1, STOP),
+        (410, 500, 10, DAMPING),
+        (505, 506, 1, STOP),
+        (550, 551, 1, START),
+        (575, 650, 50, TROT),
+        (675, 750, 50, TROT),
+        (755, 805, 10, DAMPING),
+        (805, 806, 1, STOP),
+    ]);
+    let marks = &[
+        "1000.000000 rest",
+        "1000.010000 start",
+        "1000.050000 trot",
+        "1000.250000 died",
+        "1000.540000 start",
+        "1000.560000 trot",
+        "1000.650000 stopped",
+        "1000.850000 silent",
+        "1000.950000 rest",
+    ];
+    let judge = |marked: &[&str], log: &str| {
+        let wiring = wiring();
+        judge(
+            &mut Service::new(&wiring),
+            &wiring,
+            &motord_checker::log::marks(&marked.join("\n")).unwrap(),
+            log,
+        )
+    };
+    Rig { lines, marks, judge }
+}
+
+impl Rig {
+    /// The rules say `complaint` when one motor hears something else at `at`.
+    fn refuses_instead(&self, complaint: &str, at: u32, old: &str, new: &str) {
+        self.refuses(complaint, |line| {
+            let is = line.at == at && line.is("vcan1 002", old);
+            vec![if is { Line { data: new.into(), ..line } } else { line }]
+        });
+    }
+
+    /// The rules say `complaint` when one motor hears what it hears at `at` so many times more.
+    fn refuses_repeated(&self, complaint: &str, at: u32, times: usize) {
+        self.refuses(complaint, |line| {
+            let more = if line.at == at && line.place == "vcan1 002" { times } else { 0 };
+            vec![line; 1 + more]
+        });
+    }
+}
+
+#[test]
+fn a_service_that_dies_or_is_stopped_damps_and_then_stops() {
+    let rig = service();
+    rig.is_good();
+    for wrong in WRONG {
+        rig.refuses_instead("vcan1 002 heard \"TDTDSDS\" after mark 4 died", 345, DAMPING, wrong);
+        rig.refuses_instead("vcan1 002 heard \"TDTDS\" after mark 7 stopped", 775, DAMPING, wrong);
+    }
+    rig.refuses_without("vcan1 002 heard \"TS\" after mark 4 died", |line| line.is("vcan1 002", DAMPING));
+    rig.refuses_without("vcan1 002 heard \"TD\" after mark 4 died", |line| line.is("vcan1 002", STOP));
+    rig.refuses_without("vcan1 002 heard \"\" after mark 4 died", |line| {
+        line.place == "vcan1 002" && (250..510).contains(&line.at)
+    });
+    rig.refuses_repeated("vcan1 002 was told to move 11 times after mark 4 died", 275, 10);
+    rig.refuses_repeated("vcan1 002 was told to move 62 times after mark 7 stopped", 675, 60);
+}
+
+#[test]
+fn a_service_that_ended_is_silent_and_one_that_rests_moves_nothing() {
+    let rig = service();
+    for wrong in [TROT, DAMPING, STOP, QUESTION] {
+        rig.refuses_also("after mark 8 silent", 900, wrong);
+    }
+    rig.refuses_instead("vcan1 002 heard \"TD\" after mark 3 trot", 225, TROT, DAMPING);
+    rig.refuses_instead("vcan1 002 heard \"T\" after mark 1 rest", 0, STOP, TROT);
+    rig.refuses_without("to 11 motors", |line| line.place == "vcan0 003");
+    rig.refuses_without("0 frames to 0 motors", |_| true);
+    rig.refuses_marks(" 0 marks", &[]);
+    rig.refuses_text("candump says", LOST);
+}
+
+fn trot() -> Rig {
+    let lines = heard(&[(0, 1, 1, START), (1, 10_000, 1, TROT), (10_000, 10_001, 1, STOP)]);
+    let judge = |_: &[&str], log: &str| {
+        let wiring = wiring();
+        let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
+        judge(&mut Trot::new(&wiring, demand), &wiring, &[], log)
+    };
+    Rig { lines, marks: &[], judge }
+}
+
+#[test]
+fn a_trot_is_one_control_frame_to_every_motor_in_nearly_every_cycle() {
+    let rig = trot();
+    rig.is_good();
+    rig.refuses_without("0 control frames to 2-hip", |line| {
+        line.place == "vcan2 001" && (1000..2000).contains(&line.at)
+    });
+    rig.refuses_repeated("2 control frames to 1-thigh", 1500, 1);
+    rig.refuses("2 polls on vcan2", |line| {
+        let polled = line.at == 1500 && line.place.starts_with("vcan2") && !line.place.ends_with('3');
+        let poll = Line { data: QUESTION.into(), ..line.clone() };
+        if polled { vec![line, poll] } else { vec![line] }
+    });
+    rig.refuses(&format!("{ZERO} to 2-hip was not due"), |line| {
+        let zeroed = line.at == 1500 && line.place == "vcan2 001";
+        let zero = Line { data: ZERO.into(), ..line.clone() };
+        if zeroed { vec![line, zero] } else { vec![line] }
+    });
+    rig.refuses_without("(91.0 %)", |line| (1000..1900).contains(&line.at));
+    rig.refuses_without("11 motors", |line| line.place == "vcan2 001");
+    rig.refuses_without("0 motors", |_| true);
+    rig.refuses_without("ended early", |line| line.at >= 2000);
+}
+
+#[test]
+fn the_replies_of_motors_are_not_judged_and_a_strange_id_is() {
+    let rig = trot();
+    let with = |frame: &str| (rig.judge)(&[], &(candump(&rig.lines) + "(1001.500000) vcan1 " + frame + "\n"));
+    assert_eq!(with("102#028000800800").wrong, 0);
+    assert_refused(with("104#028000800800"), "no motor has this id");
+}
