@@ -130,9 +130,9 @@ fn ipc_thread(lock: &InstanceLock) -> (IpcThread, Echo) {
 
 /// Sends a setpoint, and takes the state that answers it.
 fn round_trip(
-    client: &mut Client,
+    client: &Client,
     claim: &mut Claim,
-    take: fn(&mut Client, Duration) -> Result<State, motord_client::Error>,
+    take: fn(&Client, Duration) -> Result<State, motord_client::Error>,
 ) -> u64 {
     claim.send(&[Setpoint::damping(1.0); JOINTS]).expect("the daemon runs");
     let state = take(client, PATIENCE).expect("the daemon answers");
@@ -142,16 +142,16 @@ fn round_trip(
 fn ipc(criterion: &mut Criterion) {
     let runtime = tempfile::tempdir().expect("the temporary directory is writable");
     let _daemon = Daemon::start(runtime.path());
-    let mut client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
+    let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
     client.set_silence(PATIENCE);
     let mut claim = client.claim("all").expect("nobody owns the group");
     let mut answered = 0;
     let mut group = criterion.benchmark_group("ipc round trip");
-    for (name, take) in [("event", Client::wait as fn(&mut Client, _) -> _), ("spin", Client::spin)] {
+    for (name, take) in [("event", Client::wait as fn(&Client, _) -> _), ("spin", Client::spin)] {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 answered += 1;
-                assert_eq!(round_trip(&mut client, &mut claim, take), answered);
+                assert_eq!(round_trip(&client, &mut claim, take), answered);
             });
         });
     }

@@ -103,21 +103,21 @@ fn connect() -> Client {
 }
 
 /// Returns once this many cycles have run; missed ticks do not count.
-fn await_cycles(client: &mut Client, count: u64) {
-    let mut run = || client.wait(PATIENCE).map(|state| state.cycle() - state.overruns()).unwrap();
+fn await_cycles(client: &Client, count: u64) {
+    let run = || client.wait(PATIENCE).map(|state| state.cycle() - state.overruns()).unwrap();
     let first = run();
     while run() < first + count {}
 }
 
 /// One life of a client: it takes the robot if nobody has it, moves it, and leaves it in one way or another.
 fn live(life: u64) -> Result<(), Error> {
-    let mut client = Client::connect(INSTANCE)?;
+    let client = Client::connect(INSTANCE)?;
     client.wait(PATIENCE)?;
     client.reset(GROUP)?;
     let mut claim = client.claim(GROUP)?;
-    follow(&mut client, &mut claim, 20)?;
+    follow(&client, &mut claim, 20)?;
     claim.enable()?;
-    follow(&mut client, &mut claim, 300)?;
+    follow(&client, &mut claim, 300)?;
     match life % 4 {
         0 => claim.disable(),
         1 => claim.release(),
@@ -131,7 +131,7 @@ fn live(life: u64) -> Result<(), Error> {
 }
 
 /// Sends setpoints for this many cycles.
-fn follow(client: &mut Client, claim: &mut Claim, cycles: u64) -> Result<(), Error> {
+fn follow(client: &Client, claim: &mut Claim, cycles: u64) -> Result<(), Error> {
     for cycle in 0..cycles {
         let state = client.wait(PATIENCE)?;
         let swing = 0.002 * (cycle % 50) as f32;
@@ -163,8 +163,8 @@ fn the_running_cycle_neither_allocates_nor_frees_while_clients_come_and_go() {
     // SAFETY: this is the only test of this program, and no other thread looks at the environment yet.
     unsafe { std::env::set_var(RUNTIME_DIR_VARIABLE, runtime.path()) };
     let daemon = std::thread::spawn(|| motord::commands::run::run(Path::new(CONFIG)));
-    let mut watcher = connect();
-    await_cycles(&mut watcher, 10);
+    let watcher = connect();
+    await_cycles(&watcher, 10);
 
     let end = Arc::new(AtomicBool::new(false));
     let clients = [(); 2].map(|()| {
@@ -173,7 +173,7 @@ fn the_running_cycle_neither_allocates_nor_frees_while_clients_come_and_go() {
             move || run_clients(&end)
         })
     });
-    let calls = calls_of(thread("motord-cycle"), || await_cycles(&mut watcher, CYCLES));
+    let calls = calls_of(thread("motord-cycle"), || await_cycles(&watcher, CYCLES));
     end.store(true, Ordering::Relaxed);
     let whole_lives: u64 = clients.into_iter().map(|client| client.join().unwrap()).sum();
 

@@ -85,7 +85,7 @@ fn spoiled(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
 }
 
 /// Sends, and waits until the daemon has either accepted or rejected it.
-fn send(client: &mut Client, claim: &mut Claim, setpoints: &[Setpoint]) -> State {
+fn send(client: &Client, claim: &mut Claim, setpoints: &[Setpoint]) -> State {
     let before = client.wait(PATIENCE).unwrap();
     let counted = |state: &State| group(state).accepted.wrapping_add(rejections(state));
     claim.send(setpoints).unwrap();
@@ -108,7 +108,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
     let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new() };
     let daemon = Daemon::start(settings, None, opened, &lock).unwrap();
 
-    let mut client = Client::connect_in(place.path(), "sweep").unwrap();
+    let client = Client::connect_in(place.path(), "sweep").unwrap();
     let standing = until("a standing robot", || {
         Some(client.wait(PATIENCE).unwrap()).filter(|state| state.joints().all(|joint| joint.fresh))
     });
@@ -124,7 +124,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
                 let mut setpoints = hold.clone();
                 setpoints[joint] = spoiled(setpoints[joint], field, value);
                 let gain = field == 2 || field == 3;
-                let state = send(&mut client, &mut claim, &setpoints);
+                let state = send(&client, &mut claim, &setpoints);
                 not_finite += u32::from(!value.is_finite());
                 negative += u32::from(gain && value.is_finite() && value < 0.0);
                 limited += u32::from(value.is_finite() && !(gain && value < 0.0));
@@ -134,7 +134,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
                     "{value} in field {field}"
                 );
                 assert_eq!(group(&state).rejected(Rejection::Negative), negative, "{value} in field {field}");
-                send(&mut client, &mut claim, &hold);
+                send(&client, &mut claim, &hold);
             }
         }
     }

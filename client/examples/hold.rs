@@ -36,7 +36,7 @@ fn main() -> ExitCode {
 }
 
 fn hold(options: &Options) -> Result<(), Error> {
-    let mut client = Client::connect(&options.instance)?;
+    let client = Client::connect(&options.instance)?;
     let mut claim = client.claim(&options.group)?;
     let setpoints = present_pose(&claim, &client.wait(PATIENCE)?, options);
     claim.send(&setpoints)?;

@@ -54,12 +54,12 @@ enum End {
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    let mut client = match Client::connect(&options.instance) {
+    let client = match Client::connect(&options.instance) {
         Ok(client) => client,
         Err(error) => return failed(&error),
     };
     loop {
-        match sine(&mut client, &options) {
+        match sine(&client, &options) {
             Ok(End::Finished) => return ExitCode::SUCCESS,
             Ok(End::Stopped(why)) => {
                 println!("stopped: {why}");
@@ -88,7 +88,7 @@ fn passes(error: &Error) -> bool {
     )
 }
 
-fn sine(client: &mut Client, options: &Options) -> Result<End, Error> {
+fn sine(client: &Client, options: &Options) -> Result<End, Error> {
     let mut claim = client.claim(&options.group)?;
     let start = client.wait(PATIENCE)?;
     let motion = Motion::new(client, &claim, &start, options)?;

@@ -30,11 +30,11 @@ fn main() -> ExitCode {
 }
 
 fn watch(options: &Options) -> Result<(), Error> {
-    let mut client = Client::connect(&options.instance)?;
+    let client = Client::connect(&options.instance)?;
     let mut printed = 0;
     while options.count.is_none_or(|count| printed < count) {
         match client.wait(10 * PERIOD) {
-            Ok(state) if print(client.description(), &state).is_err() => return Ok(()),
+            Ok(state) if print(&client.description(), &state).is_err() => return Ok(()),
             Ok(_) => {}
             Err(
                 error @ (Error::NotRunning { .. }

@@ -1,11 +1,11 @@
 //! The right to move a group of joints.
 
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
-use crate::{Error, Setpoint, State};
+use crate::{Error, Setpoint};
+use motord_shared::description::RobotDescription;
 use motord_shared::ports::SetpointPort;
-use motord_shared::{Instance, Lease, Operation, SetpointMessage, clock};
-use std::cell::{RefCell, RefMut};
-use std::rc::Rc;
+use motord_shared::{Lease, Operation, SetpointMessage, clock};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// How long dropping a claim may take. A daemon that does not hear of it finds out by the setpoints that stop.
@@ -17,9 +17,8 @@ const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 /// Ownership of a group. Dropping it releases the group, which stops it when it was active.
 #[derive(Debug)]
 pub struct Claim {
-    link: Rc<RefCell<Link>>,
+    link: Arc<Link>,
     port: SetpointPort,
-    instance: Instance,
     boot_id: u64,
     index: usize,
     name: String,
@@ -31,24 +30,18 @@ pub struct Claim {
 }
 
 impl Claim {
-    pub(crate) fn new(link: Rc<RefCell<Link>>, index: usize) -> Result<Self, Error> {
-        let connection = link.borrow();
-        let group = connection.robot.groups[index].clone();
-        let port = connection.setpoint_port()?;
-        let (reply, _) = connection.ask(
-            Operation::Claim,
-            Subject { group: index, ..Subject::default() },
-            ANSWER_TIMEOUT,
-        )?;
+    /// Claims the group with this index of `robot`.
+    pub(crate) fn new(link: Arc<Link>, robot: &RobotDescription, index: usize) -> Result<Self, Error> {
+        let group = robot.groups[index].clone();
+        let port = link.setpoint_port()?;
+        let subject = Subject { group: index, ..Subject::default() };
+        let (reply, _) = link.ask(Operation::Claim, subject, ANSWER_TIMEOUT)?;
         let lease =
             Lease::from_raw(reply.lease).ok_or(Error::NotUnderstood { operation: Operation::Claim })?;
-        let (boot_id, instance) = (connection.boot_id, connection.instance().clone());
-        drop(connection);
         Ok(Self {
             link,
             port,
-            instance,
-            boot_id,
+            boot_id: robot.boot_id,
             index,
             name: group.name,
             message: SetpointMessage {
@@ -91,13 +84,13 @@ impl Claim {
         if expected != received {
             return Err(Error::SetpointCount { expected, received });
         }
-        let cycle = self.polled()?.newest().map_or(0, State::cycle);
-        self.message.cycle = cycle;
+        self.refresh()?;
+        self.message.cycle = self.link.cycle();
         for (joint, setpoint) in self.message.joints.iter_mut().zip(setpoints) {
             *joint = (*setpoint).into();
         }
         self.transmit()?;
-        self.link.borrow().check_alive()
+        self.link.check_alive()
     }
 
     /// Starts the motors of the group, towards the last setpoint, which must be near to where the joints are. It is
@@ -113,9 +106,8 @@ impl Claim {
             self.transmit()?;
             std::thread::sleep(REPEAT_PERIOD);
         }
-        drop(self.ready()?);
-        let link = Rc::clone(&self.link);
-        let link = link.borrow();
+        self.ready()?;
+        let link = Arc::clone(&self.link);
         link.ask_while(Operation::Enable, self.subject(), ANSWER_TIMEOUT, || match before {
             0 => Ok(()),
             _ => self.transmit(),
@@ -153,18 +145,19 @@ impl Claim {
         self.message.sequence += 1;
         self.message.time_ns = clock::now_ns();
         let sent = self.port.send(&self.message);
-        sent.map_err(|error| Error::of_service(error, &self.instance))
+        sent.map_err(|error| Error::of_service(error, self.link.instance()))
     }
 
     /// Whether the daemon has accepted a setpoint of this claim that was sent after the one with sequence `before`.
     fn is_heard(&self, before: u64) -> Result<bool, Error> {
-        let link = self.ready()?;
-        let group = link.newest().and_then(|state| state.group(self.index));
+        self.ready()?;
+        let group = self.link.try_group(self.index);
         Ok(group.is_some_and(|group| group.lease == Some(self.lease) && group.sequence > before))
     }
 
     fn operate(&self, operation: Operation) -> Result<(), Error> {
-        self.ready()?.ask(operation, self.subject(), ANSWER_TIMEOUT)?;
+        self.ready()?;
+        self.link.ask(operation, self.subject(), ANSWER_TIMEOUT)?;
         Ok(())
     }
 
@@ -172,28 +165,25 @@ impl Claim {
         Subject { lease: Some(self.lease), group: self.index, ..Subject::default() }
     }
 
-    /// The link, as long as the daemon that granted the claim lives.
-    fn ready(&self) -> Result<RefMut<'_, Link>, Error> {
-        let link = self.polled()?;
-        link.check_alive()?;
-        Ok(link)
+    /// Whether the daemon that granted the claim lives.
+    fn ready(&self) -> Result<(), Error> {
+        self.refresh()?;
+        self.link.check_alive()
     }
 
-    /// The link, after taking in what has arrived, as long as it leads to the daemon that granted the claim.
-    fn polled(&self) -> Result<RefMut<'_, Link>, Error> {
-        let mut link = self.link.borrow_mut();
-        link.poll()?;
-        if link.boot_id == self.boot_id { Ok(link) } else { Err(Error::Restarted) }
+    /// Takes in the states that have arrived, and checks that they are of the daemon that granted the claim.
+    fn refresh(&self) -> Result<(), Error> {
+        self.link.refresh()?;
+        if self.link.robot().boot_id == self.boot_id { Ok(()) } else { Err(Error::Restarted) }
     }
 }
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        let link = self.link.borrow();
-        if self.released || link.check_alive().is_err() {
+        if self.released || self.link.check_alive().is_err() {
             return;
         }
         // A drop has nobody to tell: the daemon notices the silence if this does not reach it.
-        let _ = link.ask(Operation::Release, self.subject(), RELEASE_TIMEOUT);
+        let _ = self.link.ask(Operation::Release, self.subject(), RELEASE_TIMEOUT);
     }
 }

@@ -1,7 +1,7 @@
 //! A process's view of the robot.
 
 use crate::claim::Claim;
-use crate::link::{ANSWER_TIMEOUT, Link, Subject};
+use crate::link::{ANSWER_TIMEOUT, Link, Subject, View, locked};
 use crate::{Error, State};
 use motord_shared::description::{RobotDescription, Telemetry};
 use motord_shared::instance::Attachment;
@@ -9,21 +9,20 @@ use motord_shared::message::ALL_GROUPS;
 use motord_shared::ports::ClientPorts;
 use motord_shared::service::ServiceError;
 use motord_shared::{Instance, Operation};
-use std::cell::{RefCell, RefMut};
 use std::path::Path;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 /// A connection to the daemon of one instance.
 ///
-/// It is used on the thread that made it. Looking for a state neither allocates nor makes a system call, sending a
-/// setpoint allocates once; a daemon that comes or goes costs up to a millisecond in the next call. Whatever asks the
-/// daemon something waits for its answer, a cycle or two as a rule and a second at most.
+/// Threads may share it: see the [threads](crate#threads) of the crate. Asking for the newest state neither allocates nor
+/// makes a system call, sending a setpoint allocates once; a daemon that comes or goes costs up to a millisecond in the next
+/// call. A request waits for its answer, a cycle or two as a rule and a second at most.
 #[derive(Debug)]
 pub struct Client {
-    link: Rc<RefCell<Link>>,
-    robot: Rc<RobotDescription>,
-    boot_id: u64,
+    link: Arc<Link>,
+    /// The robot that the caller knows. It is another one than the link's until a restart was reported.
+    robot: Mutex<Arc<RobotDescription>>,
 }
 
 impl Client {
@@ -58,25 +57,25 @@ impl Client {
         open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
     ) -> Result<Self, Error> {
         let link = Link::open(instance, open)?;
-        Ok(Self { robot: Rc::clone(&link.robot), boot_id: link.boot_id, link: Rc::new(RefCell::new(link)) })
+        Ok(Self { robot: Mutex::new(link.robot()), link: Arc::new(link) })
     }
 
     /// Names and limits of joints, groups and buses. It changes only when a call returned [`Error::Restarted`].
     #[must_use]
-    pub fn description(&self) -> &RobotDescription {
-        &self.robot
+    pub fn description(&self) -> Arc<RobotDescription> {
+        Arc::clone(&locked(&self.robot))
     }
 
     /// The index of the joint `name`.
     #[must_use]
     pub fn joint(&self, name: &str) -> Option<usize> {
-        self.robot.joints.iter().position(|joint| joint.name == name)
+        position(self.description().joints.iter().map(|joint| &joint.name), name)
     }
 
     /// The index of the group `name`.
     #[must_use]
     pub fn group(&self, name: &str) -> Option<usize> {
-        self.robot.groups.iter().position(|group| group.name == name)
+        position(self.description().groups.iter().map(|group| &group.name), name)
     }
 
     /// The index of the joint `name`, as [`joint`](Self::joint).
@@ -84,10 +83,7 @@ impl Client {
     /// # Errors
     /// [`Error::UnknownJoint`], which names those that there are.
     pub fn joint_named(&self, name: &str) -> Result<usize, Error> {
-        self.joint(name).ok_or_else(|| {
-            let known = listed(self.robot.joints.iter().map(|joint| joint.name.as_str()));
-            Error::UnknownJoint { name: name.to_owned(), known }
-        })
+        joint_of(&self.description(), name)
     }
 
     /// The index of the group `name`, as [`group`](Self::group).
@@ -95,16 +91,13 @@ impl Client {
     /// # Errors
     /// [`Error::UnknownGroup`], which names those that there are.
     pub fn group_named(&self, name: &str) -> Result<usize, Error> {
-        self.group(name).ok_or_else(|| {
-            let known = listed(self.robot.groups.iter().map(|group| group.name.as_str()));
-            Error::UnknownGroup { name: name.to_owned(), known }
-        })
+        group_of(&self.description(), name)
     }
 
     /// Sets how long states may stop before the daemon counts as [silent](Error::Silent) or gone; 50 ms, or five cycles
     /// when they take longer, unless set.
-    pub fn set_silence(&mut self, silence: Duration) {
-        self.link.borrow_mut().silence = silence;
+    pub fn set_silence(&self, silence: Duration) {
+        self.link.set_silence(silence);
     }
 
     /// The newest state, unless it was returned before. Does not wait.
@@ -112,8 +105,9 @@ impl Client {
     /// # Errors
     /// [`Error::Restarted`], once after each restart; else that the connection is damaged. That states stop is no error
     /// here: see [`State::age`].
-    pub fn newest(&mut self) -> Result<Option<State>, Error> {
-        Ok(self.polled()?.take_unseen())
+    pub fn newest(&self) -> Result<Option<State>, Error> {
+        let mut view = self.link.poll()?;
+        self.take(&mut view)
     }
 
     /// Sleeps until there is a state that was not returned before. Costs the daemon a system call per cycle, and the
@@ -122,7 +116,7 @@ impl Client {
     /// # Errors
     /// [`Error::NotRunning`] or [`Error::Silent`] as soon as states have stopped for the silence time, again after
     /// `timeout` when called again in spite of it; [`Error::Timeout`]; those of [`newest`](Self::newest).
-    pub fn wait(&mut self, timeout: Duration) -> Result<State, Error> {
+    pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
         self.next(timeout, Link::sleep_until_cycle)
     }
 
@@ -131,7 +125,7 @@ impl Client {
     ///
     /// # Errors
     /// Those of [`wait`](Self::wait).
-    pub fn spin(&mut self, timeout: Duration) -> Result<State, Error> {
+    pub fn spin(&self, timeout: Duration) -> Result<State, Error> {
         self.next(timeout, |_, _| {
             std::hint::spin_loop();
             Ok(())
@@ -139,18 +133,19 @@ impl Client {
     }
 
     fn next(
-        &mut self,
+        &self,
         timeout: Duration,
-        pause: impl Fn(&mut Link, Duration) -> Result<(), Error>,
+        pause: impl Fn(&Link, Duration) -> Result<(), Error>,
     ) -> Result<State, Error> {
         let begun = Instant::now();
         loop {
-            let mut link = self.polled()?;
-            if let Some(state) = link.take_unseen() {
+            let mut view = self.link.poll()?;
+            if let Some(state) = self.take(&mut view)? {
                 return Ok(state);
             }
-            let patience = link.patience(begun.elapsed(), timeout)?;
-            pause(&mut link, patience)?;
+            let patience = self.link.patience(&mut view, begun.elapsed(), timeout)?;
+            drop(view);
+            pause(&self.link, patience)?;
         }
     }
 
@@ -158,10 +153,11 @@ impl Client {
     ///
     /// # Errors
     /// [`Error::UnknownGroup`], [`Error::Refused`] naming the owner, and those of every request.
-    pub fn claim(&mut self, group: &str) -> Result<Claim, Error> {
-        let index = self.group_named(group)?;
-        self.polled()?.check_alive()?;
-        Claim::new(Rc::clone(&self.link), index)
+    pub fn claim(&self, group: &str) -> Result<Claim, Error> {
+        let robot = self.description();
+        let index = group_of(&robot, group)?;
+        self.ready(&robot)?;
+        Claim::new(Arc::clone(&self.link), &robot, index)
     }
 
     /// Starts the motors of `group`, as an operator: its owner must be sending setpoints.
@@ -169,7 +165,7 @@ impl Client {
     /// # Errors
     /// [`Error::UnknownGroup`], [`Error::Refused`] with the reason, and those of every request: [`Error::Restarted`],
     /// [`Error::NotRunning`], [`Error::NoAnswer`].
-    pub fn enable(&mut self, group: &str) -> Result<(), Error> {
+    pub fn enable(&self, group: &str) -> Result<(), Error> {
         self.operate(Operation::Enable, group)
     }
 
@@ -177,7 +173,7 @@ impl Client {
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
-    pub fn disable(&mut self, group: &str) -> Result<(), Error> {
+    pub fn disable(&self, group: &str) -> Result<(), Error> {
         self.operate(Operation::Disable, group)
     }
 
@@ -185,7 +181,7 @@ impl Client {
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
-    pub fn reset(&mut self, group: &str) -> Result<(), Error> {
+    pub fn reset(&self, group: &str) -> Result<(), Error> {
         self.operate(Operation::Reset, group)
     }
 
@@ -193,7 +189,7 @@ impl Client {
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
-    pub fn force_release(&mut self, group: &str) -> Result<(), Error> {
+    pub fn force_release(&self, group: &str) -> Result<(), Error> {
         self.operate(Operation::ForceRelease, group)
     }
 
@@ -201,9 +197,9 @@ impl Client {
     ///
     /// # Errors
     /// [`Error::Refused`], [`Error::NotRunning`], [`Error::NoAnswer`].
-    pub fn emergency_stop(&mut self) -> Result<(), Error> {
+    pub fn emergency_stop(&self) -> Result<(), Error> {
         let every_group = Subject { group: ALL_GROUPS as usize, ..Subject::default() };
-        self.link.borrow().ask(Operation::EmergencyStop, every_group, ANSWER_TIMEOUT)?;
+        self.link.ask(Operation::EmergencyStop, every_group, ANSWER_TIMEOUT)?;
         Ok(())
     }
 
@@ -211,7 +207,7 @@ impl Client {
     ///
     /// # Errors
     /// [`Error::UnknownJoint`], [`Error::Refused`] with the reason, and those of every request.
-    pub fn set_zero(&mut self, joint: &str) -> Result<(), Error> {
+    pub fn set_zero(&self, joint: &str) -> Result<(), Error> {
         self.service(Operation::SetZero, joint)
     }
 
@@ -219,7 +215,7 @@ impl Client {
     ///
     /// # Errors
     /// Those of [`set_zero`](Self::set_zero).
-    pub fn clear_fault(&mut self, joint: &str) -> Result<(), Error> {
+    pub fn clear_fault(&self, joint: &str) -> Result<(), Error> {
         self.service(Operation::ClearFault, joint)
     }
 
@@ -227,41 +223,75 @@ impl Client {
     ///
     /// # Errors
     /// Those of every request.
-    pub fn telemetry(&mut self) -> Result<Telemetry, Error> {
-        self.polled()?.read(Operation::Telemetry)
+    pub fn telemetry(&self) -> Result<Telemetry, Error> {
+        self.link.refresh()?;
+        self.must_be(&self.description())?;
+        self.link.read(Operation::Telemetry)
     }
 
-    fn operate(&mut self, operation: Operation, group: &str) -> Result<(), Error> {
-        self.ask(operation, Subject { group: self.group_named(group)?, ..Subject::default() })
+    fn operate(&self, operation: Operation, group: &str) -> Result<(), Error> {
+        let robot = self.description();
+        let group = group_of(&robot, group)?;
+        self.ask(operation, &robot, Subject { group, ..Subject::default() })
     }
 
-    fn service(&mut self, operation: Operation, joint: &str) -> Result<(), Error> {
-        self.ask(operation, Subject { joint: self.joint_named(joint)?, ..Subject::default() })
+    fn service(&self, operation: Operation, joint: &str) -> Result<(), Error> {
+        let robot = self.description();
+        let joint = joint_of(&robot, joint)?;
+        self.ask(operation, &robot, Subject { joint, ..Subject::default() })
     }
 
-    /// Asks a daemon that is known to live: another one could give an index another meaning.
-    fn ask(&mut self, operation: Operation, subject: Subject) -> Result<(), Error> {
-        let link = self.polled()?;
-        link.check_alive()?;
-        link.ask(operation, subject, ANSWER_TIMEOUT)?;
+    /// Asks the daemon of `robot`, which gives the indices of `subject` their meaning.
+    fn ask(&self, operation: Operation, robot: &RobotDescription, subject: Subject) -> Result<(), Error> {
+        self.ready(robot)?;
+        self.link.ask(operation, subject, ANSWER_TIMEOUT)?;
         Ok(())
     }
 
-    /// The link, after taking in what has arrived. An index from before a restart may name another joint after it, so
-    /// that the restart is told before anything is asked for.
-    fn polled(&mut self) -> Result<RefMut<'_, Link>, Error> {
-        let mut link = self.link.borrow_mut();
-        link.poll()?;
-        if link.boot_id != self.boot_id {
-            self.boot_id = link.boot_id;
-            self.robot = Rc::clone(&link.robot);
-            return Err(Error::Restarted);
+    /// Whether the daemon of `robot` lives.
+    fn ready(&self, robot: &RobotDescription) -> Result<(), Error> {
+        self.link.refresh()?;
+        self.must_be(robot)?;
+        self.link.check_alive()
+    }
+
+    /// The newest state, if nobody took it yet; a restart before it.
+    fn take(&self, view: &mut MutexGuard<'_, View>) -> Result<Option<State>, Error> {
+        if view.is_unseen() {
+            self.must_be(&self.description())?;
         }
-        Ok(link)
+        Ok(view.take_unseen())
+    }
+
+    /// Reports a restart: an index from before may name another joint now. Other threads get the report too if they still
+    /// use the robot from before.
+    fn must_be(&self, robot: &RobotDescription) -> Result<(), Error> {
+        let present = self.link.robot();
+        if present.boot_id == robot.boot_id {
+            return Ok(());
+        }
+        *locked(&self.robot) = present;
+        Err(Error::Restarted)
     }
 }
 
-fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
-    let names: Vec<_> = names.collect();
+fn joint_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
+    let names = robot.joints.iter().map(|joint| &joint.name);
+    let unknown = || Error::UnknownJoint { name: name.to_owned(), known: listed(names.clone()) };
+    position(names.clone(), name).ok_or_else(unknown)
+}
+
+fn group_of(robot: &RobotDescription, name: &str) -> Result<usize, Error> {
+    let names = robot.groups.iter().map(|group| &group.name);
+    let unknown = || Error::UnknownGroup { name: name.to_owned(), known: listed(names.clone()) };
+    position(names.clone(), name).ok_or_else(unknown)
+}
+
+fn position<'a>(mut names: impl Iterator<Item = &'a String>, name: &str) -> Option<usize> {
+    names.position(|known| known == name)
+}
+
+fn listed<'a>(names: impl Iterator<Item = &'a String>) -> String {
+    let names: Vec<_> = names.map(String::as_str).collect();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }

@@ -12,7 +12,7 @@
 //!
 //! fn main() -> Result<(), Error> {
 //!     let patience = Duration::from_millis(100);
-//!     let mut client = Client::connect(DEFAULT_INSTANCE)?;
+//!     let client = Client::connect(DEFAULT_INSTANCE)?;
 //!     let mut claim = client.claim("all")?;
 //!
 //!     let start = client.wait(patience)?;
@@ -64,7 +64,11 @@
 //! - The daemon is back: the next call returns [`Error::Restarted`] once, then the [`Client`] works again, with the new
 //!   [`Client::description`]. Claims are void and must be made anew; nothing moves before someone enables.
 //!
-//! Nothing here can be sent to another thread: open a [`Client`] on each thread that needs one.
+//! # Threads
+//!
+//! Threads may share a [`Client`], and a [`Claim`] may be handed to another thread. Each state is given to one of the threads
+//! that ask for it. A thread that waits for a state keeps no other from sending setpoints or from an emergency stop. Ordinary
+//! requests of one client follow one another; an emergency stop waits for none of them.
 
 #![forbid(unsafe_code)]
 

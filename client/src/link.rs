@@ -1,16 +1,27 @@
-//! The one connection of a process, shared by its [`Client`](crate::Client) and its claims.
+//! The connection to the daemon that a [`Client`](crate::Client) and its claims share.
+//!
+//! | lock | held |
+//! |---|---|
+//! | `view` | while a state is taken in, microseconds |
+//! | `robot` | while a pointer is copied |
+//! | `ordinary` | while an ordinary request is under way, a second at most |
+//! | `stop` | while an emergency stop is under way, a second at most |
+//!
+//! A thread that sleeps until the next state holds none. Sending a setpoint waits for none but `robot`: it only tries `view`,
+//! which a spinning thread holds most of the time. An emergency stop waits for none but another emergency stop.
 
 use crate::Error;
-use crate::state::State;
+use crate::state::{Group, State};
 use motord_shared::description::RobotDescription;
 use motord_shared::instance::{Attachment, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
 use motord_shared::service::ServiceError;
-use motord_shared::{AdminRequest, Instance, Lease, Operation};
+use motord_shared::{AdminRequest, Instance, Lease, Operation, clock};
 use serde::de::DeserializeOwned;
-use std::rc::Rc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
 /// How long an answer may take. The daemon answers within a cycle or two; a machine that stalls gets some more.
@@ -26,7 +37,7 @@ const SILENCE_MIN: Duration = Duration::from_millis(50);
 /// Longest sleep on the cycle event: it bounds what a lost wake-up costs.
 const SLEEP_MAX: Duration = Duration::from_secs(1);
 
-/// What is asked about.
+/// The lease, group and joint of a request.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Subject {
     pub(crate) lease: Option<Lease>,
@@ -34,21 +45,60 @@ pub(crate) struct Subject {
     pub(crate) joint: usize,
 }
 
-/// The ports, what the daemon said of itself, and its newest state.
+impl Subject {
+    fn request(self, operation: Operation) -> AdminRequest {
+        let index = |index: usize| u32::try_from(index).unwrap_or(u32::MAX);
+        AdminRequest {
+            lease: self.lease.map_or(0, Lease::raw),
+            operation: operation.code(),
+            group: index(self.group),
+            joint: index(self.joint),
+            pid: std::process::id(),
+        }
+    }
+}
+
+/// The ports, the description of the robot, and the newest state.
 #[derive(Debug)]
 pub(crate) struct Link {
     instance: Instance,
     ports: ClientPorts,
-    /// Who is there, as the daemon of `boot_id` said.
-    pub(crate) robot: Rc<RobotDescription>,
-    /// Changes exactly when another daemon's states arrive.
-    pub(crate) boot_id: u64,
-    /// Longest time without a state that is no error.
-    pub(crate) silence: Duration,
+    view: Mutex<View>,
+    /// As the daemon described it whose states arrive. It is another one after a restart, with another boot id.
+    robot: Mutex<Arc<RobotDescription>>,
+    ordinary: Mutex<()>,
+    stop: Mutex<()>,
+    /// Number of the newest state's cycle.
+    cycle: AtomicU64,
+    /// When a state was last taken in, ns of `CLOCK_MONOTONIC`; at first when the first was looked for, 0 before.
+    heard_ns: AtomicU64,
+    /// Longest time without a state that is no error, ns.
+    silence_ns: AtomicU64,
+}
+
+/// The newest state.
+#[derive(Debug, Default)]
+pub(crate) struct View {
     newest: Option<State>,
     unseen: bool,
-    heard: Option<Instant>,
-    silence_told: bool,
+    silence_reported: bool,
+}
+
+impl View {
+    /// Whether there is a state that nobody took yet.
+    pub(crate) fn is_unseen(&self) -> bool {
+        self.unseen
+    }
+
+    /// The newest state, if nobody took it yet.
+    pub(crate) fn take_unseen(&mut self) -> Option<State> {
+        self.newest.filter(|_| std::mem::take(&mut self.unseen))
+    }
+
+    /// A thread may bring a state later than another thread brings its successor.
+    fn is_newer(&self, state: &State) -> bool {
+        self.newest.is_none_or(|newest| newest.boot_id() != state.boot_id() || newest.cycle() < state.cycle())
+    }
 }
 
 impl Link {
@@ -60,80 +110,122 @@ impl Link {
         let attachment = instance.attach().map_err(Error::of_instance)?;
         let attachment = attachment.ok_or_else(|| Error::not_running(&instance))?;
         let ports = open(attachment).map_err(|error| Error::of_service(error, &instance))?;
-        let mut link = Self {
+        let link = Self {
             instance,
             ports,
-            robot: Rc::default(),
-            boot_id: 0,
-            silence: SILENCE_MIN,
-            newest: None,
-            unseen: false,
-            heard: None,
-            silence_told: false,
+            view: Mutex::default(),
+            robot: Mutex::default(),
+            ordinary: Mutex::default(),
+            stop: Mutex::default(),
+            cycle: AtomicU64::new(0),
+            heard_ns: AtomicU64::new(0),
+            silence_ns: AtomicU64::new(nanos(SILENCE_MIN)),
         };
         link.read_description()?;
-        link.boot_id = link.robot.boot_id;
         Ok(link)
     }
 
-    /// Takes in what has arrived. When it comes from another daemon, its description is read first, which may take up to
-    /// [`ANSWER_TIMEOUT`].
-    pub(crate) fn poll(&mut self) -> Result<(), Error> {
-        let arrived = self.ports.newest_state().map_err(|error| Error::of_service(error, &self.instance))?;
-        self.heard.get_or_insert_with(Instant::now);
-        let Some(state) = arrived.map(State::from) else { return Ok(()) };
-        if state.boot_id() != self.boot_id {
-            self.read_description()?;
-            self.boot_id = state.boot_id();
+    /// Takes in the states that have arrived, and gives the newest. One of another daemon makes it read the description of
+    /// the robot first, which may take up to [`ANSWER_TIMEOUT`].
+    pub(crate) fn poll(&self) -> Result<MutexGuard<'_, View>, Error> {
+        self.take_in(locked(&self.view))
+    }
+
+    /// As [`poll`](Self::poll), unless another thread does so at this moment.
+    pub(crate) fn refresh(&self) -> Result<(), Error> {
+        self.try_view().map_or(Ok(()), |view| self.take_in(view).map(drop))
+    }
+
+    fn try_view(&self) -> Option<MutexGuard<'_, View>> {
+        match self.view.try_lock() {
+            Ok(view) => Some(view),
+            Err(TryLockError::Poisoned(view)) => Some(view.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
         }
-        self.newest = Some(state);
-        self.unseen = true;
-        self.heard = Some(Instant::now());
-        self.silence_told = false;
-        Ok(())
     }
 
-    /// The newest state, if nobody took it yet.
-    pub(crate) fn take_unseen(&mut self) -> Option<State> {
-        self.newest.filter(|_| std::mem::take(&mut self.unseen))
+    fn take_in<'a>(&'a self, mut view: MutexGuard<'a, View>) -> Result<MutexGuard<'a, View>, Error> {
+        let arrived = self.ports.newest_state().map_err(|error| Error::of_service(error, &self.instance))?;
+        let now = clock::now_ns();
+        let _first = self.heard_ns.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
+        let Some(state) = arrived.map(State::from) else { return Ok(view) };
+        if state.boot_id() != self.robot().boot_id {
+            drop(view);
+            self.read_description()?;
+            view = locked(&self.view);
+        }
+        // A state of a daemon that has ended meanwhile belongs to no known robot.
+        if state.boot_id() == self.robot().boot_id && view.is_newer(&state) {
+            *view = View { newest: Some(state), unseen: true, silence_reported: false };
+            self.cycle.store(state.cycle(), Ordering::Relaxed);
+            self.heard_ns.store(now, Ordering::Relaxed);
+        }
+        Ok(view)
     }
 
-    pub(crate) fn sleep_until_cycle(&mut self, at_most: Duration) -> Result<(), Error> {
+    /// Sleeps until the daemon has published, at most for `at_most` or [`SLEEP_MAX`]. May end early.
+    pub(crate) fn sleep_until_cycle(&self, at_most: Duration) -> Result<(), Error> {
         let slept = self.ports.sleep_until_cycle(at_most.min(SLEEP_MAX));
         slept.map_err(|error| Error::of_service(error, &self.instance))
     }
 
-    /// How long a caller that has waited for `waited` of `timeout` may go on. A silence is told as soon as it lasts too
+    /// How long a caller that has waited for `waited` of `timeout` may go on. A silence is an error as soon as it lasts too
     /// long; a caller that tries again in spite of it waits for its full time.
-    pub(crate) fn patience(&mut self, waited: Duration, timeout: Duration) -> Result<Duration, Error> {
+    pub(crate) fn patience(
+        &self,
+        view: &mut View,
+        waited: Duration,
+        timeout: Duration,
+    ) -> Result<Duration, Error> {
         let left = timeout.saturating_sub(waited);
-        let until_silence = self.silence.saturating_sub(self.quiet());
-        if until_silence.is_zero() && (left.is_zero() || !self.silence_told) {
-            self.silence_told = true;
+        let until_silence = self.silence().saturating_sub(self.quiet());
+        if until_silence.is_zero() && (left.is_zero() || !view.silence_reported) {
+            view.silence_reported = true;
             return Err(self.gone());
         }
         if left.is_zero() {
             return Err(Error::Timeout { waited });
         }
-        Ok(if self.silence_told { left } else { left.min(until_silence) })
+        Ok(if view.silence_reported { left } else { left.min(until_silence) })
     }
 
-    /// The newest state, taken or not.
-    pub(crate) fn newest(&self) -> Option<&State> {
-        self.newest.as_ref()
+    /// The group of the newest state, taken or not. `None` also when another thread has the state at this moment.
+    pub(crate) fn try_group(&self, index: usize) -> Option<Group> {
+        self.try_view()?.newest.and_then(|state| state.group(index))
     }
 
-    /// That states have stopped, if they have.
+    /// Number of the newest state's cycle; 0 before the first.
+    pub(crate) fn cycle(&self) -> u64 {
+        self.cycle.load(Ordering::Relaxed)
+    }
+
+    /// The robot of the daemon whose states arrive.
+    pub(crate) fn robot(&self) -> Arc<RobotDescription> {
+        Arc::clone(&locked(&self.robot))
+    }
+
+    /// [`Error::NotRunning`] or [`Error::Silent`] when states have stopped.
     pub(crate) fn check_alive(&self) -> Result<(), Error> {
-        if self.quiet() >= self.silence { Err(self.gone()) } else { Ok(()) }
+        if self.quiet() >= self.silence() { Err(self.gone()) } else { Ok(()) }
+    }
+
+    pub(crate) fn set_silence(&self, silence: Duration) {
+        self.silence_ns.store(nanos(silence), Ordering::Relaxed);
+    }
+
+    fn silence(&self) -> Duration {
+        Duration::from_nanos(self.silence_ns.load(Ordering::Relaxed))
     }
 
     fn quiet(&self) -> Duration {
-        self.heard.map_or(Duration::ZERO, |heard| heard.elapsed())
+        match self.heard_ns.load(Ordering::Relaxed) {
+            0 => Duration::ZERO,
+            heard => Duration::from_nanos(clock::now_ns().saturating_sub(heard)),
+        }
     }
 
     fn gone(&self) -> Error {
-        if process_exists(self.robot.pid) {
+        if process_exists(self.robot().pid) {
             Error::Silent { silent_for: self.quiet() }
         } else {
             Error::not_running(&self.instance)
@@ -158,30 +250,41 @@ impl Link {
         timeout: Duration,
         mut meanwhile: impl FnMut() -> Result<(), Error>,
     ) -> Result<(AdminReply, Vec<u8>), Error> {
-        let index = |index: usize| u32::try_from(index).unwrap_or(u32::MAX);
-        let request = AdminRequest {
-            lease: subject.lease.map_or(0, Lease::raw),
-            operation: operation.code(),
-            group: index(subject.group),
-            joint: index(subject.joint),
-            pid: std::process::id(),
-        };
-        let question = self.ports.ask(request).map_err(|error| Error::of_service(error, &self.instance))?;
-        let begun = Instant::now();
+        let deadline = Instant::now() + timeout;
+        let unanswered = || self.unanswered(operation, timeout);
+        let _turn = self.turn(operation, deadline).ok_or_else(unanswered)?;
+        let of_service = |error| Error::of_service(error, &self.instance);
+        let question = self.ports.ask(subject.request(operation)).map_err(of_service)?;
         loop {
             meanwhile()?;
-            let answer = question.answer().map_err(|error| Error::of_service(error, &self.instance))?;
-            match answer {
+            match question.answer().map_err(of_service)? {
                 Some((reply, text)) if reply.refusal == 0 => return Ok((reply, text)),
                 Some((reply, _)) => {
-                    return Err(Error::refused(operation, reply.refusal, reply.detail, &self.robot));
+                    return Err(Error::refused(operation, reply.refusal, reply.detail, &self.robot()));
                 }
-                None if begun.elapsed() < timeout => std::thread::sleep(ANSWER_POLL),
-                None if self.robot.pid != 0 && !process_exists(self.robot.pid) => {
-                    return Err(Error::not_running(&self.instance));
-                }
-                None => return Err(Error::NoAnswer { operation, waited: timeout }),
+                None if Instant::now() < deadline => std::thread::sleep(ANSWER_POLL),
+                None => return Err(unanswered()),
             }
+        }
+    }
+
+    /// The turn to ask. `None` when another thread's request is under way until `deadline`.
+    fn turn(&self, operation: Operation, deadline: Instant) -> Option<MutexGuard<'_, ()>> {
+        let turns = if operation == Operation::EmergencyStop { &self.stop } else { &self.ordinary };
+        loop {
+            match turns.try_lock() {
+                Ok(turn) => return Some(turn),
+                Err(TryLockError::Poisoned(turn)) => return Some(turn.into_inner()),
+                Err(TryLockError::WouldBlock) if Instant::now() < deadline => std::thread::sleep(ANSWER_POLL),
+                Err(TryLockError::WouldBlock) => return None,
+            }
+        }
+    }
+
+    fn unanswered(&self, operation: Operation, waited: Duration) -> Error {
+        match self.robot().pid {
+            pid if pid != 0 && !process_exists(pid) => Error::not_running(&self.instance),
+            _ => Error::NoAnswer { operation, waited },
         }
     }
 
@@ -200,7 +303,7 @@ impl Link {
         &self.instance
     }
 
-    fn read_description(&mut self) -> Result<(), Error> {
+    fn read_description(&self) -> Result<(), Error> {
         let robot: RobotDescription = self.read(Operation::Describe)?;
         let sound = |index: &usize| *index < robot.joints.len();
         if robot.joints.len() > JOINTS_MAX || !robot.groups.iter().flat_map(|group| &group.joints).all(sound)
@@ -208,8 +311,18 @@ impl Link {
             return Err(Error::NotUnderstood { operation: Operation::Describe });
         }
         let cycles = Duration::try_from_secs_f64(SILENCE_CYCLES / robot.rate_hz).unwrap_or(SILENCE_MIN);
-        self.silence = self.silence.max(cycles);
-        self.robot = Rc::new(robot);
+        self.silence_ns.fetch_max(nanos(cycles), Ordering::Relaxed);
+        *locked(&self.robot) = Arc::new(robot);
         Ok(())
     }
+}
+
+/// The value behind `mutex`. A thread that panicked while it held the lock left a valid value: every write is one
+/// assignment.
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn nanos(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }

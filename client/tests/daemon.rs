@@ -3,11 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
-use motord_client::{Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
+use motord_client::{Claim, Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription, Telemetry};
 use motord_shared::limits::CONTROLLERS_MAX;
 use motord_shared::message::{AdminReply, GroupState, SetpointMessage, StateMessage};
-use motord_shared::ports::{DaemonPorts, Housekeeper};
+use motord_shared::ports::{DaemonPorts, Housekeeper, Request};
 use motord_shared::{Instance, Lease, Operation, clock};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
@@ -31,6 +31,9 @@ struct FakeDaemon {
     epoch: u32,
     sequence: u64,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
+    silent: Arc<AtomicBool>,
+    /// Requests that get no answer.
+    held: Vec<Request>,
 }
 
 impl FakeDaemon {
@@ -38,6 +41,10 @@ impl FakeDaemon {
     fn cycle(&mut self, joint_count: u32) {
         self.cycle += 1;
         while let Some(request) = self.ports.next_request().unwrap() {
+            if request.payload().operation == Operation::ClearFault.code() {
+                self.held.push(request);
+                continue;
+            }
             let (reply, text) = self.answer(request.payload().operation, request.payload().lease);
             let _ = request.reply(reply, &text);
         }
@@ -46,6 +53,9 @@ impl FakeDaemon {
             self.seen.lock().unwrap().push(*setpoint);
         };
         self.ports.take_setpoint(take).unwrap();
+        if self.silent.load(Ordering::Relaxed) {
+            return;
+        }
         let mut state = StateMessage {
             boot_id: self.boot_id,
             cycle: self.cycle,
@@ -110,6 +120,8 @@ fn granted(boot_id: u64, epoch: u32) -> u64 {
 /// A fake daemon on a thread of its own, until it is dropped.
 struct Running {
     stop: Arc<AtomicBool>,
+    /// Publishes no states; everything else goes on.
+    silent: Arc<AtomicBool>,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -121,15 +133,25 @@ impl Running {
 
     fn start_with(runtime: &Path, boot_id: u64, joint_count: u32) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
-        let seen = Arc::default();
+        let (seen, silent) = (Arc::default(), Arc::<AtomicBool>::default());
         let (running, runtime) = (Arc::new(AtomicBool::new(false)), runtime.to_owned());
         let thread = std::thread::spawn({
             let (stop, seen, running) = (Arc::clone(&stop), Arc::clone(&seen), Arc::clone(&running));
+            let silent = Arc::clone(&silent);
             move || {
                 let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
                 let ports = DaemonPorts::open(&lock).unwrap();
-                let mut daemon =
-                    FakeDaemon { ports, boot_id, cycle: 0, owner: 0, epoch: 0, sequence: 0, seen };
+                let mut daemon = FakeDaemon {
+                    ports,
+                    boot_id,
+                    cycle: 0,
+                    owner: 0,
+                    epoch: 0,
+                    sequence: 0,
+                    seen,
+                    silent,
+                    held: vec![],
+                };
                 while !stop.load(Ordering::Relaxed) {
                     daemon.cycle(joint_count);
                     running.store(true, Ordering::Relaxed);
@@ -140,7 +162,7 @@ impl Running {
         while !running.load(Ordering::Relaxed) && !thread.is_finished() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        Self { stop, seen, thread: Some(thread) }
+        Self { stop, silent, seen, thread: Some(thread) }
     }
 
     fn setpoints(&self) -> Vec<SetpointMessage> {
@@ -160,7 +182,7 @@ fn place() -> TempDir {
 }
 
 fn connect(place: &TempDir) -> Client {
-    let mut client = Client::connect_in(place.path(), INSTANCE).unwrap();
+    let client = Client::connect_in(place.path(), INSTANCE).unwrap();
     client.set_silence(Duration::from_millis(500));
     client
 }
@@ -191,7 +213,7 @@ fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
 #[ignore = "the body of a process that other tests kill"]
 fn killed_controller() {
     let Some(runtime) = std::env::var_os("MOTORD_TEST_RUNTIME") else { return };
-    let mut client = Client::connect_in(Path::new(&runtime), INSTANCE).unwrap();
+    let client = Client::connect_in(Path::new(&runtime), INSTANCE).unwrap();
     let mut claim = client.claim("leg").unwrap();
     while let Ok(_) | Err(Error::Timeout { .. }) = client.wait(PATIENCE) {
         let _ = claim.send(&[Setpoint::damping(1.0); 2]);
@@ -239,7 +261,7 @@ fn names_that_could_leave_the_directory_are_refused() {
 fn states_flow_to_one_who_sleeps_and_to_one_who_spins() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     assert_eq!((client.joint("knee"), client.group("leg"), client.joint("toe")), (Some(1), Some(0), None));
     let mut last = 0;
     for turn in 0..200 {
@@ -254,7 +276,7 @@ fn states_flow_to_one_who_sleeps_and_to_one_who_spins() {
 fn setpoints_arrive_whole_with_rising_sequence() {
     let place = place();
     let daemon = Running::start(place.path(), 7);
-    let mut client = connect(&place);
+    let client = connect(&place);
     let mut claim = client.claim("leg").unwrap();
     for turn in 0..50_u8 {
         client.wait(PATIENCE).unwrap();
@@ -275,7 +297,7 @@ fn setpoints_arrive_whole_with_rising_sequence() {
 fn a_setpoint_for_another_number_of_joints_is_not_sent() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     let mut claim = client.claim("leg").unwrap();
     assert_eq!(claim.send(&[Setpoint::damping(1.0)]), Err(Error::SetpointCount { expected: 2, received: 1 }));
     client.wait(PATIENCE).unwrap();
@@ -286,7 +308,7 @@ fn a_setpoint_for_another_number_of_joints_is_not_sent() {
 fn one_setpoint_is_enough_to_enable_though_requests_are_read_first() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     for _ in 0..20 {
         let mut claim = client.claim("leg").unwrap();
         let early = claim.enable().unwrap_err();
@@ -300,7 +322,7 @@ fn one_setpoint_is_enough_to_enable_though_requests_are_read_first() {
 fn a_dropped_claim_leaves_the_group_to_others() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
-    let (mut first, mut second) = (connect(&place), connect(&place));
+    let (first, second) = (connect(&place), connect(&place));
     let claim = first.claim("leg").unwrap();
     let refused = second.claim("leg").unwrap_err();
     assert!(matches!(refused, Error::Refused { refusal: Refusal::Owned, .. }), "{refused}");
@@ -316,7 +338,7 @@ fn a_dropped_claim_leaves_the_group_to_others() {
 fn a_restart_is_told_once_and_survived() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     let mut claim = client.claim("leg").unwrap();
     client.wait(PATIENCE).unwrap();
     drop(daemon);
@@ -348,7 +370,7 @@ fn a_restart_is_told_once_and_survived() {
 fn a_request_after_a_restart_tells_it_instead_of_acting() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     client.wait(PATIENCE).unwrap();
     drop(daemon);
     let _successor = Running::start(place.path(), 2);
@@ -360,7 +382,7 @@ fn a_request_after_a_restart_tells_it_instead_of_acting() {
 fn a_daemon_that_stops_publishing_is_told_within_a_few_silence_times() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     let mut claim = client.claim("leg").unwrap();
     client.wait(PATIENCE).unwrap();
     drop(daemon);
@@ -381,7 +403,7 @@ fn a_daemon_that_stops_publishing_is_told_within_a_few_silence_times() {
 fn a_killed_daemon_is_noticed_and_its_successor_is_found() {
     let place = place();
     let mut daemon = spawn("killed_daemon", &place, 1);
-    let mut client = until("a daemon", || Client::connect_in(place.path(), INSTANCE).ok());
+    let client = until("a daemon", || Client::connect_in(place.path(), INSTANCE).ok());
     client.set_silence(Duration::from_millis(500));
     client.wait(PATIENCE).unwrap();
     daemon.kill().unwrap();
@@ -406,7 +428,7 @@ fn a_killed_daemon_is_noticed_and_its_successor_is_found() {
 fn killed_controllers_neither_block_others_nor_keep_their_places() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
-    let mut client = connect(&place);
+    let client = connect(&place);
     for _ in 0..=CONTROLLERS_MAX {
         let before = daemon.setpoints().len();
         let mut controller = spawn("killed_controller", &place, 0);
@@ -442,7 +464,7 @@ fn ten_thousand_cycles_with_a_watcher_that_never_reads_lose_no_memory() {
     let ports = DaemonPorts::open(&lock).unwrap();
     let housekeeper = Housekeeper::open(&lock).unwrap();
     let attach = || motord_shared::ClientPorts::open(lock.instance().attach().unwrap().unwrap()).unwrap();
-    let (mut idle, mut reader) = (attach(), attach());
+    let (idle, reader) = (attach(), attach());
     assert!(idle.newest_state().unwrap().is_none() && reader.newest_state().unwrap().is_none());
     for cycle in 1..=10_000 {
         ports.publish(&StateMessage { cycle, ..StateMessage::default() }).unwrap();
@@ -457,7 +479,7 @@ fn ten_thousand_cycles_with_a_watcher_that_never_reads_lose_no_memory() {
 fn a_lying_joint_count_reaches_nobody() {
     let place = place();
     let _daemon = Running::start_with(place.path(), 1, u32::MAX);
-    let mut client = connect(&place);
+    let client = connect(&place);
     assert_eq!(client.wait(PATIENCE).unwrap().joints().count(), 64);
 }
 
@@ -481,4 +503,99 @@ fn another_layout_is_told_as_another_version() {
     assert!(matches!(&error, Error::Version { daemon, .. } if daemon == "motord.State.v9"), "{error}");
     let error = DaemonPorts::open(&lock).unwrap_err();
     assert_eq!(error.obstacle, Obstacle::Version, "{error}");
+}
+
+/// Threads may share a client, and hand a claim on.
+const _: () = {
+    const fn must_be_shared_by_threads<T: Send + Sync>() {}
+    must_be_shared_by_threads::<Client>();
+    must_be_shared_by_threads::<Claim>();
+};
+
+/// Goal: a thread that waits for a state keeps no other thread from sending or from an emergency stop.
+/// Method: the daemon serves but publishes nothing, so that one thread sleeps in `wait` until the others are done.
+#[test]
+fn a_thread_that_waits_for_a_state_keeps_nobody_from_sending_or_stopping() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.set_silence(4 * PATIENCE);
+    let mut claim = client.claim("leg").unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
+    std::thread::scope(|scope| {
+        let waiting = scope.spawn(|| client.wait(3 * PATIENCE));
+        std::thread::sleep(Duration::from_millis(50));
+        for _ in 0..20 {
+            claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+            client.emergency_stop().unwrap();
+        }
+        until("the setpoints", || daemon.setpoints().last().filter(|last| last.sequence == 20).copied());
+        assert!(!waiting.is_finished(), "there was no state yet");
+        daemon.silent.store(false, Ordering::Relaxed);
+        waiting.join().unwrap().unwrap();
+    });
+}
+
+#[test]
+fn a_thread_that_spins_keeps_nobody_from_sending_or_stopping() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.set_silence(4 * PATIENCE);
+    let mut claim = client.claim("leg").unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
+    std::thread::scope(|scope| {
+        let spinning = scope.spawn(|| client.spin(3 * PATIENCE));
+        for _ in 0..20 {
+            claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+            client.emergency_stop().unwrap();
+        }
+        assert!(!spinning.is_finished(), "there was no state yet");
+        daemon.silent.store(false, Ordering::Relaxed);
+        spinning.join().unwrap().unwrap();
+    });
+}
+
+#[test]
+fn a_request_without_an_answer_keeps_no_thread_from_an_emergency_stop() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.wait(PATIENCE).unwrap();
+    std::thread::scope(|scope| {
+        let asking = scope.spawn(|| client.clear_fault("hip"));
+        std::thread::sleep(Duration::from_millis(50));
+        client.emergency_stop().unwrap();
+        assert!(!asking.is_finished(), "it waits for its answer for a second");
+        assert!(matches!(asking.join().unwrap(), Err(Error::NoAnswer { .. })));
+    });
+}
+
+/// Goal: each state is given to one thread, and no thread waits longer than it wants to because another one sleeps.
+#[test]
+fn two_threads_that_wait_share_the_states() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.set_silence(4 * PATIENCE);
+    let cycles = || (0..100).map(|_| client.wait(PATIENCE).unwrap().cycle()).collect::<Vec<_>>();
+    let mut seen = std::thread::scope(|scope| {
+        let (one, other) = (scope.spawn(cycles), scope.spawn(cycles));
+        [one.join().unwrap(), other.join().unwrap()].concat()
+    });
+    seen.sort_unstable();
+    assert!(seen.windows(2).all(|pair| pair[0] < pair[1]), "no state is given twice");
+    daemon.silent.store(true, Ordering::Relaxed);
+    until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
+    std::thread::scope(|scope| {
+        let patient = scope.spawn(|| client.wait(3 * PATIENCE));
+        std::thread::sleep(Duration::from_millis(50));
+        let error = client.wait(Duration::from_millis(20)).unwrap_err();
+        assert!(matches!(error, Error::Timeout { .. }), "{error}");
+        assert!(!patient.is_finished());
+        daemon.silent.store(false, Ordering::Relaxed);
+        patient.join().unwrap().unwrap();
+    });
 }

@@ -13,13 +13,13 @@ use std::io::{self, Write};
 ///
 /// When no daemon answers, or the output cannot be written.
 pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
-    let mut client = Client::connect(instance)?;
+    let client = Client::connect(instance)?;
     let telemetry = client.telemetry()?;
     let out = &mut io::stdout().lock();
     if as_json {
-        json::write_line(out, &object(client.description(), &telemetry))?;
+        json::write_line(out, &object(&client.description(), &telemetry))?;
     } else {
-        write(out, client.description(), &telemetry)?;
+        write(out, &client.description(), &telemetry)?;
     }
     Ok(())
 }

@@ -52,16 +52,16 @@ fn for_groups(
     instance: &str,
     group: Option<&str>,
     done: &str,
-    request: fn(&mut Client, &str) -> Result<(), Error>,
+    request: fn(&Client, &str) -> Result<(), Error>,
 ) -> Result<(), Failure> {
-    let mut client = Client::connect(instance)?;
+    let client = Client::connect(instance)?;
     let groups: Vec<String> = match group {
         Some(group) => vec![group.to_owned()],
         None => client.description().groups.iter().map(|group| group.name.clone()).collect(),
     };
     let mut outcome = Ok(());
     for group in groups {
-        match request(&mut client, &group) {
+        match request(&client, &group) {
             Ok(()) => say(&format!("{group}: {done}"))?,
             refusal => outcome = outcome.and(refusal),
         }

@@ -17,7 +17,7 @@ pub(crate) const PATIENCE: Duration = Duration::from_millis(300);
 ///
 /// When no daemon answers.
 pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
-    let mut client = Client::connect(instance)?;
+    let client = Client::connect(instance)?;
     client.set_silence(PATIENCE);
     Ok(client)
 }
@@ -28,9 +28,9 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
 ///
 /// When no daemon answers, or the output cannot be written.
 pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
-    let mut client = connect(instance)?;
+    let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
-    let report = Report::new(client.description(), &state);
+    let report = Report::new(&client.description(), &state);
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &report)?;

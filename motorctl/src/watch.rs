@@ -27,7 +27,7 @@ pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
 /// When there is no daemon to begin with, or the output cannot be written. Later the daemon may come and go.
 pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure> {
     let interrupt = Interrupt::register();
-    let mut client = status::connect(instance)?;
+    let client = status::connect(instance)?;
     let period = Duration::from_secs_f64(1.0 / hz);
     let mut screen = Screen::new(as_json);
     let mut next = Instant::now();
@@ -60,7 +60,7 @@ impl Screen {
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
         self.lost = false;
-        let report = Report::new(client.description(), state);
+        let report = Report::new(&client.description(), state);
         let mut text = Vec::new();
         if self.as_json {
             json::write_line(&mut text, &report)?;

@@ -53,7 +53,7 @@ fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
 }
 
 fn connect(runtime: &TempDir) -> Client {
-    let mut client = until("a connection", || Client::connect_in(runtime.path(), "demo").ok());
+    let client = until("a connection", || Client::connect_in(runtime.path(), "demo").ok());
     until("a standing robot", || {
         let state = client.wait(Duration::from_secs(1)).ok()?;
         state.joints().all(|joint| joint.fresh).then_some(())
@@ -70,7 +70,7 @@ fn group(state: &State) -> motord_client::Group {
 #[ignore = "the process that other tests kill"]
 fn controller_process() {
     let Some(runtime) = std::env::var_os(RUNTIME) else { return };
-    let mut client = Client::connect_in(Path::new(&runtime), "demo").unwrap();
+    let client = Client::connect_in(Path::new(&runtime), "demo").unwrap();
     let mut claim = client.claim("legs").unwrap();
     let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
     let hold: Vec<_> =
@@ -87,7 +87,7 @@ fn controller_process() {
 fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enables() {
     let runtime = TempDir::new().unwrap();
     let _daemon = daemon(&runtime);
-    let mut client = connect(&runtime);
+    let client = connect(&runtime);
     let mut controller = controller(&runtime);
     until("motion", || {
         let state = client.wait(Duration::from_secs(1)).unwrap();
@@ -138,7 +138,7 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
 fn a_killed_daemon_is_an_error_at_once_and_its_successor_is_found_without_a_restart() {
     let runtime = TempDir::new().unwrap();
     let mut first = daemon(&runtime);
-    let mut client = connect(&runtime);
+    let client = connect(&runtime);
     let killed = Instant::now();
     first.0.kill().unwrap();
     let error = until("an error", || client.wait(Duration::from_secs(5)).err());

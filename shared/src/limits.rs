@@ -14,6 +14,8 @@ pub const WATCHERS_MAX: usize = 32;
 pub const ADMINS_MAX: usize = 32;
 /// So many of these places are left to processes that only want an emergency stop.
 pub const STOP_PLACES: usize = 4;
+/// Requests of one client that may be under way at a time: an ordinary one, and an emergency stop beside it.
+pub const REQUESTS_PER_CLIENT: usize = 2;
 /// Most bytes of text in an answer to an administrative request.
 pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
 /// Most bytes of a joint, group, bus or instance name.

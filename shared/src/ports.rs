@@ -1,10 +1,10 @@
 //! The two ends of the services: what the daemon holds, and what a client holds.
 //!
-//! No port can be sent to another thread: open them on the thread that uses them. None of the methods belongs into a
-//! real-time thread: iceoryx2 allocates with every message, and maps files when the other side comes or goes.
+//! Threads may share every end. None of the methods belongs into a real-time thread: iceoryx2 allocates with every message,
+//! and maps files when the other side comes or goes.
 
 use crate::instance::{Attachment, InstanceLock};
-use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, STOP_PLACES};
+use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES};
 use crate::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
 use crate::room;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
@@ -20,13 +20,14 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use iceoryx2_cal::event::ListenerWaitError;
 use nix::errno::Errno;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How long a starting daemon waits for others that are removing its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Answers in memory: each client may have one waiting and one being read, and one is being written.
-const ANSWERS: usize = 2 * ADMINS_MAX + 1;
+/// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
+const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
 
 /// The daemon's ends of the four services.
 #[derive(Debug)]
@@ -137,10 +138,16 @@ pub struct Request {
 }
 
 impl Request {
-    /// What is asked for.
+    /// The request itself, as a copy that its sender cannot write to.
     #[must_use]
     pub fn payload(&self) -> &AdminRequest {
         &self.payload
+    }
+
+    /// Whether its asker still waits for the answer.
+    #[must_use]
+    pub fn is_awaited(&self) -> bool {
+        self.active.is_connected()
     }
 
     /// Answers with `reply` and `text`, which may have [`ANSWER_BYTES_MAX`] bytes; the rest is cut off. Never blocks.
@@ -182,17 +189,21 @@ impl Housekeeper {
 }
 
 /// A client's ends of the four services. The ports of states and events take their place when they are first used: a
-/// process that only sends requests takes none, so that an emergency stop finds room on a crowded robot.
+/// process that only sends requests takes none, so that an emergency stop finds a place on a crowded robot.
+///
+/// Each port has a lock of its own, which is held for microseconds; only a daemon that comes or goes makes it a millisecond.
+/// A thread that sleeps until the next cycle holds none.
 #[derive(Debug)]
 pub struct ClientPorts {
-    watcher: Option<Subscriber<Service, StateMessage, ()>>,
-    sleeper: Option<Listener<Service>>,
+    watcher: Mutex<Option<Subscriber<Service, StateMessage, ()>>>,
+    sleeper: Mutex<Sleeper>,
+    woken: Condvar,
     admin: Client<Service, AdminRequest, (), AdminAnswer, ()>,
     admins: request_response::PortFactory<Service, AdminRequest, (), AdminAnswer, ()>,
     state: publish_subscribe::PortFactory<Service, StateMessage, ()>,
     setpoint: publish_subscribe::PortFactory<Service, SetpointMessage, ()>,
     cycle: event::PortFactory<Service>,
-    _node: Node<Service>,
+    _node: Mutex<Node<Service>>,
     // The last to go: a daemon that starts may wipe every file once nobody is attached.
     _attachment: Attachment,
 }
@@ -229,14 +240,15 @@ impl ClientPorts {
             .create()
             .map_err(Part::Admin.failed())?;
         Ok(Self {
-            watcher: None,
-            sleeper: None,
+            watcher: Mutex::default(),
+            sleeper: Mutex::default(),
+            woken: Condvar::new(),
             admin,
             admins,
             state,
             setpoint,
             cycle,
-            _node: node,
+            _node: Mutex::new(node),
             _attachment: attachment,
         })
     }
@@ -245,12 +257,13 @@ impl ClientPorts {
     ///
     /// # Errors
     /// When there is no place, or the connection is damaged.
-    pub fn newest_state(&mut self) -> Result<Option<StateMessage>, ServiceError> {
-        let watcher = match &self.watcher {
+    pub fn newest_state(&self) -> Result<Option<StateMessage>, ServiceError> {
+        let mut watcher = locked(&self.watcher);
+        let watcher = match &mut *watcher {
             Some(watcher) => watcher,
-            None => {
+            none => {
                 let builder = self.state.subscriber_builder().buffer_size(1);
-                self.watcher.insert(builder.create().map_err(Part::State.failed())?)
+                none.insert(builder.create().map_err(Part::State.failed())?)
             }
         };
         let mut newest = None;
@@ -262,19 +275,27 @@ impl ClientPorts {
         Ok(newest)
     }
 
-    /// Sleeps until the daemon has completed a cycle, at most `timeout`. It may return early without reason.
+    /// Sleeps until the daemon has completed a cycle, at most `timeout`. It may return early without reason. One thread
+    /// listens; others that sleep at the same time wake up with it.
     ///
     /// # Errors
     /// When there is no place, or the connection is damaged.
-    pub fn sleep_until_cycle(&mut self, timeout: Duration) -> Result<(), ServiceError> {
-        let sleeper = match &self.sleeper {
-            Some(sleeper) => sleeper,
-            None => {
-                let builder = self.cycle.listener_builder();
-                self.sleeper.insert(builder.create().map_err(Part::Cycle.failed())?)
-            }
+    pub fn sleep_until_cycle(&self, timeout: Duration) -> Result<(), ServiceError> {
+        let mut sleeper = locked(&self.sleeper);
+        if sleeper.is_listening {
+            let _woken = self.woken.wait_timeout(sleeper, timeout);
+            return Ok(());
+        }
+        let listener = match sleeper.listener.take() {
+            Some(listener) => listener,
+            None => self.cycle.listener_builder().create().map_err(Part::Cycle.failed())?,
         };
-        match sleeper.timed_wait(|_| (), timeout) {
+        sleeper.is_listening = true;
+        drop(sleeper);
+        let slept = listener.timed_wait(|_| (), timeout);
+        *locked(&self.sleeper) = Sleeper { listener: Some(listener), is_listening: false };
+        self.woken.notify_all();
+        match slept {
             Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
             Err(error) => Err(Part::Cycle.failed()(error)),
         }
@@ -290,7 +311,7 @@ impl ClientPorts {
         Ok(SetpointPort { port: port.map_err(Part::Setpoint.failed())? })
     }
 
-    /// Sends an administrative request. Only one may be under way at a time.
+    /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`] may be under way at a time.
     ///
     /// # Errors
     /// [`Obstacle::Missing`] when there is no daemon; else that the connection is damaged.
@@ -301,6 +322,20 @@ impl ClientPorts {
         }
         Ok(Question { pending })
     }
+}
+
+/// The listener of a process. One thread at a time takes it, and sleeps on it without a lock.
+#[derive(Debug, Default)]
+struct Sleeper {
+    /// `None` before the first sleep, and while a thread has it.
+    listener: Option<Listener<Service>>,
+    is_listening: bool,
+}
+
+/// The value behind `mutex`. A thread that panicked while it held the lock left a valid value: every write is one
+/// assignment.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Sends setpoints.

@@ -9,8 +9,8 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-/// What the files of a daemon take that has no clients yet is 5 MB; the rest is for the connections of some.
-const BYTES: i64 = 8 << 20;
+/// The files of a daemon without clients take 7 MB; the rest is for the connections of some clients.
+const BYTES: i64 = 10 << 20;
 
 /// Whether there is room for the services in `directory`: takes it and gives it back.
 ///

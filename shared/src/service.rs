@@ -11,7 +11,7 @@
 //! connect, nobody else.
 
 use crate::instance::Instance;
-use crate::limits::{ADMINS_MAX, CONTROLLERS_MAX, WATCHERS_MAX};
+use crate::limits::{ADMINS_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, WATCHERS_MAX};
 use crate::message::{AdminAnswer, AdminRequest, SetpointMessage, StateMessage};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::client::RequestSendError;
@@ -44,7 +44,8 @@ const NODES_MAX: usize = ADMINS_MAX + 8;
 /// States that a subscriber may keep: the newest is enough for a controller, a second serves a recorder.
 const STATE_BUFFER: usize = 2;
 
-/// iceoryx2 with files instead of POSIX shared memory: the latter has no directory, hence no group that guards it.
+/// iceoryx2 with files instead of POSIX shared memory: the latter has no directory, hence no group that guards it. A lock
+/// around each port lets threads share a client; it is uncontended in the daemon, where one thread uses every port.
 #[derive(Debug, Clone)]
 pub struct FileService {}
 
@@ -69,7 +70,7 @@ impl iceoryx2::service::Service for FileService {
     type Monitoring = iceoryx2_cal::monitoring::recommended::Ipc;
     type Reactor = iceoryx2_cal::reactor::recommended::Ipc;
     type ArcThreadSafetyPolicy<T: Send + Debug + Abandonable> =
-        iceoryx2_cal::arc_sync_policy::single_threaded::SingleThreaded<T>;
+        iceoryx2_cal::arc_sync_policy::mutex_protected::MutexProtected<T>;
     type BlackboardMgmt<K: Send + Sync + Debug + ZeroCopySend + 'static> = Storage<K>;
     type BlackboardPayload = Memory<BumpAllocator>;
     type UniqueId = <ipc::Service as iceoryx2::service::Service>::UniqueId;
@@ -356,7 +357,7 @@ pub(crate) fn admin(
         .enable_safe_overflow_for_requests(false)
         .enable_safe_overflow_for_responses(false)
         .enable_fire_and_forget_requests(false)
-        .max_active_requests_per_client(1)
+        .max_active_requests_per_client(REQUESTS_PER_CLIENT)
         .max_loaned_requests(1)
         .max_response_buffer_size(1)
         .max_borrowed_responses_per_pending_response(1)

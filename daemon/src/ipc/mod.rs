@@ -149,7 +149,9 @@ impl IpcThread {
         self.count(published.is_err());
     }
 
+    /// An asker that gave up makes room: iceoryx2 takes no further request of a client while so many are kept.
     fn take_requests(&mut self) {
+        self.waiting.retain(|(_, request)| request.is_awaited());
         for _ in 0..REQUESTS_PER_WAKE {
             match self.ports.next_request() {
                 Ok(Some(request)) => self.serve(request),
@@ -166,7 +168,7 @@ impl IpcThread {
         let payload = *request.payload();
         match Operation::try_from(payload.operation) {
             Ok(Operation::Describe) => {
-                self.answer(request, AdminReply::default(), self.description.as_bytes())
+                self.answer(request, AdminReply::default(), self.description.as_bytes());
             }
             _ if self.waiting.len() >= REQUESTS_MAX => self.refuse(request, Refusal::Busy),
             Ok(Operation::Telemetry) => {

@@ -89,7 +89,7 @@ struct Controller {
 impl Controller {
     fn connect(instance: &str) -> Result<Self, Failure> {
         let interrupt = Interrupt::register();
-        let mut client = Client::connect(instance)?;
+        let client = Client::connect(instance)?;
         client.set_silence(PATIENCE);
         let claim = client.claim(GROUP)?;
         let joints = &client.description().joints;

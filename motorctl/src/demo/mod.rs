@@ -148,11 +148,11 @@ pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<
     let interrupt = Interrupt::register();
     let home = Home::new(config)?;
     let mut daemon = Daemon::start(&home)?;
-    let mut client = daemon.connect(&interrupt)?;
+    let client = daemon.connect(&interrupt)?;
     let tracking = trot(&mut daemon, seconds, &interrupt)?;
     let telemetry = client.telemetry()?;
-    let report = Report::new(client.description(), &telemetry, &tracking);
-    let shortfalls = report.shortfalls(client.description());
+    let report = Report::new(&client.description(), &telemetry, &tracking);
+    let shortfalls = report.shortfalls(&client.description());
     drop(client);
     daemon.stop()?;
 
