@@ -4,7 +4,6 @@ use crate::joint::Transmission;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::TorqueScale;
 use motord_shared::SetpointMode;
-use serde::Deserialize;
 
 /// Everything the daemon was told.
 #[derive(Debug, Clone)]
@@ -49,8 +48,7 @@ pub struct CycleSettings {
 }
 
 /// How the ipc thread waits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IpcMode {
     /// Wakes when the states are ready, and `lead` before the next cycle to fetch setpoints.
     Timed,
@@ -72,8 +70,7 @@ pub struct IpcSettings {
 }
 
 /// What a group does when it is stopped for a cause.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SafeStop {
     /// Damp (kp 0, kd of the motor, torque 0) until slow or for `damp`, then stop the motors. The default.
     Damp,
@@ -84,8 +81,7 @@ pub enum SafeStop {
 }
 
 /// Who stops when a motor reports a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultPolicy {
     /// That motor only.
     StopJoint,
@@ -169,8 +165,7 @@ impl BusKind {
 }
 
 /// Which of SteadyWin's protocols a motor speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorProtocol {
     /// MIT over CAN.
     Mit,
@@ -210,8 +205,7 @@ impl Capabilities {
 }
 
 /// What a motor does with a position beyond the ±12.5 rad that MIT can tell; the documents are silent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeyondRange {
     /// Not known: stop before the end of the range. The default.
     Stop,

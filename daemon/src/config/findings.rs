@@ -1,165 +1,167 @@
-//! What was found so far, and the judgements that every section makes.
+//! Everything found so far, and the checks that several sections make.
 
 use std::collections::HashSet;
+use std::path::Path;
 
 use motord_bus::Duration;
 use motord_shared::limits::NAME_BYTES_MAX;
-use toml::Spanned;
 
 use super::Machine;
-use super::problem::{Problem, Wrong};
-use super::range::Range;
-use super::source::{Source, Span, WHOLE};
-use super::written::{Integer, Number};
+use super::entry::{At, Entry};
+use super::problem::{Place, Problem, Wrong, plain};
+use super::similar::suggestion;
+use super::table::Item;
 
-/// Errors and warnings, by the time they were found.
+/// Errors and warnings, each with its place.
 pub(super) struct Findings<'a> {
-    source: &'a Source<'a>,
+    file: &'a Path,
+    text: &'a str,
     machine: &'a Machine,
     errors: Vec<Problem>,
     warnings: Vec<Problem>,
 }
 
 impl<'a> Findings<'a> {
-    pub(super) fn new(source: &'a Source<'a>, machine: &'a Machine) -> Self {
-        Self { source, machine, errors: Vec::new(), warnings: Vec::new() }
+    pub(super) fn new(file: &'a Path, text: &'a str, machine: &'a Machine) -> Self {
+        Self { file, text, machine, errors: Vec::new(), warnings: Vec::new() }
     }
 
-    /// Errors and warnings.
+    /// Errors and warnings, each in the order of the file.
     pub(super) fn into_problems(self) -> (Vec<Problem>, Vec<Problem>) {
-        (self.errors, self.warnings)
+        let line = |problem: &Problem| problem.place.as_ref().map(|place| place.line);
+        let Self { mut errors, mut warnings, .. } = self;
+        errors.sort_by_key(line);
+        warnings.sort_by_key(line);
+        (errors, warnings)
     }
 
-    pub(super) fn error(&mut self, place: Span, wrong: Wrong) {
-        self.errors.push(self.source.problem(&place, None, wrong));
+    pub(super) fn error(&mut self, at: At, wrong: Wrong) {
+        self.errors.push(self.problem(at, wrong));
     }
 
-    pub(super) fn warn(&mut self, place: Span, wrong: Wrong) {
-        self.warnings.push(self.source.problem(&place, None, wrong));
+    pub(super) fn warn(&mut self, at: At, wrong: Wrong) {
+        self.warnings.push(self.problem(at, wrong));
     }
 
-    /// What is written, or the report that `key` of the table at `table` is missing.
-    pub(super) fn required<'w, T>(
+    /// An error of a key that the table of keys does not have.
+    pub(super) fn error_of_key(&mut self, section: &str, key: &str, offset: usize, wrong: Wrong) {
+        let problem = self.place(offset, path(section, &plain(key)), wrong);
+        self.errors.push(problem);
+    }
+
+    fn problem(&self, at: At, wrong: Wrong) -> Problem {
+        self.place(at.offset, path(at.section, at.key), wrong)
+    }
+
+    fn place(&self, offset: usize, key: String, wrong: Wrong) -> Problem {
+        let place = Place { line: line(self.text.as_bytes(), offset), key: Some(key) };
+        Problem { file: self.file.into(), place: Some(place), wrong }
+    }
+
+    /// At least one table `[[list]]`, and at most `max`.
+    pub(super) fn count<T>(&mut self, items: &[Item<T>], list: &'static str, max: usize) {
+        if items.is_empty() {
+            let whole_file = At { offset: 0, section: list, key: "" };
+            self.error(whole_file, Wrong::Missing("motord needs at least one"));
+        }
+        if let Some(beyond) = items.get(max) {
+            self.error(beyond.at, Wrong::TooMany { max });
+        }
+    }
+
+    /// Reports every text that equals an earlier one.
+    pub(super) fn unique<'e>(
         &mut self,
-        written: &'w Option<T>,
-        table: &Span,
-        key: &str,
-        hint: &'static str,
-    ) -> Option<&'w T> {
-        if written.is_none() {
-            self.missing(table, key, hint);
-        }
-        written.as_ref()
-    }
-
-    /// `key` is missing in the table at `table`.
-    fn missing(&mut self, table: &Span, key: &str, hint: &'static str) {
-        self.errors.push(self.source.problem(table, Some(key), Wrong::Missing(hint)));
-    }
-
-    /// Whether there is a table `[[key]]`, and not more than `max` of them.
-    pub(super) fn counted<T>(&mut self, tables: &[Spanned<T>], key: &str, max: usize) -> bool {
-        if tables.is_empty() {
-            self.missing(&WHOLE, key, "motord needs at least one");
-        }
-        if let Some(beyond) = tables.get(max) {
-            self.error(beyond.span(), Wrong::TooMany { max });
-        }
-        (1..=max).contains(&tables.len())
-    }
-
-    /// Whether no text equals an earlier one; reports every one that does.
-    pub(super) fn unique<'w>(
-        &mut self,
-        texts: impl Iterator<Item = Option<&'w Spanned<String>>>,
+        entries: impl Iterator<Item = &'e Entry<Option<String>>>,
         wrong: impl Fn(String) -> Wrong,
-    ) -> bool {
+    ) {
         let mut seen = HashSet::new();
-        let repeated: Vec<_> = texts.flatten().filter(|text| !seen.insert(text.get_ref())).collect();
-        for text in &repeated {
-            self.error(text.span(), wrong(text.get_ref().clone()));
+        for entry in entries {
+            if let Some(text) = &entry.value
+                && !seen.insert(text)
+            {
+                self.error(entry.at, wrong(text.clone()));
+            }
         }
-        repeated.is_empty()
     }
 
-    /// The number, when it is in `range`; else its default.
-    pub(super) fn number(&mut self, written: &Number, range: Range) -> f64 {
-        let number =
-            written.as_ref().and_then(|number| self.in_range(*number.get_ref(), number.span(), range));
-        number.unwrap_or(range.default)
-    }
-
-    /// The integer, when it is in `range`; else its default. No range leaves what an `f64` holds exactly.
-    pub(super) fn integer(&mut self, written: &Integer, range: Range) -> i64 {
-        let number =
-            written.as_ref().and_then(|number| self.in_range(*number.get_ref() as f64, number.span(), range));
-        number.unwrap_or(range.default) as i64
-    }
-
-    /// `value`, when it is in `range`.
-    pub(super) fn in_range(&mut self, value: f64, place: Span, range: Range) -> Option<f64> {
-        let Range { min, max, .. } = range;
-        if (min..=max).contains(&value) {
-            return Some(value);
-        }
-        let wrong = match value.is_finite() {
-            true => Wrong::OutOfRange { value, min, max },
-            false => Wrong::NotFinite { value, min, max },
-        };
-        self.error(place, wrong);
-        None
-    }
-
-    /// The name, when it can be one.
-    pub(super) fn name(&mut self, written: &Spanned<String>) -> Option<String> {
-        let name = written.get_ref();
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if !name.is_empty() && name.len() <= NAME_BYTES_MAX && name.chars().all(is_plain) {
+    /// The text, when it can be a name.
+    pub(super) fn name(&mut self, entry: &Entry<Option<String>>) -> Option<String> {
+        let name = entry.value.as_ref()?;
+        let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if !name.is_empty() && name.len() <= NAME_BYTES_MAX && name.chars().all(is_allowed) {
             return Some(name.clone());
         }
-        self.error(written.span(), Wrong::Name { name: name.chars().take(NAME_BYTES_MAX).collect() });
+        self.error(entry.at, Wrong::Name { name: name.chars().take(NAME_BYTES_MAX).collect() });
         None
     }
 
-    pub(super) fn processor(&mut self, written: &Integer) -> Option<usize> {
-        let written = written.as_ref()?;
-        let cpu = *written.get_ref();
+    /// The index of `name` among `names`. An unknown name is reported, unless one of `names` is missing or repeated: it may
+    /// be that one.
+    pub(super) fn find<'n>(
+        &mut self,
+        at: At,
+        name: &str,
+        names: impl Iterator<Item = &'n Entry<Option<String>>> + Clone,
+        wrong: impl FnOnce(String, String) -> Wrong,
+    ) -> Option<usize> {
+        let index = names.clone().position(|known| known.value.as_deref() == Some(name));
+        let known: HashSet<_> = names.clone().filter_map(|known| known.value.as_deref()).collect();
+        if index.is_none() && known.len() == names.count() {
+            let hint = suggestion(name, known.into_iter());
+            self.error(at, wrong(name.to_owned(), hint));
+        }
+        index
+    }
+
+    pub(super) fn processor(&mut self, entry: &Entry<Option<i64>>) -> Option<usize> {
+        let cpu = entry.value?;
         let allowed = &self.machine.processors;
         let found = allowed.iter().copied().find(|&one| i64::try_from(one) == Ok(cpu));
         if found.is_none() {
             let allowed = allowed.clone();
-            self.error(written.span(), Wrong::Processor { cpu, allowed });
+            self.error(entry.at, Wrong::Processor { cpu, allowed });
         }
         found
     }
 
-    /// Without `require-realtime` a lower priority is the daemon's to report, and the configuration's to warn of.
-    pub(super) fn judge_priority(&mut self, place: Option<Span>, priority: u8, require_realtime: bool) {
+    /// A priority beyond the limit of this machine: an error where real time is required, else a warning.
+    pub(super) fn judge_priority(&mut self, at: At, priority: u8, require_realtime: bool) {
         let allowed = self.machine.priority_max;
-        match place {
-            Some(place) if priority > allowed && require_realtime => {
-                self.error(place, Wrong::Priority { priority, allowed });
-            }
-            Some(place) if priority > allowed => self.warn(place, Wrong::Priority { priority, allowed }),
-            _ => {}
+        let wrong = Wrong::Priority { priority, allowed };
+        match priority > allowed {
+            true if require_realtime => self.error(at, wrong),
+            true => self.warn(at, wrong),
+            false => {}
         }
     }
 
-    pub(super) fn two_cycles(&mut self, written: &Number, value_ms: f64, period: Duration) {
+    pub(super) fn two_cycles(&mut self, entry: &Entry<Option<f64>>, period: Duration) {
         let period_ms = 1e3 * period.as_secs_f64();
-        if let Some(written) = written
+        if let Some(value_ms) = entry.value
             && value_ms < 2.0 * period_ms
         {
-            self.error(written.span(), Wrong::LessThanTwoCycles { value_ms, period_ms });
+            self.error(entry.at, Wrong::LessThanTwoCycles { value_ms, period_ms });
         }
     }
 
-    pub(super) fn within_cycle(&mut self, written: &Number, value: Duration, period: Duration) {
-        if let Some(written) = written
-            && value >= period
-        {
-            let [value_us, period_us] = [value, period].map(|time| 1e6 * time.as_secs_f64());
-            self.error(written.span(), Wrong::NotWithinCycle { value_us, period_us });
+    pub(super) fn within_cycle(&mut self, entry: &Entry<f64>, period: Duration) {
+        let (value_us, period_us) = (entry.value, 1e6 * period.as_secs_f64());
+        if entry.is_written && value_us >= period_us {
+            self.error(entry.at, Wrong::NotWithinCycle { value_us, period_us });
         }
+    }
+}
+
+/// The line of the byte at `offset`, counted from 1.
+pub(super) fn line(text: &[u8], offset: usize) -> usize {
+    1 + text.iter().take(offset).filter(|byte| **byte == b'\n').count()
+}
+
+/// `motor.limits.kp-max`.
+fn path(section: &str, key: &str) -> String {
+    match (section, key) {
+        (name, "") | ("", name) => name.to_owned(),
+        (section, key) => format!("{section}.{key}"),
     }
 }

@@ -1,18 +1,21 @@
 //! The configuration: from a file that anyone may have damaged to [`Settings`] that the rest of the daemon can rely on.
 //!
-//! Text stops here. A file is read ([`load`]), taken apart with the place of every value kept (`written`), and
-//! validated as a whole, so that one run reports every problem ([`Problem`]) and not only the first. Nothing is opened
-//! but the file: a configuration is judged without a bus.
+//! Text stops here. A file is opened ([`load`]), read key by key (`table`, by the table in `keys`), and validated as a
+//! whole (`validate`). One run reports every problem ([`Problem`]), not only the first. Only errors of the TOML syntax
+//! are alone. Nothing is opened but the file: a configuration is judged without a bus.
 //!
-//! The reference of every key is `docs/configuration.md`; defaults and ranges are the table in `range`.
+//! `keys` is the one table of all keys. `docs/configuration.md` is written from it ([`reference`]).
 
+mod entry;
 mod findings;
+mod keys;
 mod machine;
 mod problem;
-mod range;
-mod source;
+mod reference;
+mod similar;
+mod table;
 mod validate;
-mod written;
+mod value;
 
 use std::fmt;
 use std::fs::{File, OpenOptions};
@@ -22,10 +25,12 @@ use std::path::Path;
 
 pub use machine::Machine;
 pub use problem::{Place, Problem, Wrong};
+pub use reference::reference;
 
 use findings::Findings;
 use motord_core::settings::Settings;
-use source::Source;
+use table::Document;
+use toml::de::DeTable;
 
 /// The largest file that is read: sixty-four motors with every key written out take a tenth of it.
 const FILE_BYTES_MAX: u64 = 1024 * 1024;
@@ -33,9 +38,9 @@ const FILE_BYTES_MAX: u64 = 1024 * 1024;
 /// A configuration that may be run.
 #[derive(Debug)]
 pub struct Loaded {
-    /// What the daemon is told.
+    /// Its settings.
     pub settings: Settings,
-    /// What may be run, but deserves a look.
+    /// Problems that do not prevent a run.
     pub warnings: Vec<Problem>,
     /// FNV-1a of the file's bytes, to notice later that the file is no longer the one that runs.
     pub hash: u64,
@@ -87,14 +92,17 @@ pub fn has_changed(path: &Path, hash: u64) -> bool {
 ///
 /// Every problem found, with file, line and key.
 pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, ConfigError> {
-    let refuse = |place, wrong| ConfigError { problems: vec![Problem { file: file.into(), place, wrong }] };
-    let text = std::str::from_utf8(bytes).map_err(|error| {
-        let place = source::place_of_byte(bytes, error.valid_up_to());
-        refuse(Some(place), Wrong::NotUtf8)
+    let refuse = |offset, wrong| {
+        let place = Place { line: findings::line(bytes, offset), key: None };
+        ConfigError { problems: vec![Problem { file: file.into(), place: Some(place), wrong }] }
+    };
+    let text = std::str::from_utf8(bytes).map_err(|error| refuse(error.valid_up_to(), Wrong::NotUtf8))?;
+    let root = DeTable::parse(text).map_err(|error| {
+        let span = error.span().unwrap_or_default();
+        refuse(span.start, Wrong::toml(error.message(), text.get(span).unwrap_or_default()))
     })?;
-    let source = Source::new(file, text)?;
-    let document = source.document()?;
-    let mut findings = Findings::new(&source, machine);
+    let mut findings = Findings::new(file, text, machine);
+    let document = Document::read(root.get_ref(), &mut findings);
     let settings = validate::settings(&document, &mut findings);
     let (errors, warnings) = findings.into_problems();
     match settings {

@@ -1,4 +1,4 @@
-//! Everything that can be wrong with a configuration, in the words the user reads: what is wrong; what to do.
+//! Everything that can be wrong with a configuration, as the user reads it: what is wrong; what to do.
 
 use std::fmt;
 use std::io;
@@ -6,14 +6,14 @@ use std::path::PathBuf;
 
 use motord_shared::limits::NAME_BYTES_MAX;
 
-/// One thing that is wrong, or deserves a look, and where.
+/// An error or a warning, and its place.
 #[derive(Debug)]
 pub struct Problem {
     /// The file, as it was named to us.
     pub file: PathBuf,
     /// Where in the file; `None` when it is about the file itself.
     pub place: Option<Place>,
-    /// What it is.
+    /// The problem itself.
     pub wrong: Wrong,
 }
 
@@ -40,7 +40,7 @@ impl fmt::Display for Problem {
     }
 }
 
-/// What is wrong.
+/// A problem without its place.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "each variant's message is its documentation")]
 pub enum Wrong {
@@ -61,14 +61,30 @@ pub enum Wrong {
     Toml(String),
     #[error("is missing; {0}")]
     Missing(&'static str),
+    #[error("unknown key `{key}`; {hint}")]
+    UnknownKey { key: String, hint: String },
+    #[error("there can be several of this table; write `[[{0}]]`, with two brackets")]
+    ListOfTables(&'static str),
+    #[error("there is only one such table; write `[{0}]`, with one bracket")]
+    OneTable(&'static str),
+    #[error("`[{old}]` is the old name of `[{new}]`, and both are there; move its keys to `[{new}]`")]
+    OldAndNewName { old: &'static str, new: &'static str },
     #[error("does not belong to a bus of type `{kind}`; remove it, or change the type")]
     NotOfThisBus { kind: &'static str },
 
     // Any value.
-    #[error("{value} is not a finite number; give a number from {min} to {max}")]
-    NotFinite { value: f64, min: f64, max: f64 },
-    #[error("{value} is out of range; give a number from {min} to {max}")]
-    OutOfRange { value: f64, min: f64, max: f64 },
+    #[error("expected {expected}, found {found}")]
+    Type { expected: &'static str, found: &'static str },
+    #[error("the integer has too many digits")]
+    TooManyDigits,
+    #[error("unknown value `{word}`; {hint}")]
+    UnknownWord { word: String, hint: String },
+    #[error("{value} is not a finite number; give a number {expected}")]
+    NotFinite { value: f64, expected: String },
+    #[error("{value} is out of range; give a number {expected}{degrees}")]
+    OutOfRange { value: f64, expected: String, degrees: String },
+    #[error("{value} rad is more than a turn{degrees}")]
+    ManyTurns { value: f64, degrees: String },
     #[error("{name:?} cannot be a name; use 1 to {NAME_BYTES_MAX} letters, digits, `-` and `_`")]
     Name { name: String },
     #[error("{name:?} cannot be an instance; use only a-z, 0-9 and `-`")]
@@ -87,8 +103,8 @@ pub enum Wrong {
     NotWithinCycle { value_us: f64, period_us: f64 },
 
     #[error(
-        "the dead man's switch would act {deadman_ms} ms after a heartbeat, on a daemon that lives and is no later than \
-         cycle.max-lateness-ms allows; give it at least {late_ms} ms, or lower cycle.max-lateness-ms"
+        "{deadman_ms} ms is so short that the dead man's switch would act on a daemon that is only late, within \
+         cycle.max-lateness-ms; give it at least {late_ms} ms, or lower cycle.max-lateness-ms"
     )]
     DeadmanBeforeLateness { deadman_ms: f64, late_ms: f64 },
 
@@ -96,7 +112,7 @@ pub enum Wrong {
     #[error("processor {cpu} is not online, or motord may not use it; use one of {allowed:?}")]
     Processor { cpu: i64, allowed: Vec<usize> },
     #[error(
-        "the cycle uses processor {cpu} too, and `spin` leaves nothing of it; give the exchange another one"
+        "the cycle uses processor {cpu} too, and `spin` never releases it; give the IPC thread another one"
     )]
     SharedProcessor { cpu: usize },
     #[error(
@@ -137,45 +153,45 @@ pub enum Wrong {
     FaultPollTight { percent: f64 },
 
     // Motors.
-    #[error("there is no bus {0:?}; name one of the [[bus]] entries")]
-    UnknownBus(String),
+    #[error("there is no bus {0:?}; {1}")]
+    UnknownBus(String, String),
     #[error("{0:?} is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
     MitOverSerial(String),
-    #[error("unknown model {model:?}; known are {known}; a relative with its own values overridden will do")]
-    UnknownModel { model: String, known: String },
+    #[error("unknown model {model:?}; {hint}")]
+    UnknownModel { model: String, hint: String },
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(
-        "id {host_id:#05x} is a motor's command id on the same bus: two nodes would send it; use 0x100 + id"
+        "id {host_id:#05x} is a motor's command id on the same bus, and only one node may send an id; use 0x100 + id"
     )]
     HostIdIsCommandId { host_id: u16 },
     #[error(
-        "id {host_id:#05x} is the reply id of {other:?} too: nobody could tell whose reply it is; use 0x100 + id"
+        "id {host_id:#05x} is the reply id of {other:?} too, so replies could not be told apart; use 0x100 + id"
     )]
     DuplicateHostId { host_id: u16, other: String },
     #[error(
         "replies with id {host_id:#05x} outrank commands with id {command:#05x} on this bus and delay them; use 0x100 + id"
     )]
-    HostIdOutranks { host_id: u16, command: u8 },
+    HostIdOutranks { host_id: u16, command: u16 },
     #[error("direction {0} is neither 1 nor -1; give one of them, and the gear ratio by gear-ratio")]
     Direction(i64),
-    #[error("expected two numbers, the lowest and the highest position, but there are {0}")]
+    #[error("expected two numbers, the lowest and the highest position, found {0}")]
     PositionCount(usize),
     #[error("the lowest position {low} is not below the highest {high}; exchange them, or widen the range")]
     PositionOrder { low: f64, high: f64 },
     #[error(
-        "{value} is beyond ±{end} at the motor, all that its protocol can tell; use at most {usable} there"
+        "{value} is beyond ±{end} at the motor, the end of its protocol's scale; use at most {usable} there{degrees}"
     )]
-    BeyondScale { value: f64, end: f64, usable: f64 },
+    BeyondScale { value: f64, end: f64, usable: f64, degrees: String },
     #[error(
-        "{value} is the end of the protocol's scale (±{end} at the motor), where a command can be taken for a special \
-         frame and a clamped reply for a true one; use at most {usable} there"
+        "{value} is at the end of the protocol's scale (±{end} at the motor), where a command can equal a special frame \
+         and a reply can be a clamped one; use at most {usable} there"
     )]
     NoMargin { value: f64, end: f64, usable: f64 },
     #[error("{value} N·m is more than the motor's peak of {peak} N·m; lower it, or correct peak-torque-nm")]
     BeyondPeak { value: f64, peak: f64 },
     #[error(
-        "a group with this motor damps when it is stopped, and 0 does not damp; give it a damping, or safe-stop = \"stop\""
+        "0 does not damp, but the safe stop of the motor's group does; give a damping, or safe-stop = \"stop\" to the group"
     )]
     NoDamping,
     #[error("{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it")]
@@ -183,44 +199,40 @@ pub enum Wrong {
     #[error("derating begins at {derate} °C, not below {max} °C where the torque must be zero; lower it")]
     DerateOrder { derate: f64, max: f64 },
     #[error(
-        "{value} rad is outside the joint's position limits {low} to {high} rad; start the simulation inside them"
+        "{value} rad is outside the joint's position limits {low} to {high} rad; start the simulation inside them{degrees}"
     )]
-    InitialPosition { value: f64, low: f32, high: f32 },
+    InitialPosition { value: f64, low: f32, high: f32, degrees: String },
 
     // Groups.
-    #[error("there is no motor {0:?}; name one of the [[motor]] entries")]
-    UnknownJoint(String),
+    #[error("there is no motor {0:?}; {1}")]
+    UnknownJoint(String, String),
     #[error("{joint:?} is in group {group:?} already; a joint has one owner, so it is in one group")]
     JointInTwoGroups { joint: String, group: String },
-    #[error("motor {0:?} is in no group, so nobody could move it; add it to one")]
+    #[error("motor {0:?} is in no group, so no client could move it; add it to one")]
     JointInNoGroup(String),
     #[error("the group has no joints; list some, or remove it")]
     EmptyGroup,
 }
 
 impl Wrong {
-    /// What the TOML library said about `excerpt`, in the words of a configuration instead of those of Rust.
+    /// The message of the TOML library about `excerpt`, in the words of the other errors.
     pub(super) fn toml(message: &str, excerpt: &str) -> Self {
-        const WORDS: [(&str, &str); 7] = [
-            ("expected f64", "expected a number"),
-            ("expected i64", "expected an integer"),
-            ("a sequence", "an array"),
-            ("unknown field", "unknown key"),
-            ("unknown variant", "unknown value"),
-            ("wanted string or table", "wrong type, expected a text in quotes"),
-            ("duplicate key", "is there twice; keep one"),
-        ];
-        let plain = WORDS.iter().fold(message.to_owned(), |text, (theirs, ours)| text.replace(theirs, ours));
-        let excerpt: String = excerpt.chars().take(40).collect();
-        let told = excerpt.is_empty() || plain.contains(&excerpt);
-        let sentence = if told { plain } else { format!("`{excerpt}`: {plain}") };
-        // A problem is one line, and no file may write to the terminal what it likes.
-        Self::Toml(sentence.chars().flat_map(escaped).collect())
+        const LISTS: [&str; 3] = ["bus", "motor", "group"];
+        let message = match message {
+            "duplicate key" if LISTS.contains(&excerpt) => {
+                format!("is there twice; write `[[{excerpt}]]`, with two brackets, each time")
+            }
+            "duplicate key" => "is there twice; keep one".to_owned(),
+            other => other.to_owned(),
+        };
+        let excerpt: String = excerpt.lines().next().unwrap_or_default().chars().take(40).collect();
+        let is_quoted = excerpt.is_empty() || message.contains(&format!("`{excerpt}`"));
+        Self::Toml(plain(&if is_quoted { message } else { format!("`{excerpt}`: {message}") }))
     }
 }
 
-/// Control characters as escapes, everything else as it is.
-pub(super) fn escaped(c: char) -> impl Iterator<Item = char> {
-    let (control, plain) = if c.is_control() { (Some(c), None) } else { (None, Some(c)) };
-    control.into_iter().flat_map(char::escape_default).chain(plain)
+/// Control characters as escapes: a problem is one line, and a file must not control the terminal.
+pub(super) fn plain(text: &str) -> String {
+    let escape = |c: char| if c.is_control() { c.escape_default().collect() } else { String::from(c) };
+    text.chars().map(escape).collect()
 }

@@ -2,141 +2,140 @@
 
 use std::path::Path;
 
-use motord_shared::limits::BUSES_MAX;
-use toml::Spanned;
-
-use crate::config::problem::Wrong;
-use crate::config::written::{BusType, Integer, Text};
-use crate::config::{Findings, fnv1a, range, written};
 use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_shared::limits::BUSES_MAX;
 
-type Written = Spanned<written::Bus>;
+use crate::config::entry::Entry;
+use crate::config::findings::Findings;
+use crate::config::fnv1a;
+use crate::config::keys::Bus;
+use crate::config::problem::Wrong;
+use crate::config::table::Item;
+use crate::config::value::{BusType, Choice};
 
 /// Where the kernel lists its network interfaces.
 const INTERFACES: &str = "/sys/class/net";
 /// `IFNAMSIZ` of Linux without the closing zero.
 const INTERFACE_BYTES_MAX: usize = 15;
 
-/// All buses, in the order of the file; `None` when one is not understood.
-pub(super) fn buses(written: &[Written], findings: &mut Findings<'_>) -> Option<Vec<BusSettings>> {
-    if !findings.counted(written, "bus", BUSES_MAX) {
-        return None;
-    }
-    // Collected twice: the first bad bus must not hide the others.
-    let buses: Vec<_> = written.iter().map(|bus| self::bus(bus, findings)).collect();
-    let names = written.iter().map(|bus| bus.get_ref().name.as_ref());
-    let are_named_apart = findings.unique(names, |name| Wrong::DuplicateName { name, what: "bus" });
-    let devices =
-        written.iter().map(|bus| bus.get_ref().interface.as_ref().or(bus.get_ref().device.as_ref()));
+/// All buses, in the order of the file; `None` for one that cannot be built.
+pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Option<BusSettings>> {
+    findings.count(items, "bus", BUSES_MAX);
+    let names = items.iter().map(|bus| &bus.keys.name);
+    findings.unique(names, |name| Wrong::DuplicateName { name, what: "bus" });
+    let devices = items.iter().flat_map(|bus| [&bus.keys.interface, &bus.keys.device]);
     findings.unique(devices, |name| Wrong::DuplicateDevice { name });
-    buses.into_iter().collect::<Option<_>>().filter(|_| are_named_apart)
+    items.iter().map(|bus| self::bus(&bus.keys, findings)).collect()
 }
 
-fn bus(written: &Written, findings: &mut Findings<'_>) -> Option<BusSettings> {
-    let table = written.span();
-    let keys = written.get_ref();
-    let name = findings.required(&keys.name, &table, "name", "every [[bus]] needs a name");
-    let name = name.and_then(|name| findings.name(name));
-    let hint = "give socketcan, serial or simulated";
-    let kind = findings.required(&keys.r#type, &table, "type", hint);
-    let kind = kind.and_then(|kind| self::kind(kind, written, findings));
+fn bus(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusSettings> {
+    let (name, kind) = (findings.name(&keys.name), kind(keys, findings));
     Some(BusSettings { name: name?, kind: kind? })
 }
 
-fn kind(kind: &Spanned<BusType>, written: &Written, findings: &mut Findings<'_>) -> Option<BusKind> {
-    let keys = written.get_ref();
-    refuse_foreign_keys(*kind.get_ref(), keys, findings);
-    let bitrate = findings.integer(&keys.bitrate, range::BITRATE) as u32;
-    match kind.get_ref() {
+fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
+    let kind = keys.kind.value?;
+    refuse_keys_of_other_types(kind, keys, findings);
+    let bitrate = keys.bitrate.value as u32;
+    match kind {
         BusType::SocketCan => {
             let hint = "give the CAN interface, such as interface = \"can0\"";
-            let interface = findings.required(&keys.interface, &written.span(), "interface", hint)?;
-            Some(BusKind::SocketCan { interface: self::interface(interface, findings)?, bitrate })
+            let interface = required(&keys.interface, hint, findings)?;
+            Some(BusKind::SocketCan {
+                interface: self::interface(interface, &keys.interface, findings)?,
+                bitrate,
+            })
         }
         BusType::Serial => {
-            findings.error(kind.span(), Wrong::SerialBus);
+            findings.error(keys.kind.at, Wrong::SerialBus);
             let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
-            let device = findings.required(&keys.device, &written.span(), "device", hint)?;
-            let baud = findings.integer(&keys.baud, range::BAUD) as u32;
-            Some(BusKind::Serial { device: self::device(device, findings)?, baud })
+            let device = required(&keys.device, hint, findings)?;
+            let baud = keys.baud.value as u32;
+            Some(BusKind::Serial { device: self::device(device, &keys.device, findings)?, baud })
         }
         BusType::Simulated => {
             // Two buses of one file differ in their names, so their noise differs too.
-            let seed = keys.name.as_ref().map_or(0, |name| fnv1a(name.get_ref().as_bytes()));
-            let seed = keys.seed.as_ref().map_or(seed, |seed| seed.get_ref().cast_unsigned());
+            let from_name = || keys.name.value.as_ref().map_or(0, |name| fnv1a(name.as_bytes()));
+            let seed = keys.seed.value.map_or_else(from_name, i64::cast_unsigned);
             Some(BusKind::Simulated { bitrate, seed })
         }
     }
 }
 
-/// A key of another type is a sign that the type is wrong, or the key is believed to act.
-fn refuse_foreign_keys(kind: BusType, keys: &written::Bus, findings: &mut Findings<'_>) {
+/// A text that this type of bus needs.
+fn required<'e>(
+    entry: &'e Entry<Option<String>>,
+    hint: &'static str,
+    findings: &mut Findings<'_>,
+) -> Option<&'e str> {
+    if !entry.is_written {
+        findings.error(entry.at, Wrong::Missing(hint));
+    }
+    entry.value.as_deref()
+}
+
+/// A key of another type means that the type is wrong, or that the user expects an effect of the key.
+fn refuse_keys_of_other_types(kind: BusType, keys: &Bus, findings: &mut Findings<'_>) {
     use BusType::{Serial, Simulated, SocketCan};
-    let text = |key: &Text| key.as_ref().map(Spanned::span);
-    let integer = |key: &Integer| key.as_ref().map(Spanned::span);
-    let owners: [(_, &[BusType]); 5] = [
-        (text(&keys.interface), &[SocketCan]),
-        (integer(&keys.bitrate), &[SocketCan, Simulated]),
-        (text(&keys.device), &[Serial]),
-        (integer(&keys.baud), &[Serial]),
-        (integer(&keys.seed), &[Simulated]),
+    let owners: [(bool, _, &[BusType]); 5] = [
+        (keys.interface.is_written, keys.interface.at, &[SocketCan]),
+        (keys.bitrate.is_written, keys.bitrate.at, &[SocketCan, Simulated]),
+        (keys.device.is_written, keys.device.at, &[Serial]),
+        (keys.baud.is_written, keys.baud.at, &[Serial]),
+        (keys.seed.is_written, keys.seed.at, &[Simulated]),
     ];
-    for (place, kinds) in owners {
-        if let Some(place) = place
-            && !kinds.contains(&kind)
-        {
-            findings.error(place, Wrong::NotOfThisBus { kind: kind.name() });
+    for (is_written, at, kinds) in owners {
+        if is_written && !kinds.contains(&kind) {
+            findings.error(at, Wrong::NotOfThisBus { kind: kind.word() });
         }
     }
 }
 
-/// A name that Linux would accept. An adapter may be plugged in later, so one that is not there is only worth a warning.
-fn interface(written: &Spanned<String>, findings: &mut Findings<'_>) -> Option<String> {
-    let name = written.get_ref().clone();
-    let is_plain = |c: char| c.is_ascii_graphic() && c != '/' && c != ':';
+/// A name that Linux would accept. An adapter may be plugged in later, so a missing interface is only a warning.
+fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<String> {
+    let is_allowed = |c: char| c.is_ascii_graphic() && c != '/' && c != ':';
     if !(1..=INTERFACE_BYTES_MAX).contains(&name.len())
-        || !name.chars().all(is_plain)
+        || !name.chars().all(is_allowed)
         || name.starts_with('.')
     {
-        findings.error(written.span(), Wrong::InterfaceName { name });
+        findings.error(entry.at, Wrong::InterfaceName { name: name.to_owned() });
         return None;
     }
-    if !Path::new(INTERFACES).join(&name).exists() {
-        findings.warn(written.span(), Wrong::NoInterface(name.clone()));
+    if !Path::new(INTERFACES).join(name).exists() {
+        findings.warn(entry.at, Wrong::NoInterface(name.to_owned()));
     }
-    Some(name)
+    Some(name.to_owned())
 }
 
-fn device(written: &Spanned<String>, findings: &mut Findings<'_>) -> Option<String> {
-    let path = written.get_ref().clone();
-    if !Path::new(&path).is_absolute() || path.contains('\0') {
-        findings.error(written.span(), Wrong::DevicePath { path });
+fn device(path: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<String> {
+    if !Path::new(path).is_absolute() || path.contains('\0') {
+        findings.error(entry.at, Wrong::DevicePath { path: path.to_owned() });
         return None;
     }
-    if !Path::new(&path).exists() {
-        findings.warn(written.span(), Wrong::NoDevice(path.clone()));
+    if !Path::new(path).exists() {
+        findings.warn(entry.at, Wrong::NoDevice(path.to_owned()));
     }
-    Some(path)
+    Some(path.to_owned())
 }
 
 /// Whether every bus has room for its motors in a cycle.
-pub(super) fn judge_load(written: &[Written], settings: &Settings, findings: &mut Findings<'_>) {
+pub(super) fn judge_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     let rate_hz = settings.cycle.rate_hz;
-    for (plan, place) in BusPlan::of(settings).iter().zip(written) {
+    for (plan, Item { at, .. }) in BusPlan::of(settings).iter().zip(items) {
         let (motors, percent) = (plan.motors, 100.0 * plan.worst_case_utilisation);
         if motors == 0 {
-            findings.warn(place.span(), Wrong::EmptyBus);
+            findings.warn(*at, Wrong::EmptyBus);
         } else if plan.worst_case_utilisation > 1.0 {
             let rate_hz_max = (rate_hz / plan.worst_case_utilisation).floor();
-            findings.error(place.span(), Wrong::Overloaded { motors, rate_hz, percent, rate_hz_max });
+            findings.error(*at, Wrong::Overloaded { motors, rate_hz, percent, rate_hz_max });
         } else if plan.worst_case_utilisation > WORST_CASE_SOUND {
-            findings.warn(place.span(), Wrong::Tight { motors, rate_hz, percent });
+            findings.warn(*at, Wrong::Tight { motors, rate_hz, percent });
         }
         let polls = settings.safety.fault_poll_hz > 0.0;
         if polls && plan.worst_case_utilisation <= 1.0 && plan.fault_poll_utilisation > 1.0 {
             let percent = 100.0 * plan.fault_poll_utilisation;
-            findings.warn(place.span(), Wrong::FaultPollTight { percent });
+            findings.warn(*at, Wrong::FaultPollTight { percent });
         }
     }
 }

@@ -1,26 +1,36 @@
-//! `[motor.limits]`: within what the motor can do and what its protocol can tell.
+//! `[motor.limits]`: within the capability of the motor and the scale of its protocol.
 
-use motord_protocol::mit;
-use toml::Spanned;
-
-use crate::config::problem::Wrong;
-use crate::config::range::Range;
-use crate::config::source::Span;
-use crate::config::written::Number;
-use crate::config::{Findings, range, written};
 use motord_core::joint::Transmission;
 use motord_core::settings::{BeyondRange, LimitSettings};
+use motord_protocol::mit;
+
+use crate::config::entry::{At, Entry, degrees};
+use crate::config::findings::Findings;
+use crate::config::keys::Limits;
+use crate::config::problem::Wrong;
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
 const MARGIN: f64 = 0.005;
+/// Largest position of a motor whose position code wraps round, rad.
+const UNWRAPPED_POSITION: f64 = 1000.0;
+/// Largest default position, rad at the motor: its behaviour at the end of the scale is not known.
+const CAUTIOUS_POSITION: f64 = 12.0;
+/// Largest default velocity, rad/s.
+const CAUTIOUS_VELOCITY: f64 = 60.0;
+/// Default slews: the full torque within 20 ms, the full gains within 50 ms.
+const TORQUE_SLEW_PER_S: f64 = 50.0;
+const GAIN_SLEW_PER_S: f64 = 20.0;
+/// Default derating begins at this temperature, °C, and at least so far below the maximum.
+const DERATE_CELSIUS: f64 = 70.0;
+const DERATING_CELSIUS: f64 = 10.0;
 
 const VELOCITY: Scale = Scale::with_margin(mit::VELOCITY.max());
 const KP: Scale = Scale::with_margin(mit::KP.max());
 /// Usable as a whole: no frame is special by its kd while velocity and kp keep away from their ends.
 const KD: Scale = Scale { end: mit::KD.max(), usable: mit::KD.max() };
 
-/// What the motor and its protocol can do, output side.
+/// The facts of a motor that bound its limits, output side. Infinite where the model is not known.
 pub(super) struct Capability {
     pub(super) transmission: Transmission,
     pub(super) beyond_range: BeyondRange,
@@ -44,47 +54,37 @@ impl Capability {
     fn position_scale(&self) -> Scale {
         match self.beyond_range {
             BeyondRange::Stop => Scale::with_margin(mit::POSITION.max()),
-            BeyondRange::Wrap => {
-                Scale { end: range::UNWRAPPED_POSITION_RAD, usable: range::UNWRAPPED_POSITION_RAD }
-            }
+            BeyondRange::Wrap => Scale { end: UNWRAPPED_POSITION, usable: UNWRAPPED_POSITION },
         }
     }
 }
 
-/// The limits, joint side: reported and replaced by the default where one is beyond what the motor can do.
-pub(super) fn limits(
-    written: &written::Limits,
-    capability: &Capability,
-    findings: &mut Findings<'_>,
-) -> LimitSettings {
-    let &Capability { full_scale_torque, rated_torque, peak_torque, max_velocity, .. } = capability;
-    let torque_scale = Scale::with_margin(full_scale_torque);
-    let torque = range::TORQUE_NM.or(rated_torque.min(torque_scale.usable));
-    let torque = scaled(&written.torque_nm, torque, &torque_scale, findings);
-    judge_peak(&written.torque_nm, torque, peak_torque, findings);
-    let velocity = range::VELOCITY_RAD_S.or(max_velocity.min(range::VELOCITY_RAD_S.default));
-    let velocity = scaled(&written.velocity_rad_s, velocity, &VELOCITY, findings);
-    let kp = scaled(&written.kp_max, range::KP_MAX, &KP, findings);
-    let kd = scaled(&written.kd_max, range::KD_MAX, &KD, findings);
-    let torque_slew = range::TORQUE_SLEW_NM_PER_S.or(range::TORQUE_SLEW_PER_S * torque);
-    let kp_slew = range::KP_SLEW_PER_S.or(range::GAIN_SLEW_PER_S * kp);
-    let kd_slew = range::KD_SLEW_PER_S.or(range::GAIN_SLEW_PER_S * kd);
-    let [derate, max] = temperatures(written, findings);
+/// The limits, joint side. One that the motor or its protocol cannot reach is reported.
+pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>) -> LimitSettings {
+    let torque_scale = Scale::with_margin(capability.full_scale_torque);
+    let torque = keys.torque_nm.value.unwrap_or(capability.rated_torque.min(torque_scale.usable));
+    torque_scale.check(&keys.torque_nm, torque, findings);
+    if keys.torque_nm.is_written && torque <= torque_scale.usable {
+        judge_peak(keys.torque_nm.at, torque, capability.peak_torque, findings);
+    }
+    let velocity = keys.velocity_rad_s.value.unwrap_or(capability.max_velocity.min(CAUTIOUS_VELOCITY));
+    VELOCITY.check(&keys.velocity_rad_s, velocity, findings);
+    let (kp, kd) = (keys.kp_max.value, keys.kd_max.value);
+    KP.check(&keys.kp_max, kp, findings);
+    KD.check(&keys.kd_max, kd, findings);
+    let [derate, temperature] = temperatures(keys, findings);
     LimitSettings {
-        position: position(&written.position_rad, capability, findings),
+        position: position(keys, capability, findings).map(|position| position as f32),
         velocity: velocity as f32,
         torque: torque as f32,
         kp: kp as f32,
         kd: kd as f32,
-        torque_slew: findings.number(&written.torque_slew_nm_per_s, torque_slew) as f32,
-        kp_slew: findings.number(&written.kp_slew_per_s, kp_slew) as f32,
-        kd_slew: findings.number(&written.kd_slew_per_s, kd_slew) as f32,
+        torque_slew: keys.torque_slew_nm_per_s.value.unwrap_or(TORQUE_SLEW_PER_S * torque) as f32,
+        kp_slew: keys.kp_slew_per_s.value.unwrap_or(GAIN_SLEW_PER_S * kp) as f32,
+        kd_slew: keys.kd_slew_per_s.value.unwrap_or(GAIN_SLEW_PER_S * kd) as f32,
         temperature_derate: derate as f32,
-        temperature: max as f32,
-        following_error: written
-            .following_error_rad
-            .as_ref()
-            .map(|_| findings.number(&written.following_error_rad, range::FOLLOWING_ERROR_RAD) as f32),
+        temperature: temperature as f32,
+        following_error: keys.following_error_rad.value.map(|error| error as f32),
     }
 }
 
@@ -99,78 +99,66 @@ impl Scale {
         Self { end, usable: end * (1.0 - MARGIN) }
     }
 
-    /// Whether a limit may be this `value`, which is `at_motor` for the motor. Leaves to others what is no number.
-    fn judge(&self, value: f64, at_motor: f64) -> Result<(), Wrong> {
+    /// Reports a limit that its motor cannot reach.
+    fn check<T>(&self, entry: &Entry<T>, value: f64, findings: &mut Findings<'_>) {
+        if let Err(wrong) = self.judge(value, value, String::new()) {
+            findings.error(entry.at, wrong);
+        }
+    }
+
+    /// Whether a limit may have this `value`, which is `at_motor` for the motor.
+    fn judge(&self, value: f64, at_motor: f64, degrees: String) -> Result<(), Wrong> {
         let &Self { end, usable } = self;
         match at_motor.abs() {
-            _ if !value.is_finite() => Ok(()),
-            size if size > end => Err(Wrong::BeyondScale { value, end, usable }),
+            size if size > end => Err(Wrong::BeyondScale { value, end, usable, degrees }),
             size if size > usable => Err(Wrong::NoMargin { value, end, usable }),
             _ => Ok(()),
         }
     }
 }
 
-/// The number, when it is at least the minimum of `range` and within `scale`; else the default.
-fn scaled(written: &Number, range: Range, scale: &Scale, findings: &mut Findings<'_>) -> f64 {
-    let Some(number) = written else { return range.default };
-    let value = *number.get_ref();
-    if let Err(wrong) = scale.judge(value, value) {
-        findings.error(number.span(), wrong);
-        return range.default;
-    }
-    findings.number(written, Range { max: scale.usable, ..range })
-}
-
-pub(super) fn judge_peak(written: &Number, value: f64, peak: f64, findings: &mut Findings<'_>) {
-    if let Some(written) = written
-        && value > peak
-    {
-        findings.error(written.span(), Wrong::BeyondPeak { value, peak });
+pub(super) fn judge_peak(at: At, value: f64, peak: f64, findings: &mut Findings<'_>) {
+    if value > peak {
+        findings.error(at, Wrong::BeyondPeak { value, peak });
     }
 }
 
-fn position(
-    written: &Option<Spanned<Vec<f64>>>,
-    capability: &Capability,
-    findings: &mut Findings<'_>,
-) -> [f32; 2] {
-    let cautious = [-range::CAUTIOUS_POSITION_RAD, range::CAUTIOUS_POSITION_RAD];
-    let default = cautious.map(|position| position + f64::from(capability.transmission.offset()));
-    let position = written.as_ref().map_or(Ok(default), |written| judge_position(written, capability));
-    let position = position.unwrap_or_else(|(place, wrong)| {
-        findings.error(place, wrong);
-        default
-    });
-    position.map(|position| position as f32)
+/// The lowest and the highest position, rad.
+fn position(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>) -> [f64; 2] {
+    let entry = &keys.position_rad;
+    let offset = f64::from(capability.transmission.offset());
+    let default = [-CAUTIOUS_POSITION, CAUTIOUS_POSITION].map(|position| position + offset);
+    let Some(position) = entry.value else { return default };
+    if let Err(wrong) = judge_position(position, capability) {
+        findings.error(entry.at, wrong);
+        return default;
+    }
+    let far = position.into_iter().find(|position| !degrees(*position).is_empty());
+    if let (Some(value), BeyondRange::Stop) = (far, capability.beyond_range) {
+        findings.warn(entry.at, Wrong::ManyTurns { value, degrees: degrees(value) });
+    }
+    position
 }
 
-fn judge_position(written: &Spanned<Vec<f64>>, capability: &Capability) -> Result<[f64; 2], (Span, Wrong)> {
-    let refuse = |wrong| (written.span(), wrong);
-    let &[low, high] = written.get_ref().as_slice() else {
-        return Err(refuse(Wrong::PositionCount(written.get_ref().len())));
-    };
+fn judge_position([low, high]: [f64; 2], capability: &Capability) -> Result<(), Wrong> {
     let scale = capability.position_scale();
     for value in [low, high] {
         if !value.is_finite() {
-            let (min, max) = (-scale.usable, scale.usable);
-            return Err(refuse(Wrong::NotFinite { value, min, max }));
+            let expected = format!("from {} to {} rad", -scale.usable, scale.usable);
+            return Err(Wrong::NotFinite { value, expected });
         }
-        scale.judge(value, capability.to_motor(value)).map_err(refuse)?;
+        scale.judge(value, capability.to_motor(value), degrees(value))?;
     }
-    if low < high { Ok([low, high]) } else { Err(refuse(Wrong::PositionOrder { low, high })) }
+    if low < high { Ok(()) } else { Err(Wrong::PositionOrder { low, high }) }
 }
 
-/// Where derating begins, and where no torque is left, °C. The defaults give way to what is written.
-fn temperatures(written: &written::Limits, findings: &mut Findings<'_>) -> [f64; 2] {
-    let max = findings.number(&written.temperature_max_celsius, range::TEMPERATURE_MAX_CELSIUS);
-    let derate = range::TEMPERATURE_DERATE_CELSIUS;
-    let derate = derate.or(derate.default.min(max - range::DERATING_CELSIUS));
-    let derate = findings.number(&written.temperature_derate_celsius, derate);
-    if let Some(written) = &written.temperature_derate_celsius
-        && derate >= max
-    {
-        findings.error(written.span(), Wrong::DerateOrder { derate, max });
+/// Where derating begins, and where no torque is left, °C.
+fn temperatures(keys: &Limits, findings: &mut Findings<'_>) -> [f64; 2] {
+    let max = keys.temperature_max_celsius.value;
+    let entry = &keys.temperature_derate_celsius;
+    let derate = entry.value.unwrap_or(DERATE_CELSIUS.min(max - DERATING_CELSIUS));
+    if derate >= max {
+        findings.error(entry.at, Wrong::DerateOrder { derate, max });
     }
     [derate, max]
 }

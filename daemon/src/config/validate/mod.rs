@@ -1,6 +1,7 @@
-//! From what is written to what is meant: defaults, ranges, and whether the whole makes sense.
+//! From the keys of a file to settings: derived defaults, checks between keys, and checks of the whole.
 //!
-//! Nothing here stops at the first problem: a bad value is reported, replaced by its default, and judging goes on.
+//! Nothing here stops at the first problem. A bad value is reported and replaced by its default. A bus or motor that
+//! cannot be built is left out, and nothing is reported that only follows from that.
 
 mod bus;
 mod group;
@@ -8,113 +9,108 @@ mod limits;
 mod motor;
 
 use motord_bus::Duration;
+use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
 use motord_shared::DEFAULT_INSTANCE;
-use toml::Spanned;
 
-use crate::config::problem::Wrong;
-use crate::config::written::{self, Document};
-use crate::config::{Findings, range};
-use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafeStop, SafetySettings, Settings};
+use super::findings::Findings;
+use super::keys;
+use super::problem::Wrong;
+use super::table::Document;
 
-/// Judges the whole document. `None` when something is missing that nothing can stand in for, and that the rest refers
-/// to: motors to buses, groups to motors. The reason is among the findings then.
+/// The dead man's switch waits for as long as a cycle may be late, and for this many cycles more.
+const DEADMAN_CYCLES: f64 = 2.0;
+
+/// Judges the whole document. `None` when a bus, motor or group cannot be built; the reason is among the findings.
 pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Option<Settings> {
-    let instance = match &document.daemon.instance {
-        Some(name) => instance(name, findings)?,
-        None => DEFAULT_INSTANCE.to_owned(),
-    };
+    let instance = instance(&document.daemon, findings);
     let cycle = cycle(&document.cycle, findings);
-    let ipc = ipc(&document.exchange, &cycle, findings);
+    let ipc = ipc(&document.ipc, &cycle, findings);
     let safety = safety(&document.safety, &cycle, findings);
-    let buses = bus::buses(&document.bus, findings)?;
-    let motors = motor::motors(&document.motor, &buses, findings)?;
-    let groups = group::groups(&document.group, &motors, safety.safe_stop, findings)?;
-    motor::judge_damping(&document.motor, &motors, &groups, findings);
-    let settings = Settings { instance, cycle, ipc, safety, buses, motors, groups };
-    bus::judge_load(&document.bus, &settings, findings);
+    let buses = bus::buses(&document.buses, findings);
+    let motors = motor::motors(&document.motors, &document.buses, &buses, findings);
+    let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
+    motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
+    let (buses, motors) =
+        (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
+    let settings = Settings { instance, cycle, ipc, safety, buses, motors, groups: groups? };
+    bus::judge_load(&document.buses, &settings, findings);
     Some(settings)
 }
 
 /// Its rule is stricter than that of the other names: it becomes a part of paths and service names.
-fn instance(written: &Spanned<String>, findings: &mut Findings<'_>) -> Option<String> {
-    let name = findings.name(written)?;
+fn instance(keys: &keys::Daemon, findings: &mut Findings<'_>) -> String {
+    let name = findings.name(&keys.instance).unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());
     if name.bytes().any(|byte| byte.is_ascii_uppercase() || byte == b'_') {
-        findings.error(written.span(), Wrong::InstanceName { name });
-        return None;
+        findings.error(keys.instance.at, Wrong::InstanceName { name: name.clone() });
     }
-    Some(name)
+    name
 }
 
-fn cycle(written: &written::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
-    let rate_hz = findings.number(&written.rate_hz, range::RATE_HZ);
+fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
+    let rate_hz = keys.rate_hz.value;
     let period = Duration::from_secs_f64(1.0 / rate_hz);
-    let busy_poll = micros(findings.number(&written.busy_poll_us, range::BUSY_POLL_US));
-    findings.within_cycle(&written.busy_poll_us, busy_poll, period);
-    let deadline_percent = findings.number(&written.reply_deadline_percent, range::REPLY_DEADLINE_PERCENT);
-    let require_realtime = written.require_realtime.as_ref().is_some_and(|value| *value.get_ref());
-    let priority = findings.integer(&written.priority, range::PRIORITY) as u8;
-    let place = written.priority.as_ref().map(Spanned::span);
-    let place = place.or(written.require_realtime.as_ref().filter(|_| require_realtime).map(Spanned::span));
-    findings.judge_priority(place, priority, require_realtime);
+    findings.within_cycle(&keys.busy_poll_us, period);
+    let (require_realtime, priority) = (keys.require_realtime.value, keys.priority.value as u8);
+    // Nobody asked for a priority that is only the default, unless real time is required.
+    if keys.priority.is_written || require_realtime {
+        let at = if keys.priority.is_written { keys.priority.at } else { keys.require_realtime.at };
+        findings.judge_priority(at, priority, require_realtime);
+    }
     CycleSettings {
         rate_hz,
         period,
-        cpu: findings.processor(&written.cpu),
+        cpu: findings.processor(&keys.cpu),
         priority,
         require_realtime,
-        max_lateness: millis(findings.number(&written.max_lateness_ms, range::MAX_LATENESS_MS)),
-        max_missed_ticks: findings.number(&written.max_skipped_percent, range::MAX_SKIPPED_PERCENT) as f32
-            / 100.0,
-        reply_deadline: period.mul_f64(deadline_percent / 100.0),
-        busy_poll,
+        max_lateness: millis(keys.max_lateness_ms.value),
+        max_missed_ticks: keys.max_skipped_percent.value as f32 / 100.0,
+        reply_deadline: period.mul_f64(keys.reply_deadline_percent.value / 100.0),
+        busy_poll: micros(keys.busy_poll_us.value),
     }
 }
 
-fn ipc(written: &written::Exchange, cycle: &CycleSettings, findings: &mut Findings<'_>) -> IpcSettings {
-    let lead = micros(findings.number(&written.lead_us, range::LEAD_US));
-    findings.within_cycle(&written.lead_us, lead, cycle.period);
-    let mode = written.mode.unwrap_or(IpcMode::Timed);
-    let cpu = findings.processor(&written.cpu);
-    if let (IpcMode::Spin, Some(cpu), Some(place)) = (mode, cpu, &written.cpu)
+fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> IpcSettings {
+    findings.within_cycle(&keys.lead_us, cycle.period);
+    let (mode, cpu) = (keys.mode.value, findings.processor(&keys.cpu));
+    if let (IpcMode::Spin, Some(cpu)) = (mode, cpu)
         && cycle.cpu == Some(cpu)
     {
-        findings.error(place.span(), Wrong::SharedProcessor { cpu });
+        findings.error(keys.cpu.at, Wrong::SharedProcessor { cpu });
     }
-    let priority = written.priority.as_ref().map(|place| {
-        let priority = findings.integer(&written.priority, range::PRIORITY) as u8;
-        findings.judge_priority(Some(place.span()), priority, cycle.require_realtime);
-        priority
-    });
-    IpcSettings { mode, lead, cpu, priority }
+    let priority = keys.priority.value.map(|priority| priority as u8);
+    if let Some(priority) = priority {
+        findings.judge_priority(keys.priority.at, priority, cycle.require_realtime);
+    }
+    IpcSettings { mode, lead: micros(keys.lead_us.value), cpu, priority }
 }
 
-fn safety(written: &written::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> SafetySettings {
+fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> SafetySettings {
     let cycle_ms = 1e3 * cycle.period.as_secs_f64();
-    let timeout = range::SETPOINT_TIMEOUT_MS;
-    let timeout = timeout.or(timeout.default.max(2.0 * cycle_ms));
-    let setpoint_timeout_ms = findings.number(&written.setpoint_timeout_ms, timeout);
-    findings.two_cycles(&written.setpoint_timeout_ms, setpoint_timeout_ms, cycle.period);
-    let late_ms = 1e3 * cycle.max_lateness.as_secs_f64() + range::DEADMAN_CYCLES * cycle_ms;
-    let deadman_ms = findings.number(&written.deadman_ms, range::DEADMAN_MS.or(late_ms));
-    findings.two_cycles(&written.deadman_ms, deadman_ms, cycle.period);
-    if let Some(written) = &written.deadman_ms
-        && deadman_ms < late_ms
-    {
-        findings.warn(written.span(), Wrong::DeadmanBeforeLateness { deadman_ms, late_ms });
-    }
+    findings.two_cycles(&keys.setpoint_timeout_ms, cycle.period);
     SafetySettings {
-        setpoint_timeout: millis(setpoint_timeout_ms),
-        safe_stop: written.safe_stop.unwrap_or(SafeStop::Damp),
-        damp: Duration::from_secs_f64(findings.number(&written.damp_seconds, range::DAMP_SECONDS)),
-        rest_velocity: findings.number(&written.rest_velocity_rad_s, range::REST_VELOCITY_RAD_S) as f32,
-        lost_cycles: findings.integer(&written.lost_cycles, range::LOST_CYCLES) as u32,
-        start_jump: findings.number(&written.start_jump_rad, range::START_JUMP_RAD) as f32,
-        start_ramp: millis(findings.number(&written.start_ramp_ms, range::START_RAMP_MS)),
-        start_timeout: millis(findings.number(&written.start_timeout_ms, range::START_TIMEOUT_MS)),
-        fault_poll_hz: findings.number(&written.fault_poll_hz, range::FAULT_POLL_HZ),
-        deadman: millis(deadman_ms),
-        error_feedback: written.error_feedback.unwrap_or(true),
+        setpoint_timeout: millis(keys.setpoint_timeout_ms.value.unwrap_or(f64::max(20.0, 2.0 * cycle_ms))),
+        safe_stop: keys.safe_stop.value,
+        damp: Duration::from_secs_f64(keys.damp_seconds.value),
+        rest_velocity: keys.rest_velocity_rad_s.value as f32,
+        lost_cycles: keys.lost_cycles.value as u32,
+        start_jump: keys.start_jump_rad.value as f32,
+        start_ramp: millis(keys.start_ramp_ms.value),
+        start_timeout: millis(keys.start_timeout_ms.value),
+        fault_poll_hz: keys.fault_poll_hz.value,
+        deadman: deadman(keys, cycle, findings),
+        error_feedback: keys.error_feedback.value,
     }
+}
+
+/// A switch that acts while a cycle may still be late stops a healthy daemon: a warning.
+fn deadman(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> Duration {
+    findings.two_cycles(&keys.deadman_ms, cycle.period);
+    let late_ms = 1e3 * (cycle.max_lateness.as_secs_f64() + DEADMAN_CYCLES * cycle.period.as_secs_f64());
+    let deadman_ms = keys.deadman_ms.value.unwrap_or(late_ms);
+    if deadman_ms < late_ms {
+        findings.warn(keys.deadman_ms.at, Wrong::DeadmanBeforeLateness { deadman_ms, late_ms });
+    }
+    millis(deadman_ms)
 }
 
 fn millis(value: f64) -> Duration {

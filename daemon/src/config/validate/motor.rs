@@ -1,251 +1,229 @@
 //! `[[motor]]`, its limits, and its ids on the bus.
 
 use motord_bus::{Duration, FrameId};
-use motord_protocol::model::MODELS;
-use motord_protocol::{Model, TorqueScale};
-use motord_shared::limits::JOINTS_MAX;
-use toml::Spanned;
-
-use super::limits::{self, Capability};
-use super::micros;
-use crate::config::problem::Wrong;
-use crate::config::written::Integer;
-use crate::config::{Findings, range, written};
 use motord_core::drive;
 use motord_core::joint::Transmission;
 use motord_core::settings::{
-    BeyondRange, BusKind, BusSettings, FaultPolicy, GroupSettings, MotorProtocol, MotorSettings,
-    MotorSimulation, SafeStop,
+    BusKind, BusSettings, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation, SafeStop,
 };
+use motord_protocol::model::MODELS;
+use motord_protocol::{Model, TorqueScale};
+use motord_shared::limits::JOINTS_MAX;
 
-type Written = Spanned<written::Motor>;
+use super::limits::{self, Capability};
+use super::micros;
+use crate::config::entry::{Entry, degrees};
+use crate::config::findings::Findings;
+use crate::config::keys;
+use crate::config::problem::{Wrong, plain};
+use crate::config::similar::suggestion;
+use crate::config::table::{self, Motor};
 
-/// All motors, in the order of the file; `None` when one is not understood.
+pub(super) type Item = table::Item<Motor>;
+type BusItem = table::Item<keys::Bus>;
+
+/// A motor's id plus this is a reply id that is unique and yields to every command.
+const HOST_ID_OFFSET: i64 = 0x100;
+/// The header of a serial frame has one byte for the receiver (GIM document, table 3).
+const SERIAL_HOST_ID_MAX: i64 = 0xFF;
+/// Default damping of a safe stop, N·m·s/rad.
+const DAMPING_KD: f64 = 2.0;
+
+/// All motors, in the order of the file; `None` for one that cannot be built.
 pub(super) fn motors(
-    written: &[Written],
-    buses: &[BusSettings],
+    items: &[Item],
+    bus_items: &[BusItem],
+    buses: &[Option<BusSettings>],
     findings: &mut Findings<'_>,
-) -> Option<Vec<MotorSettings>> {
-    if !findings.counted(written, "motor", JOINTS_MAX) {
-        return None;
-    }
-    // Collected twice: the first bad motor must not hide the others.
-    let motors: Vec<_> = written.iter().map(|motor| self::motor(motor, buses, findings)).collect();
-    let names = written.iter().map(|motor| motor.get_ref().name.as_ref());
-    let are_named_apart = findings.unique(names, |name| Wrong::DuplicateName { name, what: "motor" });
-    let motors = motors.into_iter().collect::<Option<Vec<_>>>()?;
-    judge_ids(written, &motors, buses, findings);
-    are_named_apart.then_some(motors)
+) -> Vec<Option<MotorSettings>> {
+    findings.count(items, "motor", JOINTS_MAX);
+    let names = items.iter().map(|motor| &motor.keys.keys.name);
+    findings.unique(names, |name| Wrong::DuplicateName { name, what: "motor" });
+    let addresses: Vec<_> =
+        items.iter().map(|motor| address(&motor.keys.keys, bus_items, buses, findings)).collect();
+    judge_ids(items, &addresses, findings);
+    items.iter().zip(addresses).map(|(item, address)| motor(&item.keys, address, findings)).collect()
 }
 
-fn motor(written: &Written, buses: &[BusSettings], findings: &mut Findings<'_>) -> Option<MotorSettings> {
-    let keys = written.get_ref();
-    let Identity { name, id, bus, protocol, model } = identity(written, buses, findings)?;
-    let host_id = host_id(keys, id, &buses[bus], findings)?;
-    let torque_scale = torque_scale(keys, model, findings)?;
+fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) -> Option<MotorSettings> {
+    let keys = &item.keys;
+    let name = findings.name(&keys.name);
+    let model = model(&keys.model, findings);
+    let torque_scale = torque_scale(keys, model);
     let capability = capability(keys, model, torque_scale, findings);
-    let limits = limits::limits(&keys.limits, &capability, findings);
-    let damping_kd = range::DAMPING_KD.default.min(limits.kd.into());
-    let simulation = simulation(&keys.simulation, &capability, limits.position, findings);
+    let limits = limits::limits(&item.limits, &capability, findings);
+    let simulation = simulation(&item.simulation, &capability, limits.position, findings);
+    let Address { bus, id, host_id, .. } = address?;
+    let protocol = keys.protocol.value?;
     Some(MotorSettings {
-        name,
+        name: name?,
         bus,
         id,
         host_id,
         protocol,
-        model: model.name.to_owned(),
-        torque_scale,
+        model: model?.name.to_owned(),
+        torque_scale: torque_scale?,
         rated_torque: capability.rated_torque as f32,
         peak_torque: capability.peak_torque as f32,
-        overload: Duration::from_secs_f64(findings.number(&keys.overload_seconds, range::OVERLOAD_SECONDS)),
+        overload: Duration::from_secs_f64(keys.overload_seconds.value),
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
         capabilities: drive::capabilities(protocol),
-        damping_kd: findings.number(&keys.damping_kd, range::DAMPING_KD.or(damping_kd)) as f32,
+        damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
         beyond_range: capability.beyond_range,
-        fault_policy: keys.fault_policy.unwrap_or(FaultPolicy::StopGroup),
+        fault_policy: keys.fault_policy.value,
         limits,
         simulation,
     })
 }
 
-/// The keys that every motor must have.
-struct Identity {
-    name: String,
-    id: u8,
+/// The bus of a motor, and its ids there.
+struct Address {
     bus: usize,
-    protocol: MotorProtocol,
-    model: &'static Model,
+    is_serial: bool,
+    id: u8,
+    host_id: FrameId,
 }
 
-fn identity(written: &Written, buses: &[BusSettings], findings: &mut Findings<'_>) -> Option<Identity> {
-    let (table, keys) = (written.span(), written.get_ref());
-    let name = findings.required(&keys.name, &table, "name", "every [[motor]] needs a name");
-    let name = name.and_then(|name| findings.name(name));
-    let id = findings.required(&keys.id, &table, "id", "give the motor's CAN id (ConfID 0x12)");
-    let id =
-        id.and_then(|id| findings.in_range(*id.get_ref() as f64, id.span(), range::ID)).map(|id| id as u8);
-    let bus = findings.required(&keys.bus, &table, "bus", "name the [[bus]] the motor is on");
-    let bus = bus.and_then(|bus| self::bus(bus, buses, findings));
-    let protocol = findings.required(&keys.protocol, &table, "protocol", "give mit or gim");
-    let model = findings.required(&keys.model, &table, "model", "give the motor's model, such as GIM8108-8");
-    let model = model.and_then(|model| self::model(model, findings));
-    if let (Some(protocol), Some(bus)) = (protocol, bus)
-        && *protocol.get_ref() == MotorProtocol::Mit
-        && is_serial(&buses[bus])
-    {
-        findings.error(protocol.span(), Wrong::MitOverSerial(buses[bus].name.clone()));
+/// `None` when a part is not known, or its bus cannot be built.
+fn address(
+    keys: &keys::Motor,
+    bus_items: &[BusItem],
+    buses: &[Option<BusSettings>],
+    findings: &mut Findings<'_>,
+) -> Option<Address> {
+    let names = bus_items.iter().map(|bus| &bus.keys.name);
+    let bus = findings.find(keys.bus.at, keys.bus.value.as_deref()?, names, Wrong::UnknownBus)?;
+    let settings = buses[bus].as_ref()?;
+    let is_serial = matches!(settings.kind, BusKind::Serial { .. });
+    if is_serial && keys.protocol.value == Some(MotorProtocol::Mit) {
+        findings.error(keys.protocol.at, Wrong::MitOverSerial(settings.name.clone()));
     }
-    Some(Identity { name: name?, id: id?, bus: bus?, protocol: *protocol?.get_ref(), model: model? })
-}
-
-fn is_serial(bus: &BusSettings) -> bool {
-    matches!(bus.kind, BusKind::Serial { .. })
-}
-
-fn bus(written: &Spanned<String>, buses: &[BusSettings], findings: &mut Findings<'_>) -> Option<usize> {
-    let index = buses.iter().position(|bus| bus.name == *written.get_ref());
-    if index.is_none() {
-        findings.error(written.span(), Wrong::UnknownBus(written.get_ref().clone()));
+    let id = keys.id.value?;
+    let host_id = keys.host_id.value.unwrap_or(if is_serial { 0 } else { HOST_ID_OFFSET + id });
+    if is_serial && host_id > SERIAL_HOST_ID_MAX {
+        let expected = format!("from 0 to {SERIAL_HOST_ID_MAX}");
+        let wrong = Wrong::OutOfRange { value: host_id as f64, expected, degrees: String::new() };
+        findings.error(keys.host_id.at, wrong);
     }
-    index
+    Some(Address { bus, is_serial, id: id as u8, host_id: FrameId::new(host_id as u16)? })
 }
 
-fn model(written: &Spanned<String>, findings: &mut Findings<'_>) -> Option<&'static Model> {
-    let model = Model::by_name(written.get_ref());
+fn model(entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<&'static Model> {
+    let name = entry.value.as_ref()?;
+    let model = Model::by_name(name);
     if model.is_none() {
-        let known = MODELS.map(|model| model.name).join(", ");
-        findings.error(written.span(), Wrong::UnknownModel { model: written.get_ref().clone(), known });
+        let hint = suggestion(name, MODELS.iter().map(|model| model.name));
+        findings.error(entry.at, Wrong::UnknownModel { model: plain(name), hint });
     }
     model
 }
 
-fn torque_scale(keys: &written::Motor, model: &Model, findings: &mut Findings<'_>) -> Option<TorqueScale> {
-    let constant = range::TORQUE_CONSTANT_NM_PER_A.or(model.torque_constant.into());
-    let constant = findings.number(&keys.torque_constant_nm_per_a, constant);
-    let gear_ratio = findings.number(&keys.gear_ratio, range::GEAR_RATIO.or(model.gear_ratio.into()));
-    // The ranges leave only products that a float holds.
+fn torque_scale(keys: &keys::Motor, model: Option<&Model>) -> Option<TorqueScale> {
+    let constant = keys.torque_constant_nm_per_a.value.or(model.map(|model| model.torque_constant.into()))?;
+    let gear_ratio = keys.gear_ratio.value.or(model.map(|model| model.gear_ratio.into()))?;
+    // The ranges of both leave only products that a float holds.
     TorqueScale::new(constant, gear_ratio).ok()
 }
 
-/// Without a key: on CAN an id that is the motor's own and yields to every command, on a serial bus the host's 0.
-fn host_id(keys: &written::Motor, id: u8, bus: &BusSettings, findings: &mut Findings<'_>) -> Option<FrameId> {
-    let range = match is_serial(bus) {
-        true => range::HOST_ID_SERIAL,
-        false => range::HOST_ID_CAN.or(range::HOST_ID_OFFSET + f64::from(id)),
-    };
-    FrameId::new(findings.integer(&keys.host_id, range) as u16)
-}
-
 fn capability(
-    keys: &written::Motor,
-    model: &Model,
-    torque_scale: TorqueScale,
+    keys: &keys::Motor,
+    model: Option<&Model>,
+    torque_scale: Option<TorqueScale>,
     findings: &mut Findings<'_>,
 ) -> Capability {
-    let peak_torque =
-        findings.number(&keys.peak_torque_nm, range::PEAK_TORQUE_NM.or(model.peak_torque.into()));
-    let rated_torque = range::RATED_TORQUE_NM.or(peak_torque.min(model.rated_torque.into()));
-    let rated_torque = findings.number(&keys.rated_torque_nm, rated_torque);
-    limits::judge_peak(&keys.rated_torque_nm, rated_torque, peak_torque, findings);
-    let max_velocity = range::MAX_VELOCITY_RAD_S.or(model.max_velocity.into());
-    let direction = direction(&keys.direction, findings);
-    let offset = findings.number(&keys.offset_rad, range::OFFSET_RAD);
+    let of_model = |fact: fn(&Model) -> f32| model.map_or(f64::INFINITY, |model| fact(model).into());
+    let peak_torque = keys.peak_torque_nm.value.unwrap_or(of_model(|model| model.peak_torque));
+    let rated_torque = of_model(|model| model.rated_torque).min(peak_torque);
+    let rated_torque = keys.rated_torque_nm.value.unwrap_or(rated_torque);
+    limits::judge_peak(keys.rated_torque_nm.at, rated_torque, peak_torque, findings);
     Capability {
-        transmission: Transmission::new(direction as f32, offset as f32),
-        beyond_range: keys.beyond_range.unwrap_or(BeyondRange::Stop),
-        full_scale_torque: torque_scale.full_scale().into(),
+        transmission: Transmission::new(direction(&keys.direction, findings), keys.offset_rad.value as f32),
+        beyond_range: keys.beyond_range.value,
+        full_scale_torque: torque_scale.map_or(f64::INFINITY, |scale| scale.full_scale().into()),
         rated_torque,
         peak_torque,
-        max_velocity: findings.number(&keys.max_velocity_rad_s, max_velocity),
+        max_velocity: keys.max_velocity_rad_s.value.unwrap_or(of_model(|model| model.max_velocity)),
     }
 }
 
-fn direction(written: &Integer, findings: &mut Findings<'_>) -> f64 {
-    match written.as_ref().map(|written| (written.span(), *written.get_ref())) {
-        None | Some((_, 1)) => 1.0,
-        Some((_, -1)) => -1.0,
-        Some((place, other)) => {
-            findings.error(place, Wrong::Direction(other));
+fn direction(entry: &Entry<i64>, findings: &mut Findings<'_>) -> f32 {
+    match entry.value {
+        1 => 1.0,
+        -1 => -1.0,
+        other => {
+            findings.error(entry.at, Wrong::Direction(other));
             1.0
         }
     }
 }
 
 fn simulation(
-    written: &written::Simulation,
+    keys: &keys::Simulation,
     capability: &Capability,
     [low, high]: [f32; 2],
     findings: &mut Findings<'_>,
 ) -> MotorSimulation {
-    let at_start = range::INITIAL_POSITION_RAD;
-    let at_start = at_start.or(at_start.default.clamp(low.into(), high.into()));
-    let value = findings.number(&written.initial_position_rad, at_start);
-    if let Some(written) = &written.initial_position_rad
-        && !(low..=high).contains(&(value as f32))
-    {
-        findings.error(written.span(), Wrong::InitialPosition { value, low, high });
+    let value = keys.initial_position_rad.value.unwrap_or(0.0_f64.clamp(low.into(), high.into()));
+    if !(low..=high).contains(&(value as f32)) {
+        let wrong = Wrong::InitialPosition { value, low, high, degrees: degrees(value) };
+        findings.error(keys.initial_position_rad.at, wrong);
     }
     MotorSimulation {
         initial_position: capability.to_motor(value),
-        load_inertia: findings.number(&written.load_inertia_kg_m2, range::LOAD_INERTIA_KG_M2),
-        reply_latency: micros(findings.number(&written.reply_latency_us, range::REPLY_LATENCY_US)),
+        load_inertia: keys.load_inertia_kg_m2.value,
+        reply_latency: micros(keys.reply_latency_us.value),
     }
 }
 
 /// The ids of a bus: a command id names one motor, and on CAN a reply id does too, because the arbitration needs every
 /// id to have one sender and a native reply says its sender by nothing else. On a serial bus one request is open at a
 /// time, so every reply may go to the same host.
-fn judge_ids(
-    written: &[Written],
-    motors: &[MotorSettings],
-    buses: &[BusSettings],
-    findings: &mut Findings<'_>,
-) {
-    for (index, motor) in motors.iter().enumerate() {
-        let place = |key: &Integer| key.as_ref().map_or(written[index].span(), Spanned::span);
-        let host_place = place(&written[index].get_ref().host_id);
-        let on_this_bus = || motors.iter().filter(|other| other.bus == motor.bus);
-        let before = || motors[..index].iter().filter(|other| other.bus == motor.bus);
-        if let Some(other) = before().find(|other| other.id == motor.id) {
-            let place = place(&written[index].get_ref().id);
-            findings.error(place, Wrong::DuplicateId { id: motor.id, other: other.name.clone() });
+fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findings<'_>) {
+    let named = |index: usize| items[index].keys.keys.name.value.clone().unwrap_or_default();
+    let on_bus = |bus| {
+        let known =
+            addresses.iter().enumerate().filter_map(|(index, address)| Some((index, address.as_ref()?)));
+        known.filter(move |(_, other)| other.bus == bus)
+    };
+    for (index, motor) in addresses.iter().enumerate() {
+        let Some(motor) = motor else { continue };
+        let keys = &items[index].keys.keys;
+        let mut before = on_bus(motor.bus).take_while(|(other, _)| *other < index);
+        if let Some((other, _)) = before.clone().find(|(_, other)| other.id == motor.id) {
+            findings.error(keys.id.at, Wrong::DuplicateId { id: motor.id, other: named(other) });
             continue;
         }
-        if is_serial(&buses[motor.bus]) {
+        if motor.is_serial {
             continue;
         }
         let host_id = motor.host_id.raw();
-        if let Some(other) = before().find(|other| other.host_id == motor.host_id) {
-            let wrong = Wrong::DuplicateHostId { host_id, other: other.name.clone() };
-            findings.error(host_place, wrong);
-        } else if on_this_bus().any(|other| u16::from(other.id) == host_id) {
-            findings.error(host_place, Wrong::HostIdIsCommandId { host_id });
-        } else if let Some(command) =
-            on_this_bus().map(|other| other.id).filter(|&id| u16::from(id) > host_id).max()
-        {
-            findings.warn(host_place, Wrong::HostIdOutranks { host_id, command });
+        let commands = on_bus(motor.bus).map(|(_, other)| u16::from(other.id));
+        if let Some((other, _)) = before.find(|(_, other)| other.host_id == motor.host_id) {
+            findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other) });
+        } else if commands.clone().any(|command| command == host_id) {
+            findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id });
+        } else if let Some(command) = commands.filter(|&command| command > host_id).max() {
+            findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command });
         }
     }
 }
 
 /// Whether a safe stop can damp: each motor whose group damps or holds has a damping, and within its limit.
 pub(super) fn judge_damping(
-    written: &[Written],
-    motors: &[MotorSettings],
+    items: &[Item],
+    motors: &[Option<MotorSettings>],
     groups: &[GroupSettings],
     findings: &mut Findings<'_>,
 ) {
-    for group in groups.iter().filter(|group| group.safe_stop != SafeStop::Stop) {
-        for &index in &group.motors {
-            let (keys, motor) = (written[index].get_ref(), &motors[index]);
-            let place = keys.damping_kd.as_ref().map_or_else(|| written[index].span(), Spanned::span);
-            let (damping, kd_max) = (f64::from(motor.damping_kd), f64::from(motor.limits.kd));
-            if damping == 0.0 {
-                findings.error(place, Wrong::NoDamping);
-            } else if damping > kd_max {
-                findings.error(place, Wrong::DampingBeyondLimit { damping, kd_max });
-            }
+    let damped = groups.iter().filter(|group| group.safe_stop != SafeStop::Stop);
+    for &index in damped.flat_map(|group| &group.motors) {
+        let (at, Some(motor)) = (items[index].keys.keys.damping_kd.at, &motors[index]) else { continue };
+        let (damping, kd_max) = (f64::from(motor.damping_kd), f64::from(motor.limits.kd));
+        if damping == 0.0 {
+            findings.error(at, Wrong::NoDamping);
+        } else if damping > kd_max {
+            findings.error(at, Wrong::DampingBeyondLimit { damping, kd_max });
         }
     }
 }

@@ -1,0 +1,227 @@
+//! The table of keys: the name, type, unit, default, range and meaning of every key, each stated once.
+//!
+//! The parser reads by this table, the error messages quote it, and the tables of `docs/configuration.md` are written
+//! from it. A row is: name, field, type, unit = default and range, meaning. The texts are Markdown.
+//!
+//! The defaults are cautious and meant for a real robot. A shared machine needs longer times.
+
+use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
+
+use super::entry::{Entry, Listed, Row, follows, is, required};
+use super::table::Table;
+use super::value::BusType;
+
+/// A table of the file, with all of its keys read.
+pub(super) trait Section: Sized {
+    /// The name in the file: `cycle`, `motor.limits`.
+    const PATH: &'static str;
+    /// The names of its keys.
+    const KEYS: &'static [&'static str];
+
+    /// Reads every key. A key that is missing or wrong has its default.
+    fn read(table: &mut Table<'_, '_, '_>) -> Self;
+}
+
+/// Declares sections: a struct per section, one [`Entry`] per key.
+macro_rules! sections {
+    ($($(#[$doc:meta])* $Section:ident $path:literal {
+        $($key:literal $field:ident: $type:ty, $unit:literal = $rule:expr, $meaning:literal;)*
+    })*) => {
+        $(
+            $(#[$doc])*
+            pub(super) struct $Section { $(pub(super) $field: Entry<$type>,)* }
+
+            impl Section for $Section {
+                const PATH: &'static str = $path;
+                const KEYS: &'static [&'static str] = &[$($key),*];
+
+                fn read(table: &mut Table<'_, '_, '_>) -> Self {
+                    Self { $($field: table.entry($key, $unit, $rule),)* }
+                }
+            }
+        )*
+
+        /// Path and keys of every section.
+        pub(super) const SECTIONS: &[(&str, &[&str])] = &[$(($path, $Section::KEYS)),*];
+
+        /// Path and rows of every section.
+        pub(super) fn reference() -> Vec<(&'static str, Vec<Row>)> {
+            vec![$(($path, vec![$(Row::new::<$type>($key, $unit, $rule, $meaning)),*])),*]
+        }
+    };
+}
+
+sections! {
+    /// `[daemon]`.
+    Daemon "daemon" {
+        "instance" instance: Option<String>, "" = follows("`\"robot\"`").words("a-z, 0-9, `-`"),
+            "Name of this daemon for its clients. Two daemons on one computer need two names.";
+    }
+
+    /// `[cycle]`.
+    Cycle "cycle" {
+        // One motor alone fills a bus of 1 Mbit/s at 4 kHz.
+        "rate-hz" rate_hz: f64, "Hz" = is(1000.0).within(1.0, 4000.0),
+            "Cycles per second.";
+        "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
+            "Processor that the cycle is pinned to.";
+        // 99 belongs to the kernel's own threads.
+        "priority" priority: i64, "" = is(80).within(1.0, 98.0),
+            "`SCHED_FIFO` priority of the cycle. 99 belongs to the kernel.";
+        "require-realtime" require_realtime: bool, "" = is(false),
+            "`true`: motord refuses to run without `SCHED_FIFO` and locked memory. `false`: it reports that and runs.";
+        "max-lateness-ms" max_lateness_ms: f64, "ms" = is(5.0).within(0.1, 1000.0),
+            "A cycle that begins later than this has lost its time base: safe stop.";
+        // A stall of a second, where `max-lateness-ms` allows it, is no overload yet.
+        "max-skipped-percent" max_skipped_percent: f64, "%" = is(50.0).within(1.0, 100.0),
+            "Largest share of missed ticks, averaged over a second. Above it the computer is too slow: safe stop. 100 never stops.";
+        "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
+            "Share of the period. A reply that comes later is missed.";
+        "busy-poll-us" busy_poll_us: f64, "µs" = is(0.0).within(0.0, 1000.0),
+            "Before each sleep for replies, the cycle polls the buses for this long. Shorter than a cycle. Costs and gains: [decision 12](adr/0012-no-busy-polling-by-default.md).";
+    }
+
+    /// `[ipc]`, in older files `[exchange]`.
+    Ipc "ipc" {
+        "mode" mode: IpcMode, "" = is(IpcMode::Timed),
+            "`timed` wakes when states are ready and before each cycle. `spin` polls, and needs a processor of its own.";
+        "lead-us" lead_us: f64, "µs" = is(150.0).within(10.0, 10_000.0),
+            "Setpoints that are sent until this long before a cycle are used in it. Shorter than a cycle.";
+        "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
+            "Processor that the IPC thread is pinned to. With `spin` not that of the cycle.";
+        "priority" priority: Option<i64>, "" = follows("none").within(1.0, 98.0),
+            "`SCHED_FIFO` priority of the IPC thread. Without it the thread has a normal priority.";
+    }
+
+    /// `[safety]`.
+    Safety "safety" {
+        "setpoint-timeout-ms" setpoint_timeout_ms: Option<f64>, "ms" = follows("20, or 2 cycles").within(1.0, 1000.0),
+            "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles.";
+        "safe-stop" safe_stop: SafeStop, "" = is(SafeStop::Damp),
+            "How a group stops for a cause. `damp`: kp 0, kd `damping-kd`, torque 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp at once.";
+        "damp-seconds" damp_seconds: f64, "s" = is(2.0).within(0.1, 30.0),
+            "The longest time that motors are damped before they are stopped.";
+        "rest-velocity-rad-s" rest_velocity_rad_s: f64, "rad/s" = is(0.2).within(0.01, 10.0),
+            "A damped joint slower than this is at rest, and is stopped.";
+        "lost-cycles" lost_cycles: i64, "" = is(10).within(3.0, 1000.0),
+            "A motor that misses this many replies in a row is lost.";
+        "start-jump-rad" start_jump_rad: f64, "rad" = is(0.1).within(0.001, 3.2),
+            "A group does not start while a position setpoint is farther than this from its joint.";
+        "start-ramp-ms" start_ramp_ms: f64, "ms" = is(100.0).within(10.0, 10_000.0),
+            "The gains rise from zero over this time after a start.";
+        "start-timeout-ms" start_timeout_ms: f64, "ms" = is(1000.0).within(10.0, 10_000.0),
+            "A motor that has not started after this time does not start.";
+        "fault-poll-hz" fault_poll_hz: f64, "Hz" = is(10.0).within(0.0, 100.0),
+            "How often each motor is asked for its faults, where the cycle has room on the wire. 0 never asks.";
+        "deadman-ms" deadman_ms: Option<f64>, "ms" = follows("`max-lateness-ms` and 2 cycles").within(0.5, 10_000.0),
+            "The dead man's switch acts when the heartbeat stands still for this long. When the daemon dies it acts at once. At least 2 cycles. A warning below the default: the switch would act on a daemon that is only late.";
+        "error-feedback" error_feedback: bool, "" = is(true),
+            "Carry the rounding error of the torque from cycle to cycle. This makes the mean torque exact.";
+    }
+
+    /// `[[bus]]`, the keys of every type.
+    Bus "bus" {
+        "name" name: Option<String>, "" = required("every [[bus]] needs a name"),
+            "Its name.";
+        "type" kind: Option<BusType>, "" = required("give socketcan, serial or simulated"),
+            "`socketcan`: a CAN interface of Linux. `serial`: RS485 or RS232; motord does not drive it yet, so `check` and `run` refuse it. `simulated`: simulated motors on a simulated CAN bus inside the daemon.";
+        "interface" interface: Option<String>, "" = follows("required for `socketcan`"),
+            "Linux name of the interface, such as `can0`.";
+        "bitrate" bitrate: i64, "bit/s" = is(1_000_000).within(10_000.0, 1_000_000.0),
+            "Of classic CAN; for `socketcan` and `simulated`.";
+        "device" device: Option<String>, "" = follows("required for `serial`").words("an absolute path"),
+            "Such as `/dev/ttyUSB0`. USB adapters: set their latency timer to 1 ms (`/sys/bus/usb-serial/devices/ttyUSB0/latency_timer`).";
+        // GIM document 3.1.1: 921600 8N1.
+        "baud" baud: i64, "bit/s" = is(921_600).within(9_600.0, 4_000_000.0),
+            "8N1; for `serial`.";
+        "seed" seed: Option<i64>, "" = follows("from the name"),
+            "Seed of all that is random; for `simulated`.";
+    }
+
+    /// `[[motor]]`.
+    Motor "motor" {
+        "name" name: Option<String>, "" = required("every [[motor]] needs a name"),
+            "Its name, and that of its joint.";
+        "bus" bus: Option<String>, "" = required("name the [[bus]] the motor is on"),
+            "Name of its bus.";
+        // A byte names the motor in a reply, and 0xFF begins every special MIT frame.
+        "id" id: Option<i64>, "" = required("give the motor's CAN id (ConfID 0x12)").within(1.0, 254.0),
+            "Its CAN id (ConfID 0x12).";
+        // The header of a serial frame has one byte for the receiver (GIM document, table 3).
+        "host-id" host_id: Option<i64>, "" = follows("0x100 + `id`; serial: 0").within(0.0, 2047.0),
+            "Id that its replies bear (ConfID 0x13). On a serial bus 0 to 255.";
+        "protocol" protocol: Option<MotorProtocol>, "" = required("give mit or gim"),
+            "As ConfID 0x1C is set. `gim` is SteadyWin's native protocol. A serial bus speaks `gim` only.";
+        "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
+            "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
+        "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0),
+            "Of the rotor (ConfID 0x03). Data sheets often give it at the output, larger by the gear ratio.";
+        "gear-ratio" gear_ratio: Option<f64>, "" = follows("of the model").within(1.0, 200.0),
+            "Rotor turns per turn of the output shaft.";
+        "rated-torque-nm" rated_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
+            "Torque that the motor can give continuously; at most `peak-torque-nm`. More is given until the winding is warm by a model (I²t); then the torque falls to this.";
+        // The windings of this series are small against their housings.
+        "overload-seconds" overload_seconds: f64, "s" = is(10.0).within(0.1, 600.0),
+            "Time in which twice the rated torque heats a cold winding to its limit. The torque falls before that.";
+        "peak-torque-nm" peak_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
+            "Largest torque of the motor. Bounds `torque-nm`.";
+        "max-velocity-rad-s" max_velocity_rad_s: Option<f64>, "rad/s" = follows("of the model").within(0.1, 1000.0),
+            "Velocity without load. Bounds the default of `velocity-rad-s`.";
+        "direction" direction: i64, "" = is(1).words("1, -1"),
+            "-1 when the joint turns against its motor.";
+        "offset-rad" offset_rad: f64, "rad" = is(0.0).within(-12.5, 12.5).angle(),
+            "Joint angle at the motor's zero.";
+        "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 5.0),
+            "Damping of a safe stop. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
+        "beyond-range" beyond_range: BeyondRange, "" = is(BeyondRange::Stop),
+            "Behaviour of the motor past the end of its position scale; SteadyWin's documents do not state it. `stop`: not known, never go there. `wrap`: the code wraps round, and positions are unwrapped.";
+        "fault-policy" fault_policy: FaultPolicy, "" = is(FaultPolicy::StopGroup),
+            "Who stops when this motor reports a fault.";
+    }
+
+    /// `[motor.limits]`. The protocol's scale bounds the first five.
+    Limits "motor.limits" {
+        "position-rad" position_rad: Option<[f64; 2]>, "rad" = follows("±12 of the motor").words("lowest, highest"),
+            "Position limits. Within the scale of the motor, or ±1000 with `beyond-range = \"wrap\"`.";
+        "velocity-rad-s" velocity_rad_s: Option<f64>, "rad/s" = follows("of the model, at most 60").at_least(0.01),
+            "Of setpoints, and of the position setpoint's motion. A joint at 1.2 times it is stopped.";
+        "torque-nm" torque_nm: Option<f64>, "N·m" = follows("`rated-torque-nm`").at_least(0.01),
+            "Of setpoints, and of the sum that stiffness, damping and torque ask for. At most `peak-torque-nm`.";
+        "kp-max" kp_max: f64, "N·m/rad" = is(100.0).at_least(0.0),
+            "Largest stiffness.";
+        "kd-max" kd_max: f64, "N·m·s/rad" = is(5.0).at_least(0.0),
+            "Largest damping.";
+        "torque-slew-nm-per-s" torque_slew_nm_per_s: Option<f64>, "N·m/s" = follows("50 · `torque-nm`").within(0.1, 1e6),
+            "Fastest change of the torque.";
+        "kp-slew-per-s" kp_slew_per_s: Option<f64>, "N·m/rad/s" = follows("20 · `kp-max`").within(0.1, 1e6),
+            "Fastest change of the stiffness.";
+        "kd-slew-per-s" kd_slew_per_s: Option<f64>, "N·m·s/rad/s" = follows("20 · `kd-max`").within(0.1, 1e6),
+            "Fastest change of the damping.";
+        "temperature-derate-celsius" temperature_derate_celsius: Option<f64>, "°C" = follows("70, and 10 below the next").within(0.0, 120.0),
+            "Above it the torque is reduced. It acts on motors that report a temperature.";
+        "temperature-max-celsius" temperature_max_celsius: f64, "°C" = is(90.0).within(10.0, 120.0),
+            "At it no torque is left. When it lasts for a second: safe stop.";
+        "following-error-rad" following_error_rad: Option<f64>, "rad" = follows("not watched").within(0.001, 25.0).angle(),
+            "Largest distance between joint and position setpoint.";
+    }
+
+    /// `[motor.simulation]`.
+    Simulation "motor.simulation" {
+        "initial-position-rad" initial_position_rad: Option<f64>, "rad" = follows("0, or the nearest limit").within(-1000.0, 1000.0),
+            "Position of the joint at the start. Within `position-rad`.";
+        "load-inertia-kg-m2" load_inertia_kg_m2: f64, "kg·m²" = is(0.01).within(0.0, 100.0),
+            "Inertia of the load on the output shaft.";
+        "reply-latency-us" reply_latency_us: f64, "µs" = is(50.0).within(0.0, 100_000.0),
+            "From the end of a command to the beginning of its reply.";
+    }
+
+    /// `[[group]]`.
+    Group "group" {
+        "name" name: Option<String>, "" = required("every [[group]] needs a name"),
+            "Its name.";
+        "joints" joints: Option<Vec<Listed>>, "" = required("list the names of its motors"),
+            "Names of its motors.";
+        "safe-stop" safe_stop: Option<SafeStop>, "" = follows("of `[safety]`"),
+            "As in `[safety]`, for this group.";
+    }
+}

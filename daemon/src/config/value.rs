@@ -1,0 +1,218 @@
+//! The types of values: how each is read, and what it is called.
+
+use std::fmt::Debug;
+
+use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
+use toml::Spanned;
+use toml::de::DeValue;
+
+use super::entry::Listed;
+use super::problem::{Wrong, plain};
+use super::similar::suggestion;
+
+/// A type that a key can have.
+pub(super) trait Value: Sized {
+    /// What it is called, with an article.
+    const KIND: &'static str;
+
+    /// The value, when it is of this type.
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong>;
+
+    /// The value as a number, to compare it with a range.
+    fn number(&self) -> Option<f64> {
+        None
+    }
+
+    /// The texts it can be; empty where it can be any.
+    fn choices() -> Vec<&'static str> {
+        Vec::new()
+    }
+
+    /// As a default in the reference.
+    fn default_text(&self) -> String {
+        String::new()
+    }
+}
+
+fn wrong_type<T: Value>(found: &DeValue<'_>) -> Wrong {
+    Wrong::Type { expected: T::KIND, found: kind(found) }
+}
+
+/// What a value of a file is called, with an article.
+pub(super) fn kind(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a text",
+        DeValue::Integer(_) => "an integer",
+        DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    }
+}
+
+impl Value for f64 {
+    const KIND: &'static str = "a number";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        match found {
+            DeValue::Float(float) => float.as_str().parse().map_err(|_| wrong_type::<Self>(found)),
+            DeValue::Integer(_) => i64::read(written).map(|integer| integer as Self),
+            _ => Err(wrong_type::<Self>(found)),
+        }
+    }
+
+    fn number(&self) -> Option<f64> {
+        Some(*self)
+    }
+
+    fn default_text(&self) -> String {
+        format!("{self}")
+    }
+}
+
+impl Value for i64 {
+    const KIND: &'static str = "an integer";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        let integer = found.as_integer().ok_or_else(|| wrong_type::<Self>(found))?;
+        Self::from_str_radix(integer.as_str(), integer.radix()).map_err(|_| Wrong::TooManyDigits)
+    }
+
+    fn number(&self) -> Option<f64> {
+        Some(*self as f64)
+    }
+
+    fn default_text(&self) -> String {
+        format!("{self}")
+    }
+}
+
+impl Value for bool {
+    const KIND: &'static str = "true or false";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        found.as_bool().ok_or_else(|| wrong_type::<Self>(found))
+    }
+
+    fn default_text(&self) -> String {
+        format!("{self}")
+    }
+}
+
+impl Value for String {
+    const KIND: &'static str = "a text";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        found.as_str().map(str::to_owned).ok_or_else(|| wrong_type::<Self>(found))
+    }
+}
+
+impl Value for [f64; 2] {
+    const KIND: &'static str = "a list of two numbers";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        let items = found.as_array().ok_or_else(|| wrong_type::<Self>(found))?;
+        let numbers = items.iter().map(f64::read).collect::<Result<Vec<_>, _>>()?;
+        <[f64; 2]>::try_from(numbers).map_err(|numbers| Wrong::PositionCount(numbers.len()))
+    }
+}
+
+impl Value for Vec<Listed> {
+    const KIND: &'static str = "a list of texts";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let found = written.get_ref();
+        let items = found.as_array().ok_or_else(|| wrong_type::<Self>(found))?;
+        let listed = |item| String::read(item).map(|text| Listed { text, offset: item.span().start });
+        items.iter().map(listed).collect()
+    }
+}
+
+impl<T: Value> Value for Option<T> {
+    const KIND: &'static str = T::KIND;
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        T::read(written).map(Some)
+    }
+
+    fn number(&self) -> Option<f64> {
+        self.as_ref().and_then(T::number)
+    }
+
+    fn choices() -> Vec<&'static str> {
+        T::choices()
+    }
+}
+
+/// One of a few words.
+pub(super) trait Choice: Copy + PartialEq + 'static {
+    /// Each word and its meaning.
+    const WORDS: &'static [(&'static str, Self)];
+
+    /// The word for it.
+    fn word(self) -> &'static str {
+        Self::WORDS.iter().find(|(_, choice)| *choice == self).map_or("", |(word, _)| word)
+    }
+}
+
+impl<C: Choice> Value for C {
+    const KIND: &'static str = "a text";
+
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let text = String::read(written)?;
+        let known = Self::WORDS.iter().find(|(word, _)| *word == text);
+        known.map(|(_, choice)| *choice).ok_or_else(|| {
+            let hint = suggestion(&text, Self::choices().into_iter());
+            Wrong::UnknownWord { word: plain(&text), hint }
+        })
+    }
+
+    fn choices() -> Vec<&'static str> {
+        Self::WORDS.iter().map(|(word, _)| *word).collect()
+    }
+
+    fn default_text(&self) -> String {
+        format!("`\"{}\"`", self.word())
+    }
+}
+
+/// `type` of a `[[bus]]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum BusType {
+    SocketCan,
+    Serial,
+    Simulated,
+}
+
+impl Choice for BusType {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("socketcan", Self::SocketCan), ("serial", Self::Serial), ("simulated", Self::Simulated)];
+}
+
+impl Choice for IpcMode {
+    const WORDS: &'static [(&'static str, Self)] = &[("timed", Self::Timed), ("spin", Self::Spin)];
+}
+
+impl Choice for SafeStop {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("damp", Self::Damp), ("hold", Self::Hold), ("stop", Self::Stop)];
+}
+
+impl Choice for FaultPolicy {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("stop-joint", Self::StopJoint), ("stop-group", Self::StopGroup), ("stop-all", Self::StopAll)];
+}
+
+impl Choice for MotorProtocol {
+    const WORDS: &'static [(&'static str, Self)] = &[("mit", Self::Mit), ("gim", Self::Gim)];
+}
+
+impl Choice for BeyondRange {
+    const WORDS: &'static [(&'static str, Self)] = &[("stop", Self::Stop), ("wrap", Self::Wrap)];
+}
