@@ -2,7 +2,7 @@
 //!
 //! Source: can-utils, `candump.c` and `lib.h` (`snprintf_canframe`).
 
-use crate::frame::{Content, ErrorFrame, Foreign, Frame, FrameId};
+use crate::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
 use crate::time::Duration;
 
 /// `CAN_ERR_FLAG` of `linux/can.h`: this id belongs to an error message frame.
@@ -43,7 +43,7 @@ impl<'a> LogLine<'a> {
     ///
     /// # Errors
     ///
-    /// What is wrong with the line. A frame that no motor sends is [`Content::Foreign`], not an error.
+    /// What is wrong with the line. A frame that no motor sends is [`Content::Unsupported`], not an error.
     pub fn parse(line: &'a str) -> Result<Self, InvalidLine> {
         let mut words = line.split_ascii_whitespace();
         let mut word = || words.next().ok_or(InvalidLine::Shape);
@@ -72,20 +72,20 @@ fn content(id: &str, data: &str) -> Result<Content, InvalidLine> {
         _ => return Err(InvalidLine::Id),
     };
     if data.starts_with('R') {
-        return Ok(Content::Foreign(Foreign::Remote));
+        return Ok(Content::Unsupported(Unsupported::Remote));
     }
     if data.starts_with('#') {
-        return Ok(Content::Foreign(Foreign::Fd));
+        return Ok(Content::Unsupported(Unsupported::Fd));
     }
     let (data, raw_dlc) = data.split_once('_').map_or((data, None), |(data, dlc)| (data, Some(dlc)));
-    let Some((bytes, len)) = bytes(data)? else { return Ok(Content::Foreign(Foreign::Length)) };
+    let Some((bytes, len)) = bytes(data)? else { return Ok(Content::Unsupported(Unsupported::Length)) };
     if word & ERROR_FLAG != 0 {
         return Ok(Content::Error(ErrorFrame { class: word & CLASS_MASK, data: bytes }));
     }
     Ok(match standard.map(|id| Frame::new(id, &bytes[..len])) {
-        None => Content::Foreign(Foreign::Extended),
+        None => Content::Unsupported(Unsupported::Extended),
         Some(Some(frame)) if raw_dlc.is_none() => Content::Frame(frame),
-        Some(_) => Content::Foreign(Foreign::Length),
+        Some(_) => Content::Unsupported(Unsupported::Length),
     })
 }
 
@@ -133,15 +133,15 @@ mod tests {
         let error = |class, data| Ok(Content::Error(ErrorFrame { class, data }));
         assert_eq!(content_of("20000040#0000000000000000"), error(ErrorFrame::BUS_OFF, [0; 8]));
         assert_eq!(content_of("20000004#0020"), error(ErrorFrame::CONTROLLER, [0, 0x20, 0, 0, 0, 0, 0, 0]));
-        for (frame, foreign) in [
-            ("12345678#00", Foreign::Extended),
-            ("044#R", Foreign::Remote),
-            ("044#R8", Foreign::Remote),
-            ("044##100", Foreign::Fd),
-            ("044#0011223344556677_9", Foreign::Length),
-            ("044#001122334455667788", Foreign::Length),
+        for (frame, unsupported) in [
+            ("12345678#00", Unsupported::Extended),
+            ("044#R", Unsupported::Remote),
+            ("044#R8", Unsupported::Remote),
+            ("044##100", Unsupported::Fd),
+            ("044#0011223344556677_9", Unsupported::Length),
+            ("044#001122334455667788", Unsupported::Length),
         ] {
-            assert_eq!(content_of(frame), Ok(Content::Foreign(foreign)), "{frame}");
+            assert_eq!(content_of(frame), Ok(Content::Unsupported(unsupported)), "{frame}");
         }
     }
 

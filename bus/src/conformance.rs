@@ -194,7 +194,7 @@ pub fn only_expected_ids_arrive(fixture: &mut dyn Fixture) {
 }
 
 /// An extended frame and a remote request with the number of an expected id are not taken for the frame.
-pub fn foreign_frames_never_arrive_as_frames(fixture: &mut dyn Fixture) {
+pub fn unsupported_frames_never_arrive_as_frames(fixture: &mut dyn Fixture) {
     inject(fixture, Stimulus::Extended(HOST_IDS[0]));
     inject(fixture, Stimulus::Remote(HOST_IDS[0]));
     fixture.pass(SETTLED);

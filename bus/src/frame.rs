@@ -83,15 +83,15 @@ pub struct Arrival {
 pub enum Content {
     /// A data frame with an 11-bit id and at most 8 bytes.
     Frame(Frame),
-    /// A frame that no SteadyWin motor sends.
-    Foreign(Foreign),
+    /// A frame of a kind that motord does not support.
+    Unsupported(Unsupported),
     /// The controller's report on itself or on the bus.
     Error(ErrorFrame),
 }
 
-/// Frames that are counted and dropped.
+/// Kinds of frames that are counted and dropped: no motor sends them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Foreign {
+pub enum Unsupported {
     /// 29-bit identifier.
     Extended,
     /// Remote transmission request.
@@ -188,7 +188,7 @@ impl Inbox {
     /// An empty inbox.
     #[must_use]
     pub const fn new() -> Self {
-        let nothing = Arrival { at: Instant::ZERO, content: Content::Foreign(Foreign::Length) };
+        let nothing = Arrival { at: Instant::ZERO, content: Content::Unsupported(Unsupported::Length) };
         Self { arrivals: [nothing; Self::CAPACITY], len: 0, lost: 0 }
     }
 
@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn a_full_inbox_gives_the_arrival_back() {
         let mut inbox = Inbox::new();
-        let arrival = Arrival { at: Instant::ZERO, content: Content::Foreign(Foreign::Fd) };
+        let arrival = Arrival { at: Instant::ZERO, content: Content::Unsupported(Unsupported::Fd) };
         for _ in 0..Inbox::CAPACITY {
             inbox.push(arrival).unwrap();
         }

@@ -31,7 +31,7 @@ pub mod time;
 #[cfg(feature = "linux")]
 mod wait;
 
-pub use frame::{Arrival, Content, ErrorFrame, Foreign, Frame, FrameId, Inbox};
+pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
 pub use readiness::{MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
 #[cfg(feature = "linux")]

@@ -35,7 +35,7 @@ use stop::{Injections, Target};
 
 /// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
 /// in the cycle that uses it.
-pub const FOREIGN_VELOCITY: f32 = 18.0;
+pub const WRONG_LEASE_VELOCITY: f32 = 18.0;
 
 /// A fault that was not cleared by then is not cleared any more: a second, and a late cycle.
 const CLEAR_TIME: Duration = Duration::from_millis(1020);
@@ -347,7 +347,10 @@ impl Checker {
         let before = &cycle.before.joints[motor];
         let (position, velocity, torque) =
             (direction * position + offset, direction * velocity, direction * torque);
-        assert!((velocity - f64::from(FOREIGN_VELOCITY)).abs() > 0.05, "I7: a foreign setpoint was followed");
+        assert!(
+            (velocity - f64::from(WRONG_LEASE_VELOCITY)).abs() > 0.05,
+            "I7: a setpoint with the wrong lease was followed"
+        );
         assert!(kp <= limits.kp + NEAREST * codes.kp, "I2: kp {kp}");
         assert!(kd <= limits.kd.max(damping_kd) + NEAREST * codes.kd, "I2: kd {kd}");
         assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");

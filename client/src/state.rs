@@ -274,7 +274,7 @@ pub struct Bus {
     /// Frames received, of any kind.
     pub received: u32,
     /// Frames whose id or first byte belongs to no motor of this bus.
-    pub unknown: u32,
+    pub unexpected_id: u32,
     /// Replies that nobody had asked for.
     pub duplicate: u32,
     /// Frames that no SteadyWin motor sends.
@@ -283,8 +283,6 @@ pub struct Bus {
     pub errors: u32,
     /// Frames that were lost before they could be read.
     pub lost: u32,
-    /// Frames whose id belongs to no motor of this bus, on a CAN interface.
-    pub stray: u32,
 }
 
 impl From<&BusState> for Bus {
@@ -294,15 +292,14 @@ impl From<&BusState> for Bus {
             sent,
             dropped,
             received,
-            unknown,
+            unexpected_id,
             duplicate,
             malformed,
             errors,
             lost,
-            stray,
         } = *bus;
         let condition = BusCondition::try_from(condition).ok();
-        Self { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost, stray }
+        Self { condition, sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost }
     }
 }
 

@@ -98,16 +98,16 @@ fn a_second_copy_of_a_reply_is_counted_and_ignored() {
 }
 
 #[test]
-fn frames_of_strangers_are_counted_and_change_nothing() {
+fn frames_with_unexpected_ids_are_counted_and_change_nothing() {
     let (mut robot, joints) = active();
     robot.take_events();
-    let unknown = robot.bus(0).unknown;
+    let before = robot.bus(0).unexpected_id;
     for cycle in 0..1000_u16 {
         robot.hear(0, cycle % 0x800, &[9, 0x80, 0, 0x80, 8, 0]);
         robot.hear(0, 0x101, &[77, 0x80, 0, 0x80, 8, 0]);
         robot.follow(&joints);
     }
-    assert_eq!(robot.bus(0).unknown - unknown, 2000);
+    assert_eq!(robot.bus(0).unexpected_id - before, 2000);
     assert_eq!((robot.phase(), robot.take_events()), (Phase::Active, vec![]), "nothing is told to the log");
 }
 
@@ -320,8 +320,8 @@ fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
     robot.follow(&joints);
     let now = robot.bus(0);
     assert_eq!(
-        (now.errors - before.errors, now.malformed, now.unknown),
-        (1, before.malformed, before.unknown)
+        (now.errors - before.errors, now.malformed, now.unexpected_id),
+        (1, before.malformed, before.unexpected_id)
     );
     assert_eq!((now.condition, robot.phase()), (BusCondition::Warning.code(), Phase::Active));
 }
@@ -439,7 +439,7 @@ fn an_interface_that_goes_away_stops_the_group_and_comes_back_without_starting()
 }
 
 #[test]
-fn a_flood_of_strangers_neither_delays_a_cycle_nor_hides_a_reply() {
+fn a_flood_of_unexpected_ids_neither_delays_a_cycle_nor_hides_a_reply() {
     let mut text = String::from("[cycle]\nrate-hz = 250\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
     for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
         text += &robot::motor(id, name, "can", "");
@@ -451,7 +451,7 @@ fn a_flood_of_strangers_neither_delays_a_cycle_nor_hides_a_reply() {
     for _ in 0..1000 {
         robot.follow(&joints);
     }
-    assert!(robot.bus(0).unknown > 20_000, "the wire is full");
+    assert!(robot.bus(0).unexpected_id > 20_000, "the wire is full");
     assert_eq!((robot.phase(), robot.state().overruns), (Phase::Active, 0));
     assert_eq!((0..3).map(|joint| robot.joint(joint).missed).collect::<Vec<_>>(), before);
 }

@@ -203,10 +203,10 @@ fn a_second_controller_is_refused_and_the_owner_does_not_notice() {
     let owner = robot.lease;
     assert_eq!(robot.operate(Operation::Claim).unwrap_err(), Refusal::Owned);
     for _ in 0..100 {
-        let mut foreign = robot.message(&joints);
-        foreign.lease ^= 1 << 40;
-        foreign.joints[0].position += 1.0;
-        must_reject(&mut robot, &foreign, Rejection::WrongLease);
+        let mut wrong = robot.message(&joints);
+        wrong.lease ^= 1 << 40;
+        wrong.joints[0].position += 1.0;
+        must_reject(&mut robot, &wrong, Rejection::WrongLease);
         robot.follow(&joints);
     }
     assert_eq!((robot.group().lease, robot.phase()), (owner, Phase::Active));
@@ -321,8 +321,8 @@ fn a_group_is_not_enabled_before_everything_is_well() {
     assert_eq!(refused_enable(&mut robot), Refusal::NoSetpoint);
     let joints = robot.hold(40.0, 1.0);
     robot.follow(&joints);
-    let stranger = AdminRequest { operation: Operation::Enable.code(), lease: 77, ..Default::default() };
-    assert_eq!(robot.ask(stranger).unwrap_err(), Refusal::NotOwner);
+    let request = AdminRequest { operation: Operation::Enable.code(), lease: 77, ..Default::default() };
+    assert_eq!(robot.ask(request).unwrap_err(), Refusal::NotOwner);
     robot.disturb("hip off");
     for _ in 0..3 {
         robot.follow(&joints);

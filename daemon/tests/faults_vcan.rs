@@ -317,7 +317,7 @@ fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
     robot.report(ErrorFrame::CONTROLLER, WARNING);
     robot.follow(&joints);
     let now = robot.bus();
-    assert_eq!((now.errors - before.errors, now.malformed, now.unknown), (1, 0, 0));
+    assert_eq!((now.errors - before.errors, now.malformed, now.unexpected_id), (1, 0, 0));
     assert_eq!((robot.condition(), robot.phase()), (BusCondition::Warning, Phase::Active));
 }
 

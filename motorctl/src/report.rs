@@ -94,12 +94,11 @@ struct BusReport {
     sent: u32,
     dropped: u32,
     received: u32,
-    unknown: u32,
+    unexpected_id: u32,
     duplicate: u32,
     malformed: u32,
     errors: u32,
     lost: u32,
-    stray: u32,
 }
 
 impl Report {
@@ -207,7 +206,7 @@ impl From<(&JointDescription, Joint)> for JointReport {
 
 impl From<(&String, Bus)> for BusReport {
     fn from((name, bus): (&String, Bus)) -> Self {
-        let Bus { condition, sent, dropped, received, unknown, duplicate, malformed, errors, lost, stray } =
+        let Bus { condition, sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost } =
             bus;
         let condition = condition.map_or(UNKNOWN, BusCondition::name);
         Self {
@@ -216,12 +215,11 @@ impl From<(&String, Bus)> for BusReport {
             sent,
             dropped,
             received,
-            unknown,
+            unexpected_id,
             duplicate,
             malformed,
             errors,
             lost,
-            stray,
         }
     }
 }
@@ -296,12 +294,11 @@ fn bus_table(buses: &[BusReport]) -> Table {
         "sent",
         "dropped",
         "received",
-        "unknown",
+        "unexpected id",
         "duplicate",
         "malformed",
         "errors",
         "lost",
-        "stray",
     ]);
     for bus in buses {
         let good = bus.condition == BusCondition::Active.name();
@@ -313,7 +310,7 @@ fn bus_table(buses: &[BusReport]) -> Table {
             Cell::plain(bus.received),
         ];
         row.extend(
-            [bus.unknown, bus.duplicate, bus.malformed, bus.errors, bus.lost, bus.stray].map(Cell::counter),
+            [bus.unexpected_id, bus.duplicate, bus.malformed, bus.errors, bus.lost].map(Cell::counter),
         );
         table.row(row);
     }

@@ -196,7 +196,7 @@ impl fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
-/// Finds frames in a stream of bytes of which some are lost, damaged, foreign or glued together.
+/// Finds frames in a stream of bytes of which some are lost, damaged, not ours or glued together.
 ///
 /// The caller says which frame it waits for. What looks like a frame but is not that one is given up one byte at a time,
 /// so that nothing that came before can hide it.

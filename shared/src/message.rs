@@ -105,7 +105,7 @@ pub struct GroupState {
 
 /// One bus in a cycle. All counters are modulo 2³².
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.BusState.v1"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.BusState.v2"))]
 #[repr(C)]
 pub struct BusState {
     /// `BusCondition` code.
@@ -116,8 +116,9 @@ pub struct BusState {
     pub dropped: u32,
     /// Frames received, of any kind.
     pub received: u32,
-    /// Frames that were received, and whose id or first byte belongs to no motor of this bus.
-    pub unknown: u32,
+    /// Frames of any kind whose id or first byte belongs to no motor of this bus. On a CAN interface the kernel keeps most of
+    /// them from the cycle: those are counted off the real-time thread, some 50 ms late.
+    pub unexpected_id: u32,
     /// Replies that nobody had asked for, among them second answers to one request.
     pub duplicate: u32,
     /// Frames that no SteadyWin motor sends, or that do not decode.
@@ -126,14 +127,11 @@ pub struct BusState {
     pub errors: u32,
     /// Frames that were lost before they could be read.
     pub lost: u32,
-    /// Frames of any kind whose id belongs to no motor of this bus, and which the kernel kept from the daemon: those on a CAN
-    /// interface. Counted off the real-time thread, some 50 ms late.
-    pub stray: u32,
 }
 
 /// Everything that is known after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v1"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v2"))]
 #[repr(C)]
 pub struct StateMessage {
     /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
@@ -322,9 +320,9 @@ const _: () = {
     assert!(size_of::<Applied>() == 20);
     assert!(size_of::<JointState>() == 80 && offset_of!(JointState, receive_ns) == 72);
     assert!(size_of::<GroupState>() == 40 + 4 * Rejection::COUNT);
-    assert!(size_of::<BusState>() == 40);
+    assert!(size_of::<BusState>() == 36);
     assert!(offset_of!(StateMessage, joints) == 64);
-    assert!(size_of::<StateMessage>() == 64 + 64 * 80 + 8 * size_of::<GroupState>() + 16 * 40);
+    assert!(size_of::<StateMessage>() == 64 + 64 * 80 + 8 * size_of::<GroupState>() + 16 * 36);
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
     assert!(size_of::<AdminRequest>() == 24 && size_of::<AdminReply>() == 16);

@@ -43,7 +43,7 @@ impl Bridge {
             match arrival.content {
                 Content::Frame(answer) => self.interface.send(now, &[answer]),
                 Content::Error(report) => self.interface.report(&report),
-                Content::Foreign(_) => continue,
+                Content::Unsupported(_) => continue,
             };
         }
     }

@@ -13,14 +13,14 @@ use motord_bus::{Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, In
 use motord_bus::{Readiness, Refusal, Sent};
 use std::collections::VecDeque;
 
-/// Frames that one call moves at most; a longer backlog of strangers is dropped.
+/// Frames that one call moves at most; a longer backlog of a flood is dropped.
 const TRANSFERS_MAX: usize = 4096;
 /// A native answer has 8 bytes, an MIT answer 6, a shortened one 4.
 const ANSWER_BYTES_MIN: u32 = 4;
 /// How long a serial host waits for an answer before it asks the next motor.
 const SERIAL_PATIENCE: Duration = Duration::from_millis(2);
-/// Strangers have ids from here to 0x7FF, which no motor should have.
-const STRANGER_ID: u16 = 0x7F0;
+/// The frames of a flood have ids from here to 0x7FF, which no motor should have.
+const UNEXPECTED_ID: u16 = 0x7F0;
 
 /// A bus with its motors, in process. Everything that happens on it happens at a time of its own, derived from the
 /// times that are passed in and from the seed: the same calls give the same bytes, on virtual and on real time.
@@ -170,7 +170,7 @@ impl SimulatedBus {
             Fault::Gone => self.cut(Link::Gone),
             Fault::Flood(rate) => self.flood(rate),
             Fault::Report(state) => self.report(controller_report(state)),
-            Fault::Stray(foreign) => self.arrive(self.now, Content::Foreign(foreign)),
+            Fault::Unsupported(unsupported) => self.arrive(self.now, Content::Unsupported(unsupported)),
             Fault::Overflow(frames) => self.lost = self.lost.saturating_add(frames),
             _ => return Err(InjectError::NotForBuses),
         }
@@ -198,9 +198,9 @@ impl SimulatedBus {
 
     fn flood(&mut self, rate: u32) {
         let period = Duration::from_secs(1) / rate.max(1);
-        let frame = stranger(&mut self.random);
+        let frame = unexpected_frame(&mut self.random);
         let duration = self.duration(&frame);
-        let contender = Contender { sender: Sender::Stranger, frame, ready: self.now, duration };
+        let contender = Contender { sender: Sender::Flood, frame, ready: self.now, duration };
         self.flood = Some(Flood { period, contender });
     }
 
@@ -259,7 +259,7 @@ impl SimulatedBus {
         host.into_iter().chain(self.answers.contenders()).chain(self.flood.map(|flood| flood.contender))
     }
 
-    /// The winner has what it wanted; a stranger wants the wire again one period later.
+    /// The winner has what it wanted; a flood wants the wire again one period later.
     fn withdraw(&mut self, winner: &Contender, start: Instant) {
         match winner.sender {
             Sender::Host => {
@@ -267,8 +267,8 @@ impl SimulatedBus {
             }
             Sender::Motor(_) => self.answers.withdraw(winner, start),
             Sender::Several => {}
-            Sender::Stranger => {
-                let frame = stranger(&mut self.random);
+            Sender::Flood => {
+                let frame = unexpected_frame(&mut self.random);
                 let duration = self.duration(&frame);
                 if let Some(Flood { period, contender }) = &mut self.flood {
                     let ready = (contender.ready + *period).max(start);
@@ -426,8 +426,8 @@ fn controller_report(state: ControllerState) -> ErrorFrame {
     ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] }
 }
 
-fn stranger(random: &mut Random) -> Frame {
-    let id = STRANGER_ID | (random.next() & 0xF) as u16;
+fn unexpected_frame(random: &mut Random) -> Frame {
+    let id = UNEXPECTED_ID | (random.next() & 0xF) as u16;
     Frame::full(FrameId::new(id).unwrap_or(FrameId::MAX), random.next().to_le_bytes())
 }
 

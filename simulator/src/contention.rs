@@ -12,7 +12,7 @@ const MOMENT: Duration = Duration::from_nanos(1);
 pub(crate) enum Sender {
     Host,
     Motor(usize),
-    Stranger,
+    Flood,
     /// A collision: nobody gets the frame.
     Several,
 }

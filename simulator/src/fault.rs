@@ -2,7 +2,7 @@
 
 use core::str::FromStr;
 use motord_bus::frame::ControllerState;
-use motord_bus::{Duration, Foreign};
+use motord_bus::{Duration, Unsupported};
 
 /// One disturbance. Those of a motor add up until [`Fault::Ok`] lifts them all; a bus has one link state at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,12 +49,12 @@ pub enum Fault {
     Down,
     /// `gone`: the interface is unplugged.
     Gone,
-    /// `flood 8000`: that many frames of strangers a second.
+    /// `flood 8000`: that many frames a second with ids of no motor.
     Flood(u32),
     /// `warning`, `passive`, `active`: the controller reports this state once; nothing else changes.
     Report(ControllerState),
     /// `extended`, `remote`, `fd`: one frame that no motor sends.
-    Stray(Foreign),
+    Unsupported(Unsupported),
     /// `overflow 5`: that many received frames were lost.
     Overflow(u32),
 }
@@ -182,9 +182,9 @@ const VERBS: [(&str, Form); 30] = {
         ("active", Bare(Fault::Report(ControllerState::Active))),
         ("warning", Bare(Fault::Report(ControllerState::Warning))),
         ("passive", Bare(Fault::Report(ControllerState::Passive))),
-        ("extended", Bare(Fault::Stray(Foreign::Extended))),
-        ("remote", Bare(Fault::Stray(Foreign::Remote))),
-        ("fd", Bare(Fault::Stray(Foreign::Fd))),
+        ("extended", Bare(Fault::Unsupported(Unsupported::Extended))),
+        ("remote", Bare(Fault::Unsupported(Unsupported::Remote))),
+        ("fd", Bare(Fault::Unsupported(Unsupported::Fd))),
         ("overflow", With { example: "5", read: |text| text.parse().ok().map(Fault::Overflow) }),
     ]
 };
@@ -277,7 +277,7 @@ mod tests {
             ("fl-hip tx-full 1", Fault::TxFull(1)),
             ("fl-hip flood 100", Fault::Flood(100)),
             ("fl-hip passive", Fault::Report(ControllerState::Passive)),
-            ("fl-hip remote", Fault::Stray(Foreign::Remote)),
+            ("fl-hip remote", Fault::Unsupported(Unsupported::Remote)),
         ];
         for (line, fault) in cases {
             assert_eq!(line.parse(), Ok(FaultVerb { target: "fl-hip".into(), fault }), "{line}");

@@ -21,7 +21,7 @@ pub struct Recorded {
 pub enum Direction {
     /// From the host.
     ToMotor,
-    /// From a motor or a stranger.
+    /// From a motor or a flood.
     ToHost,
 }
 

@@ -1,7 +1,7 @@
 //! The simulated bus does what every bus must.
 
 use motord_bus::conformance::{Condition, Fixture, Stimulus};
-use motord_bus::{Bus, Content, Duration, Foreign, Frame, Instant};
+use motord_bus::{Bus, Content, Duration, Frame, Instant, Unsupported};
 use motord_simulator::{BusSettings, Direction, SimulatedBus};
 
 /// A bus without motors, on virtual time.
@@ -33,9 +33,9 @@ impl Fixture for Simulated {
     fn inject(&mut self, stimulus: Stimulus) -> bool {
         let content = match stimulus {
             Stimulus::Frame(frame) => Content::Frame(frame),
-            Stimulus::Extended(_) => Content::Foreign(Foreign::Extended),
-            Stimulus::Remote(_) => Content::Foreign(Foreign::Remote),
-            Stimulus::Fd(_) => Content::Foreign(Foreign::Fd),
+            Stimulus::Extended(_) => Content::Unsupported(Unsupported::Extended),
+            Stimulus::Remote(_) => Content::Unsupported(Unsupported::Remote),
+            Stimulus::Fd(_) => Content::Unsupported(Unsupported::Fd),
             Stimulus::Error(report) => Content::Error(report),
         };
         self.bus.deliver(self.now, content);
@@ -75,7 +75,7 @@ motord_bus::conformance! {
     arrivals_keep_the_order_of_the_wire,
     error_reports_arrive_as_reports,
     every_length_arrives_as_it_was_sent,
-    foreign_frames_never_arrive_as_frames,
+    unsupported_frames_never_arrive_as_frames,
     frames_leave_in_the_order_given,
     own_frames_are_not_received,
     readiness_announces_an_arrival,

@@ -6,7 +6,7 @@ mod common;
 
 use common::{Bench, NEUTRAL, PUSH, START, frames, position};
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, Duration, Foreign, Frame, FrameId, Inbox, Refusal};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Refusal, Unsupported};
 use motord_simulator::{Direction, FaultVerb, InjectError, Mode, MotorSettings};
 
 fn running() -> Bench {
@@ -205,13 +205,13 @@ fn a_flood_keeps_its_rate_and_lets_the_motors_through() {
     let mut bench = running();
     bench.inject_into("can0", "flood 4000");
     let arrivals: Vec<_> = (0..100).flat_map(|_| bench.answers(NEUTRAL)).collect();
-    let strangers = arrivals.iter().filter(|frame| frame.id().raw() >= 0x7F0).count();
-    assert!((390..=400).contains(&strangers), "{strangers}");
-    assert!(arrivals.len() - strangers >= 99);
+    let flooding = arrivals.iter().filter(|frame| frame.id().raw() >= 0x7F0).count();
+    assert!((390..=400).contains(&flooding), "{flooding}");
+    assert!(arrivals.len() - flooding >= 99);
 }
 
 #[test]
-fn reports_and_strays_reach_the_host_once() {
+fn reports_and_unsupported_frames_reach_the_host_once() {
     let mut bench = running();
     for verb in ["warning", "passive", "active", "extended", "remote", "fd"] {
         bench.inject_into("can0", verb);
@@ -225,8 +225,8 @@ fn reports_and_strays_reach_the_host_once() {
         })
         .collect();
     assert_eq!(states, [ControllerState::Warning, ControllerState::Passive, ControllerState::Active]);
-    let strays = [Foreign::Extended, Foreign::Remote, Foreign::Fd].map(Content::Foreign);
-    assert!(arrivals[3..].iter().map(|arrival| arrival.content).eq(strays));
+    let unsupported = [Unsupported::Extended, Unsupported::Remote, Unsupported::Fd].map(Content::Unsupported);
+    assert!(arrivals[3..].iter().map(|arrival| arrival.content).eq(unsupported));
     bench.inject_into("can0", "overflow 5");
     let mut inbox = Inbox::new();
     bench.bus.receive(bench.now, &mut inbox);

@@ -4,7 +4,7 @@
 //!
 //! Choices:
 //! - *Filters*: one exact filter for every expected id, which the kernel looks up in a table. What else is on the bus costs
-//!   the real-time thread nothing; [`Strays`] counts it elsewhere.
+//!   the real-time thread nothing; [`UnexpectedIds`] counts it elsewhere.
 //! - *Error reports*: transmit timeout, lost arbitration, controller, no acknowledge, bus-off, restarted. Protocol and bus
 //!   errors are left out: the controller's state tells what they add up to.
 //! - *Transmit queue*: two cycles of commands, in the send buffer and, where allowed, in the interface's queue. What a stalled bus
@@ -18,7 +18,7 @@ mod link;
 mod lock;
 mod name;
 mod sender;
-mod strays;
+mod unexpected;
 mod wire;
 
 use std::io;
@@ -38,7 +38,7 @@ pub use link::{Link, OpenError, RESTART_MS, Remedy, Step};
 pub use lock::{InterfaceLock, LockError};
 pub use name::{InterfaceName, InvalidName};
 pub use sender::Sender;
-pub use strays::Strays;
+pub use unexpected::UnexpectedIds;
 
 /// What to open.
 #[derive(Debug, Clone, PartialEq, Eq)]

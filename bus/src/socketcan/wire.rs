@@ -5,7 +5,7 @@
 //! messages).
 
 use crate::clock::RealtimeStamp;
-use crate::frame::{Content, ErrorFrame, Foreign, Frame, FrameId};
+use crate::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
 use crate::kernel::FRAME_BYTES;
 
 /// Length of `struct can_frame`: what is sent, and what is received of a classic frame.
@@ -43,9 +43,9 @@ fn lay_out(word: u32, payload: &[u8]) -> [u8; FRAME_BYTES] {
 /// What the bytes of a received message are.
 pub(super) fn decode(bytes: &[u8]) -> Content {
     match bytes.len() {
-        CLASSIC_BYTES => classic(bytes).unwrap_or(Content::Foreign(Foreign::Length)),
-        FRAME_BYTES => Content::Foreign(Foreign::Fd),
-        _ => Content::Foreign(Foreign::Length),
+        CLASSIC_BYTES => classic(bytes).unwrap_or(Content::Unsupported(Unsupported::Length)),
+        FRAME_BYTES => Content::Unsupported(Unsupported::Fd),
+        _ => Content::Unsupported(Unsupported::Length),
     }
 }
 
@@ -58,10 +58,10 @@ fn classic(bytes: &[u8]) -> Option<Content> {
         return Some(Content::Error(ErrorFrame { class: word & libc::CAN_ERR_MASK, data }));
     }
     if word & libc::CAN_EFF_FLAG != 0 {
-        return Some(Content::Foreign(Foreign::Extended));
+        return Some(Content::Unsupported(Unsupported::Extended));
     }
     if word & libc::CAN_RTR_FLAG != 0 {
-        return Some(Content::Foreign(Foreign::Remote));
+        return Some(Content::Unsupported(Unsupported::Remote));
     }
     if (9..=15).contains(&raw_dlc) {
         return None;
@@ -149,25 +149,25 @@ mod tests {
 
     #[test]
     fn what_no_motor_sends_is_never_a_frame() {
-        let foreign = |bytes: &[u8]| match decode(bytes) {
-            Content::Foreign(foreign) => Some(foreign),
+        let unsupported = |bytes: &[u8]| match decode(bytes) {
+            Content::Unsupported(unsupported) => Some(unsupported),
             _ => None,
         };
-        assert_eq!(foreign(&bytes(0x8000_0101, 6, 0)), Some(Foreign::Extended));
-        assert_eq!(foreign(&bytes(0x4000_0101, 0, 0)), Some(Foreign::Remote));
-        assert_eq!(foreign(&[0; FRAME_BYTES]), Some(Foreign::Fd));
+        assert_eq!(unsupported(&bytes(0x8000_0101, 6, 0)), Some(Unsupported::Extended));
+        assert_eq!(unsupported(&bytes(0x4000_0101, 0, 0)), Some(Unsupported::Remote));
+        assert_eq!(unsupported(&[0; FRAME_BYTES]), Some(Unsupported::Fd));
         for raw_dlc in 9..=15 {
-            assert_eq!(foreign(&bytes(0x101, 8, raw_dlc)), Some(Foreign::Length));
+            assert_eq!(unsupported(&bytes(0x101, 8, raw_dlc)), Some(Unsupported::Length));
         }
-        assert_eq!(foreign(&bytes(0x101, 9, 0)), Some(Foreign::Length));
-        assert_eq!(foreign(&bytes(0x101, 255, 0)), Some(Foreign::Length));
+        assert_eq!(unsupported(&bytes(0x101, 9, 0)), Some(Unsupported::Length));
+        assert_eq!(unsupported(&bytes(0x101, 255, 0)), Some(Unsupported::Length));
         assert_eq!(
-            foreign(&bytes(0x800, 8, 0)),
-            Some(Foreign::Length),
+            unsupported(&bytes(0x800, 8, 0)),
+            Some(Unsupported::Length),
             "twelve bits without the extended flag"
         );
         for short in 0..CLASSIC_BYTES {
-            assert_eq!(foreign(&bytes(0x101, 6, 0)[..short]), Some(Foreign::Length));
+            assert_eq!(unsupported(&bytes(0x101, 6, 0)[..short]), Some(Unsupported::Length));
         }
     }
 
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn stamp_and_loss_are_found_in_any_order_among_strangers() {
+    fn stamp_and_loss_are_found_in_any_order_among_other_messages() {
         let mut times = [0; 48];
         times[..8].copy_from_slice(&7_u64.to_ne_bytes());
         times[8..16].copy_from_slice(&9_u64.to_ne_bytes());

@@ -124,7 +124,7 @@ motord_bus::conformance! {
     an_absurd_batch_is_cut,
     arrivals_keep_the_order_of_the_wire,
     every_length_arrives_as_it_was_sent,
-    foreign_frames_never_arrive_as_frames,
+    unsupported_frames_never_arrive_as_frames,
     frames_leave_in_the_order_given,
     only_expected_ids_arrive,
     own_frames_are_not_received,

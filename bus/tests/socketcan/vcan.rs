@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use motord_bus::conformance::{Condition, Fixture, HOST_IDS, Stimulus};
-use motord_bus::socketcan::{Link, OpenError, Sender, SocketCanBus, Strays};
+use motord_bus::socketcan::{Link, OpenError, Sender, SocketCanBus, UnexpectedIds};
 use motord_bus::{Bus, Duration, Frame, FrameId, Inbox, Instant, Refusal, Sent, clock};
 use socketcan::CanInterface;
 
@@ -116,7 +116,7 @@ motord_bus::conformance! {
     arrivals_keep_the_order_of_the_wire,
     error_reports_arrive_as_reports,
     every_length_arrives_as_it_was_sent,
-    foreign_frames_never_arrive_as_frames,
+    unsupported_frames_never_arrive_as_frames,
     frames_leave_in_the_order_given,
     only_expected_ids_arrive,
     own_frames_are_not_received,
@@ -146,22 +146,22 @@ fn frames_the_kernel_had_to_drop_are_counted() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run rigs/test-can"]
-fn strangers_are_counted_off_the_real_time_path_and_never_received() {
+fn unexpected_ids_are_counted_off_the_real_time_path_and_never_received() {
     const FLOOD: u64 = 2000;
     let mut vcan = Vcan::new();
     let commands = [0x001, 0x002, 0x003].map(frame);
     let expected: Vec<_> = HOST_IDS.into_iter().chain(commands.iter().map(Frame::id)).collect();
-    let mut strays = Strays::open(vcan.bus.link(), &expected).unwrap();
+    let mut unexpected = UnexpectedIds::open(vcan.bus.link(), &expected).unwrap();
     assert_eq!(vcan.send(&commands), Sent::all(3));
     assert!(vcan.inject(Stimulus::Frame(frame(0x101))));
-    assert_eq!(strays.count(), 0, "what belongs here is no stray");
+    assert_eq!(unexpected.count(), 0, "every id here is expected");
     for raw in [0x000, 0x100, 0x7FF].into_iter().cycle().take(FLOOD as usize) {
         assert!(vcan.inject(Stimulus::Frame(frame(raw))));
     }
     assert!(vcan.inject(Stimulus::Extended(HOST_IDS[0])) && vcan.inject(Stimulus::Remote(HOST_IDS[0])));
-    assert!(strays.count() < FLOOD + 2, "the receive buffer is larger than thought");
+    assert!(unexpected.count() < FLOOD + 2, "the receive buffer is larger than thought");
     assert!(vcan.inject(Stimulus::Fd(HOST_IDS[0])) && vcan.inject(Stimulus::Frame(frame(0x200))));
-    assert!(strays.count() >= FLOOD + 3, "{}", strays.count());
+    assert!(unexpected.count() >= FLOOD + 3, "{}", unexpected.count());
     assert_eq!(vcan.receive_all(), (1, 0), "only the motor's answer was received, and nothing was lost");
 }
 

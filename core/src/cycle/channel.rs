@@ -181,15 +181,15 @@ impl BusChannel {
                 Content::Frame(frame) => {
                     let route = routes.iter().find(|(id, _)| *id == frame.id());
                     let answer = route
-                        .map_or(Answer::Stranger, |&(_, motor)| read(motor, frame.payload(), arrival.at));
+                        .map_or(Answer::UnexpectedId, |&(_, motor)| read(motor, frame.payload(), arrival.at));
                     match answer {
                         Answer::Heard(_) => *replied_at = arrival.at,
                         Answer::Duplicate => count(&mut counters.duplicate),
-                        Answer::Stranger => count(&mut counters.unknown),
+                        Answer::UnexpectedId => count(&mut counters.unexpected_id),
                         Answer::Malformed => count(&mut counters.malformed),
                     }
                 }
-                Content::Foreign(_) => count(&mut counters.malformed),
+                Content::Unsupported(_) => count(&mut counters.malformed),
                 Content::Error(error) => {
                     count(&mut counters.errors);
                     if let Some(state) = error.state() {

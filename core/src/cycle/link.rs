@@ -106,8 +106,8 @@ pub struct Counters {
     pub cycle: AtomicU64,
     /// Records and events that telemetry was too slow for.
     pub dropped: AtomicU64,
-    /// Frames of strangers, by bus, modulo 2³².
-    pub strays: [AtomicU32; BUSES_MAX],
+    /// Frames that the kernel kept from the cycle because no motor of the bus has their id, by bus, modulo 2³².
+    pub unexpected_ids: [AtomicU32; BUSES_MAX],
     /// Calls to the services that failed.
     pub ipc_errors: AtomicU64,
     /// The configuration's file is no longer the one that was read at the start.

@@ -314,7 +314,7 @@ impl<C: Clock> Cycle<C> {
                 match answer {
                     Answer::Heard(heard) if !control.heard(motor, heard, at) => return Answer::Malformed,
                     Answer::Duplicate => control.heard_twice(motor),
-                    Answer::Heard(_) | Answer::Stranger | Answer::Malformed => {}
+                    Answer::Heard(_) | Answer::UnexpectedId | Answer::Malformed => {}
                 }
                 answer
             });

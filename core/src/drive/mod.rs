@@ -31,7 +31,7 @@ pub enum Answer {
     /// Nobody asked.
     Duplicate,
     /// It bears the id of another motor.
-    Stranger,
+    UnexpectedId,
     /// It does not decode, or does not answer what was asked.
     Malformed,
 }
@@ -159,7 +159,7 @@ impl Drive {
     /// What `payload` says, which arrived at `at` under this drive's reply id.
     pub fn read(&mut self, payload: &[u8], at: Instant) -> Answer {
         if self.is_from_another(payload) {
-            return Answer::Stranger;
+            return Answer::UnexpectedId;
         }
         if at < self.drop_until
             && !self.open.is_some_and(|open| open.asks_fault)

@@ -142,8 +142,8 @@ impl IpcThread {
             let counter = &mut told.rejected[Rejection::WrongLease.code() as usize];
             *counter = counter.wrapping_add(self.wrong_lease[group]);
         }
-        for (bus, strays) in state.buses.iter_mut().zip(&self.cycle.counters.strays) {
-            bus.stray = strays.load(Ordering::Relaxed);
+        for (bus, filtered) in state.buses.iter_mut().zip(&self.cycle.counters.unexpected_ids) {
+            bus.unexpected_id = bus.unexpected_id.wrapping_add(filtered.load(Ordering::Relaxed));
         }
         let published = self.ports.publish(state).and_then(|()| self.ports.notify());
         self.count(published.is_err());

@@ -1,11 +1,11 @@
-//! The telemetry thread: histograms, the log, frames of strangers, the watchdog of systemd, and the cleaning up after
+//! The telemetry thread: histograms, the log, frames with unexpected ids, the watchdog of systemd, and the cleaning up after
 //! dead clients.
 //!
 //! Nothing waits for it. What the cycle tells faster than it can be taken is dropped and counted.
 
 mod distributions;
 mod log;
-mod strays;
+mod unexpected;
 
 use crate::config;
 use crate::host::systemd;
@@ -23,7 +23,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::Thread;
-use strays::StrayCounts;
+use unexpected::UnexpectedCounts;
 
 /// How often the thread looks after everything.
 const TURN: Duration = Duration::from_millis(50);
@@ -84,7 +84,7 @@ pub struct Recorder {
     off: Vec<usize>,
     distributions: Distributions,
     log: Log,
-    strays: StrayCounts,
+    unexpected_ids: UnexpectedCounts,
     watched_cycle: u64,
 }
 
@@ -97,7 +97,7 @@ impl Recorder {
             answers,
             distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
             log: Log::new(settings),
-            strays: StrayCounts::new(settings),
+            unexpected_ids: UnexpectedCounts::new(settings),
             ipc_thread: None,
             config: None,
             broken: None,
@@ -123,7 +123,7 @@ impl Recorder {
 
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
-        self.strays.open();
+        self.unexpected_ids.open();
         let mut cleaned = motord_bus::clock::monotonic();
         while !stop() {
             match self.answers.questions.recv_timeout(TURN) {
@@ -138,7 +138,7 @@ impl Recorder {
                 let _removed = housekeeper.map(Housekeeper::clean);
                 self.log.tell_counts(&self.cycle.counters);
                 self.report_off();
-                self.strays.open();
+                self.unexpected_ids.open();
                 self.watch_config();
                 self.feed_watchdog();
             }
@@ -157,7 +157,7 @@ impl Recorder {
             }
             self.log.tell(cycle, event);
         }
-        self.strays.tell(&self.cycle.counters);
+        self.unexpected_ids.store(&self.cycle.counters);
     }
 
     fn answer(&mut self, ticket: u32) {
@@ -184,7 +184,7 @@ impl Recorder {
         self.off.retain(|off| *off != bus);
         match condition {
             BusCondition::Gone => {
-                self.strays.close(bus);
+                self.unexpected_ids.close(bus);
                 self.report_broken(bus);
             }
             BusCondition::Off => self.off.push(bus),

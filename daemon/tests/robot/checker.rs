@@ -12,7 +12,7 @@ use motord_shared::{
     StateMessage, message,
 };
 
-pub use motord_checker::run::FOREIGN_VELOCITY;
+pub use motord_checker::run::WRONG_LEASE_VELOCITY;
 
 /// The checker of one robot.
 #[derive(Debug)]
@@ -186,11 +186,11 @@ fn group_state(group: &GroupState) -> state::Group {
 }
 
 fn bus(bus: &BusState) -> Bus {
-    let BusState { sent, dropped, received, unknown, duplicate, malformed, errors, lost, .. } = *bus;
+    let BusState { sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost, .. } = *bus;
     let lost_conditions = [BusCondition::Off, BusCondition::Down, BusCondition::Gone].map(BusCondition::code);
     Bus {
         given_up: lost_conditions.contains(&bus.condition),
         sent,
-        counters: [sent, dropped, received, unknown, duplicate, malformed, errors, lost],
+        counters: [sent, dropped, received, unexpected_id, duplicate, malformed, errors, lost],
     }
 }

@@ -1,6 +1,6 @@
 //! A client that sends anything at any time: good, bad, absurd and old messages, requests, silence.
 
-use super::checker::{Checker, FOREIGN_VELOCITY};
+use super::checker::{Checker, WRONG_LEASE_VELOCITY};
 use super::random::Random;
 use super::{Robot, message};
 use motord_bus::{Duration, Instant};
@@ -149,7 +149,7 @@ fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bo
         8 => message.sequence = *random.pick(&[0, message.sequence / 2, 1 << 63, u64::MAX]),
         _ => {
             message.lease ^= 1 << (8 + random.below(56));
-            message.joints.iter_mut().for_each(|joint| joint.velocity = FOREIGN_VELOCITY);
+            message.joints.iter_mut().for_each(|joint| joint.velocity = WRONG_LEASE_VELOCITY);
         }
     }
     let JointSetpoint { position, velocity, kp, kd, torque, .. } = message.joints[joint];

@@ -39,7 +39,7 @@ pub(super) enum Refused {
     #[error(transparent)]
     LogLine(#[from] InvalidLine),
     #[error("no data frame with an 11-bit id and at most 8 bytes")]
-    Foreign,
+    Unsupported,
     #[error("no motor on {interface} has or answers to id {id:03X}")]
-    Stray { interface: String, id: u16 },
+    UnexpectedId { interface: String, id: u16 },
 }

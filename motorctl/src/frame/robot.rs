@@ -107,10 +107,10 @@ impl Robot {
     /// What a line of a log means.
     pub(super) fn decode(&mut self, line: &str) -> Result<Object, Refused> {
         let LogLine { at, interface, content } = LogLine::parse(line)?;
-        let Content::Frame(frame) = content else { return Err(Refused::Foreign) };
+        let Content::Frame(frame) = content else { return Err(Refused::Unsupported) };
         let (motor, direction) = self
             .motor_of(interface, &frame)
-            .ok_or_else(|| Refused::Stray { interface: interface.into(), id: frame.id().raw() })?;
+            .ok_or_else(|| Refused::UnexpectedId { interface: interface.into(), id: frame.id().raw() })?;
         let mut object = motor.decode(frame.payload(), direction)?;
         // Microseconds since 1970 fit into 53 bits, nanoseconds do not.
         object.insert("time", at.as_micros() as f64 / 1e6);

@@ -1,4 +1,4 @@
-//! Frames that belong to nobody on the bus.
+//! Frames whose id belongs to no motor of the bus.
 
 use std::os::fd::AsFd;
 
@@ -9,9 +9,9 @@ use crate::frame::{FrameId, Inbox};
 use crate::kernel::{Batch, FRAME_BYTES};
 
 /// Counts frames with other ids than the expected ones, on a socket of its own, so that a flood of them costs the
-/// real-time thread nothing. For housekeeping: its thread reads at its leisure, the kernel counts what its buffer
-/// cannot hold.
-pub struct Strays {
+/// real-time thread nothing. For a housekeeping thread: it reads from time to time, and the kernel counts the frames that
+/// its buffer cannot hold.
+pub struct UnexpectedIds {
     socket: CanSocket,
     batch: Batch,
     read: u64,
@@ -19,12 +19,12 @@ pub struct Strays {
     dropped: u64,
 }
 
-impl Strays {
-    /// The most calls of [`count`](Self::count) spend on reading: more than a receive buffer of the usual 208 KiB holds.
+impl UnexpectedIds {
+    /// The most batches that one [`count`](Self::count) reads: more than a receive buffer of the default 208 KiB holds.
     const BATCHES: usize = 8;
 
-    /// Counts on the interface of `link` every frame, of any kind but error reports, whose id is not among `expected`: both
-    /// the ids motors answer with and those they are commanded by.
+    /// Counts on the interface of `link` every frame, of any kind but error reports, whose id is not in `expected`. That
+    /// holds the ids that motors reply with and those that commands to them have.
     ///
     /// # Errors
     ///
@@ -38,8 +38,8 @@ impl Strays {
         Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), read: 0, dropped: 0 })
     }
 
-    /// How many there were since opening. Does not block or allocate; a few system calls. What the kernel had to drop is
-    /// counted with the next frame that comes.
+    /// The number of such frames since opening. Does not block or allocate; at most eight system calls. Frames that
+    /// the kernel dropped are counted with the next frame that arrives.
     pub fn count(&mut self) -> u64 {
         for _ in 0..Self::BATCHES {
             let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
