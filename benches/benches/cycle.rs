@@ -9,7 +9,7 @@ mod robot;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
-use motord_core::cycle::{Tick, assemble};
+use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::limits::BUSES_MAX;
 use motord_shared::{JointSetpoint, Phase};
@@ -86,7 +86,8 @@ impl Running {
         let spent_ns = Arc::default();
         let metered = |bus: &SharedBus| Metered { bus: bus.clone(), spent_ns: Arc::clone(&spent_ns) };
         let buses = robot.buses.iter().map(|bus| Box::new(metered(bus)) as Box<dyn Bus>).collect();
-        (robot.cycle, robot.ends) = assemble(&robot.settings, buses, robot.clock.clone(), 7);
+        let (cycle, ends) = assemble(&robot.settings, buses, robot.clock.clone(), 7);
+        (robot.cycle, robot.client) = (cycle, LocalClient::new(ends));
         let joints = robot.activate();
         let state = robot.state();
         let at = Instant::from_nanos(state.tick_ns) + robot.settings.cycle.period;
@@ -100,9 +101,8 @@ impl Running {
         self.tick = self.robot.cycle.run(self.tick);
         let all = begun.elapsed();
         let in_buses = Duration::from_nanos(self.spent_ns.load(Ordering::Relaxed));
-        self.robot.ends.states.update();
-        while self.robot.ends.records.pop().is_ok() {}
-        while self.robot.ends.events.pop().is_ok() {}
+        while self.robot.client.record().is_some() {}
+        while self.robot.client.event().is_some() {}
         Cost { all, in_buses }
     }
 

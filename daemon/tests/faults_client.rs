@@ -200,7 +200,7 @@ fn a_step_of_stiffness_or_torque_becomes_a_slope_on_the_wire() {
 #[test]
 fn a_second_controller_is_refused_and_the_owner_does_not_notice() {
     let (mut robot, joints) = active();
-    let owner = robot.lease;
+    let owner = robot.lease();
     assert_eq!(robot.operate(Operation::Claim).unwrap_err(), Refusal::Owned);
     for _ in 0..100 {
         let mut wrong = robot.message(&joints);
@@ -369,9 +369,9 @@ fn an_owner_that_lets_go_or_is_made_to_leaves_a_damped_group() {
         robot.take_sent();
         let operation = if forced { Operation::ForceRelease } else { Operation::Release };
         robot
-            .ask(AdminRequest { operation: operation.code(), lease: robot.lease, ..Default::default() })
+            .ask(AdminRequest { operation: operation.code(), lease: robot.lease(), ..Default::default() })
             .unwrap();
-        robot.deliver(&robot::message(robot.lease, 1 << 20, robot.now(), &joints));
+        robot.deliver(&robot::message(robot.lease(), 1 << 20, robot.now(), &joints));
         robot.steps(2);
         assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
         assert_eq!(

@@ -21,12 +21,11 @@ use motord::host::clock::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
 use motord_checker::codec::Ranges;
-use motord_core::cycle::{Cycle, Ends, Tick, assemble};
+use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::instance::Instance;
 use motord_shared::{
-    AdminRequest, BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase,
-    StateMessage,
+    BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase, StateMessage,
 };
 use motord_simulator::Bridge;
 use robot::Meaning;
@@ -96,13 +95,11 @@ struct Robot {
     motor_side: InterfaceName,
     settings: Settings,
     cycle: Cycle<Monotonic>,
-    ends: Ends,
+    client: LocalClient,
     tick: Tick,
     observer: SocketCanBus,
     heard: Vec<(u16, Meaning)>,
     motors: Option<Motors>,
-    lease: u64,
-    sequence: u64,
 }
 
 impl Robot {
@@ -122,10 +119,8 @@ impl Robot {
             motors: Some(Motors::on(motor_side, &settings)),
             settings,
             cycle,
-            ends,
+            client: LocalClient::new(ends),
             tick: Tick { number: 1, at: clock::monotonic() },
-            lease: 0,
-            sequence: 0,
         }
     }
 
@@ -139,8 +134,7 @@ impl Robot {
     fn activate(&mut self) -> Vec<JointSetpoint> {
         self.step_until(|robot| robot.are(MotorMode::Idle));
         if self.group().lease == 0 {
-            self.lease = self.operate(Operation::Claim);
-            self.sequence = 0;
+            self.operate(Operation::Claim);
         }
         let hold = |position| JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };
         let joints: Vec<_> = self.state().joints().iter().map(|joint| hold(joint.position)).collect();
@@ -156,9 +150,8 @@ impl Robot {
 
     fn step(&mut self) {
         self.tick = self.cycle.run(self.tick);
-        self.ends.states.update();
-        while self.ends.records.pop().is_ok() {}
-        while self.ends.events.pop().is_ok() {}
+        while self.client.record().is_some() {}
+        while self.client.event().is_some() {}
         self.listen();
     }
 
@@ -177,10 +170,7 @@ impl Robot {
     }
 
     fn follow(&mut self, joints: &[JointSetpoint]) {
-        self.sequence += 1;
-        let message = robot::message(self.lease, self.sequence, clock::monotonic(), joints);
-        *self.ends.setpoints[0].input_buffer_mut() = message;
-        self.ends.setpoints[0].publish();
+        self.client.send(0, clock::monotonic(), joints).unwrap();
         self.step();
     }
 
@@ -208,14 +198,13 @@ impl Robot {
         controller.write_frame(&error).unwrap();
     }
 
-    fn operate(&mut self, operation: Operation) -> u64 {
-        let request = AdminRequest { operation: operation.code(), ..Default::default() };
-        self.ends.requests.push((1, request)).unwrap();
+    fn operate(&mut self, operation: Operation) {
+        self.client.request(operation, 0).unwrap();
         for _ in 0..100 {
             self.step();
-            if let Ok((_, reply)) = self.ends.answers.pop() {
+            if let Some((_, reply)) = self.client.answer() {
                 assert_eq!(reply.refusal, 0, "{operation:?}");
-                return reply.lease;
+                return;
             }
         }
         panic!("{operation:?} is not answered");
@@ -260,7 +249,7 @@ impl Robot {
     }
 
     fn state(&mut self) -> StateMessage {
-        *self.ends.states.output_buffer()
+        *self.client.state()
     }
 
     fn bus(&mut self) -> BusState {
@@ -427,7 +416,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
     let opened = buses::open_one(&robot.settings, 0).unwrap();
     robot.observer = observer(robot.motor_side);
     robot.motors = Some(Motors::on(robot.motor_side, &robot.settings));
-    assert!(robot.ends.supply.hand_over(0, opened));
+    assert!(robot.client.supply().hand_over(0, opened));
     robot.tick.at = clock::monotonic();
     robot.recovers_on_request();
 }

@@ -35,7 +35,7 @@ fn in_phase(phase: Phase) -> Robot {
 type Event = fn(&mut Robot) -> Option<Refusal>;
 
 fn ask(robot: &mut Robot, operation: Operation) -> Option<Refusal> {
-    let request = AdminRequest { operation: operation.code(), lease: robot.lease, ..Default::default() };
+    let request = AdminRequest { operation: operation.code(), lease: robot.lease(), ..Default::default() };
     robot.ask(request).err()
 }
 

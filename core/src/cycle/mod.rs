@@ -8,11 +8,13 @@
 mod assemble;
 mod channel;
 mod link;
+mod local;
 mod replacement;
 mod run;
 
 pub use assemble::assemble;
 pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
+pub use local::LocalClient;
 pub use replacement::Supply;
 pub use run::Order;
 

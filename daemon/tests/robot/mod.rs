@@ -17,11 +17,11 @@ use motord_checker::run::Command;
 pub use motord_checker::run::Reply;
 use motord_core::clock::Clock;
 use motord_core::control::Event;
-use motord_core::cycle::{Cycle, Ends, Tick, assemble};
+use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_core::settings::Settings;
 use motord_shared::{
-    AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, MotorMode, Operation,
-    Phase, Refusal, SetpointMessage, StateMessage,
+    AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, Lease, MotorMode,
+    Operation, Phase, Refusal, SetpointMessage, StateMessage,
 };
 use motord_simulator::{BusSettings, Direction, FaultVerb, Motor, MotorSettings, SharedBus, SimulatedBus};
 use std::cell::Cell;
@@ -152,13 +152,10 @@ impl Sent {
 pub struct Robot {
     pub settings: Settings,
     pub cycle: Cycle<Virtual>,
-    pub ends: Ends,
+    pub client: LocalClient,
     pub clock: Virtual,
     pub buses: Vec<SharedBus>,
     tick: Tick,
-    tickets: u32,
-    sequence: u64,
-    pub lease: u64,
     /// Frames to motors since the last [`Robot::take_sent`].
     sent: Vec<Sent>,
     /// Frames to the host since the last [`Robot::take_told`].
@@ -217,13 +214,10 @@ impl Robot {
         Self {
             settings,
             cycle,
-            ends,
+            client: LocalClient::new(ends),
             clock,
             buses: Vec::new(),
             tick,
-            tickets: 0,
-            sequence: 0,
-            lease: 0,
             sent: Vec::new(),
             told: Vec::new(),
             events: Vec::new(),
@@ -242,9 +236,8 @@ impl Robot {
     /// One cycle.
     pub fn step(&mut self) {
         self.tick = self.cycle.run(self.tick);
-        self.ends.states.update();
-        while self.ends.records.pop().is_ok() {}
-        while let Ok((_, event)) = self.ends.events.pop() {
+        while self.client.record().is_some() {}
+        while let Some((_, event)) = self.client.event() {
             self.events.push(event);
         }
         for bus in 0..self.buses.len() {
@@ -312,7 +305,7 @@ impl Robot {
     /// Opens a bus again that the cycle gave up, as the daemon's own thread does.
     pub fn reopen(&mut self, bus: usize) {
         let opened = Box::new(self.buses[bus].clone());
-        assert!(self.ends.supply.hand_over(bus, opened), "there is room for every bus");
+        assert!(self.client.supply().hand_over(bus, opened), "there is room for every bus");
     }
 
     /// The truth about a motor, which it would not tell.
@@ -323,7 +316,7 @@ impl Robot {
     }
 
     pub fn state(&mut self) -> StateMessage {
-        *self.ends.states.output_buffer()
+        *self.client.state()
     }
 
     pub fn joint(&mut self, index: usize) -> JointState {
@@ -352,12 +345,11 @@ impl Robot {
 
     /// Asks, and runs cycles until the answer is there: one for most, some for errands.
     pub fn ask(&mut self, request: AdminRequest) -> Result<AdminReply, Refusal> {
-        self.tickets += 1;
-        self.ends.requests.push((self.tickets, request)).expect("the ring has room");
+        let asked = self.client.post(request).expect("the ring has room");
         for _ in 0..4000 {
             self.step();
-            while let Ok((ticket, reply)) = self.ends.answers.pop() {
-                if ticket == self.tickets {
+            while let Some((ticket, reply)) = self.client.answer() {
+                if ticket == asked {
                     return if reply.refusal == 0 { Ok(reply) } else { Err(refusal(reply)) };
                 }
             }
@@ -370,29 +362,29 @@ impl Robot {
     }
 
     pub fn claim(&mut self) -> Result<u64, Refusal> {
-        let reply = self.operate(Operation::Claim)?;
-        self.sequence = 0;
-        self.lease = reply.lease;
-        Ok(reply.lease)
+        Ok(self.operate(Operation::Claim)?.lease)
+    }
+
+    /// The lease of the first group that was granted last; 0 for none.
+    pub fn lease(&self) -> u64 {
+        self.client.lease(0).map_or(0, Lease::raw)
     }
 
     /// Asks without waiting for the answer, which bears the ticket that is returned.
     pub fn post(&mut self, request: AdminRequest) -> u32 {
-        self.tickets += 1;
         // A ring that is full means many requests are under way, and the client is told that it is busy.
-        let _busy = self.ends.requests.push((self.tickets, request));
-        self.tickets
+        self.client.post(request).unwrap_or(0)
     }
 
     /// The next answer to what was posted.
     pub fn take_answer(&mut self) -> Option<(u32, AdminReply)> {
-        self.ends.answers.pop().ok()
+        self.client.answer()
     }
 
     /// A good message in the owner's name.
     pub fn message(&mut self, joints: &[JointSetpoint]) -> SetpointMessage {
-        self.sequence += 1;
-        message(self.lease, self.sequence, self.now(), joints)
+        let now = self.now();
+        self.client.message(0, now, joints).unwrap_or_else(|| message(0, 1, now, joints))
     }
 
     /// Hands a message to the cycle as the ipc thread does.
@@ -401,8 +393,7 @@ impl Robot {
     }
 
     pub fn deliver_to(&mut self, group: usize, message: &SetpointMessage) {
-        *self.ends.setpoints[group].input_buffer_mut() = *message;
-        self.ends.setpoints[group].publish();
+        self.client.deliver(group, message);
     }
 
     pub fn send(&mut self, joints: &[JointSetpoint]) {
