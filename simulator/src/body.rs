@@ -1,5 +1,6 @@
 //! The mechanics and the heat of one motor: a rotor behind a gear, friction, a torque limit, a warm winding.
 
+use crate::plant::Shaft;
 use crate::settings::MotorSettings;
 
 /// Length of one step, ns. Steps lie on multiples of it, so that a run does not depend on when it is looked at.
@@ -59,6 +60,10 @@ pub(crate) struct Body {
     /// Rise of the winding in the end, K per (N·m)².
     heating: f64,
     thermal_time: f64,
+    /// A plant outside moves the shaft.
+    is_coupled: bool,
+    /// Torque of drive and load times time, since it was taken last, N·m·s. Counted for the plant only.
+    impulse: f64,
 }
 
 impl Body {
@@ -80,6 +85,8 @@ impl Body {
             ambient: settings.ambient_celsius,
             heating: loss * settings.thermal_resistance,
             thermal_time: settings.thermal_time,
+            is_coupled: false,
+            impulse: 0.0,
         }
     }
 
@@ -88,9 +95,42 @@ impl Body {
         self.inertia
     }
 
-    /// One step under `law`. Implicit in position, velocity and friction: no gain and no step is too large.
+    /// From now on a plant outside moves the shaft. Returns its position and velocity.
+    pub(crate) fn couple(&mut self) -> Shaft {
+        self.is_coupled = true;
+        Shaft { position: self.position, velocity: self.velocity }
+    }
+
+    /// The shaft as the plant moved it.
+    pub(crate) fn set_shaft(&mut self, shaft: Shaft) {
+        (self.position, self.velocity) = (shaft.position, shaft.velocity);
+    }
+
+    /// Torque of drive and load times time since the last call, N·m·s.
+    pub(crate) fn take_impulse(&mut self) -> f64 {
+        core::mem::take(&mut self.impulse)
+    }
+
+    /// One step under `law`.
     pub(crate) fn step(&mut self, law: &mut Law, seconds: f64) {
         law.follow(seconds);
+        if self.is_coupled {
+            self.coast(law, seconds);
+        } else {
+            self.integrate(law, seconds);
+        }
+        self.warm(seconds);
+    }
+
+    /// The shaft turns on at its velocity until the plant sets it.
+    fn coast(&mut self, law: &Law, seconds: f64) {
+        self.apply(law);
+        self.impulse += (self.torque + self.load) * seconds;
+        self.position += self.velocity * seconds;
+    }
+
+    /// Implicit in position, velocity and friction: no gain and no step is too large.
+    fn integrate(&mut self, law: &Law, seconds: f64) {
         let (kp, kd) = (law.kp, law.kd);
         let pull = law.torque + kp * (law.reference - self.position) + kd * law.velocity;
         let resistance = self.viscous + kd + kp * seconds;
@@ -103,7 +143,6 @@ impl Body {
         }
         self.velocity = velocity;
         self.position += velocity * seconds;
-        self.warm(seconds);
     }
 
     /// The torque of a new `law` at once, for an answer that is sent before the next step.

@@ -4,6 +4,7 @@ use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
 use crate::length::frame_bits;
 use crate::motor::{Impairment, Motor, Reply};
+use crate::plant::Shaft;
 use crate::random::Random;
 use crate::record::{Direction, Record, Recorded};
 use crate::settings::{BusKind, BusSettings, MotorSettings};
@@ -152,6 +153,29 @@ impl SimulatedBus {
         }
         let motor = self.motors.iter_mut().find(|motor| motor.name() == verb.target);
         motor.ok_or(InjectError::NoSuchTarget)?.inject(now, verb.fault)
+    }
+
+    /// From now on a plant outside moves the shafts. Appends their states to `shafts`, by motor.
+    pub(crate) fn couple(&mut self, shafts: &mut Vec<Shaft>) {
+        shafts.extend(self.motors.iter_mut().map(Motor::couple));
+    }
+
+    /// Torque times time that each shaft was given until `end`, since the last call, N·m·s. Takes one of `impulses` for each
+    /// motor.
+    pub(crate) fn impulses_until<'a>(
+        &mut self,
+        end: Instant,
+        impulses: &mut impl Iterator<Item = &'a mut f64>,
+    ) {
+        self.advance(end);
+        for (motor, impulse) in self.motors.iter_mut().zip(impulses) {
+            *impulse = motor.impulse_until(end);
+        }
+    }
+
+    /// Takes one of `shafts` for each motor.
+    pub(crate) fn set_shafts<'a>(&mut self, shafts: &mut impl Iterator<Item = &'a Shaft>) {
+        self.motors.iter_mut().zip(shafts).for_each(|(motor, shaft)| motor.set_shaft(*shaft));
     }
 
     fn disturb(&mut self, fault: Fault) -> Result<(), InjectError> {

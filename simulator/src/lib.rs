@@ -42,6 +42,7 @@ mod contention;
 mod fault;
 mod length;
 mod motor;
+mod plant;
 mod random;
 mod record;
 mod serial;
@@ -55,6 +56,7 @@ pub use bus::SimulatedBus;
 pub use fault::{Fault, FaultVerb, InjectError, VerbError};
 pub use length::frame_bits;
 pub use motor::{Mode, Motor};
+pub use plant::{Plant, PlantBus, Shaft, couple};
 pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{

@@ -7,6 +7,7 @@ mod native;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
+use crate::plant::Shaft;
 use crate::settings::{BusKind, HostLoss, MotorSettings};
 use crate::wire::{Scale, State};
 use configuration::{Configuration, int};
@@ -175,6 +176,26 @@ impl Motor {
     #[must_use]
     pub fn last_executed(&self) -> Option<(Instant, Frame)> {
         self.last_executed
+    }
+
+    /// From now on a plant outside moves the shaft. Returns its state.
+    pub(crate) fn couple(&mut self) -> Shaft {
+        self.body.couple()
+    }
+
+    /// Torque times time that the shaft was given until `to`, since the last call, N·m·s.
+    pub(crate) fn impulse_until(&mut self, to: Instant) -> f64 {
+        self.advance(to);
+        self.body.take_impulse()
+    }
+
+    /// # Panics
+    ///
+    /// When `shaft` is not finite.
+    pub(crate) fn set_shaft(&mut self, shaft: Shaft) {
+        let finite = shaft.position.is_finite() && shaft.velocity.is_finite();
+        assert!(finite, "the plant made {shaft:?} of the shaft of {}", self.name());
+        self.body.set_shaft(shaft);
     }
 
     pub(crate) fn settings(&self) -> &MotorSettings {

@@ -1,0 +1,125 @@
+//! Motors whose shafts somebody else turns: a physics engine, or a rigid body in a test.
+//!
+//! ```text
+//!   cycle ──frames──▶ drives ──torques──▶ Plant ──positions, velocities──▶ drives ──frames──▶ cycle
+//! ```
+//!
+//! The drives stay those of the simulator: protocol, control law, torque limit, heat and faults. Only the mechanics behind
+//! the output shaft are the plant's.
+
+use crate::{SharedBus, body};
+use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// Time from one step of a plant to the next, ns. Steps end on the multiples of it.
+const STEP_NS: u64 = 250_000;
+const _: () =
+    assert!(STEP_NS.is_multiple_of(body::STEP_NS), "a step of the plant is whole steps of the drives");
+
+/// The mechanics behind the output shafts of all motors: a rigid body couples them.
+pub trait Plant: Send {
+    /// Moves every shaft on by `seconds`, which is 0.00025 in every call.
+    ///
+    /// `torques` are means over the step, N·m: of the drive, and what a load verb adds. `shafts` hold the state at the beginning
+    /// of the step, and at its end what the plant makes of it. Both are in the order of the buses, and of the motors of each bus.
+    ///
+    /// The plant has the whole of the mechanics: of a motor's settings, the inertias and the friction count for nothing here. The
+    /// rotor's inertia times the square of the gear ratio is the plant's to add.
+    fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [Shaft]);
+}
+
+/// The state of an output shaft, on the scale of [`MotorSettings::initial_position`](crate::MotorSettings::initial_position).
+/// A set-zero command moves the motor's own zero, and not this one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shaft {
+    /// rad, unlimited.
+    pub position: f64,
+    /// rad/s.
+    pub velocity: f64,
+}
+
+/// Lets `plant` turn the motors of `buses`. Returns the buses that the cycle must use from now on, in the same order; the clones
+/// of `buses` still serve to disturb and to look.
+///
+/// Whatever the cycle does on one bus at a time first brings every bus and the plant to that time, in steps of 250 µs. So one
+/// sequence of calls is one run, whichever clock they follow. The time between two calls is made up for in full. Between two
+/// steps a shaft turns at the velocity of the last. The first shafts are the motors' initial positions, at rest.
+///
+/// # Panics
+///
+/// A call to a bus panics when the plant has made a position or a velocity that is not finite.
+#[must_use]
+pub fn couple(buses: &[SharedBus], plant: impl Plant + 'static) -> Vec<PlantBus> {
+    let mut shafts = Vec::new();
+    buses.iter().for_each(|bus| bus.lock().couple(&mut shafts));
+    let coupling = Coupling {
+        buses: buses.to_vec(),
+        plant: Box::new(plant),
+        time: None,
+        torques: vec![0.0; shafts.len()],
+        shafts,
+    };
+    let coupling = Arc::new(Mutex::new(coupling));
+    buses.iter().map(|bus| PlantBus { bus: bus.clone(), coupling: Arc::clone(&coupling) }).collect()
+}
+
+/// A bus whose motors a [`Plant`] turns. Its [`Bus`] waits while another of its plant is used: for tests and simulations.
+pub struct PlantBus {
+    bus: SharedBus,
+    coupling: Arc<Mutex<Coupling>>,
+}
+
+struct Coupling {
+    buses: Vec<SharedBus>,
+    plant: Box<dyn Plant>,
+    /// The end of the last step; none before the first call.
+    time: Option<u64>,
+    torques: Vec<f64>,
+    shafts: Vec<Shaft>,
+}
+
+impl Coupling {
+    /// Makes every step that ends by `now`.
+    fn advance(&mut self, now: Instant) {
+        let now = now.as_nanos() / STEP_NS * STEP_NS;
+        let mut time = *self.time.get_or_insert(now);
+        while time < now {
+            time += STEP_NS;
+            self.step(Instant::from_nanos(time));
+        }
+        self.time = Some(time);
+    }
+
+    fn step(&mut self, end: Instant) {
+        const SECONDS: f64 = STEP_NS as f64 * 1e-9;
+        let Self { buses, plant, torques, shafts, .. } = self;
+        let mut impulses = torques.iter_mut();
+        buses.iter().for_each(|bus| bus.lock().impulses_until(end, &mut impulses));
+        torques.iter_mut().for_each(|torque| *torque /= SECONDS);
+        plant.step(torques, SECONDS, shafts);
+        let mut shafts = shafts.iter();
+        buses.iter().for_each(|bus| bus.lock().set_shafts(&mut shafts));
+    }
+}
+
+impl PlantBus {
+    /// Everything coupled, at `now`.
+    fn at(&self, now: Instant) -> MutexGuard<'_, crate::SimulatedBus> {
+        self.coupling.lock().unwrap_or_else(PoisonError::into_inner).advance(now);
+        self.bus.lock()
+    }
+}
+
+impl Bus for PlantBus {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.at(now).send(now, frames)
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        self.at(now).receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        self.bus.readiness()
+    }
+}
