@@ -5,8 +5,8 @@ mod robot;
 
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Command, Event, Heard};
-use motord_core::drive::{Answer, Drive};
-use motord_core::settings::{FaultPolicy, Settings};
+use motord_core::drive::{Drive, Received};
+use motord_core::settings::{BeyondRange, FaultPolicy, Settings};
 use motord_shared::{
     AdminRequest, BusCondition, Cause, JointSetpoint, Limit, MotorMode, Operation, Phase, Refusal, message,
 };
@@ -163,7 +163,7 @@ fn frames_that_no_motor_sends_are_counted_and_not_decoded() {
 fn asked_drive(settings: &Settings, command: &Command) -> (Drive, Instant) {
     let mut drive = Drive::new(&settings.motors[0], Duration::ZERO, false);
     let now = Instant::from_nanos(1_000_000_000);
-    drive.ask(command, now).expect("it is a frame");
+    drive.request(command, now).expect("it is a frame");
     (drive, now + Duration::from_micros(300))
 }
 
@@ -172,7 +172,7 @@ fn six_bytes_of_a_reply_count_and_fewer_are_none() {
     let reply = [1, 0x80, 0, 0x80, 8, 0, 0, 0];
     for length in 0..=8 {
         let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::Stop);
-        let heard = matches!(drive.read(&reply[..length], later), Answer::Heard(Heard::State(..)));
+        let heard = matches!(drive.receive(&reply[..length], later), Received::Reply(Heard::State(..)));
         assert_eq!(heard, length >= 6, "{length} bytes");
     }
 }
@@ -183,7 +183,7 @@ fn no_bytes_make_a_state_that_is_no_number() {
     for _ in 0..1_000_000 {
         let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
         let bytes = random.next().to_be_bytes();
-        if let Answer::Heard(Heard::State(state, _)) = drive.read(&bytes[..random.below(9)], later) {
+        if let Received::Reply(Heard::State(state, _)) = drive.receive(&bytes[..random.below(9)], later) {
             assert!([state.position, state.velocity, state.torque].iter().all(|value| value.is_finite()));
         }
     }
@@ -234,12 +234,36 @@ fn a_fault_is_known_although_its_states_and_answers_get_lost() {
 fn an_answer_to_an_old_question_for_the_fault_is_no_state() {
     let fault = [1, 0x40, 0, 0, 0, 0];
     let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::GetFault);
-    drive.ask(&Command::Stop, later);
+    drive.request(&Command::Stop, later);
     // The last four bytes of a fault report mean nothing (MIT document 1.2), so they may be anything.
-    let answer = drive.read(&[1, 0x40, 0x80, 8, 8, 0], later + Duration::from_micros(300));
-    assert_eq!(answer, Answer::Heard(Heard::Late));
+    let answer = drive.receive(&[1, 0x40, 0x80, 8, 8, 0], later + Duration::from_micros(300));
+    assert_eq!(answer, Received::Reply(Heard::Late));
     let (mut first, later) = asked_drive(&robot::three_motors(), &Command::Stop);
-    assert_eq!(first.read(&fault, later), Answer::Malformed, "not even as the first state of all");
+    assert_eq!(first.receive(&fault, later), Received::Malformed, "not even as the first state of all");
+}
+
+/// Goal: a reply that is dropped changes nothing, not even the count of turns.
+/// Method: a fault report, read as a position, lies just beyond half a turn from the state before and just within from the
+/// state after it. Counting it would leave a turn too many.
+#[test]
+fn a_dropped_reply_does_not_move_the_count_of_turns() {
+    let mut settings = robot::three_motors();
+    settings.motors[0].beyond_range = BeyondRange::Wrap;
+    let (mut drive, mut now) = asked_drive(&settings, &Command::Stop);
+    let mut read = |command: &Command, reply: &[u8]| {
+        drive.request(command, now - Duration::from_micros(200));
+        let answer = drive.receive(reply, now);
+        now = now + PERIOD;
+        answer
+    };
+    // Positions: -0.6 rad, 11.91 rad, -0.5 rad.
+    assert!(matches!(read(&Command::Stop, &[1, 0x79, 0xDB, 0x80, 8, 0]), Received::Reply(Heard::State(..))));
+    assert_eq!(read(&Command::GetFault, &[]), Received::Malformed);
+    assert_eq!(read(&Command::Stop, &[1, 0xFA, 0, 0x80, 8, 0]), Received::Reply(Heard::Late));
+    let Received::Reply(Heard::State(state, _)) = read(&Command::Stop, &[1, 0x7A, 0xE1, 0x80, 8, 0]) else {
+        panic!("it is a state");
+    };
+    assert!((state.position + 0.5).abs() < 0.01, "{} rad", state.position);
 }
 
 #[test]
@@ -249,28 +273,28 @@ fn a_lost_answer_about_a_fault_costs_one_more_and_not_all() {
     let mut heard = Vec::new();
     for _ in 0..2 {
         now = now + PERIOD;
-        drive.ask(&Command::GetFault, now);
-        heard.push(drive.read(&fault, now + Duration::from_micros(300)));
+        drive.request(&Command::GetFault, now);
+        heard.push(drive.receive(&fault, now + Duration::from_micros(300)));
         now = now + PERIOD;
-        drive.ask(&Command::Stop, now);
+        drive.request(&Command::Stop, now);
     }
-    assert_eq!(heard[0], Answer::Heard(Heard::Late));
-    assert!(matches!(heard[1], Answer::Heard(Heard::Fault(_))), "{heard:?}");
+    assert_eq!(heard[0], Received::Reply(Heard::Late));
+    assert!(matches!(heard[1], Received::Reply(Heard::Fault(_))), "{heard:?}");
 }
 
 #[test]
 fn a_fault_report_is_heard_after_questions_that_were_never_answered() {
     let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::Stop);
     // Garbage, which is a state of full speed backward.
-    drive.read(&[1, 0x80, 0, 0, 8, 0], now);
+    drive.receive(&[1, 0x80, 0, 0, 8, 0], now);
     for _ in 0..4 {
         now = now + Duration::from_millis(100);
-        drive.ask(&Command::Stop, now);
+        drive.request(&Command::Stop, now);
     }
     now = now + Duration::from_millis(100);
-    drive.ask(&Command::GetFault, now);
-    let answer = drive.read(&[1, 0x40, 0, 0, 0, 0], now + Duration::from_micros(300));
-    assert!(matches!(answer, Answer::Heard(Heard::Fault(_))), "{answer:?}");
+    drive.request(&Command::GetFault, now);
+    let answer = drive.receive(&[1, 0x40, 0, 0, 0, 0], now + Duration::from_micros(300));
+    assert!(matches!(answer, Received::Reply(Heard::Fault(_))), "{answer:?}");
 }
 
 #[test]
@@ -278,22 +302,22 @@ fn a_state_that_lags_by_a_cycle_is_no_fault_and_the_report_after_it_is_one() {
     let state = [1, 0x80, 0, 0x80, 8, 0];
     let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);
     let lagging = |drive: &mut Drive, later: Instant| {
-        drive.ask(&Command::Stop, later - Duration::from_micros(100));
-        drive.read(&state, later)
+        drive.request(&Command::Stop, later - Duration::from_micros(100));
+        drive.receive(&state, later)
     };
     for _ in 0..10 {
         for _ in 0..100 {
             later = later + PERIOD;
             let answer = lagging(&mut drive, later);
-            assert!(matches!(answer, Answer::Heard(Heard::State(..))), "{answer:?}");
+            assert!(matches!(answer, Received::Reply(Heard::State(..))), "{answer:?}");
         }
-        drive.ask(&Command::GetFault, later + Duration::from_micros(100));
-        let answer = drive.read(&state, later + Duration::from_micros(200));
-        assert_eq!(answer, Answer::Heard(Heard::Late));
+        drive.request(&Command::GetFault, later + Duration::from_micros(100));
+        let answer = drive.receive(&state, later + Duration::from_micros(200));
+        assert_eq!(answer, Received::Reply(Heard::Late));
         later = later + PERIOD;
-        drive.ask(&Command::Stop, later - Duration::from_micros(200));
-        let answer = drive.read(&[1, 0x40, 0, 0, 0, 0], later - Duration::from_micros(100));
-        assert!(matches!(answer, Answer::Heard(Heard::Fault(bits)) if bits.0 == 0x40), "{answer:?}");
+        drive.request(&Command::Stop, later - Duration::from_micros(200));
+        let answer = drive.receive(&[1, 0x40, 0, 0, 0, 0], later - Duration::from_micros(100));
+        assert!(matches!(answer, Received::Reply(Heard::Fault(bits)) if bits.0 == 0x40), "{answer:?}");
     }
 }
 
@@ -304,12 +328,12 @@ fn a_report_that_looks_like_the_motion_is_believed_in_the_end() {
     for _ in 0..4 {
         // Fault 0x80, and bytes without a meaning that make it the state before.
         for command in [Command::Stop, Command::GetFault] {
-            drive.ask(&command, later - Duration::from_micros(100));
-            heard.push(drive.read(&[1, 0x80, 0, 0x80, 8, 0], later));
+            drive.request(&command, later - Duration::from_micros(100));
+            heard.push(drive.receive(&[1, 0x80, 0, 0x80, 8, 0], later));
             later = later + Duration::from_millis(100);
         }
     }
-    assert!(matches!(heard[7], Answer::Heard(Heard::Fault(bits)) if bits.0 == 0x80), "{heard:?}");
+    assert!(matches!(heard[7], Received::Reply(Heard::Fault(bits)) if bits.0 == 0x80), "{heard:?}");
 }
 
 #[test]

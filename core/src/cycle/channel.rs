@@ -3,7 +3,7 @@
 //! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by the motors of the bus
 //! or by one inbox.
 
-use crate::drive::{Answer, Drive};
+use crate::drive::{Drive, Received};
 use crate::plan::BusPlan;
 use crate::settings::Settings;
 use crate::stopper::Outlet;
@@ -170,7 +170,7 @@ impl BusChannel {
 
     /// Reads at most one inbox full, and gives every frame to the motor that it is from. Bounded by the inbox times the
     /// motors of the bus; at most one system call.
-    pub(super) fn receive(&mut self, now: Instant, mut read: impl FnMut(usize, &[u8], Instant) -> Answer) {
+    pub(super) fn receive(&mut self, now: Instant, mut judge: impl FnMut(usize, &[u8], Instant) -> Received) {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
@@ -180,13 +180,14 @@ impl BusChannel {
             match arrival.content {
                 Content::Frame(frame) => {
                     let route = routes.iter().find(|(id, _)| *id == frame.id());
-                    let answer = route
-                        .map_or(Answer::UnexpectedId, |&(_, motor)| read(motor, frame.payload(), arrival.at));
-                    match answer {
-                        Answer::Heard(_) => *replied_at = arrival.at,
-                        Answer::Duplicate => count(&mut counters.duplicate),
-                        Answer::UnexpectedId => count(&mut counters.unexpected_id),
-                        Answer::Malformed => count(&mut counters.malformed),
+                    let received = route.map_or(Received::UnexpectedId, |&(_, motor)| {
+                        judge(motor, frame.payload(), arrival.at)
+                    });
+                    match received {
+                        Received::Reply(_) => *replied_at = arrival.at,
+                        Received::Duplicate => count(&mut counters.duplicate),
+                        Received::UnexpectedId => count(&mut counters.unexpected_id),
+                        Received::Malformed => count(&mut counters.malformed),
                     }
                 }
                 Content::Unsupported(_) => count(&mut counters.malformed),

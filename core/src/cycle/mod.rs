@@ -20,7 +20,7 @@ pub use run::Order;
 
 use crate::clock::Clock;
 use crate::control::{Command, Control, Wake};
-use crate::drive::{Answer, Drive};
+use crate::drive::{Drive, Received};
 use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
@@ -92,7 +92,7 @@ impl<C: Clock> Cycle<C> {
         boot_id: u64,
     ) -> Self {
         let drives = settings.motors.iter().map(|motor| {
-            Drive::new(motor, fastest_answer(settings, plans, motor.bus), settings.safety.error_feedback)
+            Drive::new(motor, fastest_reply(settings, plans, motor.bus), settings.safety.error_feedback)
         });
         let channels = buses
             .into_iter()
@@ -223,17 +223,17 @@ impl<C: Clock> Cycle<C> {
         let mut now = clock.now();
         channels.iter_mut().for_each(|channel| channel.begin(Batch::Commands));
         for (motor, command) in commands.iter().enumerate() {
-            channels[bus_of[motor]].queue(motor, drives[motor].ask(command, now));
+            channels[bus_of[motor]].queue(motor, drives[motor].request(command, now));
         }
         for (bus, channel) in channels.iter_mut().enumerate() {
             now = clock.now();
             // A process that was frozen since it decided goes on here, when others may have stopped its motors.
             let is_stale = now.since(wake.begun) > timing.stale_after;
-            let unask = |motor: usize| {
-                drives[motor].unask();
+            let unsent = |motor: usize| {
+                drives[motor].withdraw();
                 control.unsent(motor);
             };
-            let took_all = if is_stale { channel.withhold(unask) } else { channel.send(now, unask) };
+            let took_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
             control.bus_took(bus, took_all);
             control.bus_changed(bus, channel.condition());
         }
@@ -312,13 +312,13 @@ impl<C: Clock> Cycle<C> {
             }
             read += 1;
             channel.receive(now, |motor, payload, at| {
-                let answer = drives[motor].read(payload, at);
-                match answer {
-                    Answer::Heard(heard) if !control.heard(motor, heard, at) => return Answer::Malformed,
-                    Answer::Duplicate => control.heard_twice(motor),
-                    Answer::Heard(_) | Answer::UnexpectedId | Answer::Malformed => {}
+                let received = drives[motor].receive(payload, at);
+                match received {
+                    Received::Reply(heard) if !control.heard(motor, heard, at) => return Received::Malformed,
+                    Received::Duplicate => control.heard_twice(motor),
+                    Received::Reply(_) | Received::UnexpectedId | Received::Malformed => {}
                 }
-                answer
+                received
             });
             control.bus_changed(bus, channel.condition());
         }
@@ -360,8 +360,8 @@ impl<C: Clock> Cycle<C> {
             let Some(motor) = self.control.fault_poll(bus) else { continue };
             let Self { channels, drives, .. } = self;
             channels[bus].begin(Batch::FaultRequest);
-            channels[bus].queue(motor, drives[motor].ask(&Command::GetFault, now));
-            channels[bus].send(now, |motor| drives[motor].unask());
+            channels[bus].queue(motor, drives[motor].request(&Command::GetFault, now));
+            channels[bus].send(now, |motor| drives[motor].withdraw());
             asked = true;
         }
         if asked {
@@ -370,8 +370,8 @@ impl<C: Clock> Cycle<C> {
     }
 }
 
-/// How soon an answer can come. Nothing is known of a CAN interface: a virtual one has no wire.
-fn fastest_answer(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
+/// How soon a reply can come. Nothing is known of a CAN interface: a virtual one has no wire.
+fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
     match settings.buses[bus].kind {
         BusKind::SocketCan { .. } => Duration::ZERO,
         BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].exchange_least,

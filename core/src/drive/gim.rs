@@ -4,10 +4,11 @@
 //! (indicator 0x13) instead, now and then for its speed (0x14), and is told to stop, so that it is known to be.
 //! Damping and holding are made here of the last state: the native commands have no impedance.
 
-use super::Answer;
+use super::correlator::{Payload, Question};
+use super::{Decoder, Reading};
 use crate::control::{Command, Heard};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
-use motord_bus::Duration;
+use motord_bus::{Duration, Instant};
 use motord_protocol::TorqueScale;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Pending, Reply};
 use motord_shared::SetpointMode;
@@ -89,39 +90,46 @@ impl Gim {
         })
     }
 
-    pub(super) fn decode(&mut self, payload: &[u8], latency: Duration) -> Answer {
-        let reply = match gim::decode_reply(payload, Pending::Other, &self.scale) {
-            Ok(reply) if reply.answers(&self.asked) => reply,
-            Ok(_) | Err(_) => return Answer::Malformed,
-        };
-        Answer::Heard(match reply {
+    fn reported(&self, latency: Duration) -> Heard {
+        Heard::State(self.transmission.to_joint(&self.state), latency)
+    }
+}
+
+impl Decoder for Gim {
+    type Content = Reply;
+
+    fn read(&self, payload: &[u8], _at: Instant) -> Reading<Reply> {
+        match gim::decode_reply(payload, Pending::Other, &self.scale) {
+            Ok(reply) if reply.answers(&self.asked) => Reading { kind: Payload::Plain, content: Some(reply) },
+            Ok(_) | Err(_) => Reading::without_content(Payload::Unreadable),
+        }
+    }
+
+    fn accept(&mut self, reply: Reply, _question: Question, _at: Instant, latency: Duration) -> Heard {
+        match reply {
             Reply::State { outcome: Ok(state), .. } => {
                 let temperature = Some(f32::from(state.temperature_celsius));
                 self.state = Measured::new(state.position, state.velocity, state.torque, temperature);
-                self.told(latency)
+                self.reported(latency)
             }
             Reply::Indicator { ind_id: SHAFT_ANGLE, outcome: Ok(angle) } => {
                 self.state.position = angle.get();
-                self.told(latency)
+                self.reported(latency)
             }
             Reply::Indicator { ind_id: SHAFT_SPEED, outcome: Ok(speed) } => {
                 self.state.velocity = speed.get() / RPM;
                 Heard::Alive
             }
             Reply::Fault(Ok(fault)) => Heard::Fault(fault),
-            Reply::Done { outcome: Ok(()), .. } if self.asked == gim::Command::AcknowledgeFault => {
-                Heard::Cleared
-            }
-            Reply::Done { outcome: Ok(()), .. } if self.asked == gim::Command::StopMotor => Heard::Stopped,
-            Reply::Done { outcome: Ok(()), .. } => {
-                self.started |= self.asked == gim::Command::StartMotor;
-                Heard::Alive
-            }
+            Reply::Done { outcome: Ok(()), .. } => match self.asked {
+                gim::Command::AcknowledgeFault => Heard::Cleared,
+                gim::Command::StopMotor => Heard::Stopped,
+                _ => {
+                    self.started |= self.asked == gim::Command::StartMotor;
+                    Heard::Alive
+                }
+            },
             _ => Heard::Refused,
-        })
-    }
-
-    fn told(&self, latency: Duration) -> Heard {
-        Heard::State(self.transmission.to_joint(&self.state), latency)
+        }
     }
 }

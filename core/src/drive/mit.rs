@@ -1,12 +1,13 @@
 //! A drive in MIT mode. Source: MIT document.
 
-use super::Answer;
+use super::correlator::{Payload, Question};
+use super::{Decoder, Reading};
 use crate::control::{Command, Heard};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Instant};
-use motord_protocol::TorqueScale;
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
+use motord_protocol::{FaultBits, TorqueScale};
 
 /// What the position code wraps by, rad: 65536 codes of 25/65535 rad.
 const TURN: f32 = 25.0 * 65536.0 / 65535.0;
@@ -16,10 +17,9 @@ pub(super) struct Mit {
     id: u8,
     scale: TorqueScale,
     transmission: Transmission,
-    asked: Asked,
     feedback: Option<Feedback>,
     unwrap: Option<Unwrap>,
-    /// The state told last, and when.
+    /// The last accepted state, and when it arrived.
     last: Option<(State, Instant)>,
 }
 
@@ -67,7 +67,6 @@ impl Mit {
             id: settings.id,
             scale,
             transmission,
-            asked: Asked::State,
             feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scale)),
             unwrap: (settings.beyond_range == BeyondRange::Wrap).then(Unwrap::default),
             last: None,
@@ -75,23 +74,22 @@ impl Mit {
     }
 
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
-        let (asked, command) = match command {
+        let command = match command {
             Command::Nothing => {
                 self.forget_turns();
                 return None;
             }
-            Command::Stop => (Asked::State, mit::Command::Stop),
-            Command::Start => (Asked::State, mit::Command::Start),
+            Command::Stop => mit::Command::Stop,
+            Command::Start => mit::Command::Start,
             Command::SetZero => {
                 self.forget_turns();
-                (Asked::State, mit::Command::SetZero)
+                mit::Command::SetZero
             }
-            Command::GetFault => (Asked::Fault, mit::Command::GetFault),
-            Command::ClearFault => (Asked::Clear, mit::Command::ClearFault),
+            Command::GetFault => mit::Command::GetFault,
+            Command::ClearFault => mit::Command::ClearFault,
             Command::Neutral => return self.control(&Impedance::NEUTRAL),
             Command::Control(joint, _) => return self.control(&self.transmission.to_motor(joint)),
         };
-        self.asked = asked;
         if let Some(feedback) = &mut self.feedback {
             feedback.carried = 0.0;
         }
@@ -106,7 +104,6 @@ impl Mit {
     }
 
     fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
-        self.asked = Asked::State;
         // Without stiffness the position means nothing, so it is sent as zero: 0x80, the first byte of zero, is no
         // native command, should this motor have left MIT mode unseen (protocol note 1.3).
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
@@ -120,48 +117,60 @@ impl Mit {
         Some(codes.pack())
     }
 
-    /// The first byte is another motor's id.
-    pub(super) fn is_from_another(&self, payload: &[u8]) -> bool {
-        payload.first().is_some_and(|id| *id != self.id)
-    }
-
-    /// `payload`, read as a state, goes on from the state told last.
-    pub(super) fn continues(&self, payload: &[u8], at: Instant) -> bool {
-        let (Some((last, then)), Ok(Reply::State(state))) =
-            (self.last, mit::decode_reply(payload, Asked::State, &self.scale))
-        else {
-            return false;
-        };
+    /// `state` is where the motor can have come to since its last state.
+    fn continues(&self, state: &State, at: Instant) -> bool {
+        let Some((last, then)) = self.last else { return false };
         let silence = at.since(then);
         let reach = VELOCITY_TOP * silence.as_secs_f32() + POSITION_MARGIN;
-        !is_fault_report(payload)
-            && silence <= SILENCE_MAX
+        silence <= SILENCE_MAX
             && (state.position - last.position).abs() < reach
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
     }
 
-    /// The fault report that `payload` is by its shape.
-    pub(super) fn report(&self, payload: &[u8]) -> Option<Heard> {
-        match mit::decode_reply(payload, Asked::Fault, &self.scale) {
-            Ok(Reply::Fault { fault, .. }) if is_fault_report(payload) => Some(Heard::Fault(fault)),
-            _ => None,
+    fn state(&mut self, state: State, at: Instant, latency: Duration) -> Heard {
+        self.last = Some((state, at));
+        let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
+        let motor = Measured::new(position, state.velocity, state.torque, None);
+        Heard::State(self.transmission.to_joint(&motor), latency)
+    }
+}
+
+impl Decoder for Mit {
+    /// A reply read as a state, and read as a fault report.
+    type Content = (State, FaultBits);
+
+    fn read(&self, payload: &[u8], at: Instant) -> Reading<Self::Content> {
+        if payload.first().is_some_and(|id| *id != self.id) {
+            return Reading::without_content(Payload::OtherId);
         }
+        let read = |asked| mit::decode_reply(payload, asked, &self.scale);
+        let (Ok(Reply::State(state)), Ok(Reply::Fault { fault, .. })) =
+            (read(Asked::State), read(Asked::Fault))
+        else {
+            return Reading::without_content(Payload::Unreadable);
+        };
+        let kind = if is_fault_report(payload) {
+            Payload::Report
+        } else if self.continues(&state, at) {
+            Payload::Continuation
+        } else {
+            Payload::Plain
+        };
+        Reading { kind, content: Some((state, fault)) }
     }
 
-    pub(super) fn decode(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Answer {
-        let Ok(reply) = mit::decode_reply(payload, self.asked, &self.scale) else { return Answer::Malformed };
-        Answer::Heard(match reply {
-            Reply::State(_) if is_fault_report(payload) => return Answer::Malformed,
-            Reply::State(state) => {
-                self.last = Some((state, at));
-                let position =
-                    self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
-                let motor = Measured::new(position, state.velocity, state.torque, None);
-                Heard::State(self.transmission.to_joint(&motor), latency)
-            }
-            Reply::Fault { fault, .. } => Heard::Fault(fault),
-            Reply::Cleared { .. } => Heard::Cleared,
-        })
+    fn accept(
+        &mut self,
+        (state, fault): Self::Content,
+        question: Question,
+        at: Instant,
+        latency: Duration,
+    ) -> Heard {
+        match question {
+            Question::State => self.state(state, at, latency),
+            Question::Fault => Heard::Fault(fault),
+            Question::Clear => Heard::Cleared,
+        }
     }
 }
 

@@ -1,0 +1,431 @@
+//! Which request a reply answers.
+//!
+//! An MIT reply does not say what it answers: a state and a fault report look alike, and a late reply looks like a timely
+//! one (docs/adr/0005). So a motor has at most one open request, and a reply is judged by what is open, by its shape as the
+//! [decoder](super::Decoder) reads it, and by its time.
+//!
+//! Pure: a transition takes (state, payload, time) and returns (state, verdict). Constant time; no allocation, no call of
+//! the system.
+
+use motord_bus::{Duration, Instant};
+
+/// A reply that is later than this never comes.
+const LATEST_REPLY: Duration = Duration::from_millis(50);
+/// After so many fault requests without a report, a payload that continues the motion may be a report.
+const UNREPORTED_MAX: u32 = 3;
+
+/// What a request asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Question {
+    /// The state: every command but the next two. A native motor may confirm such a command without a state.
+    State,
+    /// The fault bits.
+    Fault,
+    /// That the fault is forgotten.
+    Clear,
+}
+
+/// What a payload can be by its bytes alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Payload {
+    /// It bears the id of another motor.
+    OtherId,
+    /// It is no reply. Or it names its request, and another one is open.
+    Unreadable,
+    /// A fault report beyond doubt: no state has its shape.
+    Report,
+    /// Read as a state, it continues the last state. It may be a fault report by chance.
+    Continuation,
+    /// Any other reply.
+    Plain,
+}
+
+/// What a payload is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// The answer to the open request, and the time since that was sent.
+    Answer(Question, Duration),
+    /// A fault report, which answers an earlier fault request.
+    LateReport,
+    /// Answers an earlier request: what it says is not known, or no longer true.
+    Late,
+    /// Answers no request.
+    Duplicate,
+    /// It is no reply, or cannot be an answer to the open request.
+    Malformed,
+    /// Comes from another motor.
+    UnexpectedId,
+}
+
+/// The request that is open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Request {
+    question: Question,
+    sent_at: Instant,
+}
+
+/// How well the fault reports of this motor are known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Reports {
+    /// None beyond doubt has come; so many fault requests in a row had no answer in their cycle.
+    Unseen(u32),
+    /// One beyond doubt has come. This motor sends no others.
+    Seen,
+}
+
+/// The state of the correlation: four parts that move side by side.
+///
+/// ```text
+///   open             ┌──────── answer, withdrawal ◀────────┐
+///                    ▼                                     │
+///                 Nothing ──── request ──▶ State | Fault | Clear ──┐
+///                                                  ▲               │ request: the one before is owed,
+///                                                  └───────────────┘ if it is younger than 50 ms
+///
+///   owed             0 ◀── late or unasked reply ── n ◀── request while one is open (n + 1)
+///                    ▲                              │
+///                    └── request, 50 ms later ◀─────┘
+///
+///   trust            Trusted ── request while Fault is open ──▶ Distrusted until its sending + 50 ms
+///                       ▲                                          │
+///                       └── the next reply, which is dropped ◀─────┘
+///
+///   reports          Unseen(n) ── a report beyond doubt ──▶ Seen
+///                      n + 1: request while Fault is open;  0: a fault request was answered
+/// ```
+///
+/// | open | payload | trusted | distrusted |
+/// |---|---|---|---|
+/// | nothing, or sent too short ago | a report, Fault is not open | unasked | late report |
+/// | nothing, or sent too short ago | any other | unasked | unasked |
+/// | any | unreadable | malformed | malformed |
+/// | State | report | malformed | late report |
+/// | State | continuation, plain | answer | unasked |
+/// | Clear | report | answer | late report |
+/// | Clear | continuation, plain | answer | unasked |
+/// | Fault | report | answer | given up |
+/// | Fault | continuation, once a report was seen, or while replies are owed or n < 3 | late | late |
+/// | Fault | plain, once a report was seen | late | late |
+/// | Fault | any other | answer | given up |
+///
+/// *Unasked* is late while replies are owed, else a duplicate. *Given up* is unasked, and closes the request: else each fault
+/// request would be distrusted for the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Correlator {
+    /// No reply comes sooner after its request.
+    fastest_reply: Duration,
+    open: Option<Request>,
+    /// Requests that were not answered before the next, and whose replies may still come.
+    owed: u32,
+    owed_since: Instant,
+    /// Until then the next reply is dropped, unless it is a fault report beyond doubt.
+    distrusted_until: Instant,
+    reports: Reports,
+}
+
+impl Correlator {
+    /// Nothing was asked yet. No reply comes sooner than `fastest_reply` after its request.
+    pub(super) const fn new(fastest_reply: Duration) -> Self {
+        Self {
+            fastest_reply,
+            open: None,
+            owed: 0,
+            owed_since: Instant::ZERO,
+            distrusted_until: Instant::ZERO,
+            reports: Reports::Unseen(0),
+        }
+    }
+
+    /// A request is open.
+    pub(super) const fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// A request was handed over at `now`. One that is still open is given up.
+    pub(super) fn request(mut self, question: Question, now: Instant) -> Self {
+        match self.open {
+            Some(open) if now.since(open.sent_at) <= LATEST_REPLY => {
+                self.owed = self.owed.saturating_add(1);
+                self.owed_since = now;
+            }
+            _ if now.since(self.owed_since) > LATEST_REPLY => self.owed = 0,
+            _ => {}
+        }
+        if let Some(Request { question: Question::Fault, sent_at }) = self.open {
+            self.distrusted_until = sent_at + LATEST_REPLY;
+            if let Reports::Unseen(unreported) = &mut self.reports {
+                *unreported = unreported.saturating_add(1);
+            }
+        }
+        self.open = Some(Request { question, sent_at: now });
+        self
+    }
+
+    /// The frame of the open request was not sent after all.
+    pub(super) const fn withdraw(mut self) -> Self {
+        self.open = None;
+        self
+    }
+
+    /// A payload arrived at `at`.
+    pub(super) fn receive(self, payload: Payload, at: Instant) -> (Self, Verdict) {
+        let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
+        match payload {
+            Payload::OtherId => (self, Verdict::UnexpectedId),
+            Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
+            _ => match self.open {
+                Some(open) if at >= open.sent_at + self.fastest_reply => self.judge(open, payload, at),
+                _ => self.unasked(),
+            },
+        }
+    }
+
+    /// The payload may answer the open request.
+    fn judge(mut self, open: Request, payload: Payload, at: Instant) -> (Self, Verdict) {
+        match (open.question, payload) {
+            (_, Payload::Unreadable) | (Question::State, Payload::Report) => (self, Verdict::Malformed),
+            (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
+                self.late()
+            }
+            (Question::Fault, Payload::Report) => {
+                self.reports = Reports::Seen;
+                self.answer(open, at)
+            }
+            _ => self.answer(open, at),
+        }
+    }
+
+    /// The payload can be an answer to the open request, and is if the last replies came in order.
+    fn answer(mut self, open: Request, at: Instant) -> (Self, Verdict) {
+        let is_fault = open.question == Question::Fault;
+        if at < self.distrusted_until {
+            self.open = self.open.filter(|_| !is_fault);
+            return self.unasked();
+        }
+        self.open = None;
+        if is_fault && self.reports != Reports::Seen {
+            self.reports = Reports::Unseen(0);
+        }
+        (self, Verdict::Answer(open.question, at.since(open.sent_at)))
+    }
+
+    fn late_report(mut self) -> (Self, Verdict) {
+        self.reports = Reports::Seen;
+        (self.late().0, Verdict::LateReport)
+    }
+
+    const fn late(mut self) -> (Self, Verdict) {
+        self.distrusted_until = Instant::ZERO;
+        self.owed = self.owed.saturating_sub(1);
+        (self, Verdict::Late)
+    }
+
+    const fn unasked(mut self) -> (Self, Verdict) {
+        if self.owed > 0 {
+            return self.late();
+        }
+        self.distrusted_until = Instant::ZERO;
+        (self, Verdict::Duplicate)
+    }
+
+    /// An answer to a fault request that is no report beyond doubt is more likely a late state.
+    const fn is_rather_a_state(&self, payload: Payload) -> bool {
+        match self.reports {
+            Reports::Seen => true,
+            Reports::Unseen(unreported) => {
+                matches!(payload, Payload::Continuation) && (self.owed > 0 || unreported < UNREPORTED_MAX)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use Payload::{Continuation, OtherId, Plain, Report, Unreadable};
+    use Question::{Clear, Fault, State};
+
+    const SENT: Instant = Instant::from_nanos(1_000_000_000);
+    const FASTEST: Duration = Duration::from_micros(200);
+
+    /// What becomes of a payload.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Outcome {
+        /// The answer: closes the request.
+        Ans,
+        /// Late while replies are owed, else a duplicate. Ends distrust.
+        Una,
+        /// The same, and closes the request.
+        Giv,
+        /// Late, owed or not. Ends distrust.
+        Lat,
+        /// A late report. Ends distrust.
+        Rep,
+        /// Malformed: changes nothing.
+        Mal,
+    }
+    use Outcome::{Ans, Giv, Lat, Mal, Rep, Una};
+
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Time {
+        /// Before the wire can carry request and reply.
+        Soon,
+        Timely,
+    }
+    use Time::{Soon, Timely};
+
+    const FEW: Reports = Reports::Unseen(UNREPORTED_MAX - 1);
+    const MANY: Reports = Reports::Unseen(UNREPORTED_MAX);
+    const SEEN: Reports = Reports::Seen;
+
+    /// Which states and times, as (open, reports, owed, distrusted, time), where `ANY…` is every one; then what becomes of each
+    /// kind of payload.
+    type Row = (Option<Question>, &'static [Reports], &'static [u32], bool, &'static [Time], [Outcome; 4]);
+    const ANY: &[Reports] = &[FEW, MANY, SEEN];
+    const ANY_OWED: &[u32] = &[0, 1, 2];
+    const ANY_TIME: &[Time] = &[Soon, Timely];
+    const PAYLOADS: [Payload; 4] = [Unreadable, Report, Continuation, Plain];
+    #[rustfmt::skip]
+    const TABLE: [Row; 20] = [
+        // open,        reports,  owed,     distrusted, time,      unreadable, report, continuation, plain
+        (None,          ANY,      ANY_OWED, false,      ANY_TIME,  [Una,       Una,    Una,          Una]),
+        (None,          ANY,      ANY_OWED, true,       ANY_TIME,  [Una,       Rep,    Una,          Una]),
+        (Some(State),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
+        (Some(State),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
+        (Some(State),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Mal,    Ans,          Ans]),
+        (Some(State),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
+        (Some(Clear),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
+        (Some(Clear),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Rep,    Una,          Una]),
+        (Some(Clear),   ANY,      ANY_OWED, false,      &[Timely], [Mal,       Ans,    Ans,          Ans]),
+        (Some(Clear),   ANY,      ANY_OWED, true,       &[Timely], [Mal,       Rep,    Una,          Una]),
+        (Some(Fault),   ANY,      ANY_OWED, false,      &[Soon],   [Una,       Una,    Una,          Una]),
+        (Some(Fault),   ANY,      ANY_OWED, true,       &[Soon],   [Una,       Una,    Una,          Una]),
+        (Some(Fault),   &[FEW],   ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Ans]),
+        (Some(Fault),   &[FEW],   ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Giv]),
+        (Some(Fault),   &[MANY],  &[0],     false,      &[Timely], [Mal,       Ans,    Ans,          Ans]),
+        (Some(Fault),   &[MANY],  &[0],     true,       &[Timely], [Mal,       Giv,    Giv,          Giv]),
+        (Some(Fault),   &[MANY],  &[1, 2],  false,      &[Timely], [Mal,       Ans,    Lat,          Ans]),
+        (Some(Fault),   &[MANY],  &[1, 2],  true,       &[Timely], [Mal,       Giv,    Lat,          Giv]),
+        (Some(Fault),   &[SEEN],  ANY_OWED, false,      &[Timely], [Mal,       Ans,    Lat,          Lat]),
+        (Some(Fault),   &[SEEN],  ANY_OWED, true,       &[Timely], [Mal,       Giv,    Lat,          Lat]),
+    ];
+
+    /// Every state that the table distinguishes, each with both times.
+    fn every_state() -> impl Iterator<Item = (Correlator, Time)> {
+        let opens = [None, Some(State), Some(Clear), Some(Fault)];
+        let open_reports = opens.into_iter().flat_map(|open| ANY.iter().map(move |&reports| (open, reports)));
+        let owed = open_reports.flat_map(|state| ANY_OWED.iter().map(move |&owed| (state, owed)));
+        let trust = owed.flat_map(|state| [false, true].map(|distrusted| (state, distrusted)));
+        let times = trust.flat_map(|state| ANY_TIME.iter().map(move |&time| (state, time)));
+        times.map(|((((question, reports), owed), distrusted), time)| {
+            let open = question.map(|question| Request { question, sent_at: SENT });
+            let distrusted_until = if distrusted { SENT + LATEST_REPLY } else { SENT };
+            let state = Correlator {
+                open,
+                reports,
+                owed,
+                distrusted_until,
+                owed_since: SENT,
+                ..Correlator::new(FASTEST)
+            };
+            (state, time)
+        })
+    }
+
+    /// The rows that speak of this state at this time.
+    fn rows(state: &Correlator, time: Time) -> Vec<&'static Row> {
+        let is_distrusted = state.distrusted_until > SENT;
+        let speaks = |(open, reports, owed, distrusted, times, _): &&Row| {
+            *open == state.open.map(|open| open.question)
+                && reports.contains(&state.reports)
+                && owed.contains(&state.owed)
+                && *distrusted == is_distrusted
+                && times.contains(&time)
+        };
+        TABLE.iter().filter(speaks).collect()
+    }
+
+    /// The state and the verdict that an outcome means.
+    fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, Verdict) {
+        let late = |verdict| {
+            let owed = before.owed.saturating_sub(1);
+            (Correlator { owed, distrusted_until: Instant::ZERO, ..before }, verdict)
+        };
+        let unasked = || late(if before.owed > 0 { Verdict::Late } else { Verdict::Duplicate });
+        let closed = |(state, verdict)| (Correlator { open: None, ..state }, verdict);
+        match outcome {
+            Mal => (before, Verdict::Malformed),
+            Lat => late(Verdict::Late),
+            Rep => late(Verdict::LateReport),
+            Una => unasked(),
+            Giv => closed(unasked()),
+            Ans => {
+                let Request { question, sent_at } = before.open.expect("it answers a request");
+                closed((before, Verdict::Answer(question, at.since(sent_at))))
+            }
+        }
+    }
+
+    /// What becomes of the knowledge of this motor's reports.
+    fn expected_reports(outcome: Outcome, before: Correlator, payload: Payload) -> Reports {
+        let answers_fault = before.open.is_some_and(|open| open.question == Fault);
+        match (outcome, payload) {
+            (Rep, _) => SEEN,
+            (Ans | Giv, Report) if answers_fault => SEEN,
+            (Ans, _) if answers_fault && before.reports != SEEN => Reports::Unseen(0),
+            _ => before.reports,
+        }
+    }
+
+    /// Goal: every payload in every state at every time has the verdict that the table says, and leaves the state it says.
+    /// Method: all states that differ in any column, each looked up in the table; exactly one row speaks of each.
+    #[test]
+    fn every_payload_in_every_state_is_judged_as_the_table_says() {
+        for (before, time) in every_state() {
+            let at = if time == Soon { SENT + FASTEST / 2 } else { SENT + FASTEST };
+            let rows = rows(&before, time);
+            assert_eq!(rows.len(), 1, "{before:?}, {time:?}: {rows:?}");
+            for (payload, outcome) in PAYLOADS.into_iter().zip(rows[0].5) {
+                let (mut state, verdict) = expected(outcome, before, at);
+                state.reports = expected_reports(outcome, before, payload);
+                assert_eq!(
+                    before.receive(payload, at),
+                    (state, verdict),
+                    "{before:?}, {payload:?}, {time:?}"
+                );
+            }
+            assert_eq!(before.receive(OtherId, at), (before, Verdict::UnexpectedId));
+        }
+    }
+
+    #[test]
+    fn a_request_makes_the_open_one_owed_for_as_long_as_its_reply_may_come() {
+        let open = Correlator::new(FASTEST).request(State, SENT);
+        assert_eq!((open.owed, open.is_open()), (0, true));
+        let in_time = open.request(State, SENT + LATEST_REPLY);
+        assert_eq!((in_time.owed, in_time.owed_since), (1, SENT + LATEST_REPLY));
+        let nanosecond = Duration::from_nanos(1);
+        assert_eq!(open.request(State, SENT + LATEST_REPLY + nanosecond).owed, 0);
+        let idle = in_time.withdraw();
+        assert_eq!(idle.request(State, in_time.owed_since + LATEST_REPLY).owed, 1);
+        assert_eq!(idle.request(State, in_time.owed_since + LATEST_REPLY + nanosecond).owed, 0);
+    }
+
+    #[test]
+    fn a_request_after_an_unanswered_fault_request_is_distrusted_until_that_is_fifty_milliseconds_old() {
+        let asked = Correlator::new(FASTEST).request(Fault, SENT);
+        let state = asked.request(State, SENT + Duration::from_millis(1));
+        assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
+        let just_before = SENT + LATEST_REPLY - Duration::from_nanos(1);
+        assert_eq!(state.receive(Plain, just_before).1, Verdict::Late);
+        assert!(matches!(state.receive(Plain, SENT + LATEST_REPLY).1, Verdict::Answer(State, _)));
+        let trusted = Correlator::new(FASTEST).request(State, SENT).request(State, SENT + LATEST_REPLY);
+        assert_eq!(trusted.distrusted_until, Instant::ZERO);
+    }
+
+    #[test]
+    fn a_request_that_was_not_sent_leaves_nothing_open() {
+        let before = Correlator::new(FASTEST);
+        assert_eq!(before.request(Fault, SENT).withdraw(), before);
+    }
+}
