@@ -66,7 +66,10 @@ impl Robot {
             self.control.heard(motor, Heard::State(still, latency), now + latency);
         }
         self.control.end_cycle();
-        self.control.report(&mut self.state);
+        let joints = self.state.joints.iter_mut();
+        joints.zip(self.control.joint_states()).for_each(|(joint, state)| *joint = state);
+        let groups = self.state.groups.iter_mut();
+        groups.zip(self.control.group_states()).for_each(|(group, state)| *group = state);
         for bus in 0..4 {
             if let Some(motor) = self.control.fault_poll(bus) {
                 self.control.heard(motor, Heard::Fault(FaultBits(0)), now + 2 * latency);

@@ -15,6 +15,7 @@
 //! ```
 
 use core::marker::PhantomData;
+use motord_shared::SetpointMode;
 
 /// The robot's side: sign and zero as the controllers know them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +25,7 @@ pub enum Joint {}
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motor {}
 
-/// What a drive makes of a command: torque = `kp`·(position − p) + `kd`·(velocity − v) + `torque`.
+/// The control law of a drive: torque = `kp`·(position − p) + `kd`·(velocity − v) + `torque`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Impedance<Side> {
     /// rad.
@@ -63,7 +64,33 @@ impl<Side> Impedance<Side> {
     }
 }
 
-/// What a drive tells of itself.
+/// A setpoint or an applied command of one joint: the values, and how they are meant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setpoint {
+    /// The values. A mode other than impedance uses those that it needs.
+    pub values: Impedance<Joint>,
+    /// How they are meant.
+    pub mode: SetpointMode,
+}
+
+impl Setpoint {
+    /// No stiffness, no damping, no torque.
+    pub const NEUTRAL: Self = Self::impedance(Impedance::NEUTRAL);
+
+    /// In impedance mode.
+    #[must_use]
+    pub const fn impedance(values: Impedance<Joint>) -> Self {
+        Self { values, mode: SetpointMode::Impedance }
+    }
+
+    /// It pulls the joint to its position.
+    #[must_use]
+    pub fn pulls(&self) -> bool {
+        self.values.kp > 0.0 || self.mode == SetpointMode::Position
+    }
+}
+
+/// A report of a drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured<Side> {
     /// rad.
@@ -72,7 +99,7 @@ pub struct Measured<Side> {
     pub velocity: f32,
     /// N·m.
     pub torque: f32,
-    /// °C, where the protocol tells it.
+    /// °C, where the protocol reports it.
     pub temperature: Option<f32>,
     side: PhantomData<Side>,
 }
@@ -123,7 +150,7 @@ impl Transmission {
         self.direction * motor + self.offset
     }
 
-    /// What the motor must hear for the joint to do `joint`.
+    /// The command to the motor that makes the joint do `joint`.
     #[must_use]
     pub fn to_motor(&self, joint: &Impedance<Joint>) -> Impedance<Motor> {
         Impedance::new(
@@ -135,7 +162,7 @@ impl Transmission {
         )
     }
 
-    /// What the joint does when the motor tells `motor`.
+    /// The state of the joint when the motor reports `motor`.
     #[must_use]
     pub fn to_joint(&self, motor: &Measured<Motor>) -> Measured<Joint> {
         Measured::new(

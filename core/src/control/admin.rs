@@ -1,14 +1,13 @@
-//! Administrative requests: who may want what, when, and why not.
+//! Administrative requests: which are granted, and why the others are refused.
 
-use super::errand::{Errand, Kind};
-use super::group::Owner;
-use super::{Control, Event};
+use super::group::Group;
+use super::motor::{Kind, Motor, ServiceRequest};
+use super::{Control, Place};
+use core::ops::Range;
 use motord_bus::Instant;
-use motord_shared::{
-    AdminReply, AdminRequest, BusCondition, Cause, Lease, MotorMode, Operation, Phase, Refusal, message,
-};
+use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Operation, Phase, Refusal, message};
 
-/// A refusal and what it is about.
+/// A refusal, and its detail: the joint, process id or cause that it is about.
 type Refused = (Refusal, u32);
 
 /// Answers that came later than their request.
@@ -18,7 +17,7 @@ pub(super) struct Answers {
 }
 
 impl Answers {
-    /// At most one errand per motor is under way.
+    /// At most one service request per motor is under way.
     const CAPACITY: usize = motord_shared::limits::JOINTS_MAX;
 
     pub(super) const fn new() -> Self {
@@ -36,6 +35,26 @@ impl Answers {
     }
 }
 
+/// Makes leases: each differs from every other, also from those of the daemon before.
+#[derive(Debug)]
+pub(super) struct Leases {
+    boot_id: u64,
+    epoch: u32,
+}
+
+impl Leases {
+    pub(super) const fn new(boot_id: u64) -> Self {
+        Self { boot_id, epoch: 0 }
+    }
+
+    /// `None` when this daemon has no more leases to give.
+    fn next(&mut self, group: usize) -> Option<Lease> {
+        let lease = Lease::new(self.boot_id, self.epoch + 1, group)?;
+        self.epoch = lease.epoch();
+        Some(lease)
+    }
+}
+
 fn reply(outcome: Result<u64, Refused>) -> AdminReply {
     match outcome {
         Ok(lease) => AdminReply { lease, refusal: 0, detail: 0 },
@@ -44,87 +63,77 @@ fn reply(outcome: Result<u64, Refused>) -> AdminReply {
 }
 
 impl Control {
-    /// Answers a request, now or, when it is an errand to a motor, later through
-    /// [`next_answer`](Self::next_answer) with the same ticket. Bounded by groups and joints.
+    /// Answers a request, now or, when a motor has to answer it, later through [`next_answer`](Self::next_answer) with the
+    /// same ticket. Does not allocate; bounded by groups and joints.
     pub fn request(&mut self, ticket: u32, request: &AdminRequest, now: Instant) -> Option<AdminReply> {
-        self.now = now;
+        self.context.now = now;
         let Ok(operation) = Operation::try_from(request.operation) else {
             return Some(reply(Err((Refusal::UnknownOperation, request.operation))));
         };
-        if let Some(owner) = self
-            .groups
-            .iter_mut()
-            .filter_map(|group| group.owner.as_mut())
-            .find(|owner| owner.lease.raw() == request.lease)
-        {
-            owner.heard = now;
-        }
+        self.groups.iter_mut().for_each(|group| group.hear_owner(request.lease, now));
         let outcome = match operation {
-            Operation::SetZero => return self.send_errand(Kind::SetZero, ticket, request, now),
-            Operation::ClearFault => return self.send_errand(Kind::ClearFault, ticket, request, now),
-            Operation::Claim => self.claim(request, now),
+            Operation::SetZero => return self.serve(Kind::SetZero, ticket, request),
+            Operation::ClearFault => return self.serve(Kind::ClearFault, ticket, request),
+            Operation::Claim => self.claim(request),
             Operation::Release => self.release(request),
             Operation::ForceRelease => self.force_release(request),
-            Operation::Enable => self.enable(request, now),
+            Operation::Enable => self.enable(request),
             Operation::Disable => self.disable(request),
             Operation::Reset => self.reset(request),
-            Operation::EmergencyStop => self.emergency_stop(),
+            Operation::EmergencyStop => {
+                self.stop_all(Cause::EmergencyStop, None);
+                Ok(0)
+            }
             Operation::Describe | Operation::Telemetry => Err((Refusal::UnknownOperation, request.operation)),
         };
         Some(reply(outcome))
     }
 
-    fn claim(&mut self, request: &AdminRequest, now: Instant) -> Result<u64, Refused> {
+    fn claim(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
         let index = self.one_group(request)?;
         if self.shutting_down {
             return Err((Refusal::ShuttingDown, 0));
         }
-        if let Some(owner) = self.groups[index].owner {
+        let group = &mut self.groups[index];
+        if let Some(owner) = group.owner() {
             return Err((Refusal::Owned, owner.pid));
         }
-        let lease = Lease::new(self.boot_id, self.epoch + 1, index).ok_or((Refusal::NoLease, 0))?;
-        self.epoch = lease.epoch();
-        self.groups[index].owner = Some(Owner::new(lease, request.pid, now));
-        self.events.push(Event::Owner { group: index, pid: Some(request.pid) });
+        let lease = self.leases.next(index).ok_or((Refusal::NoLease, 0))?;
+        group.own(lease, request.pid, &mut self.context);
         Ok(lease.raw())
     }
 
     fn release(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
-        let index = Lease::from_raw(request.lease).ok_or((Refusal::NotOwner, 0))?.group();
-        self.must_own(index, request.lease)?;
-        self.begin_damping(index, true);
-        self.disown(index);
+        let mut groups = self.groups.iter_mut();
+        let owned = groups.find(|group| group.is_owned_by(request.lease));
+        let group = owned.ok_or((Refusal::NotOwner, 0))?;
+        group.begin_damping(true, &mut self.context);
+        group.disown(&mut self.context);
         Ok(0)
     }
 
     fn force_release(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
         let index = self.one_group(request)?;
-        if self.groups[index].owner.is_none() {
+        let group = &mut self.groups[index];
+        if group.owner().is_none() {
             return Err((Refusal::NoOwner, 0));
         }
-        self.stop(index, Cause::OwnerLost, None);
-        self.disown(index);
+        group.stop(Cause::OwnerLost, None, &mut self.context);
+        group.disown(&mut self.context);
         Ok(0)
     }
 
-    fn enable(&mut self, request: &AdminRequest, now: Instant) -> Result<u64, Refused> {
-        for index in self.some_groups(request)? {
-            self.may_enable(index, request.lease, now)?;
+    fn enable(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
+        let range = self.some_groups(request)?;
+        for group in &self.groups[range.clone()] {
+            self.may_enable(group, request.lease)?;
         }
-        for index in self.some_groups(request)? {
-            for place in 0..self.groups[index].motors.len() {
-                let motor = self.groups[index].motors[place];
-                self.motors[motor].begin_start();
-                self.motor_changed(motor);
-            }
-            self.groups[index].enter(Phase::Starting, now);
-            self.events.push(Event::Group { group: index, phase: Phase::Starting });
-        }
+        let Self { groups, context, .. } = self;
+        groups[range].iter_mut().for_each(|group| group.start(context));
         Ok(0)
     }
 
-    fn may_enable(&self, index: usize, lease: u64, now: Instant) -> Result<(), Refused> {
-        let group = &self.groups[index];
+    fn may_enable(&self, group: &Group, lease: u64) -> Result<(), Refused> {
         if self.shutting_down {
             return Err((Refusal::ShuttingDown, 0));
         }
@@ -136,34 +145,31 @@ impl Control {
         if group.phase() != Phase::Disarmed {
             return Err((Refusal::NotDisarmed, 0));
         }
-        if group.owner.is_none() {
+        if group.owner().is_none() {
             return Err((Refusal::NoOwner, 0));
         }
-        if lease != 0 {
-            self.must_own(index, lease)?;
+        if lease != 0 && !group.is_owned_by(lease) {
+            return Err((Refusal::NotOwner, 0));
         }
-        for &motor in &group.motors {
-            self.may_start(motor)?;
-        }
-        if !group.has_fresh_setpoint(now, self.safety.setpoint_timeout) {
+        group.motors.iter().try_for_each(|motor| self.may_start(motor))?;
+        if !group.has_fresh_setpoints(&self.context) {
             return Err((Refusal::NoSetpoint, 0));
         }
-        match self.first_jump(index) {
-            Some(motor) => Err((Refusal::SetpointTooFar, motor as u32)),
+        match group.first_jump(&self.context) {
+            Some(motor) => Err((Refusal::SetpointTooFar, motor.joint as u32)),
             None => Ok(()),
         }
     }
 
-    fn may_start(&self, index: usize) -> Result<(), Refused> {
-        let motor = &self.motors[index];
-        let detail = index as u32;
-        if self.buses[self.settings[index].bus].cause().is_some() {
+    fn may_start(&self, motor: &Motor) -> Result<(), Refused> {
+        let detail = motor.joint as u32;
+        if self.buses[motor.settings.bus].cause().is_some() {
             return Err((Refusal::BusDown, detail));
         }
         match motor.mode() {
             MotorMode::Offline => Err((Refusal::MotorOffline, detail)),
             MotorMode::Fault => Err((Refusal::MotorFault, detail)),
-            _ if motor.errand.is_some() => Err((Refusal::Busy, detail)),
+            _ if motor.request.is_some() => Err((Refusal::Busy, detail)),
             _ if motor.is_doubled() => Err((Refusal::DuplicateId, detail)),
             _ if !motor.is_fresh() => Err((Refusal::StateStale, detail)),
             _ => Ok(()),
@@ -171,95 +177,73 @@ impl Control {
     }
 
     fn disable(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
-        for index in self.some_groups(request)? {
-            if request.lease != 0 {
-                self.must_own(index, request.lease)?;
-            }
+        let range = self.some_groups(request)?;
+        let Self { groups, context, .. } = self;
+        let groups = &mut groups[range];
+        if request.lease != 0 && !groups.iter().all(|group| group.is_owned_by(request.lease)) {
+            return Err((Refusal::NotOwner, 0));
         }
-        self.some_groups(request)?.for_each(|index| self.begin_damping(index, true));
+        groups.iter_mut().for_each(|group| group.begin_damping(true, context));
         Ok(0)
     }
 
     fn reset(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
-        for index in self.some_groups(request)? {
-            self.may_reset(index)?;
+        let range = self.some_groups(request)?;
+        for group in &self.groups[range.clone()] {
+            self.may_reset(group)?;
         }
-        for index in self.some_groups(request)? {
-            if self.groups[index].cause().is_some() {
-                self.groups[index].reset();
-                self.events.push(Event::Reset { group: index });
-            }
-        }
+        let Self { groups, context, .. } = self;
+        groups[range].iter_mut().for_each(|group| group.reset(context));
         Ok(0)
     }
 
-    fn may_reset(&self, index: usize) -> Result<(), Refused> {
-        let group = &self.groups[index];
+    fn may_reset(&self, group: &Group) -> Result<(), Refused> {
         if self.shutting_down {
             return Err((Refusal::ShuttingDown, 0));
         }
         if group.phase() != Phase::Disarmed {
             return Err((Refusal::NotNeutral, 0));
         }
-        for &motor in &group.motors {
-            let bus = self.buses[self.settings[motor].bus];
-            if !matches!(bus.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive)
-            {
-                return Err((Refusal::BusDown, motor as u32));
-            }
-            match self.motors[motor].mode() {
-                MotorMode::Offline => return Err((Refusal::MotorOffline, motor as u32)),
-                MotorMode::Fault => return Err((Refusal::MotorFault, motor as u32)),
+        for motor in &group.motors {
+            let detail = motor.joint as u32;
+            match motor.mode() {
+                _ if !self.buses[motor.settings.bus].is_up() => return Err((Refusal::BusDown, detail)),
+                MotorMode::Offline => return Err((Refusal::MotorOffline, detail)),
+                MotorMode::Fault => return Err((Refusal::MotorFault, detail)),
                 _ => {}
             }
         }
         Ok(())
     }
 
-    fn emergency_stop(&mut self) -> Result<u64, Refused> {
-        (0..self.groups.len()).for_each(|group| self.stop(group, Cause::EmergencyStop, None));
-        Ok(0)
-    }
-
-    fn send_errand(
-        &mut self,
-        kind: Kind,
-        ticket: u32,
-        request: &AdminRequest,
-        now: Instant,
-    ) -> Option<AdminReply> {
-        match self.may_send_errand(kind, request) {
-            Ok(motor) => {
-                self.motors[motor].errand = Some(Errand::new(kind, ticket, now));
+    fn serve(&mut self, kind: Kind, ticket: u32, request: &AdminRequest) -> Option<AdminReply> {
+        match self.may_serve(kind, request) {
+            Ok(Place { group, place }) => {
+                let service = ServiceRequest::new(kind, ticket, self.context.now);
+                self.groups[group].motors[place].request = Some(service);
                 None
             }
             Err(refused) => Some(reply(Err(refused))),
         }
     }
 
-    fn may_send_errand(&self, kind: Kind, request: &AdminRequest) -> Result<usize, Refused> {
-        let motor = request.joint as usize;
-        let told = self.motors.get(motor).ok_or((Refusal::UnknownJoint, request.joint))?;
-        if self.groups[self.group_of[motor]].phase() != Phase::Disarmed {
-            return Err((Refusal::NotDisarmed, request.joint));
+    fn may_serve(&self, kind: Kind, request: &AdminRequest) -> Result<Place, Refused> {
+        let joint = request.joint;
+        let place = *self.places.get(joint as usize).ok_or((Refusal::UnknownJoint, joint))?;
+        let group = &self.groups[place.group];
+        let motor = &group.motors[place.place];
+        if group.phase() != Phase::Disarmed {
+            return Err((Refusal::NotDisarmed, joint));
         }
-        match (told.mode(), kind) {
-            (_, _) if told.errand.is_some() => Err((Refusal::Busy, request.joint)),
-            (MotorMode::Offline, _) => Err((Refusal::MotorOffline, request.joint)),
-            (MotorMode::Fault, Kind::SetZero) => Err((Refusal::MotorFault, request.joint)),
-            // Where a joint is zeroed that turns is nobody's intention, and its next state does not confirm it.
-            (_, Kind::SetZero) if !told.is_at_rest(self.safety.rest_velocity) => {
-                Err((Refusal::Moving, request.joint))
+        match (motor.mode(), kind) {
+            (_, _) if motor.request.is_some() => Err((Refusal::Busy, joint)),
+            (MotorMode::Offline, _) => Err((Refusal::MotorOffline, joint)),
+            (MotorMode::Fault, Kind::SetZero) => Err((Refusal::MotorFault, joint)),
+            // Nobody means to make zero the place where a turning joint just is, and its next state does not confirm it.
+            (_, Kind::SetZero) if !motor.is_at_rest(self.context.safety.rest_velocity) => {
+                Err((Refusal::Moving, joint))
             }
-            _ => Ok(motor),
-        }
-    }
-
-    fn must_own(&self, index: usize, lease: u64) -> Result<(), Refused> {
-        let owner = self.groups.get(index).and_then(|group| group.owner);
-        match owner {
-            Some(owner) if owner.lease.raw() == lease => Ok(()),
-            _ => Err((Refusal::NotOwner, 0)),
+            _ => Ok(place),
         }
     }
 
@@ -268,7 +252,7 @@ impl Control {
         if index < self.groups.len() { Ok(index) } else { Err((Refusal::UnknownGroup, request.group)) }
     }
 
-    fn some_groups(&self, request: &AdminRequest) -> Result<core::ops::Range<usize>, Refused> {
+    fn some_groups(&self, request: &AdminRequest) -> Result<Range<usize>, Refused> {
         if request.group == message::ALL_GROUPS {
             return Ok(0..self.groups.len());
         }

@@ -1,87 +1,42 @@
-//! What each motor is told in each cycle: pure decisions on (state, inputs, now). No clock, no I/O, no allocation
-//! after [`Control::new`], and no way to fail: what is wrong becomes a state, a counter or an event.
+//! The command of each motor in each cycle: pure decisions on (state, inputs, now). No clock, no I/O, no allocation
+//! after [`Control::new`], and no way to fail: whatever is wrong becomes a state, a counter or an event.
 //!
-//! One cycle: [`request`](Control::request) and [`offer`](Control::offer) bring what clients want,
-//! [`decide`](Control::decide) makes one command per motor of it, [`heard`](Control::heard) takes what the motors
-//! answer, [`end_cycle`](Control::end_cycle) draws the consequences of silence, and [`report`](Control::report) tells
-//! it all.
+//! One cycle: [`request`](Control::request) and [`offer`](Control::offer) bring the wishes of clients,
+//! [`decide`](Control::decide) makes one command per motor, [`heard`](Control::heard) takes the answers of the motors,
+//! [`end_cycle`](Control::end_cycle) draws the consequences of silence.
+//!
+//! | file | decides |
+//! |---|---|
+//! | `group/` | the phases of a group, its owner, its setpoints, the causes that stop it |
+//! | `motor/` | the modes of a motor, its limits, whether its reports can be true |
+//! | `admin.rs` | requests of clients and operators |
+//! | `time_base.rs`, `bus_health.rs` | whether time and buses can be trusted |
 
 mod admin;
+mod bus_health;
 mod command;
-mod errand;
+mod context;
 mod event;
 mod group;
-mod heat;
-mod limit;
 mod motor;
-mod phase;
-mod plausibility;
-mod watch;
+mod time_base;
 
+pub use command::{Command, Heard};
 pub use event::{Event, Events};
-pub use limit::{Circumstances, Limited, limit};
+pub use motor::{Applied, Circumstances, limit};
 
-use crate::joint::{Impedance, Joint, Measured};
-use crate::settings::{MotorSettings, SafetySettings, Settings};
-use admin::Answers;
-use group::Group;
+use crate::settings::Settings;
+use admin::Leases;
+use bus_health::BusHealth;
+use context::Context;
+use group::{Group, Report};
 use motor::Motor;
 use motord_bus::{Duration, Instant};
-use motord_protocol::FaultBits;
-use motord_shared::{
-    AdminReply, BusCondition, Cause, Lease, Phase, SetpointMessage, SetpointMode, StateMessage, message,
-};
+use motord_shared::{AdminReply, BusCondition, Cause, GroupState, JointState, Lease, Phase, SetpointMessage};
+use time_base::TimeBase;
 
-/// A bus that refused frames in this many cycles in a row is stalled.
-const STALL_CYCLES: u32 = 3;
-
-/// What one motor is told in a cycle, joint side.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Command {
-    /// Nothing: it is offline, and it is not time to probe it.
-    Nothing,
-    /// Stop; an MIT motor also tells its state.
-    Stop,
-    /// Start.
-    Start,
-    /// No stiffness, no damping, no torque.
-    Neutral,
-    /// Make the present position zero.
-    SetZero,
-    /// Tell the fault bits.
-    GetFault,
-    /// Acknowledge the fault.
-    ClearFault,
-    /// Follow this.
-    Control(Impedance<Joint>, SetpointMode),
-}
-
-impl Command {
-    /// The motor's state is the answer.
-    #[must_use]
-    pub const fn is_answered_by_state(&self) -> bool {
-        !matches!(self, Self::Nothing | Self::GetFault | Self::ClearFault)
-    }
-}
-
-/// What one motor answered.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Heard {
-    /// Its state, and how long after the command it came.
-    State(Measured<Joint>, Duration),
-    /// Its fault bits.
-    Fault(FaultBits),
-    /// That it heard the request to clear its fault.
-    Cleared,
-    /// That it heard, and nothing more.
-    Alive,
-    /// That it stopped.
-    Stopped,
-    /// That it refuses: it may have a fault.
-    Refused,
-    /// An answer to a question of an earlier cycle, by now meaningless.
-    Late,
-}
+/// A motor that has not answered by then is reported, once.
+const SILENT_START: Duration = Duration::from_secs(2);
 
 /// How a cycle began: its tick, and how much later it woke up.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -98,52 +53,27 @@ pub struct Wake {
     pub suspended: Duration,
 }
 
-/// What a bus is able to do, as far as safety cares.
-#[derive(Debug, Clone, Copy)]
-struct BusHealth {
-    condition: BusCondition,
-    stalled: u32,
+/// The place of a joint: its group, and its place in that.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Place {
+    group: usize,
+    place: usize,
 }
 
-impl BusHealth {
-    fn cause(&self) -> Option<Cause> {
-        match self.condition {
-            BusCondition::Off => Some(Cause::BusOff),
-            BusCondition::Down | BusCondition::Gone => Some(Cause::BusGone),
-            _ if self.stalled >= STALL_CYCLES => Some(Cause::TransmitStall),
-            _ => None,
-        }
-    }
-}
-
-/// The state of every motor and group, and the rules they follow.
+/// The state of every group with its motors, and the rules they follow.
 #[derive(Debug)]
 pub struct Control {
-    safety: SafetySettings,
-    period: Duration,
-    max_lateness: Duration,
-    max_missed_ticks: f32,
-    settings: Vec<MotorSettings>,
-    group_of: Vec<usize>,
-    motors: Vec<Motor>,
     groups: Vec<Group>,
+    /// By joint.
+    places: Vec<Place>,
     buses: Vec<BusHealth>,
+    /// By joint.
     commands: Vec<Command>,
-    poll_next: Vec<usize>,
-    boot_id: u64,
-    epoch: u32,
-    tick: Wake,
-    /// The time of the call that is running.
-    now: Instant,
-    elapsed: f32,
-    /// How long the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
-    suspended: Duration,
-    /// The part of the ticks that were missed of late, 0 to 1.
-    missed_ticks: f32,
-    events: Events,
-    answers: Answers,
-    started: Option<Instant>,
-    told_silent: bool,
+    time_base: TimeBase,
+    leases: Leases,
+    context: Context,
+    /// The motors that never answered have been reported.
+    silence_reported: bool,
     shutting_down: bool,
 }
 
@@ -152,211 +82,240 @@ impl Control {
     /// different from those of the one before.
     #[must_use]
     pub fn new(settings: &Settings, boot_id: u64) -> Self {
-        let motors = settings.motors.len();
-        let mut group_of = vec![0; motors];
-        for (index, group) in settings.groups.iter().enumerate() {
-            group.motors.iter().for_each(|&motor| group_of[motor] = index);
-        }
-        let health = BusHealth { condition: BusCondition::Active, stalled: 0 };
+        let groups = settings.groups.iter().enumerate();
+        let joints = |bus: usize| {
+            let on_bus = settings.motors.iter().enumerate().filter(move |(_, motor)| motor.bus == bus);
+            on_bus.map(|(joint, _)| joint).collect()
+        };
         Self {
-            safety: settings.safety.clone(),
-            period: settings.cycle.period,
-            max_lateness: settings.cycle.max_lateness,
-            max_missed_ticks: settings.cycle.max_missed_ticks,
-            settings: settings.motors.clone(),
-            group_of,
-            motors: settings.motors.iter().map(Motor::new).collect(),
-            groups: settings.groups.iter().map(Group::new).collect(),
-            buses: vec![health; settings.buses.len()],
-            commands: vec![Command::Nothing; motors],
-            poll_next: vec![0; settings.buses.len()],
-            boot_id,
-            epoch: 0,
-            tick: Wake::default(),
-            now: Instant::ZERO,
-            elapsed: 0.0,
-            suspended: Duration::ZERO,
-            missed_ticks: 0.0,
-            events: Events::new(),
-            answers: Answers::new(),
-            started: None,
-            told_silent: false,
+            groups: groups.map(|(index, group)| Group::new(index, group, &settings.motors)).collect(),
+            places: places(settings),
+            buses: (0..settings.buses.len()).map(|bus| BusHealth::new(joints(bus))).collect(),
+            commands: vec![Command::Nothing; settings.motors.len()],
+            time_base: TimeBase::new(&settings.cycle),
+            leases: Leases::new(boot_id),
+            context: Context::new(settings),
+            silence_reported: false,
             shutting_down: false,
         }
     }
 
-    /// Offers a setpoint message. What is wrong with it is counted by its reason; nothing of it is used then.
+    /// Offers a setpoint message. A message with an error is counted by its reason, and nothing of it is used. Does not
+    /// allocate; bounded by the joints of a message.
     pub fn offer(&mut self, message: &SetpointMessage, now: Instant) {
-        let Self { groups, settings, safety, .. } = self;
-        let lease = Lease::from_raw(message.lease);
-        let Some(group) = lease.and_then(|lease| groups.get_mut(lease.group())) else { return };
-        let _counted = group.offer(message, now, safety.setpoint_timeout, |motor, mode| {
-            settings[motor].capabilities.takes(mode)
-        });
+        let timeout = self.context.safety.setpoint_timeout;
+        let group = Lease::from_raw(message.lease).and_then(|lease| self.groups.get_mut(lease.group()));
+        if let Some(group) = group {
+            group.offer(message, now, timeout);
+        }
     }
 
-    /// Begins a cycle: draws the consequences of time, and makes one command per motor. Bounded by motors and groups.
+    /// Begins a cycle: draws the consequences of time, and makes one command per joint. Does not allocate; bounded by
+    /// motors and groups.
     pub fn decide(&mut self, wake: Wake) -> &[Command] {
-        let elapsed = wake.begun.since(self.tick.begun);
-        self.elapsed = elapsed.min(2 * self.period).as_secs_f32();
-        self.tick = wake;
-        self.now = wake.begun;
-        self.watch_time(elapsed);
-        self.watch_silence();
-        self.watch_heat(elapsed);
-        for group in 0..self.groups.len() {
-            self.watch_buses(group);
-            self.watch_owner(group);
-            self.advance(group);
+        let elapsed = self.context.begin(wake);
+        if wake.missed_ticks > 0 {
+            self.context.push(Event::Overrun { missed_ticks: wake.missed_ticks });
         }
-        for motor in 0..self.motors.len() {
-            let command = self.command(motor);
-            self.motors[motor].asked(&command);
-            self.commands[motor] = command;
+        if let Some(cause) = self.time_base.judge(&wake, elapsed) {
+            self.stop_moving(cause);
         }
-        self.watch_errands();
+        self.report_silence();
+        let Self { groups, buses, commands, context, .. } = self;
+        for group in groups {
+            group.decide(elapsed, buses, context, commands);
+        }
         &self.commands
     }
 
-    /// A motor answered at `at`. Tells whether that can be true; if not, it is not used.
-    pub fn heard(&mut self, motor: usize, heard: Heard, at: Instant) -> bool {
-        match heard {
-            Heard::State(measured, latency) => return self.heard_state(motor, measured, at, latency),
-            Heard::Fault(bits) => self.heard_fault(motor, bits, at),
-            Heard::Cleared | Heard::Alive => self.motors[motor].told_alive(),
-            Heard::Stopped => self.motors[motor].told_stopped(),
-            Heard::Refused => self.motors[motor].told_refusal(),
-            Heard::Late => self.motors[motor].told_late(),
+    /// Reports, once, the motors that have never answered.
+    fn report_silence(&mut self) {
+        let Self { groups, context, .. } = self;
+        if self.silence_reported || context.uptime() < SILENT_START {
+            return;
         }
-        true
-    }
-
-    /// The bus did not take a motor's command of this cycle.
-    pub fn unsent(&mut self, motor: usize) {
-        if matches!(self.commands[motor], Command::SetZero | Command::ClearFault) {
-            self.motors[motor].resume_errand();
+        self.silence_reported = true;
+        let motors = groups.iter().flat_map(|group| &group.motors);
+        for motor in motors.filter(|motor| motor.was_never_heard()) {
+            context.push(Event::Silent { motor: motor.joint });
         }
     }
 
-    /// A motor answered one question twice.
-    pub fn heard_twice(&mut self, motor: usize) {
-        if self.motors[motor].told_twice() {
-            self.stop(self.group_of[motor], Cause::DuplicateId, Some(motor));
+    /// The motor of `joint` answered at `at`. Returns whether that can be true; if not, it is not used. Does not allocate;
+    /// bounded by motors.
+    pub fn heard(&mut self, joint: usize, heard: Heard, at: Instant) -> bool {
+        let Place { group, place } = self.places[joint];
+        let report = self.groups[group].heard(place, heard, at, &mut self.context);
+        if report == Report::StopAll {
+            self.stop_all(Cause::MotorFault, Some(joint));
+        }
+        report != Report::Refused
+    }
+
+    /// The bus did not take the command of this joint in this cycle.
+    pub fn unsent(&mut self, joint: usize) {
+        if matches!(self.commands[joint], Command::SetZero | Command::ClearFault) {
+            let Place { group, place } = self.places[joint];
+            self.groups[group].motors[place].resume_request();
         }
     }
 
-    /// Every answer that can come in this cycle has come.
+    /// The motor of `joint` answered one question twice.
+    pub fn heard_twice(&mut self, joint: usize) {
+        let Place { group, place } = self.places[joint];
+        self.groups[group].heard_twice(place, &mut self.context);
+    }
+
+    /// Every answer that can come in this cycle has come. Bounded by motors.
     pub fn end_cycle(&mut self) {
-        for motor in 0..self.motors.len() {
-            if self.motors[motor].end_cycle(self.tick.cycle, self.safety.lost_cycles) {
-                self.motor_changed(motor);
-                self.stop(self.group_of[motor], Cause::MotorLost, Some(motor));
-            }
-        }
+        let Self { groups, context, .. } = self;
+        groups.iter_mut().for_each(|group| group.end_cycle(context));
     }
 
-    /// The motor of `bus` that should be asked for its faults now, if one should. Round robin.
+    /// The joint of `bus` whose motor should be asked for its faults now, if one should. Round robin; bounded by the
+    /// motors of the bus.
     pub fn fault_poll(&mut self, bus: usize) -> Option<usize> {
-        let count = self.motors.len();
-        if self.safety.fault_poll_hz <= 0.0 {
+        if self.context.safety.fault_poll_hz <= 0.0 {
             return None;
         }
-        let due = |motor: &usize| {
-            self.settings[*motor].bus == bus
-                && self.motors[*motor].errand.is_none()
-                && self.motors[*motor].poll_at(self.tick.cycle).is_some_and(|at| at <= self.tick.begun)
+        let health = &self.buses[bus];
+        let count = health.joints.len();
+        let is_due = |&turn: &usize| {
+            let motor = self.motor(health.joints[turn]);
+            motor.poll_at(self.context.wake.cycle).is_some_and(|at| at <= self.context.wake.begun)
         };
-        let first = self.poll_next[bus];
-        let motor = (first..count).chain(0..first).find(due)?;
-        self.poll_next[bus] = (motor + 1) % count;
-        Some(motor)
+        let turn = (health.poll_next..count).chain(0..health.poll_next).find(is_due)?;
+        let joint = health.joints[turn];
+        self.buses[bus].poll_next = (turn + 1) % count;
+        Some(joint)
     }
 
-    /// What a bus can do now.
+    /// The condition of a bus is this now.
     pub fn bus_changed(&mut self, bus: usize, condition: BusCondition) {
-        if self.buses[bus].condition != condition {
-            self.buses[bus].condition = condition;
-            self.events.push(Event::Bus { bus, condition });
+        let health = &mut self.buses[bus];
+        if health.condition != condition {
+            health.condition = condition;
+            self.context.push(Event::Bus { bus, condition });
         }
     }
 
     /// Whether a bus took the frames of this cycle.
     pub fn bus_took(&mut self, bus: usize, all: bool) {
-        let stalled = &mut self.buses[bus].stalled;
-        *stalled = if all { 0 } else { stalled.saturating_add(1) };
+        self.buses[bus].took(all);
     }
 
     /// Damps and stops everything, for good.
     pub fn shut_down(&mut self) {
         self.shutting_down = true;
-        (0..self.groups.len()).for_each(|group| self.stop(group, Cause::Shutdown, None));
+        self.stop_all(Cause::Shutdown, None);
     }
 
     /// Stops every motor without damping it first.
     pub fn stop_now(&mut self) {
-        for group in 0..self.groups.len() {
-            if self.groups[group].phase() != Phase::Disarmed {
-                self.disarm(group);
-            }
-        }
+        let Self { groups, context, .. } = self;
+        let moving = groups.iter_mut().filter(|group| group.phase() != Phase::Disarmed);
+        moving.for_each(|group| group.disarm(context));
     }
 
-    /// The motors that were started and have not answered a stop since.
+    fn stop_all(&mut self, cause: Cause, joint: Option<usize>) {
+        let Self { groups, context, .. } = self;
+        groups.iter_mut().for_each(|group| group.stop(cause, joint, context));
+    }
+
+    /// Stops every group that is not disarmed.
+    fn stop_moving(&mut self, cause: Cause) {
+        let Self { groups, context, .. } = self;
+        let moving = groups.iter_mut().filter(|group| group.phase() != Phase::Disarmed);
+        moving.for_each(|group| group.stop(cause, None, context));
+    }
+
+    /// The joints whose motors were started and have not confirmed a stop since.
     pub fn unstopped(&self) -> impl Iterator<Item = usize> {
-        self.motors.iter().enumerate().filter(|(_, motor)| motor.may_run()).map(|(index, _)| index)
+        self.groups
+            .iter()
+            .flat_map(|group| &group.motors)
+            .filter(|motor| motor.may_run())
+            .map(|motor| motor.joint)
     }
 
-    /// Every group is stopped.
+    /// Every group is disarmed.
     #[must_use]
-    pub fn is_still(&self) -> bool {
+    pub fn is_disarmed(&self) -> bool {
         self.groups.iter().all(|group| group.phase() == Phase::Disarmed)
     }
 
-    /// What happened since [`clear_events`](Self::clear_events).
+    /// The events since [`clear_events`](Self::clear_events).
     pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
-        self.events.iter()
+        self.context.events().iter()
     }
 
-    /// Forgets the events; tells how many did not fit.
+    /// Forgets the events; returns how many did not fit.
     pub fn clear_events(&mut self) -> u32 {
-        self.events.clear()
+        self.context.events_mut().clear()
     }
 
     /// The next answer to a request that could not be answered at once, with its ticket.
     pub fn next_answer(&mut self) -> Option<(u32, AdminReply)> {
-        self.answers.pop()
+        self.context.answers_mut().pop()
     }
 
-    /// The oldest setpoint in use by an active group, for measuring.
+    /// Age of the oldest setpoint in use by an active group; for measuring.
     #[must_use]
     pub fn setpoint_age(&self) -> Option<Duration> {
         let active = self.groups.iter().filter(|group| group.phase() == Phase::Active);
-        active.filter_map(|group| group.setpoint_age(self.tick.begun)).max()
+        active.filter_map(|group| group.setpoint_age(self.context.wake.begun)).max()
     }
 
     /// Cycles without a reply, over all motors.
     #[must_use]
     pub fn missed(&self) -> u64 {
-        self.motors.iter().map(|motor| u64::from(motor.missed())).sum()
+        self.motors().map(|motor| u64::from(motor.replies().missed)).sum()
     }
 
-    /// Time from command to reply of every motor that answered in this cycle, ns; 0 for the others.
+    /// Time from command to reply of every motor that answered in this cycle, ns, by joint; 0 for the others.
     pub fn reply_latencies(&self) -> impl Iterator<Item = u32> + '_ {
-        self.motors.iter().map(Motor::reply_latency_ns)
+        self.motors().map(|motor| motor.replies().latency_now_ns())
     }
 
-    /// Writes joints, groups and flags of this cycle into `state`; the rest is the cycle's to write.
-    pub fn report(&self, state: &mut StateMessage) {
-        let stopped = self.groups.iter().any(|group| group.cause() == Some(Cause::EmergencyStop));
-        state.flags = if stopped { message::FLAG_EMERGENCY_STOP } else { 0 };
-        state.flags |= if self.shutting_down { message::FLAG_SHUTDOWN } else { 0 };
-        state.joint_count = self.motors.len() as u32;
-        state.group_count = self.groups.len() as u32;
-        state.joints.iter_mut().zip(&self.motors).for_each(|(joint, motor)| *joint = motor.report());
-        state
-            .groups
-            .iter_mut()
-            .zip(&self.groups)
-            .for_each(|(told, group)| *told = group.report(self.tick.begun));
+    /// The state of every joint after this cycle, by joint.
+    pub fn joint_states(&self) -> impl Iterator<Item = JointState> + '_ {
+        self.motors().map(Motor::report)
     }
+
+    /// The state of every group after this cycle, by group.
+    pub fn group_states(&self) -> impl Iterator<Item = GroupState> + '_ {
+        self.groups.iter().map(|group| group.report(self.context.wake.begun))
+    }
+
+    /// An emergency stop is latched.
+    #[must_use]
+    pub fn is_emergency_stopped(&self) -> bool {
+        self.groups.iter().any(|group| group.cause() == Some(Cause::EmergencyStop))
+    }
+
+    /// [`shut_down`](Self::shut_down) was called.
+    #[must_use]
+    pub const fn is_shutting_down(&self) -> bool {
+        self.shutting_down
+    }
+
+    /// By joint.
+    fn motors(&self) -> impl Iterator<Item = &Motor> {
+        (0..self.places.len()).map(|joint| self.motor(joint))
+    }
+
+    fn motor(&self, joint: usize) -> &Motor {
+        let Place { group, place } = self.places[joint];
+        &self.groups[group].motors[place]
+    }
+}
+
+fn places(settings: &Settings) -> Vec<Place> {
+    let mut places = vec![Place { group: 0, place: 0 }; settings.motors.len()];
+    for (group, members) in settings.groups.iter().enumerate() {
+        for (place, &joint) in members.motors.iter().enumerate() {
+            places[joint] = Place { group, place };
+        }
+    }
+    places
 }

@@ -108,6 +108,8 @@ pub struct Counters {
     pub dropped: AtomicU64,
     /// Frames that the kernel kept from the cycle because no motor of the bus has their id, by bus, modulo 2³².
     pub unexpected_ids: [AtomicU32; BUSES_MAX],
+    /// Setpoint messages that do not bear the lease of their group's owner, by group, modulo 2³².
+    pub wrong_lease: [AtomicU32; GROUPS_MAX],
     /// Calls to the services that failed.
     pub ipc_errors: AtomicU64,
     /// The configuration's file is no longer the one that was read at the start.
@@ -193,9 +195,9 @@ impl Link {
         }
     }
 
-    /// Where to write the states of this cycle.
-    pub(super) fn state(&mut self) -> &mut StateMessage {
-        self.states.input_buffer_mut()
+    /// The message to write the states of this cycle into, and the counters of the other threads.
+    pub(super) fn state(&mut self) -> (&mut StateMessage, &Counters) {
+        (self.states.input_buffer_mut(), &self.counters)
     }
 
     /// Hands over what was written, and wakes the ipc thread.

@@ -10,6 +10,7 @@ mod channel;
 mod link;
 mod local;
 mod replacement;
+mod report;
 mod run;
 
 pub use assemble::assemble;
@@ -27,7 +28,6 @@ use crate::stopper::{BusFrames, Stopper};
 use channel::{Batch, BusChannel};
 use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
 use motord_shared::limits::{ADMINS_MAX, BUSES_MAX};
-use motord_shared::message;
 
 /// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
 /// those of others.
@@ -137,7 +137,7 @@ impl<C: Clock> Cycle<C> {
         &self.control
     }
 
-    /// Damps and stops everything, for good; [`is_still`](Self::is_still) tells when it has.
+    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) tells when it has.
     pub fn shut_down(&mut self) {
         self.control.shut_down();
     }
@@ -158,10 +158,10 @@ impl<C: Clock> Cycle<C> {
         self.control.unstopped()
     }
 
-    /// Every motor that can be reached is told to stop.
+    /// Every group is disarmed: every motor that can be reached is commanded to stop.
     #[must_use]
-    pub fn is_still(&self) -> bool {
-        self.control.is_still()
+    pub fn is_disarmed(&self) -> bool {
+        self.control.is_disarmed()
     }
 
     /// Sleeps until `tick`, runs its cycle, and returns the next tick. Ticks that have passed meanwhile are missed: no
@@ -326,20 +326,9 @@ impl<C: Clock> Cycle<C> {
     }
 
     fn publish(&mut self, wake: &Wake) {
-        let Self { link, control, channels, clock, .. } = self;
-        let now = clock.now();
-        let state = link.state();
-        control.report(state);
-        state.boot_id = self.boot_id;
-        state.cycle = wake.cycle;
-        state.tick_ns = wake.scheduled.as_nanos();
-        state.wake_latency_ns = motord_bus::time::nanos(wake.begun.since(wake.scheduled));
-        state.publish_ns = now.as_nanos();
-        state.overruns = self.missed_ticks;
-        state.flags |= if self.realtime { message::FLAG_REALTIME } else { 0 };
-        state.flags |= if wake.missed_ticks > 0 { message::FLAG_OVERRUN } else { 0 };
-        state.bus_count = channels.len() as u32;
-        state.buses.iter_mut().zip(channels.iter()).for_each(|(told, channel)| *told = channel.report());
+        let now = self.clock.now();
+        self.report(wake, now);
+        let Self { link, control, .. } = self;
         link.publish(Record::of(wake, now, control));
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);

@@ -54,7 +54,7 @@ impl<C: Clock> Cycle<C> {
             if order() == Order::StopNow || tick.at > end {
                 self.stop_now();
             }
-            last -= u32::from(self.is_still());
+            last -= u32::from(self.is_disarmed());
         }
         tick
     }

@@ -54,7 +54,7 @@ impl Gim {
             Command::SetZero => gim::Command::StopMotor,
             Command::Neutral if !self.started => gim::Command::RetrieveIndicator { ind_id: SHAFT_ANGLE },
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
-            Command::Control(joint, mode) => self.control(joint, *mode)?,
+            Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
         Some(self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()))
     }

@@ -88,7 +88,7 @@ impl Mit {
             Command::GetFault => mit::Command::GetFault,
             Command::ClearFault => mit::Command::ClearFault,
             Command::Neutral => return self.control(&Impedance::NEUTRAL),
-            Command::Control(joint, _) => return self.control(&self.transmission.to_motor(joint)),
+            Command::Control(setpoint) => return self.control(&self.transmission.to_motor(&setpoint.values)),
         };
         if let Some(feedback) = &mut self.feedback {
             feedback.carried = 0.0;

@@ -10,11 +10,10 @@ mod gim;
 mod mit;
 
 use crate::control::{Command, Heard};
-use crate::joint::Impedance;
+use crate::joint::{Impedance, Setpoint};
 use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 use correlator::{Correlator, Payload, Question, Verdict};
 use motord_bus::{Duration, Frame, FrameId, Instant};
-use motord_shared::SetpointMode;
 
 /// What a frame turned out to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +50,7 @@ pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
     let stop = make(Command::Stop)?;
     let damping = Impedance::new(0.0, 0.0, 0.0, motor.damping_kd, 0.0);
     let damp = match motor.protocol {
-        MotorProtocol::Mit => make(Command::Control(damping, SetpointMode::Impedance))?,
+        MotorProtocol::Mit => make(Command::Control(Setpoint::impedance(damping)))?,
         MotorProtocol::Gim => stop,
     };
     Some((damp, stop))

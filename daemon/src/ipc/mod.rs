@@ -11,9 +11,7 @@ use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
 use motord_core::settings::{IpcMode, IpcSettings};
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::ports::{DaemonPorts, Request};
-use motord_shared::{
-    AdminReply, AdminRequest, Lease, Operation, Refusal, Rejection, SetpointMessage, StateMessage, message,
-};
+use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -52,7 +50,6 @@ pub struct IpcThread {
     waiting: Vec<(u32, Request)>,
     next_ticket: u32,
     leases: [Option<Lease>; GROUPS_MAX],
-    wrong_lease: [u32; GROUPS_MAX],
     tick: Instant,
 }
 
@@ -78,7 +75,6 @@ impl IpcThread {
             waiting: Vec::with_capacity(REQUESTS_MAX),
             next_ticket: 0,
             leases: [None; GROUPS_MAX],
-            wrong_lease: [0; GROUPS_MAX],
             tick: Instant::ZERO,
         }
     }
@@ -114,7 +110,7 @@ impl IpcThread {
     }
 
     fn fetch_setpoints(&mut self) {
-        let Self { ports, cycle, leases, wrong_lease, .. } = self;
+        let Self { ports, cycle, leases, .. } = self;
         let taken = ports.take_setpoint(|message| {
             let Some(lease) = Lease::from_raw(message.lease) else { return };
             let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
@@ -123,7 +119,7 @@ impl IpcThread {
                 *buffer.input_buffer_mut() = *message;
                 buffer.publish();
             } else {
-                wrong_lease[lease.group()] = wrong_lease[lease.group()].wrapping_add(1);
+                cycle.counters.wrong_lease[lease.group()].fetch_add(1, Ordering::Relaxed);
             }
         });
         self.count(taken.is_err());
@@ -133,17 +129,10 @@ impl IpcThread {
         if !self.cycle.states.update() {
             return;
         }
-        let state = self.cycle.states.output_buffer_mut();
+        let state = self.cycle.states.output_buffer();
         self.tick = Instant::from_nanos(state.tick_ns);
-        let changed = self.cycle.counters.config_changed.load(Ordering::Relaxed);
-        state.flags |= if changed { message::FLAG_CONFIG_CHANGED } else { 0 };
-        for (group, told) in state.groups.iter_mut().enumerate() {
-            self.leases[group] = Lease::from_raw(told.lease);
-            let counter = &mut told.rejected[Rejection::WrongLease.code() as usize];
-            *counter = counter.wrapping_add(self.wrong_lease[group]);
-        }
-        for (bus, filtered) in state.buses.iter_mut().zip(&self.cycle.counters.unexpected_ids) {
-            bus.unexpected_id = bus.unexpected_id.wrapping_add(filtered.load(Ordering::Relaxed));
+        for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
+            *lease = Lease::from_raw(group.lease);
         }
         let published = self.ports.publish(state).and_then(|()| self.ports.notify());
         self.count(published.is_err());

@@ -1,31 +1,31 @@
-//! What an operator wants of one stopped motor, and whose answer is only known later.
+//! A request of an operator to one stopped motor, whose outcome is only known later.
 //!
 //! ```text
 //!   SetZero:    send ──▶ wait for a state within 0.01 rad of zero ──▶ done      (MIT document 1.1; protocol note M13)
 //!   ClearFault: send ──▶ ask for the fault, and when it still     ──▶ done      (MIT document 1.2: the clear reply
-//!               has one send again, until it says none                           tells nothing, so it is confirmed)
+//!               has one send again, until it says none                           says nothing, so it is confirmed)
 //!   either:     not confirmed in time ──▶ refused
 //! ```
 
-use super::Command;
+use crate::control::Command;
 use motord_bus::{Duration, Instant};
 
 /// Setting the zero writes flash: drives of this family are silent for up to 1.5 s.
 const ZERO_TIME: Duration = Duration::from_secs(3);
 const CLEAR_TIME: Duration = Duration::from_secs(1);
-/// A motor that stands at its new zero tells a position below this, rad.
+/// A motor that stands at its new zero reports a position below this, rad.
 pub(super) const ZERO_TOLERANCE: f32 = 0.01;
 
-/// Which errand.
+/// The kind of a service request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(in crate::control) enum Kind {
     SetZero,
     ClearFault,
 }
 
-/// An errand under way.
+/// A service request under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Errand {
+pub(in crate::control) struct ServiceRequest {
     pub(super) kind: Kind,
     /// Whom to answer.
     pub(super) ticket: u32,
@@ -34,13 +34,18 @@ pub(super) struct Errand {
     pub(super) sent: bool,
 }
 
-impl Errand {
-    pub(super) fn new(kind: Kind, ticket: u32, now: Instant) -> Self {
+impl ServiceRequest {
+    pub(in crate::control) fn new(kind: Kind, ticket: u32, now: Instant) -> Self {
         let time = match kind {
             Kind::SetZero => ZERO_TIME,
             Kind::ClearFault => CLEAR_TIME,
         };
         Self { kind, ticket, deadline: now + time, sent: false }
+    }
+
+    /// The command of this kind was sent, and its outcome is awaited.
+    pub(super) fn awaits(&self, kind: Kind) -> bool {
+        self.kind == kind && self.sent
     }
 
     /// The motor still has its fault: the command may have been lost on the way.

@@ -1,4 +1,4 @@
-//! How warm a winding is by the torque it gave: an I²t model, for the drive of an MIT motor tells no temperature.
+//! The heat of a winding, from the torque it gave: an I²t model, for many drives report no temperature.
 //!
 //! Loss goes with the square of the torque. In a measure where the rated torque, given for good, ends at 1, the heat
 //! follows d heat / dt = ((torque / rated)² − heat) / time constant, and the torque that may be given follows the heat:
@@ -16,12 +16,12 @@ use motord_bus::Duration;
 /// Where the torque that may be given begins to fall.
 const KNEE: f64 = 0.8;
 /// Beyond it the winding is warmer than any torque that was allowed makes it: something else warms it, or the motor does
-/// not do as it is told.
+/// not do as it is commanded.
 const OVERHEATED: f64 = 1.2;
 /// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
 const TWICE_RATED: f64 = 0.287_682_072_451_781;
 
-/// The heat of one winding, and what it bears.
+/// The heat of one winding, and its limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Heat {
     value: f64,
@@ -34,7 +34,7 @@ pub(super) struct Heat {
 }
 
 impl Heat {
-    /// Of a cold winding.
+    /// A cold winding.
     pub(super) fn of(settings: &MotorSettings) -> Self {
         Self {
             value: 0.0,
@@ -44,7 +44,7 @@ impl Heat {
         }
     }
 
-    /// `torque`, N·m, was given for `elapsed`. More than its peak no winding gives: a motor that tells so tells garbage.
+    /// `torque`, N·m, was given for `elapsed`. Readings above peak torque are clamped to it.
     pub(super) fn warm(&mut self, torque: f32, elapsed: Duration) {
         let loss = f64::from(torque.abs().min(self.peak) / self.rated).powi(2);
         // Implicit, so that no elapsed time, however long, leads beyond the loss.
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_it_is_told() {
+    fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_that_is_configured() {
         let mut heat = COLD;
         for _ in 0..10_000 {
             heat.warm(2.0 * RATED, CYCLE);
@@ -115,13 +115,13 @@ mod tests {
 
     #[test]
     fn a_torque_that_no_motor_has_warms_it_as_much_as_its_peak() {
-        let [mut told, mut given] = [COLD; 2];
+        let [mut reported, mut given] = [COLD; 2];
         for _ in 0..50 {
-            told.warm(-225.0, CYCLE);
+            reported.warm(-225.0, CYCLE);
             given.warm(22.0, CYCLE);
         }
-        assert_eq!(told, given);
-        assert!(told.value < 0.05, "garbage for 50 ms is no heat: {told:?}");
+        assert_eq!(reported, given);
+        assert!(reported.value < 0.05, "garbage for 50 ms is no heat: {reported:?}");
     }
 
     #[test]

@@ -1,78 +1,82 @@
 //! Limits: the last thing before the wire.
 //!
 //! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque), a bound on
-//! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. What acted is told bit by bit next to the applied command.
+//! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to the applied command.
 
-use crate::joint::{Impedance, Joint, Measured};
+use crate::joint::{Impedance, Joint, Measured, Setpoint};
 use crate::settings::LimitSettings;
 use motord_shared::{Limit, SetpointMode};
 
-/// An applied command and the [`Limit`] bits that acted on it.
+/// A command after all limits.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Limited {
-    /// What may be sent.
-    pub applied: Impedance<Joint>,
+pub struct Applied {
+    /// The command, as it may be sent.
+    pub setpoint: Setpoint,
     /// `Limit::bit` of every limit that changed something.
-    pub acted: u32,
+    pub limits: u32,
 }
 
-/// What the limits depend on besides the setpoint.
+impl Applied {
+    /// No stiffness, no damping, no torque; no limit acted.
+    pub const NEUTRAL: Self = Self { setpoint: Setpoint::NEUTRAL, limits: 0 };
+}
+
+/// Everything that the limits depend on besides the setpoint.
 #[derive(Debug, Clone, Copy)]
 pub struct Circumstances<'a> {
     /// The limits of the joint.
     pub limits: &'a LimitSettings,
-    /// How the setpoint is meant.
-    pub mode: SetpointMode,
-    /// What was applied in the cycle before.
+    /// The command applied in the cycle before.
     pub previous: &'a Impedance<Joint>,
-    /// What the joint did last.
+    /// The last state of the joint.
     pub measured: &'a Measured<Joint>,
-    /// For how long it was not heard since, s: as far as it may have gone, its stiffness may pull more.
-    pub unheard: f32,
+    /// Age of the state, s. Widens the torque bound by kp·abs(v)·age.
+    pub age: f32,
     /// Time since the cycle before, s.
     pub elapsed: f32,
-    /// How far the start ramp is, 0 to 1.
+    /// Progress of the start ramp, 0 to 1.
     pub ramp: f32,
-    /// The torque that the winding may give, as warm as it is, N·m.
+    /// Torque that the winding may give at its present heat, N·m.
     pub winding_torque: f32,
 }
 
 /// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
 #[must_use]
-pub fn limit(wanted: &Impedance<Joint>, circumstances: &Circumstances<'_>) -> Limited {
-    let mut limiter = Limiter { value: *wanted, acted: 0, unheard: circumstances.unheard };
+pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
+    let mut limiter = Limiter::new(*wanted, circumstances.age);
     limiter.clamp(circumstances.limits);
     limiter.ramp(circumstances.ramp);
     limiter.slew(circumstances);
     limiter.bound(circumstances.limits.torque, circumstances.measured);
     limiter.derate(circumstances);
     limiter.bound_to(Limit::Overload, circumstances.winding_torque, circumstances.measured);
-    Limited { applied: limiter.value, acted: limiter.acted }
+    limiter.applied()
 }
 
 /// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
 #[must_use]
-pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Limited {
-    let mut limiter = Limiter { value: Impedance::new(0.0, 0.0, 0.0, kd, 0.0), acted: 0, unheard: 0.0 };
+pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Applied {
+    let damping = Setpoint::impedance(Impedance::new(0.0, 0.0, 0.0, kd, 0.0));
+    let mut limiter = Limiter::new(damping, 0.0);
     if let Some(measured) = measured {
         limiter.bound(limits.torque, measured);
     }
-    Limited { applied: limiter.value, acted: limiter.acted }
+    limiter.applied()
 }
 
 /// Keeps a joint where it was held when the stop began, with the gains it had, but not damped less than `kd`.
 #[must_use]
 pub(super) fn hold(
-    held: &Impedance<Joint>,
+    held: Setpoint,
     kd: f32,
     limits: &LimitSettings,
     measured: &Measured<Joint>,
-    unheard: f32,
-) -> Limited {
-    let mut limiter = Limiter { value: *held, acted: 0, unheard };
-    limiter.value.kd = held.kd.max(kd);
+    age: f32,
+) -> Applied {
+    let mut limiter = Limiter::new(held, age);
+    limiter.value.kd = held.values.kd.max(kd);
     limiter.bound(limits.torque, measured);
-    Limited { applied: limiter.value, acted: limiter.acted }
+    limiter.applied()
 }
 
 /// A speed setpoint rises from zero to the joint's limit in this time, s.
@@ -80,11 +84,20 @@ const SPEED_RISE: f32 = 0.5;
 
 struct Limiter {
     value: Impedance<Joint>,
+    mode: SetpointMode,
     acted: u32,
-    unheard: f32,
+    age: f32,
 }
 
 impl Limiter {
+    const fn new(setpoint: Setpoint, age: f32) -> Self {
+        Self { value: setpoint.values, mode: setpoint.mode, acted: 0, age }
+    }
+
+    const fn applied(&self) -> Applied {
+        Applied { setpoint: Setpoint { values: self.value, mode: self.mode }, limits: self.acted }
+    }
+
     fn clamp(&mut self, limits: &LimitSettings) {
         let Impedance { position, velocity, kp, kd, torque, .. } = self.value;
         let [low, high] = limits.position;
@@ -134,9 +147,9 @@ impl Limiter {
     /// A speed setpoint rises like a gain does, and does not lead out of the joint's range. In the other modes the
     /// velocity only feeds the damping forward.
     fn slewed_velocity(&mut self, circumstances: &Circumstances<'_>) -> f32 {
-        let Circumstances { limits, mode, previous, measured, elapsed, ramp, .. } = *circumstances;
+        let Circumstances { limits, previous, measured, elapsed, ramp, .. } = *circumstances;
         let velocity = self.value.velocity;
-        if mode != SetpointMode::Speed {
+        if self.mode != SetpointMode::Speed {
             return velocity;
         }
         let [low, high] = limits.position;
@@ -155,7 +168,7 @@ impl Limiter {
     /// Scales stiffness, damping and torque together, so that the torque keeps its sign and its cause.
     fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<Joint>) {
         let Measured { position, velocity, .. } = *measured;
-        let gone = velocity.abs() * self.unheard;
+        let gone = velocity.abs() * self.age;
         let predicted = self.value.predicted_torque(position, velocity).abs() + self.value.kp * gone;
         if predicted > torque_max {
             self.scale(limit, torque_max / predicted);
@@ -201,16 +214,15 @@ mod tests {
         previous: Impedance<Joint>,
         temperature: Option<f32>,
         ramp: f32,
-    ) -> Limited {
+    ) -> Applied {
         let measured = Measured::new(0.0, 0.0, 0.0, temperature);
         limit(
-            &wanted,
+            &Setpoint::impedance(wanted),
             &Circumstances {
                 limits: &LIMITS,
-                mode: SetpointMode::Impedance,
                 previous: &previous,
                 measured: &measured,
-                unheard: 0.0,
+                age: 0.0,
                 elapsed: 0.001,
                 ramp,
                 winding_torque: LIMITS.torque,
@@ -221,13 +233,17 @@ mod tests {
     #[test]
     fn what_is_within_every_limit_passes_unchanged() {
         let wanted = Impedance::new(0.1, 1.0, 50.0, 1.0, 2.0);
-        assert_eq!(limited(wanted, wanted, None, 1.0), Limited { applied: wanted, acted: 0 });
+        assert_eq!(
+            limited(wanted, wanted, None, 1.0),
+            Applied { setpoint: Setpoint::impedance(wanted), limits: 0 }
+        );
     }
 
     #[test]
-    fn every_value_is_clamped_and_every_clamp_is_told() {
+    fn every_value_is_clamped_and_every_clamp_is_reported() {
         let far = Impedance::new(9.0, 90.0, 900.0, 9.0, 90.0);
-        let Limited { applied, acted } = limited(far, far, None, 1.0);
+        let Applied { setpoint, limits: acted } = limited(far, far, None, 1.0);
+        let applied = setpoint.values;
         assert!(applied.position <= 1.0 + 9.0 && applied.velocity == 20.0);
         for limit in
             [Limit::Position, Limit::Velocity, Limit::Kp, Limit::Kd, Limit::Torque, Limit::TotalTorque]
@@ -240,7 +256,9 @@ mod tests {
     #[test]
     fn a_step_becomes_a_slope() {
         let rest = Impedance::NEUTRAL;
-        let Limited { applied, acted } = limited(Impedance::new(0.5, 0.0, 100.0, 4.0, 10.0), rest, None, 1.0);
+        let Applied { setpoint, limits: acted } =
+            limited(Impedance::new(0.5, 0.0, 100.0, 4.0, 10.0), rest, None, 1.0);
+        let applied = setpoint.values;
         let Impedance { position, kp, kd, torque, .. } = applied;
         let close = |value: f32, expected: f32| (value - expected).abs() < 1e-5;
         assert!(
@@ -256,7 +274,7 @@ mod tests {
     fn a_hot_motor_gets_less_and_one_at_its_limit_nothing() {
         let wanted = Impedance::new(0.0, 0.0, 0.0, 0.0, 10.0);
         for (temperature, torque) in [(79.0, 10.0), (90.0, 5.0), (100.0, 0.0), (500.0, 0.0)] {
-            let applied = limited(wanted, wanted, Some(temperature), 1.0).applied;
+            let applied = limited(wanted, wanted, Some(temperature), 1.0).setpoint.values;
             assert!((applied.torque - torque).abs() < 1e-4, "{temperature} °C: {}", applied.torque);
         }
     }
@@ -264,7 +282,7 @@ mod tests {
     #[test]
     fn the_bound_on_torque_keeps_its_sign_and_its_cause() {
         let wanted = Impedance::new(0.4, 0.0, 100.0, 0.0, -2.0);
-        let applied = limited(wanted, wanted, None, 1.0).applied;
+        let applied = limited(wanted, wanted, None, 1.0).setpoint.values;
         assert!((applied.predicted_torque(0.0, 0.0) - 10.0).abs() < 1e-4);
         assert!((applied.kp / applied.torque - wanted.kp / wanted.torque).abs() < 1e-3, "scaled together");
     }
@@ -275,17 +293,19 @@ mod tests {
         let measured = Measured::new(0.0, 20.0, 0.0, None);
         let mut circumstances = Circumstances {
             limits: &LIMITS,
-            mode: SetpointMode::Impedance,
             previous: &wanted,
             measured: &measured,
-            unheard: 0.0,
+            age: 0.0,
             elapsed: 0.001,
             ramp: 1.0,
             winding_torque: LIMITS.torque,
         };
-        assert_eq!(limit(&wanted, &circumstances), Limited { applied: wanted, acted: 0 });
-        circumstances.unheard = 0.009;
-        let applied = limit(&wanted, &circumstances).applied;
+        assert_eq!(
+            limit(&Setpoint::impedance(wanted), &circumstances),
+            Applied { setpoint: Setpoint::impedance(wanted), limits: 0 }
+        );
+        circumstances.age = 0.009;
+        let applied = limit(&Setpoint::impedance(wanted), &circumstances).setpoint.values;
         for gone in [-0.18, 0.0, 0.18] {
             assert!(applied.predicted_torque(gone, 20.0).abs() <= LIMITS.torque + 1e-4, "{gone}");
         }
@@ -294,7 +314,7 @@ mod tests {
     #[test]
     fn braking_a_fast_joint_stays_within_its_torque() {
         let measured = Measured::new(0.0, 30.0, 0.0, None);
-        let applied = damp(2.0, &LIMITS, Some(&measured)).applied;
+        let applied = damp(2.0, &LIMITS, Some(&measured)).setpoint.values;
         assert!((applied.predicted_torque(0.0, 30.0) + 10.0).abs() < 1e-4);
     }
 }

@@ -1,6 +1,6 @@
-//! Whether what a motor tells can be true, and whether it does what it is told.
+//! Whether a report of a motor can be true, and whether the motor does as it is commanded.
 //!
-//! | what is seen | for how long | cause |
+//! | observation | for how long | cause |
 //! |---|---|---|
 //! | a step longer than the motor's top speed allows | 3 replies in a row | implausible |
 //! | speed, while the position stands still to the code | 50 ms | encoder-stuck |
@@ -38,7 +38,7 @@ const END_MARGIN: f32 = 0.5;
 const DUPLICATE_WEIGHT: u32 = 2;
 const DUPLICATES_MAX: u32 = 5;
 
-/// What is remembered of one motor to judge it.
+/// The memory of one motor's reports.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Plausibility {
     steps: u32,
@@ -62,13 +62,13 @@ impl Since {
     }
 }
 
-/// What a reply is judged by.
+/// The knowledge that a report is judged by.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expectation<'a> {
     pub(super) settings: &'a MotorSettings,
     /// The state before, and when it came.
     pub(super) before: Option<(&'a Measured<Joint>, Instant)>,
-    /// The position that the motor was told to go to, if it was.
+    /// The position that the motor is commanded to, rad, if it is.
     pub(super) pulled_to: Option<f32>,
     /// It follows setpoints.
     pub(super) active: bool,
@@ -86,27 +86,27 @@ pub(super) enum Verdict {
 }
 
 impl Plausibility {
-    /// Judges `told`, which came at `at`. Constant time.
+    /// Judges `reported`, which came at `at`. Constant time.
     pub(super) fn judge(
         &mut self,
-        told: Measured<Joint>,
+        reported: Measured<Joint>,
         at: Instant,
         expected: &Expectation<'_>,
     ) -> Verdict {
-        let mut told = told;
-        told.temperature = self.believable_temperature(&told, expected.before);
-        if self.is_jump(&told, at, expected) {
+        let temperature = self.believable_temperature(&reported, expected.before);
+        let reported = Measured::new(reported.position, reported.velocity, reported.torque, temperature);
+        if self.is_jump(&reported, at, expected) {
             self.steps += 1;
             if self.steps < STEPS_MAX {
                 return Verdict::Unbelievable;
             }
             self.steps = 0;
-            return Verdict::Stop(told, Cause::Implausible);
+            return Verdict::Stop(reported, Cause::Implausible);
         }
         self.steps = 0;
-        match self.cause(&told, at, expected) {
-            Some(cause) => Verdict::Stop(told, cause),
-            None => Verdict::Sound(told),
+        match self.cause(&reported, at, expected) {
+            Some(cause) => Verdict::Stop(reported, cause),
+            None => Verdict::Sound(reported),
         }
     }
 
@@ -126,21 +126,27 @@ impl Plausibility {
         self.duplicates = self.duplicates.saturating_sub(1);
     }
 
-    fn is_jump(&self, told: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> bool {
+    fn is_jump(&self, reported: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> bool {
         let Some((before, then)) = expected.before else { return false };
         let top = expected.settings.max_velocity;
         let reach = STEP_FACTOR * top * at.since(then).as_secs_f32() + STEP_MARGIN;
-        (told.position - before.position).abs() > reach
+        (reported.position - before.position).abs() > reach
     }
 
-    fn cause(&mut self, told: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> Option<Cause> {
+    fn cause(
+        &mut self,
+        reported: &Measured<Joint>,
+        at: Instant,
+        expected: &Expectation<'_>,
+    ) -> Option<Cause> {
         let Expectation { settings, before, pulled_to, active } = *expected;
         let limits = &settings.limits;
-        let still = before.is_some_and(|(before, _)| before.position.to_bits() == told.position.to_bits());
-        let stuck = still && told.velocity.abs() > STUCK_VELOCITY;
-        let fast = told.velocity.abs() > OVERSPEED_FACTOR * limits.velocity;
-        let far = active && is_far(told, pulled_to, limits);
-        let hot = told.temperature.is_some_and(|temperature| temperature >= limits.temperature);
+        let still =
+            before.is_some_and(|(before, _)| before.position.to_bits() == reported.position.to_bits());
+        let stuck = still && reported.velocity.abs() > STUCK_VELOCITY;
+        let fast = reported.velocity.abs() > OVERSPEED_FACTOR * limits.velocity;
+        let far = active && is_far(reported, pulled_to, limits);
+        let hot = reported.temperature.is_some_and(|temperature| temperature >= limits.temperature);
         if self.stuck.lasts(stuck, at, STUCK_TIME) {
             return Some(Cause::EncoderStuck);
         }
@@ -153,17 +159,17 @@ impl Plausibility {
         if self.hot.lasts(hot, at, HOT_TIME) {
             return Some(Cause::OverTemperature);
         }
-        (active && is_at_range_end(told, pulled_to, settings)).then_some(Cause::RangeEnd)
+        (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
     }
 
     /// One odd value is garbage; a row of them is the truth.
     fn believable_temperature(
         &mut self,
-        told: &Measured<Joint>,
+        reported: &Measured<Joint>,
         before: Option<(&Measured<Joint>, Instant)>,
     ) -> Option<f32> {
         const ODD_MAX: u32 = 10;
-        let temperature = told.temperature?;
+        let temperature = reported.temperature?;
         let last = before.and_then(|(before, _)| before.temperature);
         let stepped = last.is_some_and(|last| (temperature - last).abs() > TEMPERATURE_STEP);
         let odd = !TEMPERATURES.contains(&temperature) || stepped;
@@ -172,15 +178,15 @@ impl Plausibility {
     }
 }
 
-fn is_far(told: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
+fn is_far(reported: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
     let Some((most, target)) = limits.following_error.zip(pulled_to) else { return false };
-    (target - told.position).abs() > most
+    (target - reported.position).abs() > most
 }
 
 /// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot tell one beyond the range.
-fn is_at_range_end(told: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
+fn is_at_range_end(reported: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
     let Some(end) = settings.capabilities.position_end else { return false };
-    let position = settings.transmission.position_to_motor(told.position);
+    let position = settings.transmission.position_to_motor(reported.position);
     let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
     position.abs() > end - END_MARGIN && !free
 }

@@ -1,0 +1,42 @@
+//! The abilities of one bus, as far as decisions depend on them.
+
+use motord_shared::{BusCondition, Cause};
+
+/// A bus that refused frames in this many cycles in a row is stalled.
+const STALL_CYCLES: u32 = 3;
+
+#[derive(Debug)]
+pub(super) struct BusHealth {
+    pub(super) condition: BusCondition,
+    stalled: u32,
+    /// Its joints, rising.
+    pub(super) joints: Vec<usize>,
+    /// Place in `joints` of the one whose turn it is to be asked for its faults.
+    pub(super) poll_next: usize,
+}
+
+impl BusHealth {
+    pub(super) const fn new(joints: Vec<usize>) -> Self {
+        Self { condition: BusCondition::Active, stalled: 0, joints, poll_next: 0 }
+    }
+
+    /// The cause that a moving group on this bus is stopped for, if there is one.
+    pub(super) fn cause(&self) -> Option<Cause> {
+        match self.condition {
+            BusCondition::Off => Some(Cause::BusOff),
+            BusCondition::Down | BusCondition::Gone => Some(Cause::BusGone),
+            _ if self.stalled >= STALL_CYCLES => Some(Cause::TransmitStall),
+            _ => None,
+        }
+    }
+
+    /// Frames pass.
+    pub(super) const fn is_up(&self) -> bool {
+        matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive)
+    }
+
+    /// Whether the bus took all frames of this cycle.
+    pub(super) const fn took(&mut self, all: bool) {
+        self.stalled = if all { 0 } else { self.stalled.saturating_add(1) };
+    }
+}

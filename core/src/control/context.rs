@@ -1,0 +1,75 @@
+//! The surroundings of every decision of a cycle: time, the rules of safety, and where news goes.
+
+use super::Wake;
+use super::admin::Answers;
+use super::event::{Event, Events};
+use crate::settings::{SafetySettings, Settings};
+use motord_bus::{Duration, Instant};
+use motord_shared::Refusal;
+
+/// Passed to groups and motors in every call.
+#[derive(Debug)]
+pub(super) struct Context {
+    pub(super) safety: SafetySettings,
+    period: Duration,
+    pub(super) wake: Wake,
+    /// The time of the call that is running.
+    pub(super) now: Instant,
+    /// Time since the cycle before, at most two periods, s.
+    pub(super) elapsed: f32,
+    /// When the first cycle began.
+    started: Option<Instant>,
+    events: Events,
+    answers: Answers,
+}
+
+impl Context {
+    pub(super) fn new(settings: &Settings) -> Self {
+        Self {
+            safety: settings.safety.clone(),
+            period: settings.cycle.period,
+            wake: Wake::default(),
+            now: Instant::ZERO,
+            elapsed: 0.0,
+            started: None,
+            events: Events::new(),
+            answers: Answers::new(),
+        }
+    }
+
+    /// A cycle begins. Returns the time since the cycle before.
+    pub(super) fn begin(&mut self, wake: Wake) -> Duration {
+        let elapsed = wake.begun.since(self.wake.begun);
+        self.elapsed = elapsed.min(2 * self.period).as_secs_f32();
+        self.wake = wake;
+        self.now = wake.begun;
+        self.started.get_or_insert(wake.begun);
+        elapsed
+    }
+
+    /// Time since the first cycle began.
+    pub(super) fn uptime(&self) -> Duration {
+        self.started.map_or(Duration::ZERO, |started| self.now.since(started))
+    }
+
+    pub(super) fn push(&mut self, event: Event) {
+        self.events.push(event);
+    }
+
+    /// Answers a service request. `refusal`: why it failed.
+    pub(super) fn answer(&mut self, ticket: u32, refusal: Option<Refusal>) {
+        self.answers.push(ticket, refusal);
+    }
+
+    pub(super) const fn events(&self) -> &Events {
+        &self.events
+    }
+
+    pub(super) const fn events_mut(&mut self) -> &mut Events {
+        &mut self.events
+    }
+
+    pub(super) const fn answers_mut(&mut self) -> &mut Answers {
+        &mut self.answers
+    }
+}

@@ -1,0 +1,191 @@
+//! One group of joints: its owner, its motors, its setpoints, and whether it may move.
+//!
+//! ```text
+//!                 enable: owner, fresh setpoint, fresh states,
+//!                 no fault, no latched cause, no jump              every motor ready
+//!   Disarmed ──────────────────────────────────────────▶ Starting ──────────────────▶ Active
+//!       ▲                                                    │                           │
+//!       │ every joint at rest, or damped long enough         │ disable, release,         │
+//!       └───────────────────────── Damping ◀─────────────────┴─── or a cause, latched ───┘
+//! ```
+//!
+//! A latched cause is left by a reset and by nothing else.
+
+mod phase;
+mod setpoints;
+mod watch;
+
+pub(super) use watch::Report;
+
+use super::bus_health::BusHealth;
+use super::context::Context;
+use super::motor::{Motor, Orders};
+use super::{Command, Event};
+use crate::settings::{GroupSettings, MotorSettings, SafeStop};
+use motord_bus::{Duration, Instant};
+use motord_shared::{Cause, GroupState, Lease, Phase, Rejection};
+use setpoints::Setpoints;
+
+/// One group.
+#[derive(Debug)]
+pub(super) struct Group {
+    /// Its index.
+    pub(super) index: usize,
+    /// Its motors, in the order of the configuration.
+    pub(super) motors: Vec<Motor>,
+    safe_stop: SafeStop,
+    phase: Phase,
+    /// When the phase began; damping begins anew when a held joint is let go.
+    since: Instant,
+    /// Since when every joint has been at rest while damping.
+    resting_since: Option<Instant>,
+    /// The stop under way holds until then, and damps after it.
+    held_until: Option<Instant>,
+    /// A motor reported over-voltage: braking feeds the supply, so the group is damped less.
+    over_voltage: bool,
+    cause: Option<Latched>,
+    owner: Option<Owner>,
+    setpoints: Setpoints,
+    accepted: u32,
+    rejected: [u32; Rejection::COUNT],
+}
+
+/// The cause of a stop, and the joint that gave it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Latched {
+    cause: Cause,
+    joint: Option<usize>,
+}
+
+/// The owner of a group.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Owner {
+    pub(super) lease: Lease,
+    pub(super) pid: u32,
+    /// When it last gave a sign of life.
+    heard: Instant,
+    /// The last sequence number accepted.
+    sequence: u64,
+}
+
+impl Group {
+    pub(super) fn new(index: usize, settings: &GroupSettings, motors: &[MotorSettings]) -> Self {
+        Self {
+            index,
+            motors: settings.motors.iter().map(|&joint| Motor::new(joint, &motors[joint])).collect(),
+            safe_stop: settings.safe_stop,
+            phase: Phase::Disarmed,
+            since: Instant::ZERO,
+            resting_since: None,
+            held_until: None,
+            over_voltage: false,
+            cause: None,
+            owner: None,
+            setpoints: Setpoints::new(settings.motors.len()),
+            accepted: 0,
+            rejected: [0; Rejection::COUNT],
+        }
+    }
+
+    /// Draws the consequences of time, and writes the command of each of its joints into `commands`. Does not allocate;
+    /// bounded by its motors.
+    pub(super) fn decide(
+        &mut self,
+        elapsed: Duration,
+        buses: &[BusHealth],
+        cx: &mut Context,
+        commands: &mut [Command],
+    ) {
+        self.watch_heat(elapsed, cx);
+        self.watch_buses(buses, cx);
+        self.watch_owner(cx);
+        self.advance(cx);
+        let ramp = cx.now.since(self.since).as_secs_f32() / cx.safety.start_ramp.as_secs_f32();
+        let Self { motors, setpoints, held_until, over_voltage, .. } = self;
+        for (place, motor) in motors.iter_mut().enumerate() {
+            let wanted = setpoints.get(place);
+            let orders = Orders { wanted, ramp, held: held_until.is_some(), over_voltage: *over_voltage };
+            commands[motor.joint] = motor.command(&orders, cx);
+            motor.watch_request(cx);
+        }
+    }
+
+    pub(super) const fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    pub(super) fn cause(&self) -> Option<Cause> {
+        self.cause.map(|latched| latched.cause)
+    }
+
+    pub(super) const fn owner(&self) -> Option<&Owner> {
+        self.owner.as_ref()
+    }
+
+    pub(super) fn is_owned_by(&self, lease: u64) -> bool {
+        self.owner.is_some_and(|owner| owner.lease.raw() == lease)
+    }
+
+    pub(super) fn own(&mut self, lease: Lease, pid: u32, cx: &mut Context) {
+        self.owner = Some(Owner { lease, pid, heard: cx.now, sequence: 0 });
+        cx.push(Event::Owner { group: self.index, pid: Some(pid) });
+    }
+
+    /// Its owner gave a sign of life, if `lease` is the owner's.
+    pub(super) fn hear_owner(&mut self, lease: u64, now: Instant) {
+        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.lease.raw() == lease) {
+            owner.heard = now;
+        }
+    }
+
+    /// Forgets the owner and its setpoints.
+    pub(super) fn disown(&mut self, cx: &mut Context) {
+        self.setpoints.forget();
+        if self.owner.take().is_some() {
+            cx.push(Event::Owner { group: self.index, pid: None });
+        }
+    }
+
+    /// Leaves the latched cause, if there is one.
+    pub(super) fn reset(&mut self, cx: &mut Context) {
+        if self.cause.take().is_some() {
+            self.over_voltage = false;
+            cx.push(Event::Reset { group: self.index });
+        }
+    }
+
+    /// Age of the setpoints in use; `None` when there are none.
+    pub(super) fn setpoint_age(&self, now: Instant) -> Option<Duration> {
+        self.setpoints.age(now)
+    }
+
+    /// The setpoints in use are not older than the limit.
+    pub(super) fn has_fresh_setpoints(&self, cx: &Context) -> bool {
+        self.setpoint_age(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
+    }
+
+    /// The first motor whose setpoint would make it jump.
+    pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
+        self.motors.iter().enumerate().find_map(|(place, motor)| {
+            let wanted = self.setpoints.get(place)?;
+            let position = motor.measured()?.position;
+            let [low, high] = motor.settings.limits.position;
+            // The applied position, not the wanted one: outside its limits a joint would be pulled back into them.
+            let target = wanted.values.position.clamp(low, high);
+            (wanted.pulls() && (target - position).abs() > cx.safety.start_jump).then_some(motor)
+        })
+    }
+
+    pub(super) fn report(&self, now: Instant) -> GroupState {
+        GroupState {
+            lease: self.owner.map_or(0, |owner| owner.lease.raw()),
+            sequence: self.owner.map_or(0, |owner| owner.sequence),
+            setpoint_age_ns: self.setpoint_age(now).map_or(0, motord_bus::time::nanos),
+            phase: self.phase.code(),
+            cause: self.cause().map_or(0, Cause::code),
+            cause_joint: self.cause.and_then(|latched| latched.joint).map_or(u32::MAX, |joint| joint as u32),
+            accepted: self.accepted,
+            rejected: self.rejected,
+        }
+    }
+}

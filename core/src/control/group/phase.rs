@@ -1,0 +1,141 @@
+//! Moves a group from phase to phase; the phases are drawn in [`group`](super).
+
+use super::{Group, Latched};
+use crate::control::Event;
+use crate::control::context::Context;
+use crate::control::motor::Motor;
+use crate::settings::SafeStop;
+use motord_bus::{Duration, Instant};
+use motord_shared::{Cause, MotorMode, Phase};
+
+/// A damped group is at rest when every joint has been slow for this long.
+const REST_TIME: Duration = Duration::from_millis(50);
+
+impl Group {
+    pub(super) fn advance(&mut self, cx: &mut Context) {
+        match self.phase {
+            Phase::Starting => self.advance_start(cx),
+            Phase::Damping => self.advance_damping(cx),
+            Phase::Disarmed | Phase::Active => {}
+        }
+    }
+
+    fn advance_start(&mut self, cx: &mut Context) {
+        let failed = match self.motors.iter().find(|motor| !motor.is_ready()) {
+            None => match self.first_jump(cx) {
+                None => return self.activate(cx),
+                Some(motor) => Some(motor.joint),
+            },
+            Some(motor) => {
+                let late = cx.now.since(self.since) > cx.safety.start_timeout;
+                // A fault may be its joint's matter only, but then this joint does not start any more.
+                (late || motor.mode() != MotorMode::Starting).then_some(motor.joint)
+            }
+        };
+        if let Some(joint) = failed {
+            self.stop(Cause::StartFailed, Some(joint), cx);
+        }
+    }
+
+    /// Begins to start every motor.
+    pub(in crate::control) fn start(&mut self, cx: &mut Context) {
+        self.each_motor(cx, Motor::begin_start);
+        self.enter(Phase::Starting, cx);
+    }
+
+    fn activate(&mut self, cx: &mut Context) {
+        self.each_motor(cx, Motor::activate);
+        self.enter(Phase::Active, cx);
+    }
+
+    fn advance_damping(&mut self, cx: &mut Context) {
+        self.let_go(cx.now, false);
+        if self.held_until.is_some() {
+            return;
+        }
+        let slow =
+            |motor: &Motor| motor.mode() != MotorMode::Damping || motor.is_at_rest(cx.safety.rest_velocity);
+        let resting = self.motors.iter().all(slow);
+        self.resting_since = if resting { self.resting_since.or(Some(cx.now)) } else { None };
+        let rested = self.resting_since.is_some_and(|since| cx.now.since(since) >= REST_TIME);
+        if rested || cx.now.since(self.since) >= cx.safety.damp {
+            self.disarm(cx);
+        }
+    }
+
+    /// Stops every motor without damping it first.
+    pub(in crate::control) fn disarm(&mut self, cx: &mut Context) {
+        self.each_motor(cx, Motor::rest);
+        self.enter(Phase::Disarmed, cx);
+    }
+
+    /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a disarmed group's motor is no cause.
+    pub(in crate::control) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
+        let moving = self.phase != Phase::Disarmed;
+        let latches = moving || matches!(cause, Cause::EmergencyStop | Cause::Shutdown);
+        if latches && self.latch(cause, joint) {
+            cx.push(Event::Stopped { group: self.index, cause, motor: joint });
+        }
+        if moving {
+            self.begin_damping(may_hold(cause), cx);
+        }
+    }
+
+    /// Latches the first cause; later ones are consequences. An emergency stop is never hidden by another cause.
+    fn latch(&mut self, cause: Cause, joint: Option<usize>) -> bool {
+        let emergency = cause == Cause::EmergencyStop && self.cause() != Some(cause);
+        let latches = self.cause.is_none() || emergency;
+        if latches {
+            self.cause = Some(Latched { cause, joint });
+        }
+        latches
+    }
+
+    /// Damps the group if it is not damped or disarmed yet, after holding it where that is its way to stop and the reason
+    /// allows it. A later reason that does not allow it ends the holding.
+    pub(in crate::control) fn begin_damping(&mut self, may_hold: bool, cx: &mut Context) {
+        if !matches!(self.phase, Phase::Starting | Phase::Active) {
+            return self.let_go(cx.now, !may_hold);
+        }
+        self.each_motor(cx, Motor::begin_damping);
+        match self.safe_stop {
+            SafeStop::Stop => self.disarm(cx),
+            SafeStop::Hold if may_hold => {
+                self.enter(Phase::Damping, cx);
+                self.held_until = Some(cx.now + cx.safety.damp);
+            }
+            SafeStop::Damp | SafeStop::Hold => self.enter(Phase::Damping, cx),
+        }
+    }
+
+    /// Ends a hold when its time is over, or at once: the group is damped from `now` on.
+    fn let_go(&mut self, now: Instant, at_once: bool) {
+        if self.held_until.take_if(|until| at_once || *until <= now).is_some() {
+            self.begin(Phase::Damping, now);
+        }
+    }
+
+    fn enter(&mut self, phase: Phase, cx: &mut Context) {
+        self.begin(phase, cx.now);
+        cx.push(Event::Group { group: self.index, phase });
+    }
+
+    const fn begin(&mut self, phase: Phase, now: Instant) {
+        self.phase = phase;
+        self.since = now;
+        self.resting_since = None;
+        self.held_until = None;
+    }
+
+    fn each_motor(&mut self, cx: &mut Context, change: impl Fn(&mut Motor)) {
+        for motor in &mut self.motors {
+            change(motor);
+            motor.changed(cx);
+        }
+    }
+}
+
+/// A robot is only held still while everything but its owner is well: the reports of its motors are true, and on time.
+fn may_hold(cause: Cause) -> bool {
+    matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost)
+}

@@ -1,0 +1,109 @@
+//! The setpoints of a group: checked as a whole when they arrive, and kept until newer ones do.
+
+use super::{Group, Owner};
+use crate::joint::{Impedance, Joint, Setpoint};
+use crate::settings::MotorSettings;
+use motord_bus::{Duration, Instant};
+use motord_shared::{JointSetpoint, Rejection, SetpointMessage, SetpointMode};
+
+/// A setpoint may be stamped this much later than the cycle's own reading of the clock.
+const FUTURE_MAX: Duration = Duration::from_millis(1);
+/// A sequence number may rise by this much at once; a larger step is a message that was never counted up.
+const SEQUENCE_STEP_MAX: u64 = 1 << 32;
+
+/// The newest setpoints that passed every check, by place in the group.
+#[derive(Debug)]
+pub(super) struct Setpoints {
+    /// When they were sent, or when they arrived if that was earlier. `None`: there are none.
+    at: Option<Instant>,
+    joints: Vec<Setpoint>,
+}
+
+impl Setpoints {
+    /// None, for a group of so many joints. Allocates; nothing after it does.
+    pub(super) fn new(joints: usize) -> Self {
+        Self { at: None, joints: vec![Setpoint::NEUTRAL; joints] }
+    }
+
+    pub(super) fn get(&self, place: usize) -> Option<Setpoint> {
+        self.at.and_then(|_| self.joints.get(place)).copied()
+    }
+
+    pub(super) fn age(&self, now: Instant) -> Option<Duration> {
+        self.at.map(|at| now.since(at))
+    }
+
+    pub(super) const fn forget(&mut self) {
+        self.at = None;
+    }
+}
+
+impl Group {
+    /// Takes the setpoints of `message`, or counts why not. Does not allocate; bounded by the joints of one message.
+    pub(in crate::control) fn offer(&mut self, message: &SetpointMessage, now: Instant, timeout: Duration) {
+        match self.check(message, now, timeout) {
+            Ok(()) => self.accept(message, now),
+            Err(rejection) => {
+                let counter = &mut self.rejected[rejection.code() as usize];
+                *counter = counter.wrapping_add(1);
+            }
+        }
+    }
+
+    fn accept(&mut self, message: &SetpointMessage, now: Instant) {
+        let Self { setpoints, owner, accepted, .. } = self;
+        setpoints.at = Some(Instant::from_nanos(message.time_ns).min(now));
+        for (kept, joint) in setpoints.joints.iter_mut().zip(&message.joints) {
+            *kept = setpoint(joint);
+        }
+        if let Some(owner) = owner {
+            owner.sequence = message.sequence;
+            owner.heard = now;
+        }
+        *accepted = accepted.wrapping_add(1);
+    }
+
+    fn check(&self, message: &SetpointMessage, now: Instant, timeout: Duration) -> Result<(), Rejection> {
+        let sent = Instant::from_nanos(message.time_ns);
+        let is_owner = |owner: &Owner| owner.lease.raw() == message.lease;
+        let owner = self.owner.filter(is_owner).ok_or(Rejection::WrongLease)?;
+        if message.joint_count as usize != self.motors.len() {
+            return Err(Rejection::JointCount);
+        }
+        if !(1..=SEQUENCE_STEP_MAX).contains(&message.sequence.wrapping_sub(owner.sequence)) {
+            return Err(Rejection::Sequence);
+        }
+        if sent > now + FUTURE_MAX {
+            return Err(Rejection::FromFuture);
+        }
+        if now.since(sent) > timeout {
+            return Err(Rejection::Stale);
+        }
+        let mut joints = self.motors.iter().zip(&message.joints);
+        joints.try_for_each(|(motor, joint)| check_joint(joint, &motor.settings))
+    }
+}
+
+fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejection> {
+    if !values(joint).is_finite() {
+        return Err(Rejection::NotFinite);
+    }
+    if joint.kp < 0.0 || joint.kd < 0.0 {
+        return Err(Rejection::Negative);
+    }
+    match SetpointMode::try_from(joint.mode) {
+        Ok(mode) if motor.capabilities.takes(mode) => Ok(()),
+        _ => Err(Rejection::Mode),
+    }
+}
+
+/// Of a joint that passed [`check_joint`]: its mode is one.
+fn setpoint(joint: &JointSetpoint) -> Setpoint {
+    let mode = SetpointMode::try_from(joint.mode).unwrap_or(SetpointMode::Impedance);
+    Setpoint { values: values(joint), mode }
+}
+
+const fn values(joint: &JointSetpoint) -> Impedance<Joint> {
+    let JointSetpoint { position, velocity, kp, kd, torque, .. } = *joint;
+    Impedance::new(position, velocity, kp, kd, torque)
+}

@@ -1,0 +1,134 @@
+//! Draws the consequences of observations for a group: heat, buses, its owner, states, faults, silence.
+
+use super::Group;
+use crate::control::Heard;
+use crate::control::bus_health::BusHealth;
+use crate::control::context::Context;
+use crate::settings::FaultPolicy;
+use motord_bus::{Duration, Instant};
+use motord_protocol::FaultBits;
+use motord_shared::{Cause, Phase};
+
+/// The owner of a disarmed group that says nothing for this long has gone.
+const OWNER_SILENCE: Duration = Duration::from_secs(1);
+
+/// The consequence of a report for the other groups.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::control) enum Report {
+    /// None.
+    Used,
+    /// None; the report cannot be true and is not used.
+    Refused,
+    /// Every group must be stopped for the fault of this joint.
+    StopAll,
+}
+
+impl Group {
+    /// In the modes of a drive that leave the torque to it, nothing can be derated: the group is stopped instead.
+    pub(super) fn watch_heat(&mut self, elapsed: Duration, cx: &mut Context) {
+        let mut hottest = None;
+        for motor in &mut self.motors {
+            motor.warm(elapsed);
+            if motor.is_overheated() {
+                hottest = hottest.or(Some(motor.joint));
+            }
+        }
+        if hottest.is_some() {
+            self.stop(Cause::OverTemperature, hottest, cx);
+        }
+    }
+
+    pub(super) fn watch_buses(&mut self, buses: &[BusHealth], cx: &mut Context) {
+        if self.phase == Phase::Disarmed {
+            return;
+        }
+        let mut motors = self.motors.iter();
+        let broken = motors.find_map(|motor| Some((buses[motor.settings.bus].cause()?, motor.joint)));
+        if let Some((cause, joint)) = broken {
+            self.stop(cause, Some(joint), cx);
+        }
+    }
+
+    pub(super) fn watch_owner(&mut self, cx: &mut Context) {
+        let Some(owner) = self.owner else { return };
+        match self.phase {
+            Phase::Starting | Phase::Active => {
+                if !self.has_fresh_setpoints(cx) {
+                    self.stop(Cause::SetpointTimeout, None, cx);
+                    self.disown(cx);
+                }
+            }
+            Phase::Disarmed | Phase::Damping => {
+                if cx.now.since(owner.heard) > OWNER_SILENCE.max(cx.safety.setpoint_timeout) {
+                    self.disown(cx);
+                }
+            }
+        }
+    }
+
+    /// The motor at `place` answered at `at`. Does not allocate; bounded by the motors of the group.
+    pub(in crate::control) fn heard(
+        &mut self,
+        place: usize,
+        heard: Heard,
+        at: Instant,
+        cx: &mut Context,
+    ) -> Report {
+        let motor = &mut self.motors[place];
+        match heard {
+            Heard::State(reported, latency) => match motor.report_state(reported, at, latency, cx) {
+                Ok(true) => {}
+                Ok(false) => return Report::Refused,
+                Err(cause) => {
+                    let joint = motor.joint;
+                    self.stop(cause, Some(joint), cx);
+                }
+            },
+            Heard::Fault(bits) => return self.heard_fault(place, bits, at, cx),
+            Heard::Cleared | Heard::Alive => motor.report_alive(),
+            Heard::Stopped => motor.report_stop(),
+            Heard::Refused => motor.report_refusal(),
+            Heard::Late => motor.report_late(),
+        }
+        Report::Used
+    }
+
+    fn heard_fault(&mut self, place: usize, bits: FaultBits, at: Instant, cx: &mut Context) -> Report {
+        let motor = &mut self.motors[place];
+        motor.report_fault(bits, at, cx);
+        if bits.is_none() {
+            return Report::Used;
+        }
+        self.over_voltage |= bits.0 & FaultBits::OVER_VOLTAGE != 0;
+        match motor.settings.fault_policy {
+            FaultPolicy::StopJoint => {}
+            FaultPolicy::StopGroup => {
+                let joint = motor.joint;
+                self.stop(Cause::MotorFault, Some(joint), cx);
+            }
+            FaultPolicy::StopAll => return Report::StopAll,
+        }
+        Report::Used
+    }
+
+    /// The motor at `place` answered one question twice.
+    pub(in crate::control) fn heard_twice(&mut self, place: usize, cx: &mut Context) {
+        let motor = &mut self.motors[place];
+        if motor.report_twice() {
+            let joint = motor.joint;
+            self.stop(Cause::DuplicateId, Some(joint), cx);
+        }
+    }
+
+    /// Every answer that can come in this cycle has come.
+    pub(in crate::control) fn end_cycle(&mut self, cx: &mut Context) {
+        for place in 0..self.motors.len() {
+            let motor = &mut self.motors[place];
+            if motor.end_cycle(cx.wake.cycle, cx.safety.lost_cycles) {
+                motor.changed(cx);
+                let joint = motor.joint;
+                self.stop(Cause::MotorLost, Some(joint), cx);
+            }
+        }
+    }
+}

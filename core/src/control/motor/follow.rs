@@ -1,0 +1,80 @@
+//! The command of a motor that follows its group: active, or damped.
+
+use super::Motor;
+use super::limit::{self, Applied, Circumstances, limit};
+use super::mode::Mode;
+use crate::control::Command;
+use crate::control::context::Context;
+use crate::joint::{Impedance, Joint, Setpoint};
+use motord_shared::SetpointMode;
+
+/// Damping that is left when a motor reports over-voltage.
+const OVER_VOLTAGE_DAMPING: f32 = 0.25;
+
+/// The orders of a group to one of its motors in a cycle.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::control) struct Orders {
+    /// The newest setpoint of the joint.
+    pub(in crate::control) wanted: Option<Setpoint>,
+    /// Progress of the start ramp, 0 to 1 and beyond.
+    pub(in crate::control) ramp: f32,
+    /// The stop under way holds.
+    pub(in crate::control) held: bool,
+    /// A motor of the group reported over-voltage: braking feeds the supply, so it is damped less.
+    pub(in crate::control) over_voltage: bool,
+}
+
+impl Motor {
+    pub(super) fn command_by_mode(&mut self, orders: &Orders, cx: &Context) -> Command {
+        self.applied = match self.mode {
+            Mode::Active => self.follow(orders, cx),
+            Mode::Damping { held } => self.damp(held.filter(|_| orders.held), orders, cx),
+            _ => {
+                self.applied = Applied::NEUTRAL;
+                return self.mode.command(cx.now);
+            }
+        };
+        Command::Control(self.applied.setpoint)
+    }
+
+    fn follow(&self, orders: &Orders, cx: &Context) -> Applied {
+        let (Some(wanted), Some(measured)) = (orders.wanted, self.measured()) else {
+            return self.damp(None, orders, cx);
+        };
+        // With kp = 0 the last position setpoint is meaningless: slew from the measured one.
+        let mut previous = self.applied.setpoint;
+        if !previous.pulls() {
+            previous.values.position = measured.position;
+        }
+        let limits = &self.settings.limits;
+        let circumstances = Circumstances {
+            limits,
+            previous: &previous.values,
+            measured,
+            age: self.age(cx),
+            elapsed: cx.elapsed,
+            ramp: orders.ramp,
+            winding_torque: self.heat.allowed(limits.torque),
+        };
+        limit(&wanted, &circumstances)
+    }
+
+    fn damp(&self, held: Option<Impedance<Joint>>, orders: &Orders, cx: &Context) -> Applied {
+        let limits = &self.settings.limits;
+        let kd = self.settings.damping_kd * if orders.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
+        match (held, self.measured()) {
+            (Some(held), Some(measured)) => {
+                // A motor without impedance mode holds by itself: its setpoints have no stiffness to hold with.
+                let impedance = self.settings.capabilities.impedance;
+                let mode = if impedance { SetpointMode::Impedance } else { SetpointMode::Position };
+                limit::hold(Setpoint { values: held, mode }, kd, limits, measured, self.age(cx))
+            }
+            (_, measured) => limit::damp(kd, limits, measured),
+        }
+    }
+
+    /// Age of its state beyond a cycle, s.
+    fn age(&self, cx: &Context) -> f32 {
+        self.replies.age_cycles as f32 * cx.elapsed
+    }
+}

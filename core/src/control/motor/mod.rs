@@ -1,0 +1,375 @@
+//! One motor, as far as it can be known: its drive reports position, speed and torque, and its faults when asked.
+//! The modes are drawn in [`mode`].
+
+mod follow;
+mod heat;
+mod limit;
+mod mode;
+mod plausibility;
+mod replies;
+mod service;
+
+pub(super) use follow::Orders;
+pub use limit::{Applied, Circumstances, limit};
+pub(super) use service::{Kind, ServiceRequest};
+
+use super::context::Context;
+use super::{Command, Event};
+use crate::joint::{Impedance, Joint, Measured, Setpoint};
+use crate::settings::MotorSettings;
+use heat::Heat;
+use mode::{Mode, Start};
+use motord_bus::{Duration, Instant};
+use motord_protocol::FaultBits;
+use motord_shared::{Cause, JointState, MotorMode, Refusal, message};
+use plausibility::{Expectation, Plausibility, Verdict};
+use replies::Replies;
+use service::ZERO_TOLERANCE;
+
+/// A motor that has been silent for this many cycles is asked for its faults instead.
+const SILENT_CYCLES: u32 = 5;
+
+/// One motor and its joint.
+#[derive(Debug)]
+pub(super) struct Motor {
+    /// Index of its joint.
+    pub(super) joint: usize,
+    pub(super) settings: MotorSettings,
+    mode: Mode,
+    measured: Option<Measured<Joint>>,
+    measured_at: Instant,
+    /// The command of this cycle; the slew limits start from it in the next.
+    applied: Applied,
+    /// A request of an operator that is under way.
+    pub(super) request: Option<ServiceRequest>,
+    heat: Heat,
+    fault: FaultBits,
+    /// When it should be asked for its faults next.
+    poll_at: Instant,
+    /// It refused a command: it is asked for its fault in the next cycle.
+    refused: bool,
+    /// It was started, and has not confirmed a stop since.
+    may_run: bool,
+    replies: Replies,
+    plausibility: Plausibility,
+}
+
+impl Motor {
+    pub(super) fn new(joint: usize, settings: &MotorSettings) -> Self {
+        Self {
+            joint,
+            settings: settings.clone(),
+            mode: Mode::OFFLINE,
+            measured: None,
+            measured_at: Instant::ZERO,
+            applied: Applied::NEUTRAL,
+            request: None,
+            heat: Heat::of(settings),
+            fault: FaultBits(0),
+            poll_at: Instant::ZERO,
+            refused: false,
+            may_run: false,
+            replies: Replies::default(),
+            plausibility: Plausibility::default(),
+        }
+    }
+
+    pub(super) const fn mode(&self) -> MotorMode {
+        self.mode.code()
+    }
+
+    /// Reports a change of its mode.
+    pub(super) fn changed(&self, cx: &mut Context) {
+        cx.push(Event::Motor { motor: self.joint, mode: self.mode() });
+    }
+
+    pub(super) const fn measured(&self) -> Option<&Measured<Joint>> {
+        self.measured.as_ref()
+    }
+
+    pub(super) const fn replies(&self) -> &Replies {
+        &self.replies
+    }
+
+    /// Its state was received in the cycle before this one, or in this one.
+    pub(super) const fn is_fresh(&self) -> bool {
+        self.measured.is_some() && self.replies.age_cycles <= 1
+    }
+
+    /// It is known to turn slower than `rest_velocity`, rad/s.
+    pub(super) fn is_at_rest(&self, rest_velocity: f32) -> bool {
+        self.is_fresh() && self.measured.is_some_and(|state| state.velocity.abs() < rest_velocity)
+    }
+
+    /// It was started, and nothing says that it has stopped since. A motor in fault stopped by itself.
+    pub(super) const fn may_run(&self) -> bool {
+        self.may_run && !matches!(self.mode, Mode::Fault { .. })
+    }
+
+    /// It answered after it was started.
+    pub(super) fn is_ready(&self) -> bool {
+        self.mode == Mode::Starting(Start::Ready)
+    }
+
+    /// Two motors answer to its id.
+    pub(super) const fn is_doubled(&self) -> bool {
+        self.plausibility.is_doubled()
+    }
+
+    /// It has never answered since the daemon started.
+    pub(super) fn was_never_heard(&self) -> bool {
+        self.measured_at == Instant::ZERO
+    }
+
+    pub(super) fn is_overheated(&self) -> bool {
+        self.heat.is_overheated()
+    }
+
+    pub(super) const fn begin_start(&mut self) {
+        self.mode = Mode::STARTING;
+        self.may_run = true;
+    }
+
+    /// From now on it follows setpoints; the slew limits start from where it stands.
+    pub(super) fn activate(&mut self) {
+        self.mode = Mode::Active;
+        let position = self.measured.map_or(0.0, |measured| measured.position);
+        self.applied.setpoint = Setpoint::impedance(Impedance::new(position, 0.0, 0.0, 0.0, 0.0));
+    }
+
+    /// Leaves setpoints behind.
+    pub(super) fn begin_damping(&mut self) {
+        if matches!(self.mode, Mode::Starting(_) | Mode::Active) {
+            let Impedance { kp, kd, .. } = self.applied.setpoint.values;
+            let here = self.measured.filter(|_| self.is_fresh());
+            let held = here.map(|measured| Impedance::new(measured.position, 0.0, kp, kd, 0.0));
+            self.mode = Mode::Damping { held };
+        }
+    }
+
+    /// From now on it receives only stop commands.
+    pub(super) const fn rest(&mut self) {
+        if self.mode.is_moving() {
+            self.mode = Mode::Idle;
+        }
+    }
+
+    /// Its winding gave torque for `elapsed`: the reported one, or the commanded one when that is more. A motor that
+    /// reports falsely is not trusted with more heat for it.
+    pub(super) fn warm(&mut self, elapsed: Duration) {
+        let fresh = self.measured.filter(|_| self.is_fresh());
+        let reported = fresh.map_or(0.0, |state| state.torque.abs());
+        let values = &self.applied.setpoint.values;
+        let commanded =
+            self.measured.map_or(0.0, |state| values.predicted_torque(state.position, state.velocity));
+        self.heat.warm(reported.max(commanded.abs()), elapsed);
+    }
+
+    /// The command of this cycle. Does not allocate or block; constant time.
+    pub(super) fn command(&mut self, orders: &Orders, cx: &Context) -> Command {
+        self.applied.limits = 0;
+        let command = if let Some(request) = &mut self.request {
+            request.command()
+        } else if self.doubts() {
+            Command::GetFault
+        } else {
+            self.command_by_mode(orders, cx)
+        };
+        self.replies.asked(&command);
+        command
+    }
+
+    /// A silent motor may be one in fault that answers nothing but a question for its fault (GIM document 3.2.16): every
+    /// so often that question takes the place of the command.
+    const fn doubts(&mut self) -> bool {
+        let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_CYCLES);
+        let refused = core::mem::replace(&mut self.refused, false);
+        refused || silent && !matches!(self.mode, Mode::Offline(_))
+    }
+
+    /// Its state came, `latency` after the command. Returns false when it cannot be true: it is not used then. `Err`: its
+    /// group must be stopped for this cause.
+    pub(super) fn report_state(
+        &mut self,
+        reported: Measured<Joint>,
+        at: Instant,
+        latency: Duration,
+        cx: &mut Context,
+    ) -> Result<bool, Cause> {
+        match self.judge(reported, at) {
+            Verdict::Sound(measured) => {
+                self.take_state(measured, at, latency, cx);
+                Ok(true)
+            }
+            Verdict::Stop(measured, cause) => {
+                self.take_state(measured, at, latency, cx);
+                Err(cause)
+            }
+            Verdict::Unbelievable => {
+                self.report_alive();
+                Ok(false)
+            }
+        }
+    }
+
+    fn judge(&mut self, reported: Measured<Joint>, at: Instant) -> Verdict {
+        // A step is expected while the zero is being moved.
+        let zeroing = self.request.is_some_and(|request| request.kind == Kind::SetZero);
+        let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
+        let setpoint = &self.applied.setpoint;
+        let pulled_to = setpoint.pulls().then_some(setpoint.values.position);
+        let active = self.mode == Mode::Active;
+        let expected = Expectation { settings: &self.settings, before, pulled_to, active };
+        self.plausibility.judge(reported, at, &expected)
+    }
+
+    fn take_state(&mut self, measured: Measured<Joint>, at: Instant, latency: Duration, cx: &mut Context) {
+        self.measured = Some(measured);
+        self.measured_at = at;
+        self.may_run &= !(self.replies.asked_stop && self.settings.capabilities.state_confirms_stop);
+        self.replies.state(latency);
+        match &mut self.mode {
+            Mode::Offline(_) => {
+                self.mode = if self.fault.is_none() { Mode::Idle } else { Mode::FAULT };
+                self.changed(cx);
+            }
+            Mode::Starting(start) => start.answered(true),
+            _ => {}
+        }
+        self.confirm_zero(cx);
+    }
+
+    /// It answered, but not with a state.
+    pub(super) const fn report_alive(&mut self) {
+        self.replies.alive();
+        if let Mode::Starting(start) = &mut self.mode {
+            start.answered(false);
+        }
+    }
+
+    /// It confirmed a stop.
+    pub(super) const fn report_stop(&mut self) {
+        self.report_alive();
+        self.may_run = false;
+    }
+
+    /// It refuses the command.
+    pub(super) const fn report_refusal(&mut self) {
+        self.replies.alive();
+        self.refused = true;
+    }
+
+    /// It answered too late.
+    pub(super) const fn report_late(&mut self) {
+        self.replies.late = self.replies.late.wrapping_add(1);
+    }
+
+    /// It answered one question twice. Returns whether two motors share its id.
+    pub(super) fn report_twice(&mut self) -> bool {
+        self.plausibility.duplicate()
+    }
+
+    /// Its fault bits came.
+    pub(super) fn report_fault(&mut self, fault: FaultBits, at: Instant, cx: &mut Context) {
+        self.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
+        let was_in_fault = matches!(self.mode, Mode::Fault { .. });
+        if fault != self.fault && !(fault.is_none() && was_in_fault) {
+            self.fault = fault;
+            cx.push(Event::Fault { motor: self.joint, bits: fault.0 });
+        }
+        if fault.is_none() {
+            self.replies.silent = if was_in_fault { 0 } else { self.replies.silent };
+            return self.confirm_cleared(cx);
+        }
+        self.replies.silent = 0;
+        if let Some(request) = &mut self.request {
+            request.repeat_clear();
+        }
+        if !was_in_fault {
+            self.mode = Mode::FAULT;
+            self.changed(cx);
+        }
+    }
+
+    /// The bus did not take the command that its request is about.
+    pub(super) const fn resume_request(&mut self) {
+        if let Some(request) = &mut self.request {
+            request.sent = false;
+        }
+    }
+
+    /// Gives a request up whose time is over.
+    pub(super) fn watch_request(&mut self, cx: &mut Context) {
+        if let Some(request) = self.request.take_if(|request| cx.now > request.deadline) {
+            cx.answer(request.ticket, Some(Refusal::NotConfirmed));
+        }
+    }
+
+    fn confirm_zero(&mut self, cx: &mut Context) {
+        let position = self.measured.map_or(f32::NAN, |state| state.position);
+        let at_zero = self.settings.transmission.position_to_motor(position).abs() < ZERO_TOLERANCE;
+        let confirmed = |request: &mut ServiceRequest| request.awaits(Kind::SetZero) && at_zero;
+        if let Some(request) = self.request.take_if(confirmed) {
+            cx.answer(request.ticket, None);
+        }
+    }
+
+    fn confirm_cleared(&mut self, cx: &mut Context) {
+        if let Some(request) = self.request.take_if(|request| request.awaits(Kind::ClearFault)) {
+            self.fault = FaultBits(0);
+            if matches!(self.mode, Mode::Fault { .. }) {
+                self.mode = Mode::Idle;
+            }
+            self.changed(cx);
+            cx.answer(request.ticket, None);
+        }
+    }
+
+    /// The cycle is over. Returns whether the motor is lost by its silence.
+    pub(super) fn end_cycle(&mut self, cycle: u64, lost_cycles: u32) -> bool {
+        self.plausibility.end_cycle();
+        if self.replies.answered {
+            return false;
+        }
+        self.replies.age();
+        let counts = !matches!(self.mode, Mode::Offline(_)) && self.request.is_none();
+        // It answers, but has reported no state for too long while it is meant to move: it refuses its commands.
+        let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
+        let lost = blind || counts && self.replies.miss(cycle) >= lost_cycles;
+        if lost {
+            self.mode = Mode::OFFLINE;
+            self.measured = None;
+            self.replies.silent = 0;
+        }
+        lost
+    }
+
+    /// When it should be asked for its faults next, if it may be asked now: nobody else asks it, its state has arrived, and
+    /// nothing that it answered late can be mistaken for the answer.
+    pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
+        (self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.poll_at)
+    }
+
+    pub(super) fn report(&self) -> JointState {
+        let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
+        let fresh = if self.replies.answered { message::JOINT_FRESH } else { 0 };
+        let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
+        let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
+        JointState {
+            position: measured.position,
+            velocity: measured.velocity,
+            torque: measured.torque,
+            temperature: measured.temperature.unwrap_or(f32::NAN),
+            applied: message::Applied { position, velocity, kp, kd, torque },
+            limits: self.applied.limits,
+            mode: self.mode().code(),
+            fault: u32::from(self.fault.0),
+            flags: fresh | valid,
+            age_cycles: self.replies.age_cycles,
+            missed: self.replies.missed,
+            reply_latency_ns: self.replies.latency_ns,
+            late: self.replies.late,
+            receive_ns: self.measured_at.as_nanos(),
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! The mode of one motor.
+//!
+//! ```text
+//!              state reported             group starts                  neutral answered, start answered
+//!   Offline ───────────────▶ Idle ───────────────────────▶ Starting ───────────────────────────▶ Active
+//!      ▲                    ▲    ▲                             │                                    │
+//!      │ silent for         │    │ at rest, or long enough     │ group stops                        │ group stops
+//!      │ `lost_cycles`      │    └──────────── Damping ◀───────┴────────────────────────────────────┘
+//!   (any mode)              │
+//!                           └── fault cleared on request ── Fault ◀── fault reported (any mode)
+//!
+//!   Starting:   Neutral(n) ──NEUTRAL_CYCLES──▶ Commanded ──any answer──▶ Answered ──state──▶ Ready
+//! ```
+
+use crate::control::Command;
+use crate::joint::{Impedance, Joint};
+use motord_bus::{Duration, Instant};
+use motord_shared::MotorMode;
+
+/// Neutral commands that a motor receives before it is started.
+const NEUTRAL_CYCLES: u32 = 10;
+/// A motor that is offline is asked this often whether it is back.
+const PROBE_PERIOD: Duration = Duration::from_millis(100);
+/// One of so many probes asks for the fault: in fault a motor may answer nothing else.
+const PROBES_PER_FAULT: u32 = 5;
+
+/// Each mode with the data that only it needs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Mode {
+    /// It does not answer.
+    Offline(Probe),
+    /// It is stopped.
+    Idle,
+    /// It is being started.
+    Starting(Start),
+    /// It follows setpoints.
+    Active,
+    /// It is damped before it is stopped.
+    Damping {
+        /// Its position and gains when the stop began, where they were known: a stop that holds keeps them.
+        held: Option<Impedance<Joint>>,
+    },
+    /// It reported a fault, and stopped by itself.
+    Fault {
+        /// The next command asks for the fault.
+        asks: bool,
+    },
+}
+
+/// When an offline motor is probed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Probe {
+    next: Instant,
+    count: u32,
+}
+
+/// Where a motor is between `Idle` and `Active`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Start {
+    /// So many neutral commands were sent.
+    Neutral(u32),
+    /// The start command is sent until it is answered.
+    Commanded,
+    /// It answered the start command.
+    Answered,
+    /// It reported its state in answer to a neutral command after that.
+    Ready,
+}
+
+impl Mode {
+    /// Offline; the first probe, in the next cycle, is a stop: the motor may receive and only not be received.
+    pub(super) const OFFLINE: Self = Self::Offline(Probe { next: Instant::ZERO, count: 0 });
+    pub(super) const STARTING: Self = Self::Starting(Start::Neutral(0));
+    pub(super) const FAULT: Self = Self::Fault { asks: false };
+
+    pub(super) const fn code(&self) -> MotorMode {
+        match self {
+            Self::Offline(_) => MotorMode::Offline,
+            Self::Idle => MotorMode::Idle,
+            Self::Starting(_) => MotorMode::Starting,
+            Self::Active => MotorMode::Active,
+            Self::Damping { .. } => MotorMode::Damping,
+            Self::Fault { .. } => MotorMode::Fault,
+        }
+    }
+
+    /// It is started or being started, or damped after that.
+    pub(super) const fn is_moving(&self) -> bool {
+        matches!(self, Self::Starting(_) | Self::Active | Self::Damping { .. })
+    }
+
+    /// The command of this cycle in the modes that depend on nothing else. `Active` and `Damping` follow their group:
+    /// for them it is a stop.
+    pub(super) fn command(&mut self, now: Instant) -> Command {
+        match self {
+            Self::Offline(probe) => probe.command(now),
+            Self::Starting(start) => start.command(),
+            Self::Fault { asks } => {
+                *asks = !*asks;
+                if *asks { Command::Stop } else { Command::GetFault }
+            }
+            Self::Idle | Self::Active | Self::Damping { .. } => Command::Stop,
+        }
+    }
+}
+
+impl Probe {
+    fn command(&mut self, now: Instant) -> Command {
+        if now < self.next {
+            return Command::Nothing;
+        }
+        self.next = now + PROBE_PERIOD;
+        self.count = (self.count + 1) % PROBES_PER_FAULT;
+        if self.count == 0 { Command::GetFault } else { Command::Stop }
+    }
+}
+
+impl Start {
+    const fn command(&mut self) -> Command {
+        match *self {
+            Self::Neutral(NEUTRAL_CYCLES) | Self::Commanded => {
+                *self = Self::Commanded;
+                Command::Start
+            }
+            Self::Neutral(sent) => {
+                *self = Self::Neutral(sent + 1);
+                Command::Neutral
+            }
+            Self::Answered | Self::Ready => Command::Neutral,
+        }
+    }
+
+    /// The motor answered, with its state or without.
+    pub(super) const fn answered(&mut self, with_state: bool) {
+        *self = match *self {
+            Self::Commanded => Self::Answered,
+            Self::Answered if with_state => Self::Ready,
+            start => start,
+        };
+    }
+}

@@ -1,0 +1,79 @@
+//! The count of one motor's replies: which came, which did not.
+
+use crate::control::Command;
+use motord_bus::Duration;
+
+/// A motor that missed a reply is not asked for its faults for so many cycles: a late reply could be mistaken for the answer.
+const SETTLE_CYCLES: u64 = 10;
+
+#[derive(Debug, Default)]
+pub(in crate::control) struct Replies {
+    /// A question was sent in this cycle whose answer is a state.
+    asked: bool,
+    /// The command of this cycle was a stop.
+    pub(super) asked_stop: bool,
+    /// It reported its state in this cycle.
+    pub(super) answered: bool,
+    /// Cycles in a row without any answer.
+    pub(super) silent: u32,
+    /// Cycles since its last state; 0 when that came in the last one.
+    pub(super) age_cycles: u32,
+    /// Cycles without a reply since the start, modulo 2³².
+    pub(in crate::control) missed: u32,
+    /// Replies after their cycle, modulo 2³².
+    pub(super) late: u32,
+    /// Time from the last answered command to its reply, ns.
+    pub(super) latency_ns: u32,
+    /// The cycle of the last missed reply; 0 for none.
+    last_missed: u64,
+}
+
+impl Replies {
+    pub(super) const fn asked(&mut self, command: &Command) {
+        self.asked = command.is_answered_by_state();
+        self.asked_stop = matches!(command, Command::Stop);
+        self.answered = false;
+    }
+
+    /// A state came, `latency` after the command.
+    pub(super) fn state(&mut self, latency: Duration) {
+        self.latency_ns = u32::try_from(latency.as_nanos()).unwrap_or(u32::MAX);
+        self.answered = true;
+        self.silent = 0;
+        self.age_cycles = 0;
+    }
+
+    /// Another answer came: no state is awaited any more.
+    pub(super) const fn alive(&mut self) {
+        self.asked = false;
+        self.silent = 0;
+    }
+
+    /// No state came in this cycle.
+    pub(super) const fn age(&mut self) {
+        self.age_cycles = self.age_cycles.saturating_add(1);
+    }
+
+    /// No answer came in `cycle`. Returns the cycles in a row without one; 0 where none was due.
+    pub(super) const fn miss(&mut self, cycle: u64) -> u32 {
+        if !self.asked && self.silent == 0 {
+            return 0;
+        }
+        self.silent += 1;
+        self.last_missed = cycle;
+        if self.asked {
+            self.missed = self.missed.wrapping_add(1);
+        }
+        self.silent
+    }
+
+    /// The state of `cycle` has arrived, and no late reply is to be expected.
+    pub(super) const fn is_settled(&self, cycle: u64) -> bool {
+        self.answered && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
+    }
+
+    /// Time from command to reply in this cycle, ns; 0 when none came.
+    pub(in crate::control) const fn latency_now_ns(&self) -> u32 {
+        if self.answered { self.latency_ns } else { 0 }
+    }
+}

@@ -1,0 +1,54 @@
+//! Whether the time of the cycle can be trusted.
+//!
+//! | observation | cause |
+//! |---|---|
+//! | the cycle began later than `max-lateness-ms` | time-base |
+//! | the computer was suspended since the cycle before | suspended |
+//! | more ticks missed over the last second than `max-missed` | overload |
+
+use super::Wake;
+use crate::settings::CycleSettings;
+use motord_bus::Duration;
+use motord_shared::Cause;
+
+/// How long a missed tick is remembered.
+const MEMORY: Duration = Duration::from_secs(1);
+/// A computer takes longer than this to be suspended and woken; the readings of two clocks differ by less.
+const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
+
+#[derive(Debug)]
+pub(super) struct TimeBase {
+    max_lateness: Duration,
+    max_missed: f32,
+    /// How long the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
+    suspended: Duration,
+    /// Share of the ticks of about the last second that were missed, 0 to 1.
+    missed: f32,
+}
+
+impl TimeBase {
+    pub(super) const fn new(settings: &CycleSettings) -> Self {
+        Self {
+            max_lateness: settings.max_lateness,
+            max_missed: settings.max_missed_ticks,
+            suspended: Duration::ZERO,
+            missed: 0.0,
+        }
+    }
+
+    /// Judges the beginning of a cycle; the one before began `elapsed` ago. Returns the cause to stop for, if there is one.
+    pub(super) fn judge(&mut self, wake: &Wake, elapsed: Duration) -> Option<Cause> {
+        let weight = (elapsed.as_secs_f32() / MEMORY.as_secs_f32()).min(1.0);
+        let share = wake.missed_ticks as f32 / (wake.missed_ticks + 1) as f32;
+        self.missed += weight * (share - self.missed);
+        let known = self.suspended;
+        self.suspended = known.max(wake.suspended);
+        if wake.begun.since(wake.scheduled) >= self.max_lateness {
+            Some(Cause::TimeBase)
+        } else if wake.suspended > known + SUSPENDED_LEAST {
+            Some(Cause::Suspended)
+        } else {
+            (self.missed > self.max_missed).then_some(Cause::Overload)
+        }
+    }
+}

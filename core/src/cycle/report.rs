@@ -1,0 +1,54 @@
+//! Everything that is known after a cycle, as the message for clients. No other code writes a [`StateMessage`].
+
+use super::Cycle;
+use super::channel::BusChannel;
+use crate::clock::Clock;
+use crate::control::Wake;
+use core::sync::atomic::Ordering;
+use motord_bus::Instant;
+use motord_bus::time::nanos;
+use motord_shared::{Rejection, StateMessage, message};
+
+impl<C: Clock> Cycle<C> {
+    /// Writes the state of the cycle that began with `wake` and ended at `now`. Does not allocate or block; bounded by
+    /// joints, groups and buses.
+    pub(super) fn report(&mut self, wake: &Wake, now: Instant) {
+        let flags = self.flags(wake);
+        let Self { link, control, channels, .. } = self;
+        let (state, counters) = link.state();
+        let StateMessage { joints, groups, buses, .. } = state;
+        state.joint_count = fill(joints, control.joint_states());
+        state.group_count = fill(groups, control.group_states());
+        state.bus_count = fill(buses, channels.iter().map(BusChannel::report));
+        for (group, wrong_lease) in groups.iter_mut().zip(&counters.wrong_lease) {
+            let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];
+            *counter = counter.wrapping_add(wrong_lease.load(Ordering::Relaxed));
+        }
+        for (bus, filtered) in buses.iter_mut().zip(&counters.unexpected_ids) {
+            bus.unexpected_id = bus.unexpected_id.wrapping_add(filtered.load(Ordering::Relaxed));
+        }
+        let config_changed = counters.config_changed.load(Ordering::Relaxed);
+        state.flags = flags | if config_changed { message::FLAG_CONFIG_CHANGED } else { 0 };
+        state.boot_id = self.boot_id;
+        state.cycle = wake.cycle;
+        state.tick_ns = wake.scheduled.as_nanos();
+        state.wake_latency_ns = nanos(wake.begun.since(wake.scheduled));
+        state.publish_ns = now.as_nanos();
+        state.overruns = self.missed_ticks;
+    }
+
+    fn flags(&self, wake: &Wake) -> u32 {
+        let flags = [
+            (self.control.is_emergency_stopped(), message::FLAG_EMERGENCY_STOP),
+            (self.control.is_shutting_down(), message::FLAG_SHUTDOWN),
+            (self.realtime, message::FLAG_REALTIME),
+            (wake.missed_ticks > 0, message::FLAG_OVERRUN),
+        ];
+        flags.iter().filter(|(is_set, _)| *is_set).fold(0, |flags, (_, flag)| flags | flag)
+    }
+}
+
+/// Writes `states` into the first entries, and returns how many they are.
+fn fill<T>(entries: &mut [T], states: impl Iterator<Item = T>) -> u32 {
+    entries.iter_mut().zip(states).map(|(entry, state)| *entry = state).count() as u32
+}
