@@ -14,5 +14,5 @@ pub trait Clock {
     fn sleep_until(&mut self, instant: Instant);
 
     /// Returns when a bus has something, or at `until`; tells which buses have. At most one system call.
-    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready;
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready;
 }

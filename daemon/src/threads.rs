@@ -6,19 +6,19 @@
 //! | `motord-ipc` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
-//! | `motord-reopen` | opens buses again that went away |
+//! | `motord-reconnector` | opens buses again that went away |
 //!
 //! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
 //! thread only waits for signals; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
-use crate::buses::reopen::Workshop;
+use crate::buses::reconnector::Reconnector;
 use crate::commands::run::RunError;
 use crate::deadman::heartbeat::{Heartbeat, Pulse};
 use crate::deadman::registrar::Registrar;
 use crate::deadman::safe_frames::SafeFrames;
 use crate::host::clock::Monotonic;
-use crate::host::rt::{self, Wish};
+use crate::host::rt::{self, SchedulingRequest};
 use crate::ipc::description::describe;
 use crate::ipc::{self, IpcThread};
 use crate::telemetry::{self, Recorder};
@@ -133,7 +133,7 @@ impl Daemon {
         }
         let (broken, hears_broken) = channel();
         recorder.reports_broken(broken);
-        start_workshop(&settings, &orders, Workshop::new(supply), hears_broken)?;
+        start_reconnector(&settings, &orders, Reconnector::new(supply), hears_broken)?;
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
@@ -223,8 +223,8 @@ fn start_ipc(
             Ok(ports) => ports,
             Err(error) => return report(&opened, Err(error)),
         };
-        let wish = Wish { cpu: ipc.cpu, priority: ipc.priority };
-        rt::prepare_thread(wish).iter().for_each(|step| step.tell("ipc"));
+        let request = SchedulingRequest { cpu: ipc.cpu, priority: ipc.priority };
+        rt::prepare_thread(request).iter().for_each(|step| step.log("ipc"));
         report(&opened, Ok(()));
         IpcThread::new(ports, end, questions, description, &ipc, period).run(|| told.are(Orders::END));
     })?;
@@ -248,15 +248,15 @@ fn start_telemetry(
 }
 
 /// Nobody waits for this thread: opening a bus may take as long as the kernel likes, and it ends with the process.
-fn start_workshop(
+fn start_reconnector(
     settings: &Settings,
     orders: &Arc<Orders>,
-    mut workshop: Workshop,
+    mut reconnector: Reconnector,
     broken: Receiver<usize>,
 ) -> Result<(), RunError> {
     let (settings, told) = (settings.clone(), Arc::clone(orders));
-    let run = move || workshop.run(&settings, &broken, || told.are(Orders::STOP));
-    let _detached = start("reopen", orders, run)?;
+    let run = move || reconnector.run(&settings, &broken, || told.are(Orders::STOP));
+    let _detached = start("reconnector", orders, run)?;
     Ok(())
 }
 
@@ -268,17 +268,17 @@ fn start_cycle(
     locks: Vec<motord_bus::socketcan::InterfaceLock>,
 ) -> Result<JoinHandle<()>, RunError> {
     let told = Arc::clone(orders);
-    let wish = Wish { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
+    let request = SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
     let names: Vec<_> = settings.motors.iter().map(|motor| motor.name.clone()).collect();
     let (prepared, ready) = channel();
     let thread = start("cycle", orders, move || {
         let _held = locks;
-        let mut steps = rt::prepare_thread(wish);
+        let mut steps = rt::prepare_thread(request);
         steps.push(rt::tighten_timers());
         steps.push(rt::lock_memory());
         let refused = steps.iter().find_map(|step| step.outcome.err().map(|errno| (*step, errno)));
-        steps.iter().for_each(|step| step.tell("cycle"));
+        steps.iter().for_each(|step| step.log("cycle"));
         if let Some((step, errno)) = refused.filter(|_| required) {
             return report(
                 &prepared,
@@ -320,9 +320,10 @@ fn start_registrar(
     let mut registrar = Registrar::new(instance.clone(), frames, pulse);
     let told = Arc::clone(orders);
     // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
-    let wish = Wish { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) };
+    let request =
+        SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) };
     let run = move || {
-        let _refused_like_the_cycle = rt::prepare_thread(wish);
+        let _refused_like_the_cycle = rt::prepare_thread(request);
         if catch_unwind(AssertUnwindSafe(|| registrar.run(|| told.are(Orders::END)))).is_err() {
             told.stop_without("registrar");
             // Its connection must outlive the last cycle: closed before, it would set the switch on motors that are driven.

@@ -6,7 +6,7 @@
 //! | states | cycle | ipc | the newest replaces the one before |
 //! | requests | ipc | cycle | refused: busy |
 //! | answers | cycle | ipc | as many as requests, so never |
-//! | opened buses, old buses | reopening, cycle | cycle, reopening | as many as buses, so never |
+//! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
 use super::replacement::{Indexed, Replacements, Supply, replacements};

@@ -1,7 +1,7 @@
-//! Opens what the configuration calls buses.
+//! Opens the buses of a configuration.
 
 mod physics;
-pub mod reopen;
+pub mod reconnector;
 
 pub use physics::{physics, simulate};
 
@@ -26,7 +26,7 @@ pub enum BusError {
     Lock {
         /// The bus.
         bus: String,
-        /// Who.
+        /// The lock, and who holds it.
         source: LockError,
     },
     /// The cycle does not drive serial buses. Settings from a file have none: `config` refuses it in the same words.
@@ -35,17 +35,17 @@ pub enum BusError {
         /// The bus.
         bus: String,
     },
-    /// The interface's name is none.
+    /// The text is no name of an interface.
     #[error("bus {bus}: `{interface}` is no interface name: use one that `ip link` lists")]
     Name {
         /// The bus.
         bus: String,
-        /// What was given.
+        /// The name in the configuration.
         interface: String,
     },
 }
 
-/// The buses of a configuration, opened, and what keeps other daemons away from them.
+/// The buses of a configuration, opened, and the locks that keep other daemons away from them.
 pub struct Buses {
     /// In the order of the configuration.
     pub buses: Vec<Box<dyn Bus>>,

@@ -83,7 +83,7 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     crate::host::panics::hear_requests()?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
-    deep_sleep.tell("main");
+    deep_sleep.log("main");
 
     let damp = settings.safety.damp;
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
@@ -108,7 +108,7 @@ fn heed(daemon: &Daemon, signal: i32, damp: Duration) {
         }
         _ => {
             tracing::info!("damping and stopping the motors, then leaving");
-            systemd::stops(damp);
+            systemd::stopping(damp);
             daemon.stop();
         }
     }

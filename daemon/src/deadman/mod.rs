@@ -24,7 +24,7 @@ pub mod server;
 pub mod switch;
 
 use crate::config::{self, ConfigError};
-use crate::host::rt::{self, Wish};
+use crate::host::rt::{self, SchedulingRequest};
 use crate::host::systemd;
 use channel::Listener;
 use motord_bus::{Duration, clock};
@@ -91,10 +91,10 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
         signal_hook::flag::register(signal, Arc::clone(&ending))?;
     }
     // Above the cycle, so that a cycle that runs away cannot keep the switch from a processor.
-    let wish = Wish { cpu: None, priority: Some(settings.cycle.priority.saturating_add(1)) };
-    let mut steps = rt::prepare_thread(wish);
+    let request = SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_add(1)) };
+    let mut steps = rt::prepare_thread(request);
     steps.extend([rt::tighten_timers(), rt::lock_memory()]);
-    steps.iter().for_each(|step| step.tell("deadman"));
+    steps.iter().for_each(|step| step.log("deadman"));
 
     let mut server = Server::new(listener, interfaces::expect_interface);
     tracing::info!(instance = instance.name(), "ready");
@@ -102,7 +102,7 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     while !ending.load(Ordering::Relaxed) {
         server.turn(clock::monotonic() + IDLE);
     }
-    systemd::stops(settings.safety.damp);
+    systemd::stopping(settings.safety.damp);
     let owed = server.finish(clock::monotonic() + settings.safety.damp + PATIENCE);
     if !owed.is_empty() {
         tracing::error!("ends before these took their stops: {}", owed.join(", "));

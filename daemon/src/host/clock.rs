@@ -20,7 +20,7 @@ impl Clock for Monotonic {
         clock::sleep_until(instant);
     }
 
-    fn wait(&mut self, readiness: &[Readiness], until: Instant) -> Ready {
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready {
         wait(readiness, clock::monotonic(), until)
     }
 }

@@ -1,43 +1,45 @@
-//! What makes a thread real-time, and what the machine refused of it.
+//! Real-time scheduling and memory for a thread, as far as the machine grants them.
 
 use crate::host::kernel;
 use nix::errno::Errno;
+use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{Resource, getrlimit};
+use nix::unistd::Pid;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 
-/// Locking less memory than this would make later allocations of other threads fail.
+/// With a lower limit on locked memory, later allocations of other threads would fail.
 const MEMLOCK_LEAST: u64 = 1 << 30;
-/// Stack that the cycle may need: touched once, so that it never faults later.
+/// The stack that the cycle may need. It is touched once, so that it never faults later.
 const STACK_BYTES: usize = 256 * 1024;
 
-/// What was asked of the machine for one thread.
+/// The scheduling that one thread asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Wish {
-    /// Processor to run on alone.
+pub struct SchedulingRequest {
+    /// The processor to run on; `None` for any.
     pub cpu: Option<usize>,
-    /// `SCHED_FIFO` priority.
+    /// The `SCHED_FIFO` priority, 1 to 99; `None` for normal scheduling.
     pub priority: Option<u8>,
 }
 
-/// One thing that was asked for, and what became of it.
+/// One step of the set-up, and its outcome.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Step {
-    /// What.
+    /// The name of the step, for the log.
     pub what: &'static str,
-    /// Granted, or why not.
+    /// Granted, or the error of the kernel.
     pub outcome: Result<(), Errno>,
-    /// What it means to go without.
+    /// The consequence when it is refused.
     pub without: &'static str,
-    /// What to do about it.
+    /// The remedy when it is refused.
     pub remedy: &'static str,
 }
 
 impl Step {
-    /// Logs it for `thread`.
-    pub fn tell(&self, thread: &str) {
+    /// Logs the outcome for `thread`.
+    pub fn log(&self, thread: &str) {
         let Self { what, outcome, without, remedy } = *self;
         match outcome {
             Ok(()) => tracing::info!(thread, "{what}: yes"),
@@ -48,12 +50,12 @@ impl Step {
     }
 }
 
-/// Puts the calling thread under `SCHED_FIFO` on its processor, with a stack that is in memory.
+/// Gives the calling thread the scheduling of `request`, and a stack that is in memory.
 #[must_use]
-pub fn prepare_thread(wish: Wish) -> Vec<Step> {
+pub fn prepare_thread(request: SchedulingRequest) -> Vec<Step> {
     prefault_stack();
     let mut steps = Vec::new();
-    if let Some(cpu) = wish.cpu {
+    if let Some(cpu) = request.cpu {
         steps.push(Step {
             what: "processor of its own",
             outcome: pin(cpu),
@@ -61,7 +63,7 @@ pub fn prepare_thread(wish: Wish) -> Vec<Step> {
             remedy: "set `cpu` in [cycle] to a processor that `taskset -p $$` allows",
         });
     }
-    if let Some(priority) = wish.priority {
+    if let Some(priority) = request.priority {
         steps.push(Step {
             what: "SCHED_FIFO",
             outcome: kernel::schedule_fifo(priority),
@@ -72,8 +74,8 @@ pub fn prepare_thread(wish: Wish) -> Vec<Step> {
     steps
 }
 
-/// Locks all memory of the process, now and later. Refused beforehand where the limit would make later allocations
-/// fail instead.
+/// Locks all memory of the process, now and later. Refuses with `ENOMEM` where the limit would make later allocations
+/// fail.
 #[must_use]
 pub fn lock_memory() -> Step {
     let enough = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft >= MEMLOCK_LEAST);
@@ -111,7 +113,7 @@ pub fn forbid_deep_sleep() -> (Step, Option<File>) {
     (step, opened.ok())
 }
 
-/// Timers of this thread fire when they are due, not up to 50 µs later. Only matters without `SCHED_FIFO`.
+/// Makes timers of this thread fire when they are due, not up to 50 µs later. Matters only without `SCHED_FIFO`.
 #[must_use]
 pub fn tighten_timers() -> Step {
     Step {
@@ -122,9 +124,13 @@ pub fn tighten_timers() -> Step {
     }
 }
 
+/// The kernel takes this number for the calling thread.
+const CALLING_THREAD: i32 = 0;
+
 fn pin(cpu: usize) -> Result<(), Errno> {
-    let pinned = core_affinity::set_for_current(core_affinity::CoreId { id: cpu });
-    if pinned { Ok(()) } else { Err(Errno::last()) }
+    let mut processors = CpuSet::new();
+    processors.set(cpu)?;
+    sched_setaffinity(Pid::from_raw(CALLING_THREAD), &processors)
 }
 
 fn prefault_stack() {

@@ -1,29 +1,29 @@
-//! What systemd is told (`sd_notify(3)`), where it runs this process; elsewhere nothing.
+//! Messages to systemd (`sd_notify(3)`). Where systemd does not run this process, they go nowhere.
 
 use motord_bus::Duration;
 use sd_notify::NotifyState;
 
-/// What a stop may take longer than the damping.
+/// The time that a stop may take beyond the damping.
 const STOP_MARGIN: Duration = Duration::from_secs(3);
 
-/// The start is over.
+/// Reports that the start is over.
 pub fn ready() {
-    tell(&[NotifyState::Ready]);
+    send(&[NotifyState::Ready]);
 }
 
-/// The process does what it is for.
-pub fn lives() {
-    tell(&[NotifyState::Watchdog]);
+/// Feeds the watchdog: the process does its work.
+pub fn feed_watchdog() {
+    send(&[NotifyState::Watchdog]);
 }
 
-/// The process ends once its motors are stopped, which takes as long as they are damped: `damp` at most. The unit's
-/// `TimeoutStopSec=` knows nothing of that, and must not end it.
-pub fn stops(damp: Duration) {
+/// Reports that the process stops its motors and then ends. That takes at most `damp` and [`STOP_MARGIN`], which may be
+/// longer than `TimeoutStopSec=` of the unit: asks for that time.
+pub fn stopping(damp: Duration) {
     let micros = u32::try_from((damp + STOP_MARGIN).as_micros()).unwrap_or(u32::MAX);
-    let patience = NotifyState::ExtendTimeoutUsec(micros);
-    tell(&[NotifyState::Stopping, patience]);
+    let time = NotifyState::ExtendTimeoutUsec(micros);
+    send(&[NotifyState::Stopping, time]);
 }
 
-fn tell(states: &[NotifyState<'_>]) {
-    let _not_there = sd_notify::notify(states);
+fn send(states: &[NotifyState<'_>]) {
+    let _no_systemd = sd_notify::notify(states);
 }

@@ -208,7 +208,7 @@ impl Recorder {
     fn feed_watchdog(&mut self) {
         let cycle = self.cycle.counters.cycle.load(Ordering::Acquire);
         if cycle != std::mem::replace(&mut self.watched_cycle, cycle) {
-            systemd::lives();
+            systemd::feed_watchdog();
         }
     }
 }

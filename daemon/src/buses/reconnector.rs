@@ -1,4 +1,4 @@
-//! Opens buses again that went away, off the real-time thread.
+//! Opens buses again that went away, in a thread of its own.
 //!
 //! ```text
 //!   telemetry ──bus is gone, or stays off──▶ this thread ──opened bus──▶ cycle
@@ -6,7 +6,7 @@
 //!                                                └────── old bus ──────────┘   (closing it is a system call, too)
 //! ```
 //!
-//! A bus that is back is a bus with stopped motors: nothing is enabled by it.
+//! A bus that is back has stopped motors: opening it enables nothing.
 
 use crate::buses;
 use motord_bus::Duration;
@@ -14,21 +14,22 @@ use motord_core::cycle::Supply;
 use motord_core::settings::Settings;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 
-/// The wait after a failed attempt; it doubles up to [`BACK_OFF_MAX`].
+/// The wait after a failed attempt. It doubles up to [`BACK_OFF_MAX`].
 const BACK_OFF: Duration = Duration::from_secs(1);
 const BACK_OFF_MAX: Duration = Duration::from_secs(8);
 
-/// The thread that opens buses again.
-pub struct Workshop(Supply);
+/// Opens buses again.
+pub struct Reconnector(Supply);
 
-impl Workshop {
-    /// Hands what it opens to `supply`.
+impl Reconnector {
+    /// A reconnector that hands opened buses to `supply`.
     #[must_use]
     pub const fn new(supply: Supply) -> Self {
         Self(supply)
     }
 
-    /// Opens what `broken` names, until `stop` says so. A bus that cannot be opened is tried again, ever more rarely.
+    /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that cannot be opened is tried
+    /// again after 1, 2, 4, then every 8 s.
     pub fn run(&mut self, settings: &Settings, broken: &Receiver<usize>, stop: impl Fn() -> bool) {
         let mut waiting: Vec<usize> = Vec::new();
         let mut back_off = BACK_OFF;
