@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Control, Heard, Wake};
 use motord_core::joint::Measured;
-use motord_protocol::FaultBits;
+use motord_protocol::Faults;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use std::hint::black_box;
 
@@ -72,7 +72,7 @@ impl Robot {
         groups.zip(self.control.group_states()).for_each(|(group, state)| *group = state);
         for bus in 0..4 {
             if let Some(motor) = self.control.fault_poll(bus) {
-                self.control.heard(motor, Heard::Fault(FaultBits(0)), now + 2 * latency);
+                self.control.heard(motor, Heard::Fault(Faults::NONE), now + 2 * latency);
             }
         }
         self.control.clear_events();

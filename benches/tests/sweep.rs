@@ -104,7 +104,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
     let bus = SharedBus::new(SimulatedBus::new(wire, motors, 1));
     let lock = Arc::new(Instance::below(place.path(), "sweep").unwrap().lock().unwrap());
     let torque_max = settings.motors[0].limits.torque;
-    let torque_scale = settings.motors[0].torque_scale;
+    let torque_end = settings.motors[0].scales.torque.max();
     let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new() };
     let daemon = Daemon::start(settings, None, opened, &lock).unwrap();
 
@@ -163,8 +163,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
         assert!(bytes[7] != 0xFE || bytes[..7] != [255; 7], "nobody asked for a new zero");
         if bytes[..6] != [255; 6] {
             let code = u16::from_be_bytes([bytes[6] & 0x0F, bytes[7]]);
-            let torque =
-                f64::from(code) * 2.0 * torque_scale.field().max() / 4095.0 - torque_scale.field().max();
+            let torque = f64::from(code) * 2.0 * torque_end / 4095.0 - torque_end;
             assert!(torque.abs() <= f64::from(torque_max) + 0.12, "{torque} N·m");
         }
     }

@@ -73,7 +73,9 @@ impl ExchangeBits {
             (BusKind::Serial { .. }, _) => {
                 return Self { worst_case: 2 * SERIAL_FRAME_BITS, unstuffed: 2 * SERIAL_FRAME_BITS };
             }
-            (_, MotorProtocol::Mit) => Exchange::MIT,
+            (_, MotorProtocol::Mit) => {
+                Exchange { reply: motor.profile.reply.lengths[0] as u32, ..Exchange::MIT }
+            }
             (_, MotorProtocol::Gim) => Exchange::GIM,
         };
         Self { worst_case: exchange.worst_case_bits(), unstuffed: exchange.unstuffed_bits() }

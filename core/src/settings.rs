@@ -2,7 +2,7 @@
 
 use crate::joint::Transmission;
 use motord_bus::{Duration, FrameId};
-use motord_protocol::TorqueScale;
+use motord_protocol::{Profile, Scales};
 use motord_shared::SetpointMode;
 
 /// Everything the daemon was told.
@@ -164,12 +164,12 @@ impl BusKind {
     }
 }
 
-/// Which of SteadyWin's protocols a motor speaks.
+/// Which protocol a motor speaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorProtocol {
     /// MIT over CAN.
     Mit,
-    /// Native (GIM), over CAN, RS485 or RS232.
+    /// SteadyWin's native one (GIM), over CAN, RS485 or RS232.
     Gim,
 }
 
@@ -204,7 +204,7 @@ impl Capabilities {
     }
 }
 
-/// What a motor does with a position beyond the ±12.5 rad that MIT can tell; the documents are silent.
+/// What a motor does with a position beyond the end of its codes; the documents are silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeyondRange {
     /// Not known: stop before the end of the range. The default.
@@ -220,16 +220,18 @@ pub struct MotorSettings {
     pub name: String,
     /// Index of its bus.
     pub bus: usize,
-    /// Its CAN id (ConfID 0x12), 1 to 0xFE.
+    /// Its CAN id (SteadyWin's ConfID 0x12), at least 1.
     pub id: u8,
-    /// The id its answers bear (ConfID 0x13).
+    /// The id its answers bear (SteadyWin's ConfID 0x13).
     pub host_id: FrameId,
     /// Its protocol.
     pub protocol: MotorProtocol,
     /// Its model's name.
     pub model: String,
-    /// Rotor torque constant and gear ratio, as the scale of its torque code.
-    pub torque_scale: TorqueScale,
+    /// The facts of its vendor.
+    pub profile: &'static Profile,
+    /// What its codes stand for.
+    pub scales: Scales,
     /// The torque the motor can give for good, output side, N·m.
     pub rated_torque: f32,
     /// The most torque the motor can give, output side, N·m.

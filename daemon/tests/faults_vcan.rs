@@ -218,7 +218,7 @@ impl Robot {
 
     /// Reads what the observer heard; every step does, before its socket is full.
     fn listen(&mut self) {
-        let torque_max = self.settings.motors[0].torque_scale.field().max();
+        let torque_max = self.settings.motors[0].scales.torque.max();
         let mut inbox = Inbox::new();
         self.observer.receive(clock::monotonic(), &mut inbox);
         assert!(inbox.lost == 0 && inbox.room() > 0, "the observer must read more often");
@@ -453,7 +453,7 @@ fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
     let mut observer = observer(motor_side);
     assert_eq!(server.finish(clock::monotonic() + Duration::from_secs(10)), [""; 0]);
 
-    let torque_max = settings.motors[0].torque_scale.field().max();
+    let torque_max = settings.motors[0].scales.torque.max();
     let mut frames = Vec::new();
     // More than one inbox holds.
     for _ in 0..2 {

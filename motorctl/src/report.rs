@@ -6,7 +6,7 @@ use motord_client::{
     Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
     RobotDescription, State,
 };
-use motord_protocol::FaultBits;
+use motord_protocol::Faults;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -226,9 +226,9 @@ impl From<(&String, Bus)> for BusReport {
 
 /// The names of a motor's fault bits; bits that no document names as a number.
 fn fault_names(bits: u32) -> Vec<String> {
-    let named = FaultBits((bits & 0xFF) as u8);
-    let unknown = bits & !0xFF | u32::from(named.unknown());
-    let names = named.named().map(|fault| fault.name.to_owned());
+    let faults = Faults(bits);
+    let unknown = faults.unknown();
+    let names = faults.named().map(|fault| fault.name.to_owned());
     names.chain((unknown != 0).then(|| format!("{unknown:#x}"))).collect()
 }
 

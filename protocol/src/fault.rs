@@ -1,49 +1,137 @@
-//! The fault number of a motor, read as bits.
+//! The faults of a motor, in words that all vendors share.
 //!
-//! Both documents call it a number, but its values are powers of two, and 0x20 is missing among them: it is taken as a
-//! bit mask, and bits without a name are kept. Source: GIM document Table 9, MIT document 1.2.
+//! Every vendor numbers its faults in its own way. A [`Profile`](crate::Profile) maps them to the words of this table, so
+//! that a client needs no vendor's document. The lowest byte is SteadyWin's own numbering, GIM document Table 9, which
+//! the words began with.
 
-/// The faults a motor tells. Zero is no fault.
+/// The faults that a motor reports, as bits of [`FAULTS`]. Zero is no fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub struct FaultBits(
-    /// As received.
-    pub u8,
+pub struct Faults(
+    /// As clients receive it. The highest byte is a number, see [`unrecognised`](Self::unrecognised).
+    pub u32,
 );
 
 /// A fault with a name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Fault {
-    /// Its bit in [`FaultBits`].
-    pub bit: u8,
+    /// Its bit in [`Faults`].
+    pub bit: u32,
     /// A short name, fit for a key.
     pub name: &'static str,
     /// What it means, as a sentence.
     pub sentence: &'static str,
 }
 
-const fn fault(bit: u8, name: &'static str, sentence: &'static str) -> Fault {
-    Fault { bit, name, sentence }
+const fn fault(faults: Faults, name: &'static str, sentence: &'static str) -> Fault {
+    Fault { bit: faults.0, name, sentence }
 }
 
-/// Every fault the documents name.
-pub const FAULTS: [Fault; 7] = [
-    fault(0x01, "foc-frequency", "The current loop could not keep its rate (FOC frequency too high)."),
-    fault(FaultBits::OVER_VOLTAGE, "over-voltage", "The bus voltage is above the driver's threshold."),
-    fault(0x04, "under-voltage", "The bus voltage is below the driver's threshold."),
-    fault(0x08, "over-temperature", "The motor or its driver is hotter than the driver's threshold."),
-    fault(0x10, "start-failure", "The motor could not be started."),
-    fault(0x40, "over-current", "The current was above what the driver allows."),
-    fault(0x80, "software", "The driver's software met a condition it could not handle."),
+/// Every fault that has a word.
+pub const FAULTS: [Fault; 16] = [
+    fault(
+        Faults::FOC_FREQUENCY,
+        "foc-frequency",
+        "The current loop could not keep its rate (FOC frequency too high).",
+    ),
+    fault(Faults::OVER_VOLTAGE, "over-voltage", "The bus voltage is above the driver's threshold."),
+    fault(Faults::UNDER_VOLTAGE, "under-voltage", "The bus voltage is below the driver's threshold."),
+    fault(
+        Faults::OVER_TEMPERATURE,
+        "over-temperature",
+        "The motor or its driver is hotter than the driver's threshold.",
+    ),
+    fault(Faults::START_FAILURE, "start-failure", "The motor could not be started."),
+    fault(Faults::OVER_CURRENT, "over-current", "The current was above what the driver allows."),
+    fault(Faults::SOFTWARE, "software", "The driver's software met a condition it could not handle."),
+    fault(
+        Faults::DRIVER_OVER_TEMPERATURE,
+        "driver-over-temperature",
+        "The driver's transistors are hotter than its threshold.",
+    ),
+    fault(
+        Faults::MOTOR_OVER_TEMPERATURE,
+        "motor-over-temperature",
+        "The motor's winding is hotter than the driver's threshold.",
+    ),
+    fault(Faults::HOST_SILENT, "host-silent", "The driver received no command for longer than its timeout."),
+    fault(Faults::OVERLOAD, "overload", "The motor was overloaded or stalled for too long."),
+    fault(Faults::DRIVER_CHIP, "driver-chip", "The driver's gate driver chip reports a fault."),
+    fault(Faults::ENCODER, "encoder", "The encoder is not calibrated, or does not work."),
+    fault(Faults::HARDWARE, "hardware", "The driver does not recognise its own hardware."),
+    fault(Faults::POSITION, "position", "The driver could not find the motor's position at its start."),
+    fault(
+        Faults::UNRECOGNISED,
+        "unrecognised",
+        "The motor reports a fault that is in no document: look at the number in the highest byte.",
+    ),
 ];
 
-impl FaultBits {
-    /// The bus voltage is above the driver's threshold.
-    pub const OVER_VOLTAGE: u8 = 0x02;
+impl Faults {
+    /// No fault.
+    pub const NONE: Self = Self(0);
+    /// See [`FAULTS`], as for all that follow.
+    pub const FOC_FREQUENCY: Self = Self(0x01);
+    /// The bus voltage is above the driver's threshold: damping feeds energy back into it.
+    pub const OVER_VOLTAGE: Self = Self(0x02);
+    /// The bus voltage is below the driver's threshold.
+    pub const UNDER_VOLTAGE: Self = Self(0x04);
+    /// The motor or its driver is too hot.
+    pub const OVER_TEMPERATURE: Self = Self(0x08);
+    /// It could not be started.
+    pub const START_FAILURE: Self = Self(0x10);
+    /// SteadyWin's 0x20, which no document names.
+    pub(crate) const UNNAMED: Self = Self(0x20);
+    /// Too much current, in any phase.
+    pub const OVER_CURRENT: Self = Self(0x40);
+    /// The driver's software.
+    pub const SOFTWARE: Self = Self(0x80);
+    /// The driver's transistors are too hot.
+    pub const DRIVER_OVER_TEMPERATURE: Self = Self(0x100);
+    /// The winding is too hot.
+    pub const MOTOR_OVER_TEMPERATURE: Self = Self(0x200);
+    /// No command came for longer than the driver's own timeout.
+    pub const HOST_SILENT: Self = Self(0x400);
+    /// Too much torque for too long.
+    pub const OVERLOAD: Self = Self(0x800);
+    /// The gate driver.
+    pub const DRIVER_CHIP: Self = Self(0x1000);
+    /// The encoder.
+    pub const ENCODER: Self = Self(0x2000);
+    /// The driver does not recognise its hardware.
+    pub const HARDWARE: Self = Self(0x4000);
+    /// The position at the start.
+    pub const POSITION: Self = Self(0x8000);
+    /// A fault without a word; its vendor's number is in the highest byte.
+    pub const UNRECOGNISED: Self = Self(0x0080_0000);
 
-    /// The motor tells no fault.
+    /// A fault with the vendor's number `code` that the vendor's document does not name.
+    #[must_use]
+    pub const fn of_unknown_code(code: u8) -> Self {
+        Self(Self::UNRECOGNISED.0 | (code as u32) << 24)
+    }
+
+    /// The vendor's number of the fault without a word, if there is one.
+    #[must_use]
+    pub const fn unrecognised(self) -> Option<u8> {
+        if self.has(Self::UNRECOGNISED) { Some((self.0 >> 24) as u8) } else { None }
+    }
+
+    /// The motor reports no fault.
     #[must_use]
     pub const fn is_none(self) -> bool {
         self.0 == 0
+    }
+
+    /// At least one fault of `other` is among these.
+    #[must_use]
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// These and those of `other`.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
     }
 
     /// The faults with a name, lowest bit first.
@@ -51,10 +139,28 @@ impl FaultBits {
         FAULTS.iter().filter(move |fault| self.0 & fault.bit != 0)
     }
 
-    /// The bits no document names, as received.
+    /// The bits that no word stands for, and the vendor's number in the highest byte.
     #[must_use]
-    pub fn unknown(self) -> u8 {
+    pub fn unknown(self) -> u32 {
         self.named().fold(self.0, |rest, fault| rest & !fault.bit)
+    }
+}
+
+/// The fault number of a SteadyWin motor, read as bits. Source: GIM document Table 9, MIT document 1.2.
+///
+/// Both documents call it a number, but its values are powers of two, and 0x20 is missing among them: it is taken as a
+/// bit mask, and the bit without a name is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub struct FaultBits(
+    /// As received.
+    pub u8,
+);
+
+impl FaultBits {
+    /// The same faults in our words, whose lowest byte is this numbering.
+    #[must_use]
+    pub const fn faults(self) -> Faults {
+        Faults(self.0 as u32)
     }
 }
 
@@ -65,11 +171,30 @@ mod tests {
     #[test]
     fn every_bit_is_either_named_or_kept_as_unknown() {
         for raw in 0..=u8::MAX {
-            let bits = FaultBits(raw);
-            let named = bits.named().fold(0, |sum, fault| sum | fault.bit);
-            assert_eq!((named | bits.unknown(), named & bits.unknown()), (raw, 0));
-            assert_eq!(bits.is_none(), raw == 0);
+            let faults = FaultBits(raw).faults();
+            let named = faults.named().fold(0, |sum, fault| sum | fault.bit);
+            assert_eq!((named | faults.unknown(), named & faults.unknown()), (u32::from(raw), 0));
+            assert_eq!(faults.is_none(), raw == 0);
         }
-        assert_eq!(FaultBits(0xFF).unknown(), 0x20);
+        assert_eq!(FaultBits(0xFF).faults().unknown(), 0x20);
+    }
+
+    #[test]
+    fn every_word_has_a_bit_of_its_own_outside_the_byte_of_numbers() {
+        let bits = FAULTS.iter().fold(0_u32, |bits, fault| {
+            assert_eq!((fault.bit.count_ones(), bits & fault.bit), (1, 0), "{}", fault.name);
+            bits | fault.bit
+        });
+        assert_eq!(bits >> 24, 0);
+    }
+
+    #[test]
+    fn a_fault_without_a_word_keeps_its_number() {
+        for code in 0..=u8::MAX {
+            let faults = Faults::of_unknown_code(code);
+            assert!(!faults.is_none());
+            assert_eq!(faults.unrecognised(), Some(code));
+        }
+        assert_eq!(Faults::OVERLOAD.unrecognised(), None);
     }
 }

@@ -38,7 +38,7 @@ impl Field {
     /// The largest code: 4095 or 65535.
     #[must_use]
     pub const fn code_max(&self) -> u16 {
-        ((1_u32 << self.bits) - 1) as u16
+        largest(self.bits)
     }
 
     /// What one code is worth, in the unit of the quantity.
@@ -78,44 +78,35 @@ impl Field {
     }
 }
 
-/// How many bits a frame's table takes.
-pub(crate) const fn width<const N: usize>(fields: &[Field; N]) -> u32 {
-    let mut bits = 0;
-    let mut i = 0;
-    while i < N {
-        bits += fields[i].bits;
-        i += 1;
-    }
-    bits
-}
-
-/// Puts `codes` side by side in the order of the table, the first in the most significant bits. A code wider than its
+/// Puts `codes` of these widths, in bits, side by side, the first in the most significant bits. A code wider than its
 /// field saturates: it never reaches into its neighbour.
-pub(crate) fn pack<const N: usize>(fields: &[Field; N], codes: [u16; N]) -> u64 {
-    fields
-        .iter()
-        .zip(codes)
-        .fold(0, |word, (field, code)| word << field.bits | u64::from(code.min(field.code_max())))
+pub(crate) fn pack<const N: usize>(widths: [u32; N], codes: [u16; N]) -> u64 {
+    widths.iter().zip(codes).fold(0, |word, (bits, code)| word << bits | u64::from(code.min(largest(*bits))))
 }
 
 /// Takes apart what [`pack`] put together.
-pub(crate) fn unpack<const N: usize>(fields: &[Field; N], mut word: u64) -> [u16; N] {
+pub(crate) fn unpack<const N: usize>(widths: [u32; N], mut word: u64) -> [u16; N] {
     let mut codes = [0; N];
-    for (field, code) in fields.iter().zip(&mut codes).rev() {
-        *code = word as u16 & field.code_max();
-        word >>= field.bits;
+    for (bits, code) in widths.iter().zip(&mut codes).rev() {
+        *code = word as u16 & largest(*bits);
+        word >>= bits;
     }
     codes
+}
+
+/// The largest code of `bits` bits, at most 16.
+const fn largest(bits: u32) -> u16 {
+    ((1_u32 << bits) - 1) as u16
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{TorqueScale, mit};
+    use crate::Scales;
 
     fn every_field() -> [Field; 5] {
-        let torque = TorqueScale::new(0.125, 8.0).unwrap().field();
-        [mit::POSITION, mit::VELOCITY, mit::KP, mit::KD, torque]
+        let Scales { position, velocity, kp, kd, torque } = Scales::by_current(0.125, 8.0).unwrap();
+        [position, velocity, kp, kd, torque]
     }
 
     #[test]
@@ -163,8 +154,8 @@ mod tests {
 
     #[test]
     fn a_code_too_wide_for_its_field_never_reaches_its_neighbour() {
-        let fields = [mit::KP, mit::KD];
-        assert_eq!(unpack(&fields, pack(&fields, [0, 0xFFFF])), [0, 0x0FFF]);
-        assert_eq!(mit::KP.decode(0xFFFF), 500.0);
+        assert_eq!(unpack([12, 12], pack([12, 12], [0, 0xFFFF])), [0, 0x0FFF]);
+        let [_, _, kp, ..] = every_field();
+        assert_eq!(kp.decode(0xFFFF), 500.0);
     }
 }

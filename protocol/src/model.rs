@@ -1,21 +1,21 @@
-//! What the vendor says of each motor of the GIM series: defaults, of which every one must be possible to override.
+//! What a vendor says of each motor: defaults, of which every one must be possible to override.
 //!
-//! Source: the SteadyWin selection table (steadywin-motor.com), the winding named by its voltage; other windings and
+//! Source of the GIM series: the SteadyWin selection table (steadywin-motor.com), the winding named by its voltage; other windings and
 //! drivers of the same name differ by up to a factor of two. The rotor's torque constant is not in it: it is estimated
 //! as peak torque / peak current / gear ratio, because the published constants are taken at the output shaft, and some
 //! of them contradict the rest of their row. Before torques are trusted, compare with what the motor holds
 //! ([`ConfigurationItem::TORQUE_CONSTANT`](crate::gim::ConfigurationItem::TORQUE_CONSTANT) and `GEAR_RATIO`).
 
-use crate::scale::{ScaleError, TorqueScale};
+use crate::scale::{ScaleError, Scales};
 
-/// A motor of the GIM series. Torques and velocities are those of the output shaft.
+/// A motor. Torques and velocities are those of the output shaft.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
     /// The vendor's name.
     pub name: &'static str,
     /// Rotor turns per turn of the output shaft.
     pub gear_ratio: f32,
-    /// Torque constant of the rotor, N·m/A, estimated.
+    /// Torque constant of the rotor, N·m/A.
     pub torque_constant: f32,
     /// Torque it can hold for good, N·m.
     pub rated_torque: f32,
@@ -33,10 +33,13 @@ pub struct Model {
     pub pole_pairs: u8,
     /// Voltage that the torques and velocities are for, V.
     pub rated_voltage: f32,
+    /// What the largest codes of position, rad, velocity, rad/s, and torque, N·m, stand for; `None` where the torque code
+    /// is SteadyWin's current.
+    pub ends: Option<[f64; 3]>,
 }
 
 #[expect(clippy::too_many_arguments, reason = "a row of the table below, in the order of its columns")]
-const fn model(
+pub(crate) const fn model(
     name: &'static str,
     gear_ratio: f32,
     torque_constant: f32,
@@ -59,6 +62,7 @@ const fn model(
         phase_resistance,
         pole_pairs,
         rated_voltage,
+        ends: None,
     }
 }
 
@@ -88,19 +92,38 @@ pub const MODELS: [Model; 19] = [
 ];
 
 impl Model {
-    /// The model with this name, upper or lower case, if there is one.
+    /// The model with this name, of any vendor, upper or lower case, if there is one.
     #[must_use]
     pub fn by_name(name: &str) -> Option<&'static Self> {
-        MODELS.iter().find(|model| model.name.eq_ignore_ascii_case(name))
+        crate::Profile::of_model(name).map(|(_, model)| model)
     }
 
-    /// The torque scale of the model's own constants.
+    /// The same with codes that end at these values: position, rad, velocity, rad/s, torque, N·m.
+    #[must_use]
+    pub const fn with_ends(self, position: f64, velocity: f64, torque: f64) -> Self {
+        Self { ends: Some([position, velocity, torque]), ..self }
+    }
+
+    /// The scales by the model's own constants.
     ///
     /// # Errors
     ///
-    /// Never for a row of [`MODELS`]: a test holds them to it.
-    pub fn torque_scale(&self) -> Result<TorqueScale, ScaleError> {
-        TorqueScale::new(self.torque_constant, self.gear_ratio)
+    /// Never for a known model: a test holds them to it.
+    pub fn scales(&self) -> Result<Scales, ScaleError> {
+        self.scales_with(self.torque_constant.into(), self.gear_ratio.into())
+    }
+
+    /// The scales of such a motor with this rotor torque constant, N·m/A, and gear ratio. Both count only where the torque
+    /// code is a current.
+    ///
+    /// # Errors
+    ///
+    /// When the torque code is a current, and one of them is not a positive finite number.
+    pub fn scales_with(&self, torque_constant: f64, gear_ratio: f64) -> Result<Scales, ScaleError> {
+        match self.ends {
+            Some([position, velocity, torque]) => Ok(Scales::fixed(position, velocity, torque)),
+            None => Scales::by_current(torque_constant, gear_ratio),
+        }
     }
 }
 
@@ -120,11 +143,17 @@ mod tests {
     }
 
     #[test]
-    fn every_models_peak_current_gives_its_peak_torque_and_lies_within_the_torque_code() {
+    fn every_models_peak_current_gives_its_peak_torque() {
         for model in &MODELS {
             let torque = model.peak_current * model.torque_constant * model.gear_ratio;
             assert!((torque / model.peak_torque - 1.0).abs() < 0.05, "{}: {torque} N·m", model.name);
-            assert!(model.peak_torque < model.torque_scale().unwrap().full_scale(), "{}", model.name);
+        }
+    }
+
+    #[test]
+    fn every_models_peak_torque_lies_within_its_torque_code_and_above_its_rated_torque() {
+        for model in crate::profile::PROFILES.iter().flat_map(|profile| profile.models) {
+            assert!(model.peak_torque <= model.scales().unwrap().full_scale(), "{}", model.name);
             assert!(model.rated_torque < model.peak_torque, "{}", model.name);
         }
     }

@@ -1,57 +1,89 @@
-//! What a torque code is worth.
+//! What the codes of one motor mean: the ranges of position, velocity, stiffness, damping and torque.
 //!
-//! The 12-bit torque code carries the q-axis current, ±225 A; the documents' formulas turn it into torque at the output
-//! shaft by the torque constant and the gear ratio (MIT document 1.1 and 1.2, GIM document 3.2.7). The torque constant is
-//! that of the **rotor**: the one the driver holds as configuration float 0x03. Data sheets often print the constant at
-//! the output shaft, which is larger by the gear ratio; used here it would make every torque wrong by that factor.
+//! SteadyWin's 12-bit torque code carries the q-axis current, ±225 A; the documents' formulas turn it into torque at the
+//! output shaft by the torque constant and the gear ratio (MIT document 1.1 and 1.2, GIM document 3.2.7). The torque
+//! constant is that of the **rotor**: the one the driver holds as configuration float 0x03. Data sheets often print the
+//! constant at the output shaft, which is larger by the gear ratio; used here it would make every torque wrong by that
+//! factor. Other vendors fix the ranges by model, or keep them in registers.
 
 use core::fmt;
 
 use crate::field::Field;
 
-/// The range of the current behind a torque code, A.
-pub(crate) const CURRENT: Field = Field::symmetric(12, 225.0);
+/// Position of a SteadyWin motor's output shaft, rad, 16 bits.
+const POSITION: Field = Field::symmetric(16, 12.5);
+/// Velocity of a SteadyWin motor's output shaft, rad/s, 12 bits.
+const VELOCITY: Field = Field::symmetric(12, 65.0);
+/// Stiffness, N·m/rad, 12 bits; the same for all vendors known here.
+const KP: Field = Field::new(12, 0.0, 500.0);
+/// Damping, N·m·s/rad, 12 bits; the same for all vendors known here.
+const KD: Field = Field::new(12, 0.0, 5.0);
+/// The range of the current behind a SteadyWin torque code, A.
+const CURRENT: Field = Field::symmetric(12, 225.0);
 
-/// A motor's torque range on the wire: ±225 A times torque constant times gear ratio. Most of it lies far above what the
-/// motor can do, so it is no limit.
+/// How one motor's quantities are coded, in both directions. Most of the torque's range may lie far above what the motor
+/// can do, so it is no limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TorqueScale {
-    field: Field,
+pub struct Scales {
+    /// Of the output shaft, rad, 16 bits.
+    pub position: Field,
+    /// Of the output shaft, rad/s, 12 bits.
+    pub velocity: Field,
+    /// Stiffness, N·m/rad, 12 bits.
+    pub kp: Field,
+    /// Damping, N·m·s/rad, 12 bits.
+    pub kd: Field,
+    /// At the output shaft, N·m, 12 bits.
+    pub torque: Field,
 }
 
-impl TorqueScale {
-    /// From the rotor's torque constant, N·m/A, and the gear ratio (rotor turns per turn of the output shaft).
+impl Scales {
+    /// Of a SteadyWin motor, from the rotor's torque constant, N·m/A, and the gear ratio (rotor turns per turn of the
+    /// output shaft): torques of ±225 A times both.
     ///
     /// # Errors
     ///
     /// When one of them is not a positive finite number, or their product is beyond what a float can hold.
-    pub fn new(torque_constant: impl Into<f64>, gear_ratio: impl Into<f64>) -> Result<Self, ScaleError> {
+    pub fn by_current(
+        torque_constant: impl Into<f64>,
+        gear_ratio: impl Into<f64>,
+    ) -> Result<Self, ScaleError> {
         let (torque_constant, gear_ratio) = (torque_constant.into(), gear_ratio.into());
-        let is_positive = |value: f64| value.is_finite() && value > 0.0;
         if !is_positive(torque_constant) {
             return Err(ScaleError::TorqueConstant { received: torque_constant });
         }
         if !is_positive(gear_ratio) {
             return Err(ScaleError::GearRatio { received: gear_ratio });
         }
-        let field = CURRENT.scaled([torque_constant, gear_ratio]);
-        if !(field.max() as f32).is_normal() {
-            return Err(ScaleError::FullScale { received: field.max() });
+        let torque = CURRENT.scaled([torque_constant, gear_ratio]);
+        if !(torque.max() as f32).is_normal() {
+            return Err(ScaleError::FullScale { received: torque.max() });
         }
-        Ok(Self { field })
+        Ok(Self { torque, ..Self::fixed(POSITION.max(), VELOCITY.max(), CURRENT.max()) })
+    }
+
+    /// From the values of the largest codes: position, rad, velocity, rad/s, and torque, N·m, all above zero. The
+    /// smallest codes are their negatives.
+    #[must_use]
+    pub const fn fixed(position: f64, velocity: f64, torque: f64) -> Self {
+        Self {
+            position: Field::symmetric(16, position),
+            velocity: Field::symmetric(12, velocity),
+            kp: KP,
+            kd: KD,
+            torque: Field::symmetric(12, torque),
+        }
     }
 
     /// The torque of the largest code, N·m at the output shaft; the smallest is its negative.
     #[must_use]
     pub const fn full_scale(&self) -> f32 {
-        self.field.max() as f32
+        self.torque.max() as f32
     }
+}
 
-    /// How torque is coded, N·m at the output shaft.
-    #[must_use]
-    pub const fn field(&self) -> Field {
-        self.field
-    }
+fn is_positive(value: f64) -> bool {
+    value.is_finite() && value > 0.0
 }
 
 /// Why there is no torque scale.
@@ -96,19 +128,19 @@ mod tests {
 
     #[test]
     fn full_scale_is_225_amperes_through_torque_constant_and_gear() {
-        assert_eq!(TorqueScale::new(0.1_f32, 8.0_f32).unwrap().full_scale(), 180.0);
+        assert_eq!(Scales::by_current(0.1_f32, 8.0_f32).unwrap().full_scale(), 180.0);
         // A published driver of a GIM4310-36 uses 686.07 N·m: 225 A · 0.0847 N·m/A · 36.
-        let full_scale = TorqueScale::new(0.0847, 36.0).unwrap().full_scale();
+        let full_scale = Scales::by_current(0.0847, 36.0).unwrap().full_scale();
         assert!((full_scale - 686.07).abs() < 0.005, "{full_scale}");
     }
 
     #[test]
     fn a_scale_that_would_turn_torques_into_nonsense_is_refused() {
         for nonsense in [0.0, -0.1, f64::NAN, f64::INFINITY] {
-            assert!(matches!(TorqueScale::new(nonsense, 8.0), Err(ScaleError::TorqueConstant { .. })));
-            assert!(matches!(TorqueScale::new(0.1, nonsense), Err(ScaleError::GearRatio { .. })));
+            assert!(matches!(Scales::by_current(nonsense, 8.0), Err(ScaleError::TorqueConstant { .. })));
+            assert!(matches!(Scales::by_current(0.1, nonsense), Err(ScaleError::GearRatio { .. })));
         }
-        assert!(matches!(TorqueScale::new(f64::MAX, 8.0), Err(ScaleError::FullScale { .. })));
-        assert!(matches!(TorqueScale::new(1e-200, 1e-200), Err(ScaleError::FullScale { .. })));
+        assert!(matches!(Scales::by_current(f64::MAX, 8.0), Err(ScaleError::FullScale { .. })));
+        assert!(matches!(Scales::by_current(1e-200, 1e-200), Err(ScaleError::FullScale { .. })));
     }
 }

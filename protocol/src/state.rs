@@ -1,43 +1,37 @@
-//! What a motor tells of its motion, the same three codes in both protocols.
+//! The codes of position, velocity and torque that every reply with a state has.
 
-use crate::field::{self, Field};
-use crate::scale::{CURRENT, TorqueScale};
-
-/// Position of the output shaft, rad, 16 bits.
-pub const POSITION: Field = Field::symmetric(16, 12.5);
-/// Velocity of the output shaft, rad/s, 12 bits.
-pub const VELOCITY: Field = Field::symmetric(12, 65.0);
+use crate::field;
+use crate::scale::Scales;
 
 /// Position, velocity and torque as the wire has them. Source: MIT document 1.2, GIM document 3.2.7.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct StateCodes {
-    /// 16 bits for -12.5 to 12.5 rad.
+    /// 16 bits, see [`Scales::position`].
     pub position: u16,
-    /// 12 bits for -65 to 65 rad/s.
+    /// 12 bits, see [`Scales::velocity`].
     pub velocity: u16,
-    /// 12 bits for the torque scale's range.
+    /// 12 bits, see [`Scales::torque`].
     pub torque: u16,
 }
 
-const STATE: [Field; 3] = [POSITION, VELOCITY, CURRENT];
-
-const _: () = assert!(field::width(&STATE) == 40, "the codes of a state fill five bytes");
+/// Bits of position, velocity and torque: five bytes.
+const WIDTHS: [u32; 3] = [16, 12, 12];
 
 impl StateCodes {
-    /// Position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with this torque scale.
+    /// Position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with these scales.
     #[must_use]
-    pub fn scaled(self, scale: &TorqueScale) -> [f32; 3] {
+    pub fn scaled(self, scales: &Scales) -> [f32; 3] {
         let values = [
-            POSITION.decode(self.position),
-            VELOCITY.decode(self.velocity),
-            scale.field().decode(self.torque),
+            scales.position.decode(self.position),
+            scales.velocity.decode(self.velocity),
+            scales.torque.decode(self.torque),
         ];
         values.map(|value| value as f32)
     }
 
-    /// The five bytes, big endian, as the MIT reply has them.
+    /// The five bytes, big endian, as an MIT reply has them.
     pub(crate) fn pack(self) -> [u8; 5] {
-        let word = field::pack(&STATE, [self.position, self.velocity, self.torque]);
+        let word = field::pack(WIDTHS, [self.position, self.velocity, self.torque]);
         let [_, _, _, bytes @ ..] = word.to_be_bytes();
         bytes
     }
@@ -46,7 +40,7 @@ impl StateCodes {
     pub(crate) fn unpack(bytes: [u8; 5]) -> Self {
         let [a, b, c, d, e] = bytes;
         let [position, velocity, torque] =
-            field::unpack(&STATE, u64::from_be_bytes([0, 0, 0, a, b, c, d, e]));
+            field::unpack(WIDTHS, u64::from_be_bytes([0, 0, 0, a, b, c, d, e]));
         Self { position, velocity, torque }
     }
 }

@@ -5,8 +5,9 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord_protocol::gim::{self, ConfigurationKey, Pending};
-use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance, KD, KP, POSITION, VELOCITY};
-use motord_protocol::{StateCodes, TorqueScale, rs485};
+use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance};
+use motord_protocol::profile::STEADYWIN;
+use motord_protocol::{Scales, StateCodes, rs485};
 use serde_json::{Map, Value, json};
 
 struct Vector {
@@ -40,8 +41,8 @@ fn hex(digits: &str) -> Vec<u8> {
     pairs.map(|pair| u8::from_str_radix(core::str::from_utf8(pair).unwrap(), 16).unwrap()).collect()
 }
 
-fn scale() -> TorqueScale {
-    TorqueScale::new(0.1, 8.0).unwrap()
+fn scales() -> Scales {
+    Scales::by_current(0.1, 8.0).unwrap()
 }
 
 /// Every key we tell must be in the vector with this value; what else the vector has is commentary.
@@ -66,11 +67,11 @@ fn told_mit_command(command: CommandCodes) -> Value {
         CommandCodes::SetZero => json!({ "kind": "set_zero" }),
         CommandCodes::Control(ControlCodes { position, velocity, kp, kd, torque }) => json!({
             "kind": "dynamic_control",
-            "pos_int": position, "pos_rad": POSITION.decode(position),
-            "vel_int": velocity, "vel_rad_s": VELOCITY.decode(velocity),
-            "kp_int": kp, "kp": KP.decode(kp),
-            "kd_int": kd, "kd": KD.decode(kd),
-            "torque_int": torque, "torque_nm": scale().field().decode(torque),
+            "pos_int": position, "pos_rad": scales().position.decode(position),
+            "vel_int": velocity, "vel_rad_s": scales().velocity.decode(velocity),
+            "kp_int": kp, "kp": scales().kp.decode(kp),
+            "kd_int": kd, "kd": scales().kd.decode(kd),
+            "torque_int": torque, "torque_nm": scales().torque.decode(torque),
         }),
     }
 }
@@ -101,7 +102,7 @@ fn every_request_in_physical_values_takes_the_nearest_codes() {
             kd: value("kd"),
             torque: value("torque_nm"),
         };
-        let bytes = mit::Command::Control(impedance).encode(&scale()).unwrap();
+        let bytes = mit::Command::Control(impedance).encode(&scales()).unwrap();
         assert_eq!(bytes[..], vector.encoded_as, "{}", vector.name);
         held += 1;
     }
@@ -114,12 +115,14 @@ fn told_mit_reply(reply: mit::Reply) -> Value {
             let StateCodes { position, velocity, torque } = state.codes;
             json!({
                 "kind": "state", "can_id": state.id,
-                "pos_int": position, "pos_rad": POSITION.decode(position),
-                "vel_int": velocity, "vel_rad_s": VELOCITY.decode(velocity),
-                "torque_int": torque, "torque_nm": scale().field().decode(torque),
+                "pos_int": position, "pos_rad": scales().position.decode(position),
+                "vel_int": velocity, "vel_rad_s": scales().velocity.decode(velocity),
+                "torque_int": torque, "torque_nm": scales().torque.decode(torque),
             })
         }
-        mit::Reply::Fault { id, fault } => json!({ "kind": "fault_reply", "can_id": id, "fault": fault.0 }),
+        mit::Reply::Fault { id, number, .. } => {
+            json!({ "kind": "fault_reply", "can_id": id, "fault": number })
+        }
         mit::Reply::Cleared { id } => json!({ "kind": "clear_fault_reply", "can_id": id }),
     }
 }
@@ -132,9 +135,10 @@ fn every_mit_reply_is_read_as_what_was_asked_and_written_back() {
             "clear_fault_reply" => Asked::Clear,
             _ => Asked::State,
         };
-        let reply = mit::decode_reply(&vector.bytes, asked, &scale()).unwrap();
+        let reply = STEADYWIN.decode(&vector.bytes, asked, &scales()).unwrap();
         assert_tells(&vector, &told_mit_reply(reply));
-        assert_eq!(reply.encode_over([0; 6])[..], vector.bytes[..6], "{}", vector.name);
+        let (written, known) = STEADYWIN.encode_over(&reply, [0; 8]);
+        assert_eq!(written[..known], vector.bytes[..6], "{}", vector.name);
     }
 }
 
@@ -206,9 +210,9 @@ fn told_gim_reply(reply: gim::Reply) -> Value {
             let StateCodes { position, velocity, torque } = state.codes;
             json!({
                 "temperature_c": state.temperature_celsius,
-                "pos_int": position, "pos_rad": POSITION.decode(position),
-                "vel_int": velocity, "vel_rad_s": VELOCITY.decode(velocity),
-                "torque_int": torque, "torque_nm": scale().field().decode(torque),
+                "pos_int": position, "pos_rad": scales().position.decode(position),
+                "vel_int": velocity, "vel_rad_s": scales().velocity.decode(velocity),
+                "torque_int": torque, "torque_nm": scales().torque.decode(torque),
             })
         }
         Reply::ConfigurationModified { key, .. } => {
@@ -233,7 +237,7 @@ fn told_gim_reply(reply: gim::Reply) -> Value {
 #[test]
 fn every_native_reply_is_read_as_the_document_says_and_written_back() {
     for vector in vectors("gim-can", "to_host") {
-        let reply = gim::decode_reply(&vector.bytes, Pending::Other, &scale()).unwrap();
+        let reply = gim::decode_reply(&vector.bytes, Pending::Other, &scales()).unwrap();
         assert_tells(&vector, &told_gim_reply(reply));
         assert_eq!(reply.encode_over([0; 8])[..], vector.bytes, "{}", vector.name);
     }
@@ -254,7 +258,7 @@ fn every_serial_frame_is_read_as_the_document_says_and_written_back() {
                     told_gim_command(gim::decode_command(frame.payload()).unwrap())["kind"].take()
                 }
                 (_, _) => {
-                    let reply = gim::decode_reply(frame.payload(), Pending::Other, &scale()).unwrap();
+                    let reply = gim::decode_reply(frame.payload(), Pending::Other, &scales()).unwrap();
                     told_gim_reply(reply)["kind"].take()
                 }
             };

@@ -4,11 +4,12 @@
 
 use motord_protocol::gim::{self, ExecutionTime, Finite, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance};
-use motord_protocol::{Field, StateCodes, TorqueScale, rs485};
+use motord_protocol::profile::PROFILES;
+use motord_protocol::{Field, Scales, rs485};
 use proptest::prelude::*;
 
-fn scale() -> TorqueScale {
-    TorqueScale::new(0.125_f32, 8.0_f32).unwrap()
+fn scales() -> Scales {
+    Scales::by_current(0.125_f32, 8.0_f32).unwrap()
 }
 
 /// Every float, and often one that matters: within a range, at its ends, zero, subnormal, absurd or not finite.
@@ -69,20 +70,20 @@ proptest! {
     #[test]
     fn a_control_frame_means_the_nearest_values_or_names_one_that_is_not_finite(asked in impedance()) {
         let values = [asked.position, asked.velocity, asked.kp, asked.kd, asked.torque];
-        let Ok(bytes) = mit::Command::Control(asked).encode(&scale()) else {
+        let Ok(bytes) = mit::Command::Control(asked).encode(&scales()) else {
             prop_assert!(values.iter().any(|value| !value.is_finite()));
             return Ok(());
         };
         prop_assert!(values.iter().all(|value| value.is_finite()));
-        let Ok(mit::Command::Control(told)) = mit::decode_command(&bytes, &scale()) else {
+        let Ok(mit::Command::Control(told)) = mit::decode_command(&bytes, &scales()) else {
             return Err(TestCaseError::fail("a special frame"));
         };
         let guarded = bytes[..5] == [0xFF, 0xFF, 0xFF, 0xFF, 0xFE] || bytes == [0, 1, 0, 0, 0, 0, 0, 0];
-        prop_assert!(guarded || is_nearest(mit::POSITION, asked.position, told.position));
-        prop_assert!(is_nearest(mit::VELOCITY, asked.velocity, told.velocity));
-        prop_assert!(guarded || is_nearest(mit::KP, asked.kp, told.kp));
-        prop_assert!(is_nearest(mit::KD, asked.kd, told.kd));
-        prop_assert!(is_nearest(scale().field(), asked.torque, told.torque));
+        prop_assert!(guarded || is_nearest(scales().position, asked.position, told.position));
+        prop_assert!(is_nearest(scales().velocity, asked.velocity, told.velocity));
+        prop_assert!(guarded || is_nearest(scales().kp, asked.kp, told.kp));
+        prop_assert!(is_nearest(scales().kd, asked.kd, told.kd));
+        prop_assert!(is_nearest(scales().torque, asked.torque, told.torque));
     }
 
     #[test]
@@ -102,19 +103,22 @@ proptest! {
 
     #[test]
     fn whatever_bytes_arrive_what_is_read_of_them_is_finite(bytes in payload()) {
-        for asked in [Asked::State, Asked::Fault, Asked::Clear] {
-            if let Ok(mit::Reply::State(state)) = mit::decode_reply(&bytes, asked, &scale()) {
+        for (profile, asked) in PROFILES.iter().flat_map(|profile| {
+            [Asked::State, Asked::Fault, Asked::Clear].map(|asked| (profile, asked))
+        }) {
+            if let Ok(mit::Reply::State(state)) = profile.decode(&bytes, asked, &scales()) {
                 prop_assert!(state.position.abs() <= 12.5 && state.velocity.abs() <= 65.0);
-                prop_assert!(state.torque.abs() <= scale().full_scale());
+                prop_assert!(state.torque.abs() <= scales().full_scale());
+                prop_assert!(state.hottest().is_none_or(f32::is_finite));
             }
         }
         for pending in [Pending::Calibration, Pending::Other] {
-            if let Ok(gim::Reply::State { outcome: Ok(state), .. }) = gim::decode_reply(&bytes, pending, &scale()) {
+            if let Ok(gim::Reply::State { outcome: Ok(state), .. }) = gim::decode_reply(&bytes, pending, &scales()) {
                 prop_assert!(state.position.abs() <= 12.5 && state.velocity.abs() <= 65.0);
-                prop_assert!(state.torque.abs() <= scale().full_scale());
+                prop_assert!(state.torque.abs() <= scales().full_scale());
             }
         }
-        let _ = mit::decode_command(&bytes, &scale());
+        let _ = mit::decode_command(&bytes, &scales());
         let _ = rs485::Frame::decode(&bytes);
     }
 
@@ -126,9 +130,9 @@ proptest! {
             prop_assert_eq!(gim::decode_command(&command.encode()), Ok(command));
         }
         for pending in [Pending::Calibration, Pending::Other] {
-            if let Ok(reply) = gim::decode_reply(&bytes, pending, &scale()) {
+            if let Ok(reply) = gim::decode_reply(&bytes, pending, &scales()) {
                 prop_assert_eq!(reply.encode_over(filler), filler);
-                prop_assert_eq!(gim::decode_reply(&reply.encode_over([0; 8]), pending, &scale()), Ok(reply));
+                prop_assert_eq!(gim::decode_reply(&reply.encode_over([0; 8]), pending, &scales()), Ok(reply));
             }
         }
     }
@@ -150,12 +154,5 @@ proptest! {
         ] {
             prop_assert_eq!(gim::decode_command(&command.encode()), Ok(command));
         }
-    }
-
-    #[test]
-    fn a_mit_reply_is_read_as_it_was_told(id in any::<u8>(), position in any::<u16>(), velocity in 0..4096_u16, torque in 0..4096_u16) {
-        let codes = StateCodes { position, velocity, torque };
-        let reply = mit::Reply::State(mit::State::new(id, codes, &scale()));
-        prop_assert_eq!(mit::decode_reply(&reply.encode_over([0; 6]), Asked::State, &scale()), Ok(reply));
     }
 }

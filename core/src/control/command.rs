@@ -2,7 +2,7 @@
 
 use crate::joint::{Joint, Measured, Setpoint};
 use motord_bus::Duration;
-use motord_protocol::FaultBits;
+use motord_protocol::Faults;
 
 /// The command of one motor in a cycle, joint side.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +39,7 @@ pub enum Heard {
     /// Its state, and the time from the command to the answer.
     State(Measured<Joint>, Duration),
     /// Its fault bits.
-    Fault(FaultBits),
+    Fault(Faults),
     /// It received the request to clear its fault.
     Cleared,
     /// It received the command; the answer says nothing more.

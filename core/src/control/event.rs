@@ -22,7 +22,7 @@ pub enum Event {
         /// Its index.
         motor: usize,
         /// The bits; 0 when they are gone.
-        bits: u8,
+        bits: u32,
     },
     /// A group changed its phase.
     Group {

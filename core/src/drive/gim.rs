@@ -9,7 +9,7 @@ use super::{Decoder, Reading};
 use crate::control::{Command, Heard};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use motord_bus::{Duration, Instant};
-use motord_protocol::TorqueScale;
+use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Pending, Reply};
 use motord_shared::SetpointMode;
 
@@ -21,7 +21,7 @@ const RPM: f32 = 60.0 / core::f32::consts::TAU;
 
 #[derive(Debug)]
 pub(super) struct Gim {
-    scale: TorqueScale,
+    scales: Scales,
     transmission: Transmission,
     asked: gim::Command,
     turn: u32,
@@ -32,9 +32,9 @@ pub(super) struct Gim {
 }
 
 impl Gim {
-    pub(super) fn new(scale: TorqueScale, transmission: Transmission) -> Self {
+    pub(super) fn new(scales: Scales, transmission: Transmission) -> Self {
         let state = Measured::new(0.0, 0.0, 0.0, None);
-        Self { scale, transmission, asked: gim::Command::StopMotor, turn: 0, started: false, state }
+        Self { scales, transmission, asked: gim::Command::StopMotor, turn: 0, started: false, state }
     }
 
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
@@ -99,7 +99,7 @@ impl Decoder for Gim {
     type Content = Reply;
 
     fn read(&self, payload: &[u8], _at: Instant) -> Reading<Reply> {
-        match gim::decode_reply(payload, Pending::Other, &self.scale) {
+        match gim::decode_reply(payload, Pending::Other, &self.scales) {
             Ok(reply) if reply.answers(&self.asked) => Reading { kind: Payload::Plain, content: Some(reply) },
             Ok(_) | Err(_) => Reading::without_content(Payload::Unreadable),
         }
@@ -120,7 +120,7 @@ impl Decoder for Gim {
                 self.state.velocity = speed.get() / RPM;
                 Heard::Alive
             }
-            Reply::Fault(Ok(fault)) => Heard::Fault(fault),
+            Reply::Fault(Ok(fault)) => Heard::Fault(fault.faults()),
             Reply::Done { outcome: Ok(()), .. } => match self.asked {
                 gim::Command::AcknowledgeFault => Heard::Cleared,
                 gim::Command::StopMotor => Heard::Stopped,

@@ -7,15 +7,13 @@ use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
-use motord_protocol::{FaultBits, TorqueScale};
-
-/// What the position code wraps by, rad: 65536 codes of 25/65535 rad.
-const TURN: f32 = 25.0 * 65536.0 / 65535.0;
+use motord_protocol::{Faults, Field, Profile, Scales};
 
 #[derive(Debug)]
 pub(super) struct Mit {
     id: u8,
-    scale: TorqueScale,
+    profile: &'static Profile,
+    scales: Scales,
     transmission: Transmission,
     feedback: Option<Feedback>,
     unwrap: Option<Unwrap>,
@@ -23,8 +21,6 @@ pub(super) struct Mit {
     last: Option<(State, Instant)>,
 }
 
-/// Faster than any of these motors turns, rad/s.
-const VELOCITY_TOP: f32 = 65.0;
 /// After a longer silence nothing that comes answers a request from before it.
 const SILENCE_MAX: Duration = Duration::from_millis(100);
 /// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
@@ -32,21 +28,28 @@ const POSITION_MARGIN: f32 = 0.05;
 const VELOCITY_MARGIN: f32 = 15.0;
 
 /// Follows a position whose code wraps.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Unwrap {
+    /// What the position code wraps by, rad.
+    period: f32,
     turns: f32,
     last: Option<f32>,
 }
 
 impl Unwrap {
+    /// Of positions with these 65536 codes.
+    fn new(position: Field) -> Self {
+        Self { period: (65536.0 * position.step()) as f32, turns: 0.0, last: None }
+    }
+
     /// The position over any number of turns, rad. A step of more than half the range is a wrap.
     fn position(&mut self, told: f32) -> f32 {
         let step = told - self.last.unwrap_or(told);
-        if step.abs() > TURN / 2.0 {
+        if step.abs() > self.period / 2.0 {
             self.turns -= step.signum();
         }
         self.last = Some(told);
-        told + self.turns * TURN
+        told + self.turns * self.period
     }
 }
 
@@ -62,13 +65,14 @@ struct Feedback {
 
 impl Mit {
     pub(super) fn new(settings: &MotorSettings, transmission: Transmission, error_feedback: bool) -> Self {
-        let scale = settings.torque_scale;
+        let scales = settings.scales;
         Self {
             id: settings.id,
-            scale,
+            profile: settings.profile,
+            scales,
             transmission,
-            feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scale)),
-            unwrap: (settings.beyond_range == BeyondRange::Wrap).then(Unwrap::default),
+            feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scales)),
+            unwrap: (settings.beyond_range == BeyondRange::Wrap).then(|| Unwrap::new(scales.position)),
             last: None,
         }
     }
@@ -93,13 +97,13 @@ impl Mit {
         if let Some(feedback) = &mut self.feedback {
             feedback.carried = 0.0;
         }
-        command.encode(&self.scale).ok()
+        command.encode(&self.scales).ok()
     }
 
     /// The motor is silent, or its zero is another: where it stands next says nothing of turns.
     fn forget_turns(&mut self) {
         if let Some(unwrap) = &mut self.unwrap {
-            *unwrap = Unwrap::default();
+            *unwrap = Unwrap::new(self.scales.position);
         }
     }
 
@@ -109,10 +113,10 @@ impl Mit {
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
         let Impedance { velocity, kp, kd, torque, .. } = *wanted;
         let mut codes =
-            ControlCodes::nearest(&mit::Impedance { position, velocity, kp, kd, torque }, &self.scale)
+            ControlCodes::nearest(&mit::Impedance { position, velocity, kp, kd, torque }, &self.scales)
                 .ok()?;
         if let Some(feedback) = &mut self.feedback {
-            codes.torque = feedback.quantise(torque, &self.scale);
+            codes.torque = feedback.quantise(torque, &self.scales);
         }
         Some(codes.pack())
     }
@@ -121,7 +125,7 @@ impl Mit {
     fn continues(&self, state: &State, at: Instant) -> bool {
         let Some((last, then)) = self.last else { return false };
         let silence = at.since(then);
-        let reach = VELOCITY_TOP * silence.as_secs_f32() + POSITION_MARGIN;
+        let reach = self.scales.velocity.max() as f32 * silence.as_secs_f32() + POSITION_MARGIN;
         silence <= SILENCE_MAX
             && (state.position - last.position).abs() < reach
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
@@ -130,66 +134,62 @@ impl Mit {
     fn state(&mut self, state: State, at: Instant, latency: Duration) -> Heard {
         self.last = Some((state, at));
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
-        let motor = Measured::new(position, state.velocity, state.torque, None);
+        let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
         Heard::State(self.transmission.to_joint(&motor), latency)
     }
 }
 
 impl Decoder for Mit {
-    /// A reply read as a state, and read as a fault report.
-    type Content = (State, FaultBits);
+    /// A reply read as a state, where it can be one, and read as a fault report.
+    type Content = (Option<State>, Faults);
 
     fn read(&self, payload: &[u8], at: Instant) -> Reading<Self::Content> {
-        if payload.first().is_some_and(|id| *id != self.id) {
+        if !self.profile.is_from(self.id, payload) {
             return Reading::without_content(Payload::OtherId);
         }
-        let read = |asked| mit::decode_reply(payload, asked, &self.scale);
-        let (Ok(Reply::State(state)), Ok(Reply::Fault { fault, .. })) =
-            (read(Asked::State), read(Asked::Fault))
-        else {
-            return Reading::without_content(Payload::Unreadable);
+        let state = match self.profile.decode(payload, Asked::State, &self.scales) {
+            Ok(Reply::State(state)) => Some(state),
+            _ => None,
         };
-        let kind = if is_fault_report(payload) {
-            Payload::Report
-        } else if self.continues(&state, at) {
-            Payload::Continuation
-        } else {
-            Payload::Plain
+        let faults = match self.profile.decode(payload, Asked::Fault, &self.scales) {
+            Ok(Reply::Fault { faults, .. }) => faults,
+            _ => Faults::NONE,
         };
-        Reading { kind, content: Some((state, fault)) }
+        let kind = match state {
+            _ if self.profile.is_fault_report(payload) => Payload::Report,
+            Some(state) if self.continues(&state, at) => Payload::Continuation,
+            Some(_) => Payload::Plain,
+            None => return Reading::without_content(Payload::Unreadable),
+        };
+        Reading { kind, content: Some((state, faults)) }
     }
 
     fn accept(
         &mut self,
-        (state, fault): Self::Content,
+        (state, faults): Self::Content,
         question: Question,
         at: Instant,
         latency: Duration,
     ) -> Heard {
         match question {
-            Question::State => self.state(state, at, latency),
-            Question::Fault => Heard::Fault(fault),
+            Question::State => state.map_or(Heard::Alive, |state| self.state(state, at, latency)),
+            Question::Fault => Heard::Fault(faults),
             Question::Clear => Heard::Cleared,
         }
     }
 }
 
-/// Its last bytes, which mean nothing, are zero: as a state, full speed and full torque backward, which no motor has.
-fn is_fault_report(payload: &[u8]) -> bool {
-    payload.get(3..6) == Some(&[0; 3])
-}
-
 impl Feedback {
     /// For torques up to `torque_max`, N·m: no code asks for more than that, but for the two next to zero.
-    fn within(torque_max: f32, scale: &TorqueScale) -> Self {
-        let [low, zero, high] = [-torque_max, 0.0, torque_max].map(|torque| exact(torque, scale));
+    fn within(torque_max: f32, scales: &Scales) -> Self {
+        let [low, zero, high] = [-torque_max, 0.0, torque_max].map(|torque| exact(torque, scales));
         Self { carried: 0.0, codes: [low.ceil().min(zero.floor()), high.floor().max(zero.ceil())] }
     }
 
     /// The code for `torque`: one of its two neighbours, such that the error of all codes so far stays within half a
     /// code. What the limit takes away is not carried.
-    fn quantise(&mut self, torque: f32, scale: &TorqueScale) -> u16 {
-        let exact = exact(torque, scale);
+    fn quantise(&mut self, torque: f32, scales: &Scales) -> u16 {
+        let exact = exact(torque, scales);
         let [low, high] = self.codes;
         let wanted = exact - self.carried;
         // Codes are not negative: cutting off is rounding down, without a call of the mathematical library.
@@ -202,8 +202,8 @@ impl Feedback {
 }
 
 /// The torque in codes, before rounding.
-fn exact(torque: f32, scale: &TorqueScale) -> f64 {
-    scale.field().quantise(f64::from(torque)).unwrap_or_default()
+fn exact(torque: f32, scales: &Scales) -> f64 {
+    scales.torque.quantise(f64::from(torque)).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -213,19 +213,19 @@ mod tests {
     use proptest::prelude::*;
 
     /// Of the GIM8108-8, by the MIT document 1.1.
-    fn scale() -> TorqueScale {
-        TorqueScale::new(0.125, 8.0).unwrap()
+    fn scales() -> Scales {
+        Scales::by_current(0.125, 8.0).unwrap()
     }
 
     #[test]
     fn the_mean_of_a_thousand_frames_is_within_a_thousandth_of_a_code() {
-        let scale = scale();
-        let code = 2.0 * f64::from(scale.full_scale()) / 4095.0;
+        let scales = scales();
+        let code = 2.0 * f64::from(scales.full_scale()) / 4095.0;
         for thirds in -30..30 {
             let torque = (f64::from(thirds) * 0.3 * code) as f32;
-            let exact = exact(torque, &scale);
-            let mut feedback = Feedback::within(20.0, &scale);
-            let codes: Vec<f64> = (0..1000).map(|_| f64::from(feedback.quantise(torque, &scale))).collect();
+            let exact = exact(torque, &scales);
+            let mut feedback = Feedback::within(20.0, &scales);
+            let codes: Vec<f64> = (0..1000).map(|_| f64::from(feedback.quantise(torque, &scales))).collect();
             let mean = codes.iter().sum::<f64>() / 1000.0;
             assert!((mean - exact).abs() <= 0.001, "{exact} became {mean}");
         }
@@ -238,15 +238,15 @@ mod tests {
             torque in -19.0_f32..19.0,
             frames in 1_u16..2000,
         ) {
-            let scale = scale();
-            let exact = exact(torque, &scale);
-            let mut feedback = Feedback::within(20.0, &scale);
+            let scales = scales();
+            let exact = exact(torque, &scales);
+            let mut feedback = Feedback::within(20.0, &scales);
             for torque in before {
-                feedback.quantise(torque, &scale);
+                feedback.quantise(torque, &scales);
             }
             let mut sum = 0.0;
             for _ in 0..frames {
-                let code = f64::from(feedback.quantise(torque, &scale));
+                let code = f64::from(feedback.quantise(torque, &scales));
                 prop_assert!((code - exact).abs() < 1.0, "{} is no neighbour of {}", code, exact);
                 sum += code;
             }
@@ -259,22 +259,23 @@ mod tests {
             limit in 0.06_f32..25.0,
             shares in vec(-1.0_f32..=1.0, 1..50),
         ) {
-            let scale = scale();
-            let mut feedback = Feedback::within(limit, &scale);
+            let scales = scales();
+            let mut feedback = Feedback::within(limit, &scales);
             for share in shares.into_iter().chain([1.0, 1.0, -1.0, -1.0]) {
-                let code = feedback.quantise(share * limit, &scale);
-                prop_assert!(scale.field().decode(code).abs() <= f64::from(limit) + 1e-6, "{}", share);
+                let code = feedback.quantise(share * limit, &scales);
+                prop_assert!(scales.torque.decode(code).abs() <= f64::from(limit) + 1e-6, "{}", share);
             }
         }
     }
 
     #[test]
     fn a_position_that_wraps_goes_on() {
-        let mut unwrap = Unwrap::default();
+        let mut unwrap = Unwrap::new(scales().position);
+        let turn = unwrap.period;
         let mut turned = 0.0_f32;
         for _ in 0..1000 {
             turned += 0.11;
-            let told = (turned + TURN / 2.0).rem_euclid(TURN) - TURN / 2.0;
+            let told = (turned + turn / 2.0).rem_euclid(turn) - turn / 2.0;
             assert!((unwrap.position(told) - turned).abs() < 1e-3, "at {turned}");
         }
     }

@@ -105,7 +105,7 @@ impl Drive {
         let command_id = FrameId::new(u16::from(settings.id)).expect("a motor id has eight bits");
         let dialect = match settings.protocol {
             MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
-            MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.torque_scale, transmission)),
+            MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.scales, transmission)),
         };
         Self { command_id, dialect, correlator: Correlator::new(fastest_reply) }
     }

@@ -40,7 +40,7 @@ fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
             MotorProtocol::Mit => Dialect::Mit,
             MotorProtocol::Gim => Dialect::Gim,
         },
-        torque_constant: motor.torque_scale.field().max() / (CURRENT_MAX * gear_ratio),
+        torque_constant: motor.scales.torque.max() / (CURRENT_MAX * gear_ratio),
         gear_ratio,
         torque_peak: model.map_or(defaults.torque_peak, |model| f64::from(model.peak_torque)),
         velocity_max: model.map_or(defaults.velocity_max, |model| f64::from(model.max_velocity)),

@@ -3,7 +3,7 @@
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
 use motord_core::settings::Settings;
-use motord_protocol::FaultBits;
+use motord_protocol::Faults;
 use motord_shared::{BusCondition, Cause, MotorMode};
 use std::sync::atomic::Ordering;
 
@@ -67,7 +67,7 @@ impl Log {
                 "has never answered: check its power and wiring, its id (ConfID 0x12) and host id (ConfID 0x13), the bit \
                  rate (0x18), and that it speaks the configured protocol (0x1C: 1 is MIT)"
             ),
-            Event::Fault { motor, bits } => self.tell_fault(cycle, motor, FaultBits(bits)),
+            Event::Fault { motor, bits } => self.tell_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => {
                 tracing::info!(
                     cycle,
@@ -97,7 +97,7 @@ impl Log {
         }
     }
 
-    fn tell_fault(&mut self, cycle: u64, motor: usize, bits: FaultBits) {
+    fn tell_fault(&mut self, cycle: u64, motor: usize, bits: Faults) {
         let motor = &mut self.motors[motor];
         if !motor.changes() {
             return;

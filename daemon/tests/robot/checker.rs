@@ -106,7 +106,7 @@ fn motor(settings: &MotorSettings) -> Motor {
 
 /// What the codes of a motor mean.
 pub fn ranges(settings: &MotorSettings) -> Ranges {
-    Ranges::steadywin(settings.torque_scale.field().max())
+    Ranges::steadywin(settings.scales.torque.max())
 }
 
 fn limits(settings: &settings::LimitSettings) -> Limits {

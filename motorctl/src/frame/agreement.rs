@@ -1,6 +1,6 @@
 //! An object must say what its frame says: no more, and nothing else.
 
-use crate::frame::object::{Object, Quantity};
+use crate::frame::object::{Object, Quantities};
 use crate::frame::refused::Refused;
 use crate::frame::{hex, null_bytes};
 use serde_json::Value;
@@ -36,7 +36,7 @@ fn is_rounded(key: &str, given: &Object) -> bool {
     if given.has("payload") {
         return false;
     }
-    Quantity::has_key(key, given) || key == "position_rad" && !given.has("value") && given.has("conf_id")
+    Quantities::have_key(key, given) || key == "position_rad" && !given.has("value") && given.has("conf_id")
 }
 
 fn is_same(key: &str, given: &Value, decoded: Option<&Value>) -> bool {

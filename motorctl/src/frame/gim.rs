@@ -125,7 +125,7 @@ pub(super) fn encode_command(object: &Object, mit_safe: bool) -> Result<Vec<u8>,
 /// Decodes a reply into `object`.
 pub(super) fn decode_reply(bytes: &[u8], asked: Asked, mut object: Object) -> Result<Object, Refused> {
     let pending = if asked == Asked::Calibration { Pending::Calibration } else { Pending::Other };
-    let reply = gim::decode_reply(bytes, pending, &object.torque_scale()?)?;
+    let reply = gim::decode_reply(bytes, pending, &object.scales()?)?;
     let is_calibration = matches!(reply, Reply::Calibrated { .. });
     object.insert("kind", if is_calibration { "calibration" } else { kind_of(reply.code()) });
     object.insert("cmd", reply.code());

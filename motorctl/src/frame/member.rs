@@ -1,6 +1,6 @@
 //! The members of a JSON object that stand for the fields of a frame: one table for both directions.
 
-use crate::frame::object::{Object, Quantity};
+use crate::frame::object::{Object, Quantities};
 use crate::frame::refused::Refused;
 use motord_protocol::gim::{
     Calibration, CommandCode, ConfigurationKey, ExecutionTime, Finite, Outcome, Refusal, State, Value,
@@ -166,17 +166,19 @@ impl Member for Value {
 
 impl Member for StateCodes {
     fn write(&self, object: &mut Object, _: &'static str) {
-        object.insert_code(&Quantity::POSITION, self.position);
-        object.insert_code(&Quantity::VELOCITY, self.velocity);
-        object.insert_code(&object.torque(), self.torque);
+        let Quantities { position, velocity, torque, .. } = object.quantities();
+        object.insert_code(&position, self.position);
+        object.insert_code(&velocity, self.velocity);
+        object.insert_code(&torque, self.torque);
         object.insert_scale();
     }
 
     fn read(object: &Object, _: &'static str) -> Result<Self, Refused> {
+        let Quantities { position, velocity, torque, .. } = object.quantities();
         Ok(Self {
-            position: object.code(&Quantity::POSITION)?,
-            velocity: object.code(&Quantity::VELOCITY)?,
-            torque: object.code(&object.torque())?,
+            position: object.code(&position)?,
+            velocity: object.code(&velocity)?,
+            torque: object.code(&torque)?,
         })
     }
 }
@@ -189,6 +191,6 @@ impl Member for State {
 
     fn read(object: &Object, key: &'static str) -> Result<Self, Refused> {
         let temperature = object.integer("temperature_c", i8::MIN.into(), i8::MAX.into())? as i8;
-        Ok(Self::new(temperature, StateCodes::read(object, key)?, &object.torque_scale()?))
+        Ok(Self::new(temperature, StateCodes::read(object, key)?, &object.scales()?))
     }
 }

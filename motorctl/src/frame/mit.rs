@@ -3,13 +3,12 @@
 use crate::frame::Asked;
 use crate::frame::member::Member;
 use crate::frame::null_bytes;
-use crate::frame::object::{Object, Quantity};
+use crate::frame::object::Object;
 use crate::frame::refused::Refused;
-use motord_protocol::mit::{self, CommandCodes, ControlCodes};
-use motord_protocol::{FaultBits, StateCodes};
-
-/// Relatives of these motors append up to two bytes of their own to a reply.
-const SURPLUS_MAX: usize = 2;
+use motord_protocol::mit::{self, CommandCodes, ControlCodes, Reply, State};
+use motord_protocol::profile::FaultReport;
+use motord_protocol::{Faults, Profile, StateCodes};
+use serde_json::Value;
 
 /// Decodes a command into `object`.
 pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object, Refused> {
@@ -19,8 +18,9 @@ pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object,
         CommandCodes::GetFault { f_cmd } => object.insert("f_cmd", f_cmd),
         CommandCodes::ClearFault => object.insert("f_cmd", 0xFF),
         CommandCodes::Control(ControlCodes { position, velocity, kp, kd, torque }) => {
-            object.insert_code(&Quantity::KP, kp);
-            object.insert_code(&Quantity::KD, kd);
+            let quantities = object.quantities();
+            object.insert_code(&quantities.kp, kp);
+            object.insert_code(&quantities.kd, kd);
             StateCodes { position, velocity, torque }.write(&mut object, "");
         }
         CommandCodes::Start | CommandCodes::Stop | CommandCodes::SetZero => {}
@@ -52,7 +52,8 @@ pub(super) fn command(object: &Object) -> Result<CommandCodes, Refused> {
         "set_zero" => CommandCodes::SetZero,
         "dynamic_control" => {
             let StateCodes { position, velocity, torque } = Member::read(object, "")?;
-            let (kp, kd) = (object.code(&Quantity::KP)?, object.code(&Quantity::KD)?);
+            let quantities = object.quantities();
+            let (kp, kd) = (object.code(&quantities.kp)?, object.code(&quantities.kd)?);
             CommandCodes::Control(ControlCodes { position, velocity, kp, kd, torque })
         }
         received => return Err(Refused::Kind { received: received.into() }),
@@ -66,32 +67,92 @@ pub(super) fn decode_reply(bytes: &[u8], asked: Asked, mut object: Object) -> Re
         Asked::ClearFault => mit::Asked::Clear,
         Asked::State | Asked::Calibration => mit::Asked::State,
     };
-    let reply = mit::decode_reply(bytes, asked, &object.torque_scale()?)?;
+    let profile = object.profile();
+    let reply = profile.decode(bytes, asked, &object.scales()?)?;
     match reply {
-        mit::Reply::State(state) => {
+        Reply::State(state) => {
             object.insert("kind", "state");
             state.codes.write(&mut object, "");
+            write_measured(&mut object, profile, &state);
         }
-        mit::Reply::Fault { fault, .. } => {
+        Reply::Fault { number, faults, .. } => {
             object.insert("kind", "fault_reply");
-            fault.write(&mut object, "fault");
-            object.name_faults();
+            object.insert("fault", number);
+            write_faults(&mut object, faults);
         }
-        mit::Reply::Cleared { .. } => object.insert("kind", "clear_fault_reply"),
+        Reply::Cleared { .. } => object.insert("kind", "clear_fault_reply"),
     }
     object.insert("can_id", reply.id());
-    null_bytes::write(&mut object, bytes, |filler| reply.encode_over(filler));
+    match profile.known_bytes(&reply) {
+        5 => null_bytes::write(&mut object, bytes, |filler| first::<5>(profile, &reply, filler)),
+        6 => null_bytes::write(&mut object, bytes, |filler| first::<6>(profile, &reply, filler)),
+        _ => null_bytes::write(&mut object, bytes, |filler| first::<8>(profile, &reply, filler)),
+    }
     Ok(object)
+}
+
+/// What a state has beside the motion.
+fn write_measured(object: &mut Object, profile: &Profile, state: &State) {
+    let temperatures: Vec<_> = state.temperatures.into_iter().flatten().collect();
+    if !temperatures.is_empty() {
+        object.insert("temperatures_c", temperatures);
+    }
+    if let Some(status) = state.status {
+        object.insert("status", status);
+    }
+    if let Some(faults) = profile.faults_of(state) {
+        write_faults(object, faults);
+    }
+}
+
+fn write_faults(object: &mut Object, faults: Faults) {
+    object.insert("faults", faults.named().map(|fault| fault.name).collect::<Vec<_>>());
+}
+
+/// The first bytes of `reply`, with `filler` showing through.
+fn first<const N: usize>(profile: &Profile, reply: &Reply, filler: [u8; N]) -> [u8; N] {
+    let mut bytes = [0; 8];
+    bytes[..N].copy_from_slice(&filler);
+    let bytes = profile.encode_over(reply, bytes).0;
+    core::array::from_fn(|at| bytes[at])
 }
 
 /// Encodes a reply.
 pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Refused> {
+    let profile = object.profile();
     let id = object.byte("can_id")?;
     let reply = match object.kind()? {
-        "state" => mit::Reply::State(mit::State::new(id, Member::read(object, "")?, &object.torque_scale()?)),
-        "fault_reply" => mit::Reply::Fault { id, fault: FaultBits::read(object, "fault")? },
-        "clear_fault_reply" => mit::Reply::Cleared { id },
+        "state" => Reply::State(state(object, id)?),
+        "fault_reply" => {
+            let number = object.integer("fault", 0, largest_fault(profile))? as u32;
+            Reply::Fault { id, number, faults: Faults::NONE }
+        }
+        "clear_fault_reply" => Reply::Cleared { id },
         received => return Err(Refused::Kind { received: received.into() }),
     };
-    null_bytes::fill(object, [0; 6], SURPLUS_MAX, |filler| reply.encode_over(filler))
+    let known = profile.known_bytes(&reply);
+    let surplus = 8 - known;
+    match known {
+        5 => null_bytes::fill(object, [0; 5], surplus, |filler| first::<5>(profile, &reply, filler)),
+        6 => null_bytes::fill(object, [0; 6], surplus, |filler| first::<6>(profile, &reply, filler)),
+        _ => null_bytes::fill(object, [0; 8], surplus, |filler| first::<8>(profile, &reply, filler)),
+    }
+}
+
+fn state(object: &Object, id: u8) -> Result<State, Refused> {
+    let codes: StateCodes = Member::read(object, "")?;
+    let [position, velocity, torque] = codes.scaled(&object.scales()?);
+    let temperatures = object.get("temperatures_c").and_then(Value::as_array);
+    let temperature = |index: usize| Some(temperatures?.get(index)?.as_f64()? as f32);
+    let status = object.has("status").then(|| object.byte("status")).transpose()?;
+    let temperatures = [temperature(0), temperature(1)];
+    Ok(State { id, position, velocity, torque, codes, temperatures, status })
+}
+
+/// The largest fault number that a reply can hold; of motors that are never asked, none.
+fn largest_fault(profile: &Profile) -> i64 {
+    match profile.faults {
+        FaultReport::Asked(reply) => (1 << (8 * reply.bytes)) - 1,
+        FaultReport::InEveryReply(_) => 0,
+    }
 }

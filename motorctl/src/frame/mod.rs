@@ -16,7 +16,8 @@ mod scale;
 mod serial;
 
 use clap::{Args, Subcommand, ValueEnum};
-use motord_protocol::ScaleError;
+use motord_protocol::profile::PROFILES;
+use motord_protocol::{Model, Profile, ScaleError};
 use object::Object;
 use refused::Refused;
 use robot::{Robot, RobotError};
@@ -24,6 +25,7 @@ use scale::Scale;
 use serde_json::{Value, json};
 use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// The two ways.
 #[derive(Debug, Subcommand)]
@@ -106,6 +108,32 @@ struct Constants {
     /// Rotor turns per turn of the output shaft.
     #[arg(long, value_name = "Y", requires = "torque_constant")]
     gear_ratio: Option<f64>,
+    /// Whose MIT it is: a profile (steadywin and others) or, so that codes get their physical values, a model
+    /// (GIM8108-8).
+    #[arg(long, value_name = "NAME", default_value = "steadywin")]
+    profile: Facts,
+}
+
+/// A profile, by its own name or by that of a model.
+#[derive(Debug, Clone, Copy)]
+struct Facts {
+    profile: &'static Profile,
+    model: Option<&'static Model>,
+}
+
+impl FromStr for Facts {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        if let Some(profile) = Profile::by_name(name) {
+            return Ok(Self { profile, model: None });
+        }
+        let model = Profile::of_model(name).map(|(profile, model)| Self { profile, model: Some(model) });
+        model.ok_or_else(|| {
+            let names: Vec<_> = PROFILES.iter().map(|profile| profile.name).collect();
+            format!("neither a model nor one of the profiles {}", names.join(", "))
+        })
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -149,13 +177,14 @@ struct Reading {
     protocol: Protocol,
     direction: Direction,
     asked: Asked,
+    profile: &'static Profile,
     scale: Option<Scale>,
 }
 
 impl Reading {
     /// The object of a frame.
     fn decode(&self, bytes: &[u8]) -> Result<Object, Refused> {
-        let object = Object::new(self.scale);
+        let object = Object::new(self.profile, self.scale);
         match (self.protocol, self.direction) {
             (Protocol::Mit, Direction::ToMotor) => mit::decode_command(bytes, object),
             (Protocol::Mit, Direction::ToHost) => mit::decode_reply(bytes, self.asked, object),
@@ -167,7 +196,7 @@ impl Reading {
 
     /// The frame of an object. The frame is decoded again, and an object that says anything else is refused.
     fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Refused> {
-        let object = object.with_scale(self.scale)?;
+        let object = object.with_scale(self.profile, self.scale)?;
         let bytes = match (self.protocol, self.direction) {
             (Protocol::Mit, Direction::ToMotor) => mit::command(&object)?.encode().to_vec(),
             (Protocol::Mit, Direction::ToHost) => mit::encode_reply(&object)?,
@@ -231,8 +260,15 @@ pub(crate) fn run(frame: Frame) -> Result<(), FrameFailure> {
 
 impl Constants {
     fn scale(&self) -> Result<Option<Scale>, ScaleError> {
-        let constants = self.torque_constant.zip(self.gear_ratio);
-        constants.map(|(constant, ratio)| Scale::new(constant, ratio)).transpose()
+        match (self.torque_constant.zip(self.gear_ratio), self.profile.model) {
+            (Some((constant, ratio)), Some(model)) => Scale::of_model(model, constant, ratio).map(Some),
+            (Some((constant, ratio)), None) => Scale::new(constant, ratio).map(Some),
+            (None, Some(model)) => {
+                let (constant, ratio) = (model.torque_constant.into(), model.gear_ratio.into());
+                Scale::of_model(model, constant, ratio).map(Some)
+            }
+            (None, None) => Ok(None),
+        }
     }
 }
 
@@ -243,7 +279,8 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
         let mut robot = Robot::read(path, *protocol)?;
         for_each_line(frames, |line| report.object(robot.decode(line)))?;
     } else if let (Some(protocol), Some(direction)) = (*protocol, *direction) {
-        let reading = Reading { protocol, direction, asked: *asked, scale: constants.scale()? };
+        let (profile, scale) = (constants.profile.profile, constants.scale()?);
+        let reading = Reading { protocol, direction, asked: *asked, profile, scale };
         for_each_line(frames, |line| {
             report.object(hex::bytes_of_frame(line).and_then(|bytes| reading.decode(&bytes)))
         })?;
@@ -254,7 +291,8 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
 fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     let mut report = Report::default();
     let Encode { protocol, direction, .. } = *arguments;
-    let reading = Reading { protocol, direction, asked: Asked::State, scale: arguments.constants.scale()? };
+    let (profile, scale) = (arguments.constants.profile.profile, arguments.constants.scale()?);
+    let reading = Reading { protocol, direction, asked: Asked::State, profile, scale };
     for argument in &arguments.objects {
         let text = if argument == "-" { io::read_to_string(io::stdin())? } else { argument.clone() };
         for value in serde_json::Deserializer::from_str(&text).into_iter::<Value>() {

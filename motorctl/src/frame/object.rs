@@ -2,16 +2,19 @@
 
 use crate::frame::hex;
 use crate::frame::refused::Refused;
-use crate::frame::scale::Scale;
-use motord_protocol::{FaultBits, Field, ScaleError, TorqueScale, mit};
+use crate::frame::scale::{self, Scale};
+use motord_protocol::profile::STEADYWIN;
+use motord_protocol::{FaultBits, Field, Profile, ScaleError, Scales};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-/// A JSON object of one frame, and the scale of the torques in it.
+/// A JSON object of one frame, the profile of its motor, and the scale of the codes in it.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(transparent)]
 pub(super) struct Object {
     members: Map<String, Value>,
+    #[serde(skip)]
+    profile: Option<&'static Profile>,
     #[serde(skip)]
     scale: Option<Scale>,
 }
@@ -23,30 +26,52 @@ impl From<Object> for Value {
 }
 
 impl Object {
-    /// No member yet. Torques have this scale.
-    pub(super) fn new(scale: Option<Scale>) -> Self {
-        Self { members: Map::new(), scale }
+    /// No member yet. Codes have this scale.
+    pub(super) fn new(profile: &'static Profile, scale: Option<Scale>) -> Self {
+        Self { members: Map::new(), profile: Some(profile), scale }
     }
 
     /// The object with the scale of its own constants, else with this one.
-    pub(super) fn with_scale(mut self, scale: Option<Scale>) -> Result<Self, Refused> {
+    pub(super) fn with_scale(
+        mut self,
+        profile: &'static Profile,
+        scale: Option<Scale>,
+    ) -> Result<Self, Refused> {
+        self.profile = Some(profile);
         self.scale = Scale::of(&self)?.or(scale);
         Ok(self)
     }
 
-    /// The scale of its torques.
+    /// The facts of its motor's vendor.
+    pub(super) fn profile(&self) -> &'static Profile {
+        self.profile.unwrap_or(&STEADYWIN)
+    }
+
+    /// The scale of its codes.
     pub(super) fn scale(&self) -> Option<Scale> {
         self.scale
     }
 
-    /// The torque scale; any, where torques are raw codes alone.
-    pub(super) fn torque_scale(&self) -> Result<TorqueScale, ScaleError> {
-        self.scale.map_or_else(|| TorqueScale::new(1.0, 1.0), |scale| Ok(scale.torque))
+    /// The scales; any, where codes are raw.
+    pub(super) fn scales(&self) -> Result<Scales, ScaleError> {
+        self.scale.map_or_else(|| Scales::by_current(1.0, 1.0), |scale| Ok(scale.scales))
     }
 
-    /// The torque of this scale as a quantity.
-    pub(super) fn torque(&self) -> Quantity {
-        Quantity::torque(self.scale.as_ref())
+    /// The quantities of its frame, each with its scale where that is known.
+    pub(super) fn quantities(&self) -> Quantities {
+        let known = self.scale.map(|scale| scale.scales).or_else(|| scale::common(self.profile()));
+        Quantities {
+            position: Quantity::new("pos_int", "pos_rad", known.map(|scales| scales.position), 0xFFFF),
+            velocity: Quantity::new("vel_int", "vel_rad_s", known.map(|scales| scales.velocity), 0xFFF),
+            kp: Quantity::new("kp_int", "kp", known.map(|scales| scales.kp), 0xFFF),
+            kd: Quantity::new("kd_int", "kd", known.map(|scales| scales.kd), 0xFFF),
+            torque: Quantity::new(
+                "torque_int",
+                "torque_nm",
+                self.scale.map(|scale| scale.scales.torque),
+                0xFFF,
+            ),
+        }
     }
 
     pub(super) fn insert(&mut self, key: &str, value: impl Into<Value>) {
@@ -63,7 +88,7 @@ impl Object {
     /// Adds the names of the bits of the member `fault`, if there is one.
     pub(super) fn name_faults(&mut self) {
         if let Ok(fault) = self.byte("fault") {
-            let names: Vec<_> = FaultBits(fault).named().map(|fault| fault.name).collect();
+            let names: Vec<_> = FaultBits(fault).faults().named().map(|fault| fault.name).collect();
             self.insert("faults", names);
         }
     }
@@ -101,7 +126,7 @@ impl Object {
         let value = self.required(key)?;
         let received = || Refused::Type { key, expected: "an object", received: value.to_string() };
         let members = value.as_object().cloned().ok_or_else(received)?;
-        Ok(Self { members, scale: self.scale })
+        Ok(Self { members, profile: self.profile, scale: self.scale })
     }
 
     pub(super) fn number(&self, key: &'static str) -> Result<f64, Refused> {
@@ -150,31 +175,33 @@ impl Object {
 pub(super) struct Quantity {
     raw: &'static str,
     physical: &'static str,
-    /// `None` for a torque whose scale is not known.
+    /// `None` where the scale is not known.
     field: Option<Field>,
     code_max: u16,
 }
 
-impl Quantity {
-    pub(super) const POSITION: Self = Self::new("pos_int", "pos_rad", mit::POSITION);
-    pub(super) const VELOCITY: Self = Self::new("vel_int", "vel_rad_s", mit::VELOCITY);
-    pub(super) const KP: Self = Self::new("kp_int", "kp", mit::KP);
-    pub(super) const KD: Self = Self::new("kd_int", "kd", mit::KD);
+/// The five quantities of a control frame.
+pub(super) struct Quantities {
+    pub(super) position: Quantity,
+    pub(super) velocity: Quantity,
+    pub(super) kp: Quantity,
+    pub(super) kd: Quantity,
+    pub(super) torque: Quantity,
+}
 
+impl Quantities {
     /// The key is the code or the value of a quantity in `object`, not a member of its own as in `torque_control`.
-    pub(super) fn has_key(key: &str, object: &Object) -> bool {
-        let all = [Self::POSITION, Self::VELOCITY, Self::KP, Self::KD, Self::torque(None)];
-        let is_quantity = all.iter().any(|quantity| [quantity.raw, quantity.physical].contains(&key));
-        is_quantity && (object.has(Self::POSITION.raw) || object.has(Self::POSITION.physical))
+    pub(super) fn have_key(key: &str, object: &Object) -> bool {
+        let Self { position, velocity, kp, kd, torque } = object.quantities();
+        let has_position = object.has(position.raw) || object.has(position.physical);
+        let all = [position, velocity, kp, kd, torque];
+        has_position && all.iter().any(|quantity| [quantity.raw, quantity.physical].contains(&key))
     }
+}
 
-    const fn new(raw: &'static str, physical: &'static str, field: Field) -> Self {
-        Self { raw, physical, field: Some(field), code_max: field.code_max() }
-    }
-
-    pub(super) fn torque(scale: Option<&Scale>) -> Self {
-        let field = scale.map(|scale| scale.torque.field());
-        Self { raw: "torque_int", physical: "torque_nm", field, code_max: 0x0FFF }
+impl Quantity {
+    const fn new(raw: &'static str, physical: &'static str, field: Option<Field>, code_max: u16) -> Self {
+        Self { raw, physical, field, code_max }
     }
 
     fn code(&self, object: &Object) -> Result<u16, Refused> {

@@ -6,7 +6,8 @@ use crate::frame::scale::Scale;
 use crate::frame::{Asked, Direction, Protocol, Reading};
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Frame};
-use motord_protocol::{Model, ScaleError};
+use motord_protocol::profile::STEADYWIN;
+use motord_protocol::{Profile, ScaleError};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -84,6 +85,7 @@ struct Motor {
     id: u8,
     host_id: u16,
     protocol: Protocol,
+    profile: &'static Profile,
     scale: Option<Scale>,
     /// What its next reply answers.
     asked: Asked,
@@ -127,29 +129,37 @@ impl Robot {
 
 impl Motor {
     fn new(config: MotorConfig, buses: &[BusConfig]) -> Result<Self, RobotError> {
-        let model = Model::by_name(&config.model);
+        let (profile, model) = match Profile::of_model(&config.model) {
+            Some((profile, model)) => (profile, Some(model)),
+            None => (&STEADYWIN, None),
+        };
         let constant =
             config.torque_constant_nm_per_a.or(model.map(|model| f64::from(model.torque_constant)));
         let ratio = config.gear_ratio.or(model.map(|model| f64::from(model.gear_ratio)));
-        let scale = constant.zip(ratio).map(|(constant, ratio)| Scale::new(constant, ratio)).transpose();
+        let scale = constant.zip(ratio).map(|(constant, ratio)| match model {
+            Some(model) => Scale::of_model(model, constant, ratio),
+            None => Scale::new(constant, ratio),
+        });
+        let scale = scale.transpose();
         let bus = buses.iter().find(|bus| bus.name == config.bus);
         Ok(Self {
             scale: scale.map_err(|source| RobotError::Scale { motor: config.name.clone(), source })?,
             name: config.name,
             interface: bus.and_then(|bus| bus.interface.clone()).unwrap_or(config.bus),
             id: config.id,
-            host_id: config.host_id.unwrap_or(0x100 + u16::from(config.id)),
+            host_id: config.host_id.unwrap_or(profile.ids.reply_offset + u16::from(config.id)),
             protocol: match config.protocol {
                 ProtocolConfig::Mit => Protocol::Mit,
                 ProtocolConfig::Gim => Protocol::GimCan,
             },
+            profile,
             asked: Asked::State,
         })
     }
 
     /// Which way a frame goes if it is to or from this motor. MIT motors may share a host id: a reply names its sender.
     fn direction(&self, frame: &Frame) -> Option<Direction> {
-        let names_this = self.protocol != Protocol::Mit || frame.payload().first() == Some(&self.id);
+        let names_this = self.protocol != Protocol::Mit || self.profile.is_from(self.id, frame.payload());
         let id = frame.id().raw();
         if id == u16::from(self.id) {
             Some(Direction::ToMotor)
@@ -161,8 +171,8 @@ impl Motor {
     }
 
     fn decode(&mut self, payload: &[u8], direction: Direction) -> Result<Object, Refused> {
-        let Self { protocol, asked, scale, .. } = *self;
-        let object = Reading { protocol, direction, asked, scale }.decode(payload)?;
+        let Self { protocol, asked, profile, scale, .. } = *self;
+        let object = Reading { protocol, direction, asked, profile, scale }.decode(payload)?;
         if direction == Direction::ToMotor {
             self.asked = match object.kind()? {
                 "get_fault" => Asked::GetFault,

@@ -1,29 +1,35 @@
-//! The constants behind a torque code, kept as they were given, so that an object can have them.
+//! What the codes of a motor stand for, with the constants that were given, so that an object can have them.
 
 use crate::frame::object::Object;
 use crate::frame::refused::Refused;
-use motord_protocol::{ScaleError, TorqueScale};
+use motord_protocol::{Model, Profile, ScaleError, Scales};
 
-/// The torque constant, the gear ratio and the torque scale that follows from them.
+/// The scales of a motor whose torque code is known.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scale {
-    /// The rotor's torque constant, N·m/A.
-    torque_constant: f64,
-    /// Rotor turns per turn of the output shaft.
-    gear_ratio: f64,
-    pub(super) torque: TorqueScale,
+    /// The rotor's torque constant, N·m/A, and rotor turns per turn of the output shaft, where the scales follow from them.
+    constants: Option<[f64; 2]>,
+    pub(super) scales: Scales,
 }
 
 impl Scale {
     pub(super) fn new(torque_constant: f64, gear_ratio: f64) -> Result<Self, ScaleError> {
-        let torque = TorqueScale::new(torque_constant, gear_ratio)?;
-        Ok(Self { torque_constant, gear_ratio, torque })
+        let scales = Scales::by_current(torque_constant, gear_ratio)?;
+        Ok(Self { constants: Some([torque_constant, gear_ratio]), scales })
+    }
+
+    /// Of a motor of this model; the constants count only where its torque code is a current.
+    pub(super) fn of_model(model: &Model, torque_constant: f64, gear_ratio: f64) -> Result<Self, ScaleError> {
+        let constants = model.ends.is_none().then_some([torque_constant, gear_ratio]);
+        Ok(Self { constants, scales: model.scales_with(torque_constant, gear_ratio)? })
     }
 
     /// Puts the constants into `object`.
     pub(super) fn write(&self, object: &mut Object) {
-        object.insert("torque_constant", self.torque_constant);
-        object.insert("gear_ratio", self.gear_ratio);
+        if let Some([torque_constant, gear_ratio]) = self.constants {
+            object.insert("torque_constant", torque_constant);
+            object.insert("gear_ratio", gear_ratio);
+        }
     }
 
     /// The constants in `object`, if it has them.
@@ -33,4 +39,13 @@ impl Scale {
         }
         Ok(Some(Self::new(object.number("torque_constant")?, object.number("gear_ratio")?)?))
     }
+}
+
+/// The scales of every motor of `profile` but for the torque, where all of them have the same.
+pub(super) fn common(profile: &Profile) -> Option<Scales> {
+    let first = profile.models.first()?.ends;
+    profile.models.iter().all(|model| model.ends == first).then(|| match first {
+        Some([position, velocity, torque]) => Some(Scales::fixed(position, velocity, torque)),
+        None => Scales::by_current(1.0, 1.0).ok(),
+    })?
 }

@@ -285,7 +285,7 @@ pub(super) fn eight(bytes: &[u8]) -> Result<[u8; 8], DecodeError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::TorqueScale;
+    use crate::Scales;
     use crate::gim::Value;
     use crate::mit;
 
@@ -314,16 +314,16 @@ mod tests {
 
     #[test]
     fn a_command_padded_for_safety_asks_a_motor_in_mit_mode_for_no_torque() {
-        let scale = TorqueScale::new(0.1, 8.0).unwrap();
+        let scales = Scales::by_current(0.1, 8.0).unwrap();
         for code in CommandCode::ALL {
             let command = decode_command(&[code as u8, 1, 3, 0, 0, 0, 0, 0]).unwrap();
             let Some(bytes) = command.encode_mit_safe() else { continue };
             assert_eq!(decode_command(&bytes), Ok(command));
-            let Ok(mit::Command::Control(control)) = mit::decode_command(&bytes, &scale) else {
+            let Ok(mit::Command::Control(control)) = mit::decode_command(&bytes, &scales) else {
                 panic!("{code:?} is a special frame")
             };
             assert_eq!((control.kp, control.kd), (0.0, 0.0), "{code:?}");
-            assert!(f64::from(control.torque.abs()) < scale.field().step(), "{code:?}");
+            assert!(f64::from(control.torque.abs()) < scales.torque.step(), "{code:?}");
         }
     }
 

@@ -8,7 +8,7 @@ use crate::gim::command::{Calibration, Command, CommandCode, eight};
 use crate::gim::configuration::ConfigurationKey;
 use crate::gim::result::{Outcome, Refusal};
 use crate::gim::value::{Finite, Value};
-use crate::scale::TorqueScale;
+use crate::scale::Scales;
 use crate::state::StateCodes;
 
 /// Whether a calibration is open: its reply is printed with the command byte of an indicator (3.2.18).
@@ -103,7 +103,7 @@ pub struct State {
     pub position: f32,
     /// Velocity of the output shaft, rad/s, -65 to 65.
     pub velocity: f32,
-    /// Torque at the output shaft, N·m, as the torque scale reads the motor's q-axis current.
+    /// Torque at the output shaft, N·m, as the scale reads the motor's q-axis current.
     pub torque: f32,
     /// The same three as the wire had them.
     pub codes: StateCodes,
@@ -112,15 +112,15 @@ pub struct State {
 impl State {
     /// The state that these codes tell.
     #[must_use]
-    pub fn new(temperature_celsius: i8, codes: StateCodes, scale: &TorqueScale) -> Self {
-        let [position, velocity, torque] = codes.scaled(scale);
+    pub fn new(temperature_celsius: i8, codes: StateCodes, scales: &Scales) -> Self {
+        let [position, velocity, torque] = codes.scaled(scales);
         Self { temperature_celsius, position, velocity, torque, codes }
     }
 
     /// Position is little endian here; velocity and torque are packed as in an MIT reply (3.2.7).
-    fn from_bytes([temperature, low, high, st @ ..]: [u8; 6], scale: &TorqueScale) -> Self {
+    fn from_bytes([temperature, low, high, st @ ..]: [u8; 6], scales: &Scales) -> Self {
         let codes = StateCodes::unpack([high, low, st[0], st[1], st[2]]);
-        Self::new(i8::from_le_bytes([temperature]), codes, scale)
+        Self::new(i8::from_le_bytes([temperature]), codes, scales)
     }
 
     fn to_bytes(self) -> [u8; 6] {
@@ -137,7 +137,7 @@ impl State {
 /// # Errors
 ///
 /// When there are not exactly 8 bytes, a configuration type is unknown, or a float is not finite.
-pub fn decode_reply(payload: &[u8], pending: Pending, scale: &TorqueScale) -> Result<Reply, DecodeError> {
+pub fn decode_reply(payload: &[u8], pending: Pending, scales: &Scales) -> Result<Reply, DecodeError> {
     use CommandCode as Code;
     let [code, rest @ ..] = eight(payload)?;
     let [b, c, d, p, q, r, s] = rest;
@@ -150,7 +150,7 @@ pub fn decode_reply(payload: &[u8], pending: Pending, scale: &TorqueScale) -> Re
         Reply::Calibrated { calibration: Calibration(b), outcome: Refusal::check(c), echo: command };
     Ok(match command {
         Code::TorqueControl | Code::SpeedControl | Code::PositionControl => {
-            let state = || State::from_bytes([c, d, p, q, r, s], scale);
+            let state = || State::from_bytes([c, d, p, q, r, s], scales);
             Reply::State { command, outcome: Refusal::check(b).map(|()| state()) }
         }
         Code::ModifyConfiguration => Reply::ConfigurationModified { key, outcome: Refusal::check(d) },
@@ -285,15 +285,15 @@ impl Reply {
 mod tests {
     use super::*;
 
-    fn scale() -> TorqueScale {
-        TorqueScale::new(0.1, 8.0).unwrap()
+    fn scales() -> Scales {
+        Scales::by_current(0.1, 8.0).unwrap()
     }
 
     #[test]
     fn every_truncated_and_oversized_reply_is_refused() {
         for received in (0..8).chain(9..=64) {
             let refused = DecodeError::Length { least: 8, most: 8, received };
-            let reply = decode_reply(&[0x91; 64][..received], Pending::Other, &scale());
+            let reply = decode_reply(&[0x91; 64][..received], Pending::Other, &scales());
             assert_eq!(reply, Err(refused));
         }
     }
@@ -310,7 +310,7 @@ mod tests {
             (own, Pending::Calibration, true),
             (own, Pending::Other, true),
         ] {
-            let reply = decode_reply(&bytes, pending, &scale()).unwrap();
+            let reply = decode_reply(&bytes, pending, &scales()).unwrap();
             assert_eq!((reply.answers(&encoder), reply.answers(&iq)), (calibrates, !calibrates));
             assert_eq!(reply.encode_over([0; 8]), bytes);
         }
@@ -318,11 +318,11 @@ mod tests {
 
     #[test]
     fn a_reply_with_another_number_than_asked_is_no_answer() {
-        let reply = decode_reply(&[0xA2, 6, 0, 0, 1, 0, 0, 0], Pending::Other, &scale()).unwrap();
+        let reply = decode_reply(&[0xA2, 6, 0, 0, 1, 0, 0, 0], Pending::Other, &scales()).unwrap();
         assert!(reply.answers(&Command::RetrieveParameter { para_id: 6 }));
         assert!(!reply.answers(&Command::RetrieveParameter { para_id: 5 }));
         assert!(!reply.answers(&Command::GetFault));
-        let reply = decode_reply(&[0x84, 1, 3, 0, 0, 0, 0, 0], Pending::Other, &scale()).unwrap();
+        let reply = decode_reply(&[0x84, 1, 3, 0, 0, 0, 0, 0], Pending::Other, &scales()).unwrap();
         assert!(
             reply.answers(&Command::RetrieveConfiguration(ConfigurationKey { conf_type: 1, conf_id: 3 }))
         );
@@ -341,7 +341,7 @@ mod tests {
             ([0xB2, 0x01, 0x08, 0, 0, 0, 0, 0], Refusal::Failure),
             ([0xB4, 0x13, 0x80, 0, 0, 0, 0xC0, 0x7F], Refusal::Unlisted(0x80)),
         ] {
-            let reply = decode_reply(&bytes, Pending::Other, &scale()).unwrap();
+            let reply = decode_reply(&bytes, Pending::Other, &scales()).unwrap();
             assert_eq!(reply.res(), refusal.code());
             assert_eq!(reply.encode_over(bytes), bytes);
             assert_eq!(reply.data(), None);
@@ -352,9 +352,9 @@ mod tests {
     fn a_value_that_is_not_finite_is_refused() {
         let refused = Err(DecodeError::NotFinite { received: 0xFF80_0000 });
         for bytes in [[0xB4, 0x13, 0, 0, 0, 0, 0x80, 0xFF], [0x84, 0x01, 0x03, 0, 0, 0, 0x80, 0xFF]] {
-            assert_eq!(decode_reply(&bytes, Pending::Other, &scale()), refused);
+            assert_eq!(decode_reply(&bytes, Pending::Other, &scales()), refused);
         }
-        let unknown = decode_reply(&[0x84, 0x02, 0x03, 0, 0, 0, 0, 0], Pending::Other, &scale());
+        let unknown = decode_reply(&[0x84, 0x02, 0x03, 0, 0, 0, 0, 0], Pending::Other, &scales());
         assert_eq!(unknown, Err(DecodeError::UnknownType { received: 2 }));
     }
 
@@ -362,9 +362,9 @@ mod tests {
     fn every_code_a_motor_can_tell_survives_a_round_trip() {
         for code in 0..=u16::MAX {
             let codes = StateCodes { position: code, velocity: code >> 4, torque: code & 0x0FFF };
-            let state = State::new(code as i8, codes, &scale());
+            let state = State::new(code as i8, codes, &scales());
             let reply = Reply::State { command: CommandCode::TorqueControl, outcome: Ok(state) };
-            assert_eq!(decode_reply(&reply.encode_over([0xA5; 8]), Pending::Other, &scale()), Ok(reply));
+            assert_eq!(decode_reply(&reply.encode_over([0xA5; 8]), Pending::Other, &scales()), Ok(reply));
         }
     }
 }

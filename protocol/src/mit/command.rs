@@ -2,18 +2,10 @@
 
 use crate::error::{DecodeError, EncodeError, Quantity};
 use crate::field::{self, Field};
-use crate::scale::{CURRENT, TorqueScale};
-use crate::state::{POSITION, VELOCITY};
+use crate::scale::Scales;
 
-/// Stiffness, N·m/rad, 12 bits.
-pub const KP: Field = Field::new(12, 0.0, 500.0);
-/// Damping, N·m·s/rad, 12 bits.
-pub const KD: Field = Field::new(12, 0.0, 5.0);
-
-/// The control frame, most significant bit first. [`TorqueScale`] says what the current is worth as torque.
-const CONTROL: [Field; 5] = [POSITION, VELOCITY, KP, KD, CURRENT];
-
-const _: () = assert!(field::width(&CONTROL) == 64, "the codes of a control frame fill eight bytes");
+/// The control frame, bits from the most significant on: position, velocity, kp, kd, torque. Eight bytes.
+const WIDTHS: [u32; 5] = [16, 12, 12, 12, 12];
 
 const FAULT: u8 = 0xFB;
 const START: u8 = 0xFC;
@@ -27,15 +19,15 @@ const F_CMD_GET: u8 = 0x00;
 /// What a motor is asked to do: torque = kp·(position - p) + kd·(velocity - v) + torque, with p and v its own.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Impedance {
-    /// Position of the output shaft, rad, -12.5 to 12.5.
+    /// Position of the output shaft, rad, within the motor's scale.
     pub position: f32,
-    /// Velocity of the output shaft, rad/s, -65 to 65.
+    /// Velocity of the output shaft, rad/s, within the motor's scale.
     pub velocity: f32,
     /// Stiffness, N·m/rad, 0 to 500.
     pub kp: f32,
     /// Damping, N·m·s/rad, 0 to 5.
     pub kd: f32,
-    /// Torque added at the output shaft, N·m, within the torque scale.
+    /// Torque added at the output shaft, N·m, within the motor's scale.
     pub torque: f32,
 }
 
@@ -65,36 +57,36 @@ impl Command {
     /// # Errors
     ///
     /// When a value of the impedance is NaN or infinite.
-    pub fn encode(&self, scale: &TorqueScale) -> Result<[u8; 8], EncodeError> {
+    pub fn encode(&self, scales: &Scales) -> Result<[u8; 8], EncodeError> {
         let codes = match self {
             Self::GetFault => CommandCodes::GetFault { f_cmd: F_CMD_GET },
             Self::ClearFault => CommandCodes::ClearFault,
             Self::Start => CommandCodes::Start,
             Self::Stop => CommandCodes::Stop,
             Self::SetZero => CommandCodes::SetZero,
-            Self::Control(impedance) => CommandCodes::Control(ControlCodes::nearest(impedance, scale)?),
+            Self::Control(impedance) => CommandCodes::Control(ControlCodes::nearest(impedance, scales)?),
         };
         Ok(codes.encode())
     }
 }
 
-/// What `bytes` mean to a motor with this torque scale. For tools, tests and logs: a host only sends commands.
+/// What `bytes` mean to a motor with these scales. For tools, tests and logs: a host only sends commands.
 ///
 /// # Errors
 ///
 /// When there are not exactly 8 bytes. Every 8 bytes are a command.
-pub fn decode_command(bytes: &[u8], scale: &TorqueScale) -> Result<Command, DecodeError> {
+pub fn decode_command(bytes: &[u8], scales: &Scales) -> Result<Command, DecodeError> {
     Ok(match CommandCodes::decode(bytes)? {
         CommandCodes::GetFault { .. } => Command::GetFault,
         CommandCodes::ClearFault => Command::ClearFault,
         CommandCodes::Start => Command::Start,
         CommandCodes::Stop => Command::Stop,
         CommandCodes::SetZero => Command::SetZero,
-        CommandCodes::Control(codes) => Command::Control(codes.scaled(scale)),
+        CommandCodes::Control(codes) => Command::Control(codes.scaled(scales)),
     })
 }
 
-/// A command as the wire has it, before the torque scale gives it a meaning.
+/// A command as the wire has it, before the scales give it a meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CommandCodes {
     /// Six 0xFF, then `f_cmd`, then 0xFB.
@@ -154,15 +146,15 @@ impl CommandCodes {
 /// The five codes of a control frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct ControlCodes {
-    /// 16 bits, see [`POSITION`].
+    /// 16 bits, see [`Scales::position`].
     pub position: u16,
-    /// 12 bits, see [`VELOCITY`].
+    /// 12 bits, see [`Scales::velocity`].
     pub velocity: u16,
-    /// 12 bits, see [`KP`].
+    /// 12 bits, see [`Scales::kp`].
     pub kp: u16,
-    /// 12 bits, see [`KD`].
+    /// 12 bits, see [`Scales::kd`].
     pub kd: u16,
-    /// 12 bits, see [`TorqueScale::field`].
+    /// 12 bits, see [`Scales::torque`].
     pub torque: u16,
 }
 
@@ -174,28 +166,28 @@ impl ControlCodes {
     /// # Errors
     ///
     /// When a value is NaN or infinite.
-    pub fn nearest(impedance: &Impedance, scale: &TorqueScale) -> Result<Self, EncodeError> {
+    pub fn nearest(impedance: &Impedance, scales: &Scales) -> Result<Self, EncodeError> {
         let code = |quantity, field: Field, value: f32| {
             field.encode(f64::from(value)).ok_or(EncodeError::NotFinite { field: quantity })
         };
         Ok(Self {
-            position: code(Quantity::Position, POSITION, impedance.position)?,
-            velocity: code(Quantity::Velocity, VELOCITY, impedance.velocity)?,
-            kp: code(Quantity::Kp, KP, impedance.kp)?,
-            kd: code(Quantity::Kd, KD, impedance.kd)?,
-            torque: code(Quantity::Torque, scale.field(), impedance.torque)?,
+            position: code(Quantity::Position, scales.position, impedance.position)?,
+            velocity: code(Quantity::Velocity, scales.velocity, impedance.velocity)?,
+            kp: code(Quantity::Kp, scales.kp, impedance.kp)?,
+            kd: code(Quantity::Kd, scales.kd, impedance.kd)?,
+            torque: code(Quantity::Torque, scales.torque, impedance.torque)?,
         })
     }
 
-    /// What the codes mean to a motor with this torque scale.
+    /// What the codes mean to a motor with these scales.
     #[must_use]
-    pub fn scaled(&self, scale: &TorqueScale) -> Impedance {
+    pub fn scaled(&self, scales: &Scales) -> Impedance {
         Impedance {
-            position: POSITION.decode(self.position) as f32,
-            velocity: VELOCITY.decode(self.velocity) as f32,
-            kp: KP.decode(self.kp) as f32,
-            kd: KD.decode(self.kd) as f32,
-            torque: scale.field().decode(self.torque) as f32,
+            position: scales.position.decode(self.position) as f32,
+            velocity: scales.velocity.decode(self.velocity) as f32,
+            kp: scales.kp.decode(self.kp) as f32,
+            kd: scales.kd.decode(self.kd) as f32,
+            torque: scales.torque.decode(self.torque) as f32,
         }
     }
 
@@ -209,7 +201,7 @@ impl ControlCodes {
     #[must_use]
     pub fn pack(mut self) -> [u8; 8] {
         match self.pack_unguarded() {
-            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, _, _] => self.kp = KP.code_max() - 1,
+            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, _, _] => self.kp = 0xFFE,
             [0, 0, 0, 0, 0, 0, 0, 0] => self.position = 1,
             bytes => return bytes,
         }
@@ -217,13 +209,13 @@ impl ControlCodes {
     }
 
     fn pack_unguarded(self) -> [u8; 8] {
-        field::pack(&CONTROL, [self.position, self.velocity, self.kp, self.kd, self.torque]).to_be_bytes()
+        field::pack(WIDTHS, [self.position, self.velocity, self.kp, self.kd, self.torque]).to_be_bytes()
     }
 
     /// The codes in a frame, whatever else the frame may be.
     #[must_use]
     pub fn unpack(bytes: [u8; 8]) -> Self {
-        let [position, velocity, kp, kd, torque] = field::unpack(&CONTROL, u64::from_be_bytes(bytes));
+        let [position, velocity, kp, kd, torque] = field::unpack(WIDTHS, u64::from_be_bytes(bytes));
         Self { position, velocity, kp, kd, torque }
     }
 }
@@ -291,7 +283,7 @@ mod tests {
 
     #[test]
     fn each_value_that_is_not_finite_is_named() {
-        let scale = TorqueScale::new(0.1, 8.0).unwrap();
+        let scales = Scales::by_current(0.1, 8.0).unwrap();
         let zero = Impedance::default();
         for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for (impedance, field) in [
@@ -302,7 +294,7 @@ mod tests {
                 (Impedance { torque: value, ..zero }, Quantity::Torque),
             ] {
                 let refused = Err(EncodeError::NotFinite { field });
-                assert_eq!(Command::Control(impedance).encode(&scale), refused);
+                assert_eq!(Command::Control(impedance).encode(&scales), refused);
             }
         }
     }

@@ -6,7 +6,7 @@ use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, Instant};
-use motord_protocol::FaultBits;
+use motord_protocol::Faults;
 use motord_shared::{Cause, Phase};
 
 /// The owner of a disarmed group that says nothing for this long has gone.
@@ -93,13 +93,13 @@ impl Group {
         Report::Used
     }
 
-    fn heard_fault(&mut self, place: usize, bits: FaultBits, at: Instant, cx: &mut Context) -> Report {
+    fn heard_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {
         let motor = &mut self.motors[place];
         motor.report_fault(bits, at, cx);
         if bits.is_none() {
             return Report::Used;
         }
-        self.over_voltage |= bits.0 & FaultBits::OVER_VOLTAGE != 0;
+        self.over_voltage |= bits.has(Faults::OVER_VOLTAGE);
         match motor.settings.fault_policy {
             FaultPolicy::StopJoint => {}
             FaultPolicy::StopGroup => {

@@ -20,7 +20,7 @@ use crate::settings::MotorSettings;
 use heat::Heat;
 use mode::{Mode, Start};
 use motord_bus::{Duration, Instant};
-use motord_protocol::FaultBits;
+use motord_protocol::Faults;
 use motord_shared::{Cause, JointState, MotorMode, Refusal, message};
 use plausibility::{Expectation, Plausibility, Verdict};
 use replies::Replies;
@@ -43,7 +43,7 @@ pub(super) struct Motor {
     /// A request of an operator that is under way.
     pub(super) request: Option<ServiceRequest>,
     heat: Heat,
-    fault: FaultBits,
+    fault: Faults,
     /// When it should be asked for its faults next.
     poll_at: Instant,
     /// It refused a command: it is asked for its fault in the next cycle.
@@ -65,7 +65,7 @@ impl Motor {
             applied: Applied::NEUTRAL,
             request: None,
             heat: Heat::of(settings),
-            fault: FaultBits(0),
+            fault: Faults::NONE,
             poll_at: Instant::ZERO,
             refused: false,
             may_run: false,
@@ -270,7 +270,7 @@ impl Motor {
     }
 
     /// Its fault bits came.
-    pub(super) fn report_fault(&mut self, fault: FaultBits, at: Instant, cx: &mut Context) {
+    pub(super) fn report_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
         self.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
         let was_in_fault = matches!(self.mode, Mode::Fault { .. });
         if fault != self.fault && !(fault.is_none() && was_in_fault) {
@@ -316,7 +316,7 @@ impl Motor {
 
     fn confirm_cleared(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| request.awaits(Kind::ClearFault)) {
-            self.fault = FaultBits(0);
+            self.fault = Faults::NONE;
             if matches!(self.mode, Mode::Fault { .. }) {
                 self.mode = Mode::Idle;
             }
@@ -363,7 +363,7 @@ impl Motor {
             applied: message::Applied { position, velocity, kp, kd, torque },
             limits: self.applied.limits,
             mode: self.mode().code(),
-            fault: u32::from(self.fault.0),
+            fault: self.fault.0,
             flags: fresh | valid,
             age_cycles: self.replies.age_cycles,
             missed: self.replies.missed,

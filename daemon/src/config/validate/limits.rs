@@ -2,7 +2,7 @@
 
 use motord_core::joint::Transmission;
 use motord_core::settings::{BeyondRange, LimitSettings};
-use motord_protocol::mit;
+use motord_protocol::{Field, Scales};
 
 use crate::config::entry::{At, Entry, degrees};
 use crate::config::findings::Findings;
@@ -25,17 +25,12 @@ const GAIN_SLEW_PER_S: f64 = 20.0;
 const DERATE_CELSIUS: f64 = 70.0;
 const DERATING_CELSIUS: f64 = 10.0;
 
-const VELOCITY: Scale = Scale::with_margin(mit::VELOCITY.max());
-const KP: Scale = Scale::with_margin(mit::KP.max());
-/// Usable as a whole: no frame is special by its kd while velocity and kp keep away from their ends.
-const KD: Scale = Scale { end: mit::KD.max(), usable: mit::KD.max() };
-
 /// The facts of a motor that bound its limits, output side. Infinite where the model is not known.
 pub(super) struct Capability {
     pub(super) transmission: Transmission,
     pub(super) beyond_range: BeyondRange,
-    /// The torque of the largest code, N·m.
-    pub(super) full_scale_torque: f64,
+    /// What its codes stand for.
+    pub(super) scales: Option<Scales>,
     /// N·m.
     pub(super) rated_torque: f64,
     /// N·m.
@@ -50,10 +45,15 @@ impl Capability {
         self.transmission.position_to_motor(position as f32).into()
     }
 
+    /// The value of the largest code.
+    fn end(&self, field: fn(&Scales) -> Field) -> f64 {
+        self.scales.as_ref().map_or(f64::INFINITY, |scales| field(scales).max())
+    }
+
     /// How far the motor may turn, rad.
     fn position_scale(&self) -> Scale {
         match self.beyond_range {
-            BeyondRange::Stop => Scale::with_margin(mit::POSITION.max()),
+            BeyondRange::Stop => Scale::with_margin(self.end(|scales| scales.position)),
             BeyondRange::Wrap => Scale { end: UNWRAPPED_POSITION, usable: UNWRAPPED_POSITION },
         }
     }
@@ -61,17 +61,21 @@ impl Capability {
 
 /// The limits, joint side. One that the motor or its protocol cannot reach is reported.
 pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>) -> LimitSettings {
-    let torque_scale = Scale::with_margin(capability.full_scale_torque);
+    let torque_scale = Scale::with_margin(capability.end(|scales| scales.torque));
     let torque = keys.torque_nm.value.unwrap_or(capability.rated_torque.min(torque_scale.usable));
     torque_scale.check(&keys.torque_nm, torque, findings);
     if keys.torque_nm.is_written && torque <= torque_scale.usable {
         judge_peak(keys.torque_nm.at, torque, capability.peak_torque, findings);
     }
-    let velocity = keys.velocity_rad_s.value.unwrap_or(capability.max_velocity.min(CAUTIOUS_VELOCITY));
-    VELOCITY.check(&keys.velocity_rad_s, velocity, findings);
+    let velocity_scale = Scale::with_margin(capability.end(|scales| scales.velocity));
+    let fastest = capability.max_velocity.min(CAUTIOUS_VELOCITY).min(velocity_scale.usable);
+    let velocity = keys.velocity_rad_s.value.unwrap_or(fastest);
+    velocity_scale.check(&keys.velocity_rad_s, velocity, findings);
     let (kp, kd) = (keys.kp_max.value, keys.kd_max.value);
-    KP.check(&keys.kp_max, kp, findings);
-    KD.check(&keys.kd_max, kd, findings);
+    Scale::with_margin(capability.end(|scales| scales.kp)).check(&keys.kp_max, kp, findings);
+    // Usable as a whole: no frame is special by its kd while velocity and kp keep away from their ends.
+    let kd_end = capability.end(|scales| scales.kd);
+    Scale { end: kd_end, usable: kd_end }.check(&keys.kd_max, kd, findings);
     let [derate, temperature] = temperatures(keys, findings);
     LimitSettings {
         position: position(keys, capability, findings).map(|position| position as f32),

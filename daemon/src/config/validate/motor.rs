@@ -6,8 +6,8 @@ use motord_core::joint::Transmission;
 use motord_core::settings::{
     BusKind, BusSettings, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation, SafeStop,
 };
-use motord_protocol::model::MODELS;
-use motord_protocol::{Model, TorqueScale};
+use motord_protocol::profile::PROFILES;
+use motord_protocol::{Model, Profile, Scales};
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
@@ -48,9 +48,9 @@ pub(super) fn motors(
 fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) -> Option<MotorSettings> {
     let keys = &item.keys;
     let name = findings.name(&keys.name);
-    let model = model(&keys.model, findings);
-    let torque_scale = torque_scale(keys, model);
-    let capability = capability(keys, model, torque_scale, findings);
+    let (profile, model) = model(&keys.model, findings).unzip();
+    let scales = scales(keys, model);
+    let capability = capability(keys, model, scales, findings);
     let limits = limits::limits(&item.limits, &capability, findings);
     let simulation = simulation(&item.simulation, &capability, limits.position, findings);
     let Address { bus, id, host_id, .. } = address?;
@@ -62,7 +62,8 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         host_id,
         protocol,
         model: model?.name.to_owned(),
-        torque_scale: torque_scale?,
+        profile: profile?,
+        scales: scales?,
         rated_torque: capability.rated_torque as f32,
         peak_torque: capability.peak_torque as f32,
         overload: Duration::from_secs_f64(keys.overload_seconds.value),
@@ -109,27 +110,31 @@ fn address(
     Some(Address { bus, is_serial, id: id as u8, host_id: FrameId::new(host_id as u16)? })
 }
 
-fn model(entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<&'static Model> {
+fn model(
+    entry: &Entry<Option<String>>,
+    findings: &mut Findings<'_>,
+) -> Option<(&'static Profile, &'static Model)> {
     let name = entry.value.as_ref()?;
-    let model = Model::by_name(name);
+    let model = Profile::of_model(name);
     if model.is_none() {
-        let hint = suggestion(name, MODELS.iter().map(|model| model.name));
+        let models = PROFILES.iter().flat_map(|profile| profile.models);
+        let hint = suggestion(name, models.map(|model| model.name));
         findings.error(entry.at, Wrong::UnknownModel { model: plain(name), hint });
     }
     model
 }
 
-fn torque_scale(keys: &keys::Motor, model: Option<&Model>) -> Option<TorqueScale> {
+fn scales(keys: &keys::Motor, model: Option<&Model>) -> Option<Scales> {
     let constant = keys.torque_constant_nm_per_a.value.or(model.map(|model| model.torque_constant.into()))?;
     let gear_ratio = keys.gear_ratio.value.or(model.map(|model| model.gear_ratio.into()))?;
     // The ranges of both leave only products that a float holds.
-    TorqueScale::new(constant, gear_ratio).ok()
+    model?.scales_with(constant, gear_ratio).ok()
 }
 
 fn capability(
     keys: &keys::Motor,
     model: Option<&Model>,
-    torque_scale: Option<TorqueScale>,
+    scales: Option<Scales>,
     findings: &mut Findings<'_>,
 ) -> Capability {
     let of_model = |fact: fn(&Model) -> f32| model.map_or(f64::INFINITY, |model| fact(model).into());
@@ -140,7 +145,7 @@ fn capability(
     Capability {
         transmission: Transmission::new(direction(&keys.direction, findings), keys.offset_rad.value as f32),
         beyond_range: keys.beyond_range.value,
-        full_scale_torque: torque_scale.map_or(f64::INFINITY, |scale| scale.full_scale().into()),
+        scales,
         rated_torque,
         peak_torque,
         max_velocity: keys.max_velocity_rad_s.value.unwrap_or(of_model(|model| model.max_velocity)),

@@ -1,0 +1,203 @@
+//! Replies to meaning, and back, as a profile lays them out.
+
+use super::{FaultReply, FaultReport, Profile, Temperature};
+use crate::error::DecodeError;
+use crate::fault::Faults;
+use crate::mit::{Asked, Reply, State};
+use crate::scale::Scales;
+use crate::state::StateCodes;
+
+/// The status of a reply that has none.
+const NO_STATUS: u8 = 0;
+
+impl Profile {
+    /// What `payload` answers to what was `asked`.
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    ///
+    /// # Errors
+    ///
+    /// When no such answer has so many bytes.
+    pub fn decode(&self, payload: &[u8], asked: Asked, scales: &Scales) -> Result<Reply, DecodeError> {
+        let id = payload.first().map_or(0, |first| first & self.reply.id_mask);
+        match (asked, &self.faults) {
+            (Asked::State, _) | (Asked::Fault, FaultReport::InEveryReply(_)) => {
+                self.state(payload, scales).map(Reply::State)
+            }
+            (Asked::Fault, FaultReport::Asked(reply)) => {
+                must_fit(payload, reply.lengths)?;
+                let number = number(payload, reply.bytes);
+                Ok(Reply::Fault { id, number, faults: reply.faults(number) })
+            }
+            (Asked::Clear, _) => {
+                must_fit(payload, self.reply.lengths)?;
+                Ok(Reply::Cleared { id })
+            }
+        }
+    }
+
+    fn state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
+        must_fit(payload, self.reply.lengths)?;
+        let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, self.reply.lengths)) };
+        let codes = StateCodes::unpack([a, b, c, d, e]);
+        let [position, velocity, torque] = codes.scaled(scales);
+        let temperature =
+            |index: usize| self.reply.temperatures.get(index).and_then(|place| place.read(payload));
+        let status = match self.faults {
+            FaultReport::InEveryReply(status) => Some(first >> status.shift),
+            FaultReport::Asked(_) => None,
+        };
+        let (id, temperatures) = (first & self.reply.id_mask, [temperature(0), temperature(1)]);
+        Ok(State { id, position, velocity, torque, codes, temperatures, status })
+    }
+
+    /// The faults that `state` reports; `None` where states report none.
+    #[must_use]
+    pub fn faults_of(&self, state: &State) -> Option<Faults> {
+        match self.faults {
+            FaultReport::InEveryReply(status) => Some(status.faults(state.status?)),
+            FaultReport::Asked(_) => None,
+        }
+    }
+
+    /// `state`, which answers a stop, shows that the motor has stopped: where states have a status, that it is not on.
+    #[must_use]
+    pub fn confirms_stop(&self, state: &State) -> bool {
+        match self.faults {
+            FaultReport::InEveryReply(status) => state.status != Some(status.on),
+            FaultReport::Asked(_) => true,
+        }
+    }
+
+    /// The first bytes of `reply`, as many as its layout knows, with `filler` showing through where they mean nothing.
+    /// For tools and tests: a host only receives replies.
+    #[must_use]
+    pub fn encode_over(&self, reply: &Reply, filler: [u8; 8]) -> ([u8; 8], usize) {
+        let mut bytes = filler;
+        let known = self.known_bytes(reply);
+        bytes[0] = reply.id();
+        match (reply, &self.faults) {
+            (Reply::State(state), faults) => {
+                bytes[1..6].copy_from_slice(&state.codes.pack());
+                if let FaultReport::InEveryReply(status) = faults {
+                    bytes[0] |= state.status.unwrap_or(NO_STATUS) << status.shift;
+                }
+                let places = self.reply.temperatures.iter().zip(state.temperatures);
+                places.for_each(|(place, celsius)| place.write(celsius, &mut bytes));
+            }
+            (Reply::Fault { number, .. }, FaultReport::Asked(FaultReply { bytes: count, .. })) => {
+                bytes[1..=*count].copy_from_slice(&number.to_le_bytes()[..*count]);
+            }
+            (Reply::Fault { .. } | Reply::Cleared { .. }, _) => {}
+        }
+        (bytes, known)
+    }
+
+    /// How many bytes the documents give to `reply`.
+    #[must_use]
+    pub fn known_bytes(&self, reply: &Reply) -> usize {
+        match (reply, &self.faults) {
+            (Reply::Fault { .. }, FaultReport::Asked(reply)) => reply.lengths[0],
+            _ => self.reply.lengths[0],
+        }
+    }
+}
+
+impl Temperature {
+    /// °C.
+    fn read(&self, payload: &[u8]) -> Option<f32> {
+        let bytes = payload.get(self.at..self.at + self.bytes)?;
+        let code = bytes.iter().fold(0_u16, |code, byte| code << 8 | u16::from(*byte));
+        Some(f32::from(code) / self.per_celsius)
+    }
+
+    fn write(&self, celsius: Option<f32>, bytes: &mut [u8; 8]) {
+        // A cast saturates, and takes no number for zero.
+        let code = (celsius.unwrap_or_default() * self.per_celsius + 0.5) as u16;
+        let code = if self.bytes == 1 { code.min(0xFF) << 8 } else { code };
+        bytes[self.at..self.at + self.bytes].copy_from_slice(&code.to_be_bytes()[..self.bytes]);
+    }
+}
+
+/// The little-endian number of `bytes` bytes behind the first.
+fn number(payload: &[u8], bytes: usize) -> u32 {
+    payload.iter().skip(1).take(bytes).rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
+}
+
+fn must_fit(payload: &[u8], lengths: [usize; 2]) -> Result<(), DecodeError> {
+    let [least, most] = lengths;
+    if (least..=most).contains(&payload.len()) { Ok(()) } else { Err(length(payload, lengths)) }
+}
+
+const fn length(payload: &[u8], [least, most]: [usize; 2]) -> DecodeError {
+    DecodeError::Length { least, most, received: payload.len() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::{PROFILES, STEADYWIN};
+
+    fn scales() -> Scales {
+        Scales::by_current(0.1, 8.0).unwrap()
+    }
+
+    #[test]
+    fn the_same_bytes_of_a_steadywin_motor_are_read_as_what_was_asked() {
+        let bytes = [7, 0x02, 0x34, 0x56, 0x78, 0x9A];
+        let codes = StateCodes { position: 0x0234, velocity: 0x567, torque: 0x89A };
+        let reply = |asked| STEADYWIN.decode(&bytes, asked, &scales()).unwrap();
+        assert!(matches!(reply(Asked::State), Reply::State(state) if state.codes == codes));
+        let fault = Reply::Fault { id: 7, number: 0x02, faults: Faults::OVER_VOLTAGE };
+        assert_eq!(reply(Asked::Fault), fault);
+        assert_eq!(reply(Asked::Clear), Reply::Cleared { id: 7 });
+        assert!([Asked::State, Asked::Fault, Asked::Clear].iter().all(|&asked| reply(asked).id() == 7));
+    }
+
+    #[test]
+    fn a_reply_of_another_length_than_the_profiles_is_refused() {
+        for profile in PROFILES {
+            let [least, most] = profile.reply.lengths;
+            for received in 0..=64 {
+                let reply = profile.decode(&[0x55; 64][..received], Asked::State, &scales());
+                if (least..=most).contains(&received) {
+                    assert_eq!(reply, profile.decode(&[0x55; 64][..least], Asked::State, &scales()));
+                } else {
+                    assert_eq!(reply, Err(DecodeError::Length { least, most, received }), "{}", profile.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_code_a_motor_can_report_survives_a_round_trip() {
+        for profile in PROFILES {
+            for code in 0..=u16::MAX {
+                let codes = StateCodes { position: code, velocity: code >> 4, torque: code & 0x0FFF };
+                let [a, b, c, d, e] = codes.pack();
+                let bytes = [0x11, a, b, c, d, e, code as u8, (code >> 8) as u8];
+                let payload = &bytes[..profile.reply.lengths[0]];
+                let reply = profile.decode(payload, Asked::State, &scales()).unwrap();
+                let (written, known) = profile.encode_over(&reply, [0xA5; 8]);
+                assert_eq!(&written[..known], payload, "{}", profile.name);
+                assert!(matches!(reply, Reply::State(state) if state.codes == codes));
+            }
+        }
+    }
+
+    #[test]
+    fn no_state_of_a_moving_motor_is_taken_for_a_fault_report() {
+        for profile in PROFILES {
+            // Every byte of the codes but a velocity and a torque at their most negative ends.
+            for velocity in 0x020..=0xFFF {
+                let codes = StateCodes { position: 0, velocity, torque: 0 };
+                let [a, b, c, d, e] = codes.pack();
+                assert!(!profile.is_fault_report(&[1, a, b, c, d, e, 0, 0]), "{}", profile.name);
+            }
+            for torque in 1..=0xFFF {
+                let [a, b, c, d, e] = StateCodes { position: 0, velocity: 0, torque }.pack();
+                assert!(!profile.is_fault_report(&[1, a, b, c, d, e, 0, 0]), "{}", profile.name);
+            }
+        }
+    }
+}
