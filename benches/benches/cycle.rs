@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What fits on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.
+/// As many as fit on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.
 const MOTORS_PER_BUS: usize = 3;
 
 /// `motors` on as many buses as they need; where there are too few buses, more motors share one at half the rate.

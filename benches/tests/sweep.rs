@@ -96,19 +96,36 @@ fn send(client: &Client, claim: &mut Claim, setpoints: &[Setpoint]) -> State {
 
 #[test]
 fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
-    let place = tempfile::TempDir::new().unwrap();
+    let directory = tempfile::TempDir::new().unwrap();
     let settings =
         config::parse(Path::new("sweep.toml"), CONFIG.as_bytes(), &Machine::here()).unwrap().settings;
     let (wire, motors) = buses::physics(&settings, 0);
     let wire = BusSettings { record: 1 << 17, ..wire };
     let bus = SharedBus::new(SimulatedBus::new(wire, motors, 1));
-    let lock = Arc::new(Instance::below(place.path(), "sweep").unwrap().lock().unwrap());
+    let lock = Arc::new(Instance::below(directory.path(), "sweep").unwrap().lock().unwrap());
     let torque_max = settings.motors[0].limits.torque;
     let torque_end = settings.motors[0].scales.torque.max();
     let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new() };
     let daemon = Daemon::start(settings, None, opened, &lock).unwrap();
 
-    let client = Client::connect_in(place.path(), "sweep").unwrap();
+    let not_finite = send_absurd_values(directory.path());
+    assert_eq!(rejected_by_status(directory.path()), not_finite);
+    daemon.stop();
+    daemon.end().unwrap();
+
+    let mut guard = bus.lock();
+    let frames: Vec<[u8; 8]> = guard
+        .take_record()
+        .filter(|frame| frame.direction == Direction::ToMotor)
+        .map(|frame| frame.frame.payload().try_into().unwrap())
+        .collect();
+    assert!(frames.len() < 1 << 16, "the record kept everything");
+    judge(&frames, torque_end, f64::from(torque_max));
+}
+
+/// Claims the robot, sends every absurd value, and returns how many messages had a value that is not finite.
+fn send_absurd_values(directory: &Path) -> u32 {
+    let client = Client::connect_in(directory, "sweep").unwrap();
     let standing = until("a standing robot", || {
         Some(client.wait(PATIENCE).unwrap()).filter(|state| state.joints().all(|joint| joint.fresh))
     });
@@ -118,53 +135,48 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
     claim.send(&hold).unwrap();
     claim.enable().unwrap();
     let (mut not_finite, mut negative, mut limited) = (0, 0, 0);
-    for joint in 0..hold.len() {
-        for field in 0..5 {
-            for value in NOT_FINITE.into_iter().chain(ABSURD) {
-                let mut setpoints = hold.clone();
-                setpoints[joint] = spoiled(setpoints[joint], field, value);
-                let gain = field == 2 || field == 3;
-                let state = send(&client, &mut claim, &setpoints);
-                not_finite += u32::from(!value.is_finite());
-                negative += u32::from(gain && value.is_finite() && value < 0.0);
-                limited += u32::from(value.is_finite() && !(gain && value < 0.0));
-                assert_eq!(
-                    group(&state).rejected(Rejection::NotFinite),
-                    not_finite,
-                    "{value} in field {field}"
-                );
-                assert_eq!(group(&state).rejected(Rejection::Negative), negative, "{value} in field {field}");
-                send(&client, &mut claim, &hold);
-            }
+    let joints_and_fields = (0..hold.len()).flat_map(|joint| (0..5).map(move |field| (joint, field)));
+    for (joint, field) in joints_and_fields {
+        for value in NOT_FINITE.into_iter().chain(ABSURD) {
+            let mut setpoints = hold.clone();
+            setpoints[joint] = spoiled(setpoints[joint], field, value);
+            let gain = field == 2 || field == 3;
+            let state = send(&client, &mut claim, &setpoints);
+            not_finite += u32::from(!value.is_finite());
+            negative += u32::from(gain && value.is_finite() && value < 0.0);
+            limited += u32::from(value.is_finite() && !(gain && value < 0.0));
+            let counted =
+                [Rejection::NotFinite, Rejection::Negative].map(|reason| group(&state).rejected(reason));
+            assert_eq!(counted, [not_finite, negative], "{value} in field {field}");
+            send(&client, &mut claim, &hold);
         }
     }
     assert!(limited > 0 && not_finite == 3 * 5 * 3, "the sweep covered every field");
+    not_finite
+}
 
-    let told = Command::new(std::env::current_exe().unwrap().with_file_name("../motorctl"))
+/// The rejections that `motorctl status` shows.
+fn rejected_by_status(directory: &Path) -> u32 {
+    let output = Command::new(std::env::current_exe().unwrap().with_file_name("../motorctl"))
         .args(["--instance", "sweep", "status", "--json"])
-        .env("MOTORD_RUNTIME_DIR", place.path())
+        .env("MOTORD_RUNTIME_DIR", directory)
         .output()
         .unwrap();
-    let status: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
-    assert_eq!(status["groups"][0]["rejected"]["not-finite"], not_finite);
-    drop(claim);
-    daemon.stop();
-    daemon.end().unwrap();
+    let status: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    serde_json::from_value(status["groups"][0]["rejected"]["not-finite"].clone()).unwrap()
+}
 
-    let mut guard = bus.lock();
-    let frames: Vec<_> = guard.take_record().filter(|frame| frame.direction == Direction::ToMotor).collect();
-    assert!(frames.len() < 1 << 16, "the record kept everything");
-    let starts =
-        frames.iter().filter(|frame| frame.frame.payload() == [255, 255, 255, 255, 255, 255, 255, 0xFC]);
+/// No frame to a motor is all zeros, moves its zero, or asks for more than `torque_max`, N·m.
+fn judge(frames: &[[u8; 8]], full_scale: f64, torque_max: f64) {
+    let starts = frames.iter().filter(|frame| **frame == [255, 255, 255, 255, 255, 255, 255, 0xFC]);
     assert_eq!(starts.count(), 3, "each motor was started once");
-    for frame in &frames {
-        let bytes: [u8; 8] = frame.frame.payload().try_into().unwrap();
-        assert_ne!(bytes, [0; 8]);
+    for bytes in frames {
+        assert_ne!(*bytes, [0; 8]);
         assert!(bytes[7] != 0xFE || bytes[..7] != [255; 7], "nobody asked for a new zero");
         if bytes[..6] != [255; 6] {
             let code = u16::from_be_bytes([bytes[6] & 0x0F, bytes[7]]);
-            let torque = f64::from(code) * 2.0 * torque_end / 4095.0 - torque_end;
-            assert!(torque.abs() <= f64::from(torque_max) + 0.12, "{torque} N·m");
+            let torque = f64::from(code) * 2.0 * full_scale / 4095.0 - full_scale;
+            assert!(torque.abs() <= torque_max + 0.12, "{torque} N·m");
         }
     }
 }

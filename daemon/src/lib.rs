@@ -14,5 +14,6 @@ pub mod config;
 pub mod deadman;
 pub mod host;
 pub mod ipc;
+pub mod run_error;
 pub mod telemetry;
 pub mod threads;

@@ -1,11 +1,11 @@
 //! `motord`: the daemon's command line.
 
 use clap::{CommandFactory, Parser, Subcommand};
-use motord::commands::run::RunError;
 use motord::commands::safe_stop::{SafeStopError, safe_stop};
 use motord::deadman::interfaces::open_interface;
 use motord::deadman::{self, DeadmanError};
 use motord::host::log::Log;
+use motord::run_error::RunError;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;

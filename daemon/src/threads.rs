@@ -13,7 +13,6 @@
 
 use crate::buses::Buses;
 use crate::buses::reconnector::Reconnector;
-use crate::commands::run::RunError;
 use crate::deadman::heartbeat::{Heartbeat, Pulse};
 use crate::deadman::registrar::Registrar;
 use crate::deadman::safe_frames::SafeFrames;
@@ -21,6 +20,7 @@ use crate::host::clock::Monotonic;
 use crate::host::rt::{self, SchedulingRequest};
 use crate::ipc::description::describe;
 use crate::ipc::{self, IpcThread};
+use crate::run_error::RunError;
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
 use motord_core::cycle::{Cycle, Order, assemble};

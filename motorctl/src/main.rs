@@ -7,6 +7,7 @@
 
 mod advice;
 mod demo;
+mod exit_status;
 mod failure;
 mod frame;
 mod interrupt;
@@ -19,7 +20,7 @@ mod table;
 mod watch;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use failure::{Failure, status::USAGE};
+use failure::Failure;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -167,7 +168,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // Help and version come this way too, and go to standard output. A closed pipe is no failure of theirs.
             let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { USAGE } else { 0 });
+            return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
         }
     };
     match run(&arguments.instance, arguments.command) {

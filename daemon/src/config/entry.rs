@@ -31,13 +31,6 @@ pub(super) struct Entry<T> {
     pub(super) is_written: bool,
 }
 
-/// An item of a list, with its place.
-#[derive(Debug, Clone)]
-pub(super) struct Listed {
-    pub(super) text: String,
-    pub(super) offset: usize,
-}
-
 /// Default and range of a key.
 #[derive(Debug)]
 pub(super) struct Rule<T> {

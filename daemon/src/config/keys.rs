@@ -7,9 +7,10 @@
 
 use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
 
-use super::entry::{Entry, Listed, Row, follows, is, required};
+use super::entry::{Entry, Row, follows, is, required};
 use super::table::Table;
 use super::value::BusType;
+use super::value::Listed;
 
 /// A table of the file, with all of its keys read.
 pub(super) trait Section: Sized {

@@ -6,7 +6,6 @@ use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, Sa
 use toml::Spanned;
 use toml::de::DeValue;
 
-use super::entry::Listed;
 use super::problem::{Wrong, plain};
 use super::similar::suggestion;
 
@@ -121,6 +120,13 @@ impl Value for [f64; 2] {
         let numbers = items.iter().map(f64::read).collect::<Result<Vec<_>, _>>()?;
         <[f64; 2]>::try_from(numbers).map_err(|numbers| Wrong::PositionCount(numbers.len()))
     }
+}
+
+/// An item of a list, with its place.
+#[derive(Debug, Clone)]
+pub(super) struct Listed {
+    pub(super) text: String,
+    pub(super) offset: usize,
 }
 
 impl Value for Vec<Listed> {

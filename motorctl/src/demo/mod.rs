@@ -19,7 +19,7 @@ mod tracking;
 pub(crate) use child::tether;
 pub(crate) use controller::run as control;
 
-use crate::failure::{client_status, status};
+use crate::exit_status;
 use crate::interrupt::Interrupt;
 use crate::json;
 use crate::table::Palette;
@@ -117,9 +117,9 @@ impl DemoError {
     /// The exit status.
     pub(crate) fn status(&self) -> u8 {
         match self {
-            Self::NoDaemon(_) => status::UNAVAILABLE,
-            Self::Interrupted => status::INTERRUPTED,
-            Self::Client(error) => client_status(error),
+            Self::NoDaemon(_) => exit_status::UNAVAILABLE,
+            Self::Interrupted => exit_status::INTERRUPTED,
+            Self::Client(error) => exit_status::of_client(error),
             _ => 1,
         }
     }

@@ -38,7 +38,10 @@ impl Object {
         scale: Option<Scale>,
     ) -> Result<Self, Refused> {
         self.profile = Some(profile);
-        self.scale = Scale::of(&self)?.or(scale);
+        self.scale = match self.has("torque_constant") || self.has("gear_ratio") {
+            true => Some(Scale::new(self.number("torque_constant")?, self.number("gear_ratio")?)?),
+            false => scale,
+        };
         Ok(self)
     }
 
@@ -80,8 +83,9 @@ impl Object {
 
     /// Adds the constants of the scale, if they are known.
     pub(super) fn insert_scale(&mut self) {
-        if let Some(scale) = self.scale {
-            scale.write(self);
+        if let Some([torque_constant, gear_ratio]) = self.scale.and_then(|scale| scale.constants) {
+            self.insert("torque_constant", torque_constant);
+            self.insert("gear_ratio", gear_ratio);
         }
     }
 

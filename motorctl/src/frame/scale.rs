@@ -1,14 +1,12 @@
 //! What the codes of a motor stand for, with the constants that were given, so that an object can have them.
 
-use crate::frame::object::Object;
-use crate::frame::refused::Refused;
 use motord_protocol::{Model, Profile, ScaleError, Scales};
 
 /// The scales of a motor whose torque code is known.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scale {
     /// The rotor's torque constant, N·m/A, and rotor turns per turn of the output shaft, where the scales follow from them.
-    constants: Option<[f64; 2]>,
+    pub(super) constants: Option<[f64; 2]>,
     pub(super) scales: Scales,
 }
 
@@ -22,22 +20,6 @@ impl Scale {
     pub(super) fn of_model(model: &Model, torque_constant: f64, gear_ratio: f64) -> Result<Self, ScaleError> {
         let constants = model.ends.is_none().then_some([torque_constant, gear_ratio]);
         Ok(Self { constants, scales: model.scales_with(torque_constant, gear_ratio)? })
-    }
-
-    /// Puts the constants into `object`.
-    pub(super) fn write(&self, object: &mut Object) {
-        if let Some([torque_constant, gear_ratio]) = self.constants {
-            object.insert("torque_constant", torque_constant);
-            object.insert("gear_ratio", gear_ratio);
-        }
-    }
-
-    /// The constants in `object`, if it has them.
-    pub(super) fn of(object: &Object) -> Result<Option<Self>, Refused> {
-        if !object.has("torque_constant") && !object.has("gear_ratio") {
-            return Ok(None);
-        }
-        Ok(Some(Self::new(object.number("torque_constant")?, object.number("gear_ratio")?)?))
     }
 }
 

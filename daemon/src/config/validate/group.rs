@@ -4,11 +4,12 @@ use motord_core::settings::{GroupSettings, SafeStop};
 use motord_shared::limits::GROUPS_MAX;
 
 use super::motor::Item;
-use crate::config::entry::{At, Listed};
+use crate::config::entry::At;
 use crate::config::findings::Findings;
 use crate::config::keys::Group;
 use crate::config::problem::Wrong;
 use crate::config::table;
+use crate::config::value::Listed;
 
 /// The group of all joints, when the file has no group.
 const ALL: &str = "all";

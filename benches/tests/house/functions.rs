@@ -1,0 +1,62 @@
+//! No function is longer than a screen.
+
+use crate::sources;
+use syn::visit::{self, Visit};
+
+/// Lines from the signature to the closing brace.
+const LINES_MAX: usize = 60;
+
+#[derive(Default)]
+struct Functions {
+    too_long: Vec<(String, usize)>,
+}
+
+impl Functions {
+    fn judge(&mut self, signature: &syn::Signature, body: &syn::Block) {
+        let end = body.brace_token.span.close().end().line;
+        let lines = end - signature.fn_token.span.start().line + 1;
+        if lines > LINES_MAX {
+            self.too_long.push((signature.ident.to_string(), lines));
+        }
+    }
+}
+
+impl Visit<'_> for Functions {
+    fn visit_item_fn(&mut self, function: &syn::ItemFn) {
+        self.judge(&function.sig, &function.block);
+        visit::visit_item_fn(self, function);
+    }
+
+    fn visit_impl_item_fn(&mut self, function: &syn::ImplItemFn) {
+        self.judge(&function.sig, &function.block);
+        visit::visit_impl_item_fn(self, function);
+    }
+
+    fn visit_trait_item_fn(&mut self, function: &syn::TraitItemFn) {
+        if let Some(body) = &function.default {
+            self.judge(&function.sig, body);
+        }
+        visit::visit_trait_item_fn(self, function);
+    }
+}
+
+/// The functions of a Rust file that are too long, and their lines.
+fn too_long(text: &str) -> Vec<(String, usize)> {
+    let mut functions = Functions::default();
+    functions.visit_file(&syn::parse_file(text).unwrap());
+    functions.too_long
+}
+
+#[test]
+fn no_function_is_longer_than_a_screen() {
+    for source in sources::rust() {
+        assert_eq!(too_long(&source.text), [], "{}", source.path);
+    }
+}
+
+#[test]
+fn a_function_of_61_lines_is_found_and_one_of_60_is_not() {
+    let function = |lines: usize| format!("impl A {{ fn f() {{{}}} }}", "\n".repeat(lines - 1));
+    assert_eq!(too_long(&function(60)), []);
+    assert_eq!(too_long(&function(61)), [("f".to_owned(), 61)]);
+}

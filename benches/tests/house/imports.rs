@@ -1,0 +1,98 @@
+//! The imports between crates.
+
+use crate::sources;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::process::Command;
+
+/// Each crate, its imports of ours and of iceoryx2, and the imports of its tests.
+const IMPORTS: &[(&str, &[&str], &[&str])] = &[
+    ("motord-protocol", &[], &[]),
+    ("motord-shared", &["iceoryx2"], &[]),
+    ("motord-bus", &[], &["motord-bus"]),
+    ("motord-simulator", &["motord-bus"], &["motord-bus", "motord-simulator"]),
+    ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &[]),
+    (
+        "motord",
+        &["motord-core", "motord-shared", "motord-protocol", "motord-bus", "motord-simulator"],
+        &["motord-checker"],
+    ),
+    ("motord-client", &["motord-shared"], &["iceoryx2"]),
+    ("motorctl", &["motord-client", "motord-bus", "motord-protocol"], &[]),
+    // It judges the others, and shares no code with them.
+    ("motord-checker", &["motord-bus"], &[]),
+];
+
+/// May import anything, and is in no other's list.
+const BENCHES: &str = "motord-benches";
+
+/// Name, manifest and dependencies of every crate of the workspace.
+fn packages() -> Vec<Value> {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--no-deps", "--offline", "--format-version", "1"])
+        .current_dir(sources::root())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    metadata["packages"].as_array().unwrap().clone()
+}
+
+fn text(value: &Value) -> &str {
+    value.as_str().unwrap()
+}
+
+/// Which dependencies of `package` the table speaks of, in the tests or outside of them.
+fn imports(package: &Value, in_tests: bool) -> BTreeSet<&str> {
+    let dependencies = package["dependencies"].as_array().unwrap();
+    let wanted = dependencies.iter().filter(|dependency| (dependency["kind"] == "dev") == in_tests);
+    // iceoryx2 is several crates, and counts as one.
+    let name = |dependency| match text(dependency) {
+        name if name.starts_with("iceoryx2") => "iceoryx2",
+        name => name,
+    };
+    wanted
+        .map(|dependency| name(&dependency["name"]))
+        .filter(|name| name.starts_with("motor") || *name == "iceoryx2")
+        .collect()
+}
+
+/// How the imports of a crate differ from its row: each row is exact, an import that nobody has leaves the table.
+fn difference(name: &str, imports: &BTreeSet<&str>, row: &[&str]) -> Vec<String> {
+    let row: BTreeSet<&str> = row.iter().copied().collect();
+    let forbidden = imports.difference(&row).map(|import| format!("{name} must not import {import}"));
+    let unused = row.difference(imports).map(|import| format!("{name} does not import {import} any more"));
+    forbidden.chain(unused).collect()
+}
+
+#[test]
+fn every_crate_imports_what_the_table_says() {
+    let packages = packages();
+    assert_eq!(packages.len(), IMPORTS.len() + 1, "the table names every crate");
+    for package in packages.iter().filter(|package| package["name"] != BENCHES) {
+        let name = text(&package["name"]);
+        let row = IMPORTS.iter().find(|row| row.0 == name);
+        let (_, row, in_tests) = row.unwrap_or_else(|| panic!("{name} is not in the table"));
+        assert_eq!(difference(name, &imports(package, false), row), [""; 0]);
+        assert_eq!(difference(&format!("a test of {name}"), &imports(package, true), in_tests), [""; 0]);
+    }
+}
+
+#[test]
+fn an_import_too_many_and_one_too_few_are_seen() {
+    let package = serde_json::json!({ "dependencies": [
+        { "name": "motord-bus", "kind": null }, { "name": "iceoryx2-cal", "kind": null },
+        { "name": "serde", "kind": null }, { "name": "motord", "kind": "dev" },
+    ] });
+    let seen = difference("client", &imports(&package, false), &["motord-shared", "iceoryx2"]);
+    assert_eq!(seen, ["client must not import motord-bus", "client does not import motord-shared any more"]);
+    assert_eq!(difference("client", &imports(&package, true), &["motord"]), [""; 0]);
+}
+
+#[test]
+fn every_crate_keeps_the_lints_of_the_workspace() {
+    for package in packages() {
+        let manifest = std::fs::read_to_string(text(&package["manifest_path"])).unwrap();
+        assert!(manifest.contains("[lints]\nworkspace = true\n"), "{} has lints of its own", package["name"]);
+    }
+}

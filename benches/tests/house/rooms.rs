@@ -1,0 +1,112 @@
+//! The rooms of `core` and `daemon`: the files and folders below `src`, and which of them may import which.
+
+use crate::circles;
+use crate::sources::{self, Source};
+use crate::words;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A room and the rooms that it imports. Every row is exact: an import that nobody uses leaves the table.
+type Rows = &'static [(&'static str, &'static [&'static str])];
+
+/// `control` knows motors by what they can do, `drive` puts that into frames, `cycle` sends them: one way.
+const CORE: Rows = &[
+    ("clock", &[]),
+    ("control", &["joint", "settings"]),
+    ("cycle", &["clock", "control", "drive", "plan", "settings", "stopper"]),
+    ("drive", &["control", "joint", "settings"]),
+    ("joint", &[]),
+    ("plan", &["settings"]),
+    ("settings", &["joint"]),
+    ("stopper", &["clock", "drive", "settings"]),
+];
+
+/// `threads` wires the rooms together, `commands` is what a person starts.
+const DAEMON: Rows = &[
+    ("buses", &[]),
+    ("commands", &["buses", "config", "deadman", "host", "run_error", "threads"]),
+    ("config", &[]),
+    ("deadman", &["config", "host"]),
+    ("host", &[]),
+    ("ipc", &["telemetry"]),
+    ("run_error", &["buses", "config"]),
+    ("telemetry", &["config", "host"]),
+    ("threads", &["buses", "deadman", "host", "ipc", "run_error", "telemetry"]),
+];
+
+/// Where code may name a vendor or its protocols.
+const VENDORS_ALLOWED: &[&str] = &[
+    // It judges the frames of every vendor, with a codec of its own.
+    "checker/src",
+    "core/src/drive",
+    "daemon/src/config",
+    "motorctl/src/frame",
+    "protocol/src",
+    "simulator/src",
+    // Until motors are profiles, a motor's protocol is named where it is configured, planned and simulated.
+    "bus/src/arithmetic.rs",
+    "core/src/plan.rs",
+    "core/src/settings.rs",
+    "daemon/src/buses",
+];
+
+const VENDORS: &[&str] = &["steadywin", "damiao", "robstride", "gim"];
+
+/// The imports between the rooms of a crate, a row for each room.
+fn rooms<'a>(files: impl Iterator<Item = (&'a str, &'a str)>) -> BTreeMap<String, BTreeSet<String>> {
+    let mut rooms: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (module, imports) in circles::graph(files) {
+        let Some(room) = module.first() else { continue };
+        let others = imports.iter().filter_map(|import| import.first()).filter(|other| *other != room);
+        rooms.entry(room.clone()).or_default().extend(others.cloned());
+    }
+    rooms
+}
+
+fn table(rows: Rows) -> BTreeMap<String, BTreeSet<String>> {
+    rows.iter()
+        .map(|(room, others)| ((*room).into(), others.iter().map(ToString::to_string).collect()))
+        .collect()
+}
+
+/// The vendors that a file's code names, where it may not.
+fn vendors(source: &Source) -> BTreeSet<String> {
+    let is_code = source.path.contains("/src/");
+    if !is_code || VENDORS_ALLOWED.iter().any(|place| source.path.starts_with(place)) {
+        return BTreeSet::new();
+    }
+    let parts = words::identifiers(&source.text).into_iter().flat_map(|name| words::parts(&name));
+    parts
+        .map(|part| part.trim_end_matches(|letter: char| letter.is_ascii_digit()).to_owned())
+        .filter(|part| VENDORS.contains(&part.as_str()))
+        .collect()
+}
+
+#[test]
+fn the_rooms_of_core_and_daemon_import_what_the_tables_say() {
+    let sources = sources::rust();
+    assert_eq!(rooms(circles::below_src(&sources, "core")), table(CORE), "core");
+    assert_eq!(rooms(circles::below_src(&sources, "daemon")), table(DAEMON), "daemon");
+}
+
+#[test]
+fn only_the_rooms_for_it_name_a_vendor() {
+    for source in sources::rust() {
+        assert_eq!(vendors(&source), BTreeSet::new(), "{}", source.path);
+    }
+}
+
+#[test]
+fn an_import_the_wrong_way_is_seen() {
+    let control =
+        [("control/mod.rs", "use crate::drive::Drive;"), ("drive/gim.rs", ""), ("drive/mod.rs", "")];
+    assert_eq!(rooms(control.into_iter())["control"], BTreeSet::from(["drive".to_owned()]));
+}
+
+#[test]
+fn a_vendor_in_the_wrong_room_is_seen() {
+    let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
+    let bad = "// A GIM motor.\nfn f(motor: Gim8108) -> bool { motor.is_damiao() }";
+    let seen = vendors(&source("core/src/control/motor.rs", bad));
+    assert_eq!(seen, BTreeSet::from(["gim".to_owned(), "damiao".to_owned()]));
+    assert_eq!(vendors(&source("core/src/drive/gim.rs", bad)), BTreeSet::new());
+}

@@ -1,0 +1,43 @@
+//! `unsafe` stands only in the files that are named for it.
+
+use crate::sources;
+use proc_macro2::{TokenStream, TokenTree};
+
+/// System calls that no safe crate offers, and the allocators and counters of tests.
+const UNSAFE: &[&str] = &[
+    "benches/tests/allocations.rs",
+    "bus/src/kernel.rs",
+    "bus/tests/socketcan/counting.rs",
+    "daemon/src/host/kernel.rs",
+];
+
+/// The code has the keyword: neither a comment nor a string nor the name of a lint counts.
+fn is_unsafe(code: TokenStream) -> bool {
+    code.into_iter().any(|token| match token {
+        TokenTree::Ident(name) => name == "unsafe",
+        TokenTree::Group(group) => is_unsafe(group.stream()),
+        _ => false,
+    })
+}
+
+#[test]
+fn unsafe_code_stands_only_in_the_files_that_are_named_for_it() {
+    let mut found = Vec::new();
+    for source in sources::rust() {
+        if is_unsafe(source.text.parse().unwrap()) {
+            found.push(source.path);
+        }
+    }
+    assert_eq!(found, UNSAFE);
+}
+
+#[test]
+fn unsafe_is_found_in_any_shape_and_not_in_words_about_it() {
+    for code in
+        ["fn f() { unsafe { g() } }", "pub unsafe fn f() {}", "m!(unsafe{x})", "unsafe impl A for B {}"]
+    {
+        assert!(is_unsafe(code.parse().unwrap()), "{code}");
+    }
+    let words = "#![forbid(unsafe_code)] /// unsafe { }\n const A: &str = \"unsafe fn\";";
+    assert!(!is_unsafe(words.parse().unwrap()));
+}

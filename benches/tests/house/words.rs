@@ -1,0 +1,175 @@
+//! One word per thing: words that were retired do not come back.
+
+use crate::sources::{self, Source};
+use proc_macro2::{TokenStream, TokenTree};
+use std::collections::BTreeSet;
+
+/// Where a retired word is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Where {
+    /// In names of code: the word is plain English in a sentence.
+    Names,
+    /// In names, comments, texts of the program and documents.
+    Everywhere,
+    /// As a phrase in sentences: each of its words is fine alone.
+    Sentences,
+}
+use Where::{Everywhere, Names, Sentences};
+
+/// The retired word, its successor, and where it is refused. A plural counts as its singular.
+const RETIRED: &[(&str, &str, Where)] = &[
+    ("roster", "robot description", Everywhere),
+    ("errand", "service request", Everywhere),
+    ("tether", "child guard", Everywhere),
+    ("workshop", "reconnector", Everywhere),
+    ("vocabulary", "codes", Everywhere),
+    ("stray", "unexpected id, or unsupported frame", Everywhere),
+    ("stranger", "unexpected id", Everywhere),
+    ("executor", "stopper", Everywhere),
+    ("ward", "supervised daemon", Everywhere),
+    ("witness", "invariant checker", Everywhere),
+    ("storm", "fault-injection run", Everywhere),
+    // A place in shared memory or in a list is plain English.
+    ("place on the grid", "tick", Sentences),
+    ("places on the grid", "ticks", Sentences),
+    ("skipped place", "missed tick", Sentences),
+    // "The motor will stop": the verb is English.
+    ("will", "safe frames", Names),
+    // A duty cycle is another thing.
+    ("duty", "stopper", Names),
+    ("wish", "scheduling request", Names),
+    // "A foreign key" is plain English.
+    ("foreign", "unsupported frame", Names),
+    // "Is told to stop" is plain English.
+    ("told", "commanded, or reported", Names),
+    // Shared memory and queues have slots.
+    ("slot", "bus channel", Names),
+    // The table `[exchange]` of a configuration is a promise to users.
+    ("exchange", "ipc thread, or transaction", Names),
+    // "Room for one more" is plain English.
+    ("room", "reserved space", Names),
+    // "A look at the log" is plain English.
+    ("look", "read", Names),
+    ("usual", "expected reply time", Names),
+    // A home directory is another thing.
+    ("home", "work directory", Names),
+    ("rough", "client fuzz", Names),
+];
+
+/// Words that the code still has. A word leaves this list when the last use of it is gone.
+const NOT_YET: &[&str] = &[
+    "duty", "errand", "exchange", "executor", "foreign", "home", "look", "room", "slot", "stranger", "stray",
+    "tether", "told", "usual", "ward", "will", "wish", "workshop",
+];
+
+/// A name of so many words is the sentence of a test.
+const SENTENCE_MIN: usize = 5;
+
+/// The names in Rust code, also inside of macros.
+pub(crate) fn identifiers(code: &str) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    walk(code.parse().unwrap(), &mut |token| {
+        if let TokenTree::Ident(name) = token {
+            names.insert(name.to_string());
+        }
+    });
+    names
+}
+
+fn walk(tokens: TokenStream, see: &mut impl FnMut(&TokenTree)) {
+    for token in tokens {
+        match &token {
+            TokenTree::Group(group) => walk(group.stream(), see),
+            token => see(token),
+        }
+    }
+}
+
+/// The words of a name, in lower case: `BusSlot` and `bus_slot` are both `bus` and `slot`.
+pub(crate) fn parts(name: &str) -> Vec<String> {
+    let mut parts = vec![String::new()];
+    let mut was_lower = false;
+    for letter in name.chars() {
+        if letter == '_' || letter.is_uppercase() && was_lower {
+            parts.push(String::new());
+        }
+        was_lower = letter.is_lowercase() || letter.is_ascii_digit();
+        if letter != '_' {
+            parts.last_mut().unwrap().extend(letter.to_lowercase());
+        }
+    }
+    parts
+}
+
+/// The sentences of a Rust file: its comments and strings. Of any other file: all of it.
+fn sentences(source: &Source) -> String {
+    if !source.path.ends_with(".rs") {
+        return source.text.clone();
+    }
+    let comments = source.text.lines().filter_map(|line| Some(line.split_once("//")?.1));
+    let mut text: String = comments.map(|comment| format!("{comment}\n")).collect();
+    walk(source.text.parse().unwrap(), &mut |token| {
+        if let TokenTree::Literal(literal) = token {
+            text.push_str(&literal.to_string());
+            text.push('\n');
+        }
+    });
+    text
+}
+
+fn singular(word: &str) -> &str {
+    word.strip_suffix('s').unwrap_or(word)
+}
+
+/// The retired words in a file.
+fn retired(source: &Source) -> Vec<&'static str> {
+    let is_rust = source.path.ends_with(".rs");
+    let identifiers = if is_rust { identifiers(&source.text) } else { BTreeSet::new() };
+    let (long, short): (Vec<_>, Vec<_>) =
+        identifiers.iter().map(|name| parts(name)).partition(|parts| parts.len() >= SENTENCE_MIN);
+    let names: BTreeSet<String> = short.into_iter().flatten().collect();
+    let sentences = sentences(source).to_lowercase();
+    let words = sentences.split(|letter: char| !letter.is_alphabetic());
+    let spoken = words.chain(long.iter().flatten().map(String::as_str)).map(singular);
+    let spoken: BTreeSet<&str> = spoken.chain(names.iter().map(|name| singular(name))).collect();
+    let phrases = sentences.split_whitespace().collect::<Vec<_>>().join(" ");
+    let is_used = |(word, _, place): &&(&'static str, &str, Where)| match place {
+        Names => names.contains(*word),
+        Everywhere => spoken.contains(word),
+        Sentences => phrases.contains(word),
+    };
+    RETIRED.iter().filter(is_used).map(|(word, _, _)| *word).collect()
+}
+
+/// Every file with words of ours, but the ones with this table.
+fn written() -> Vec<Source> {
+    let mut files = sources::files(&[".rs", ".md", ".toml", ".service", ".ci/run"]);
+    files.extend(sources::files(&[""]).into_iter().filter(|file| file.path.starts_with("rigs/")));
+    files.retain(|file| !file.path.starts_with("benches/tests/house/"));
+    files
+}
+
+#[test]
+fn no_retired_word_comes_back() {
+    for source in written() {
+        let mut found = retired(&source);
+        found.retain(|word| !NOT_YET.contains(word));
+        let then = RETIRED.iter().filter(|(word, ..)| found.contains(word)).map(|(_, then, _)| then);
+        assert_eq!(found, [""; 0], "{}: write {:?}", source.path, then.collect::<Vec<_>>());
+    }
+}
+
+#[test]
+fn a_retired_word_is_found_where_it_is_refused_and_nowhere_else() {
+    let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
+    let found = |text: &str| retired(&source("bus/src/a.rs", text));
+    assert_eq!(found("/// The will of\n/// a motor. What will it do?\nfn f() {}"), [""; 0]);
+    assert_eq!(found("struct BusWill;"), ["will"]);
+    assert_eq!(found("fn f() { assert!(a.will_of(b)); }"), ["will"]);
+    assert_eq!(found("#[test] fn a_motor_will_stop_on_its_own() {}"), [""; 0]);
+    assert_eq!(found("// Three strays.\nfn f() {}"), ["stray"]);
+    assert_eq!(found("fn f() { println!(\"a Stranger\") }"), ["stranger"]);
+    assert_eq!(found("// A place on\n// the grid.\n"), ["place on the grid"]);
+    assert_eq!(found("// Towards the storage, rewards.\n"), [""; 0]);
+    assert_eq!(retired(&source("docs/a.md", "Each roster.")), ["roster"]);
+}

@@ -1,0 +1,60 @@
+//! Why the daemon does not run, or why it ended by itself.
+
+use crate::buses::BusError;
+use crate::config::ConfigError;
+use motord_bus::socketcan::LockError;
+use motord_shared::instance::InstanceError;
+use motord_shared::service::ServiceError;
+use std::io;
+
+/// Why the daemon does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The configuration is refused.
+    #[error("{0}")]
+    Config(#[from] ConfigError),
+    /// The instance's directory cannot be used, or another daemon holds it.
+    #[error("{0}")]
+    Instance(#[from] InstanceError),
+    /// A bus cannot be opened.
+    #[error("{0}")]
+    Bus(#[from] BusError),
+    /// Clients cannot be served.
+    #[error("{0}")]
+    Service(#[from] ServiceError),
+    /// `require-realtime` is set, and the machine refuses.
+    #[error("require-realtime is set, but there is no {what} ({errno}): {remedy}")]
+    Realtime {
+        /// What was refused.
+        what: &'static str,
+        /// Why.
+        errno: nix::errno::Errno,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A thread could not be started, or signals not be waited for.
+    #[error("the system refused a thread or a signal: {0}")]
+    System(#[from] io::Error),
+    /// A thread ended that should not.
+    #[error("the {0} thread ended unexpectedly: this is a bug, the motors were told to stop")]
+    Thread(&'static str),
+    /// These motors did not answer their stops, and may hold their last command.
+    #[error("told to stop, but not heard since: {}; cut their power before anybody comes near", .0.join(", "))]
+    Unstopped(Vec<String>),
+}
+
+impl RunError {
+    /// The exit status, by `sysexits.h`.
+    #[must_use]
+    pub fn exit_status(&self) -> u8 {
+        match self {
+            Self::Config(_) | Self::Realtime { .. } => 78,
+            Self::Instance(InstanceError::AlreadyRunning { .. })
+            | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => 75,
+            Self::Instance(_) => 77,
+            Self::Bus(_) | Self::Service(_) | Self::Unstopped(_) => 69,
+            Self::System(_) => 71,
+            Self::Thread(_) => 70,
+        }
+    }
+}
