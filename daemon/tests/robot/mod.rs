@@ -23,7 +23,9 @@ use motord_shared::{
     AdminReply, AdminRequest, BusState, Cause, GroupState, JointSetpoint, JointState, Lease, MotorMode,
     Operation, Phase, Refusal, SetpointMessage, StateMessage,
 };
-use motord_simulator::{BusSettings, Direction, FaultVerb, Motor, MotorSettings, SharedBus, SimulatedBus};
+use motord_simulator::{
+    BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SharedBus, SimulatedBus, couple,
+};
 use std::cell::Cell;
 use std::panic::RefUnwindSafe;
 use std::path::Path;
@@ -183,19 +185,18 @@ impl Robot {
         start: Instant,
         settings: Settings,
         seed: u64,
-        mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
+        build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
     ) -> Self {
-        let buses: Vec<_> = (0..settings.buses.len())
-            .map(|index| {
-                let (bus, mut motors) = buses::physics(&settings, index);
-                // The queue is as the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
-                let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
-                build(&mut bus, &mut motors);
-                SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
-            })
-            .collect();
+        let buses = simulated(&settings, seed, build);
         let opened = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
         Self { buses, ..Self::on(opened, start, settings) }
+    }
+
+    /// A robot whose shafts `plant` moves.
+    pub fn with_plant(settings: Settings, seed: u64, plant: impl Plant + 'static) -> Self {
+        let buses = simulated(&settings, seed, |_, _| {});
+        let opened = couple(&buses, plant).into_iter().map(|bus| Box::new(bus) as Box<dyn Bus>).collect();
+        Self { buses, ..Self::on(opened, Instant::from_nanos(1_000_000_000), settings) }
     }
 
     /// The cycle alone, on buses that are not simulated here. What it sends is theirs to record.
@@ -492,6 +493,22 @@ pub fn message(lease: u64, sequence: u64, now: Instant, joints: &[JointSetpoint]
 
 fn refusal(reply: AdminReply) -> Refusal {
     reply.refusal.try_into().expect("refusals are known")
+}
+
+/// The buses of a configuration with their motors, as `build` changes them.
+fn simulated(
+    settings: &Settings,
+    seed: u64,
+    mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
+) -> Vec<SharedBus> {
+    let bus = |index| {
+        let (bus, mut motors) = buses::physics(settings, index);
+        // The queue is as the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
+        let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
+        build(&mut bus, &mut motors);
+        SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
+    };
+    (0..settings.buses.len()).map(bus).collect()
 }
 
 /// A number from the environment, such as `MOTORD_SEEDS`.
