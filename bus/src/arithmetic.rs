@@ -1,4 +1,4 @@
-//! How many bits a frame takes and how much of a cycle a bus needs.
+//! Lengths of frames in bits, and the part of a cycle that a bus needs.
 //!
 //! Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
 //! revised" (2007): a standard data frame with s bytes has 34 + 8s bits that are subject to stuffing (start of frame,
@@ -6,40 +6,40 @@
 
 use crate::time::Duration;
 
-/// Bits of a standard data frame with `bytes` of payload when no bit had to be stuffed, with the interframe space.
+/// Bits of a standard data frame with `bytes` of payload without stuff bits, including the interframe space.
 #[must_use]
 pub const fn unstuffed_bits(bytes: u32) -> u32 {
     47 + 8 * bytes
 }
 
-/// Bits of the same frame when every bit that can be stuffed was.
+/// Bits of the same frame with the most stuff bits that are possible.
 #[must_use]
 pub const fn worst_case_bits(bytes: u32) -> u32 {
     unstuffed_bits(bytes) + (34 + 8 * bytes - 1) / 4
 }
 
-/// One request and its answer, by their payload lengths in bytes.
+/// One command and its reply, by their payload lengths in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Exchange {
+pub struct Transaction {
     /// Payload of the command.
     pub command: u32,
     /// Payload of the reply.
     pub reply: u32,
 }
 
-impl Exchange {
-    /// MIT: 8 bytes there, 6 back (MIT document 1.1, 1.2).
+impl Transaction {
+    /// MIT: 8 bytes of command, 6 of reply (MIT document 1.1, 1.2).
     pub const MIT: Self = Self { command: 8, reply: 6 };
-    /// Native over CAN: 8 bytes both ways (GIM document, table 2).
+    /// Native GIM over CAN: 8 bytes each (GIM document, table 2).
     pub const GIM: Self = Self { command: 8, reply: 8 };
 
-    /// Bits on a CAN bus when nothing is stuffed.
+    /// Bits on a CAN bus without stuff bits.
     #[must_use]
     pub const fn unstuffed_bits(self) -> u32 {
         unstuffed_bits(self.command) + unstuffed_bits(self.reply)
     }
 
-    /// Bits on a CAN bus at worst.
+    /// Bits on a CAN bus with the most stuff bits.
     #[must_use]
     pub const fn worst_case_bits(self) -> u32 {
         worst_case_bits(self.command) + worst_case_bits(self.reply)
@@ -50,13 +50,13 @@ impl Exchange {
 /// Source: GIM document, tables 1 and 3.
 pub const SERIAL_FRAME_BITS: u32 = (4 + 8) * 10;
 
-/// How long `bits` take at `bitrate` bit/s, rounded up to a nanosecond.
+/// The time that `bits` take at `bitrate` bit/s, rounded up to a nanosecond.
 #[must_use]
 pub const fn wire_time(bits: u32, bitrate: u32) -> Duration {
     Duration::from_nanos((bits as u64 * 1_000_000_000).div_ceil(bitrate as u64))
 }
 
-/// The fraction of a second's bits that `bits` per cycle take: 1.0 is a bus without a gap.
+/// The fraction of a bus that `bits` per cycle occupy: 1.0 is a bus without a gap.
 #[must_use]
 pub fn utilisation(bits: u32, rate_hz: f64, bitrate: u32) -> f64 {
     f64::from(bits) * rate_hz / f64::from(bitrate)
@@ -70,14 +70,14 @@ mod tests {
     fn frame_lengths_are_those_of_the_published_formula() {
         assert_eq!((unstuffed_bits(8), worst_case_bits(8)), (111, 135));
         assert_eq!((unstuffed_bits(6), worst_case_bits(6)), (95, 115));
-        assert_eq!((Exchange::MIT.unstuffed_bits(), Exchange::MIT.worst_case_bits()), (206, 250));
-        assert_eq!((Exchange::GIM.unstuffed_bits(), Exchange::GIM.worst_case_bits()), (222, 270));
+        assert_eq!((Transaction::MIT.unstuffed_bits(), Transaction::MIT.worst_case_bits()), (206, 250));
+        assert_eq!((Transaction::GIM.unstuffed_bits(), Transaction::GIM.worst_case_bits()), (222, 270));
     }
 
     #[test]
     fn three_motors_at_one_kilohertz_take_three_quarters_of_a_bus() {
-        let worst = utilisation(3 * Exchange::MIT.worst_case_bits(), 1000.0, 1_000_000);
-        let unstuffed = utilisation(3 * Exchange::MIT.unstuffed_bits(), 1000.0, 1_000_000);
+        let worst = utilisation(3 * Transaction::MIT.worst_case_bits(), 1000.0, 1_000_000);
+        let unstuffed = utilisation(3 * Transaction::MIT.unstuffed_bits(), 1000.0, 1_000_000);
         assert!((worst - 0.75).abs() < 1e-12 && (unstuffed - 0.618).abs() < 1e-12);
     }
 

@@ -10,21 +10,21 @@ const ERROR_FLAG: u32 = 0x2000_0000;
 /// `CAN_ERR_MASK` of `linux/can.h`: the class bits in the id of an error message frame.
 const CLASS_MASK: u32 = 0x1FFF_FFFF;
 
-/// What a log tells of one frame.
+/// One line of a log: a frame, its time and its interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LogLine<'a> {
-    /// When it was on the bus: since 1970, or since whatever the log was told to count from.
+    /// Time of the frame, since 1970 or since the zero that `candump -t` chose.
     pub at: Duration,
-    /// Where.
+    /// Its interface.
     pub interface: &'a str,
-    /// What it was.
+    /// The frame.
     pub content: Content,
 }
 
-/// Why a line is none of a log.
+/// Why a line is not a line of such a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum InvalidLine {
-    /// Time, interface and frame are not all there.
+    /// Time, interface or frame is missing.
     #[error("not a line of 'candump -L', which is (time) interface id#data")]
     Shape,
     /// The time is not seconds with up to nine decimals, in parentheses.
@@ -43,7 +43,7 @@ impl<'a> LogLine<'a> {
     ///
     /// # Errors
     ///
-    /// What is wrong with the line. A frame that no motor sends is [`Content::Unsupported`], not an error.
+    /// The first mistake in the line. An unsupported frame is [`Content::Unsupported`], not an error.
     pub fn parse(line: &'a str) -> Result<Self, InvalidLine> {
         let mut words = line.split_ascii_whitespace();
         let mut word = || words.next().ok_or(InvalidLine::Shape);
@@ -63,7 +63,8 @@ fn time(word: &str) -> Option<Duration> {
     Some(Duration::new(seconds.parse().ok()?, fraction.parse::<u32>().ok()? * scale))
 }
 
-/// What `id` and what follows `#` mean: an R begins a remote frame, a second # the flags of CAN FD, and `_` a raw DLC.
+/// The frame of `id` and of the text behind `#`. There, R begins a remote frame, a second # the flags of CAN FD, and `_` a
+/// raw DLC.
 fn content(id: &str, data: &str) -> Result<Content, InvalidLine> {
     let word = hexadecimal(id).ok_or(InvalidLine::Id)?;
     let standard = match id.len() {
@@ -89,15 +90,15 @@ fn content(id: &str, data: &str) -> Result<Content, InvalidLine> {
     })
 }
 
-/// The bytes that `digits` spell and how many they are; `None` when they are more than a classic frame holds.
+/// The bytes in `digits` and their number; `None` when they are more than a classic frame holds.
 fn bytes(digits: &str) -> Result<Option<([u8; 8], usize)>, InvalidLine> {
     if !digits.len().is_multiple_of(2) || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return Err(InvalidLine::Data);
     }
     let mut bytes = [0; 8];
     let len = digits.len() / 2;
-    let Some(room) = bytes.get_mut(..len) else { return Ok(None) };
-    for (byte, pair) in room.iter_mut().zip(digits.as_bytes().chunks(2)) {
+    let Some(data) = bytes.get_mut(..len) else { return Ok(None) };
+    for (byte, pair) in data.iter_mut().zip(digits.as_bytes().chunks(2)) {
         let nibble = |digit: u8| char::from(digit).to_digit(16).unwrap_or(0) as u8;
         *byte = nibble(pair[0]) << 4 | nibble(pair[1]);
     }
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_motor_sends_is_told_as_the_kernel_would_tell_it() {
+    fn frames_that_no_motor_sends_are_read_as_the_kernel_reports_them() {
         let error = |class, data| Ok(Content::Error(ErrorFrame { class, data }));
         assert_eq!(content_of("20000040#0000000000000000"), error(ErrorFrame::BUS_OFF, [0; 8]));
         assert_eq!(content_of("20000004#0020"), error(ErrorFrame::CONTROLLER, [0, 0x20, 0, 0, 0, 0, 0, 0]));
@@ -146,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_none_of_a_log_is_refused_for_what_is_wrong_with_it() {
+    fn a_line_that_is_not_of_a_log_is_refused_for_its_first_mistake() {
         for (line, wrong) in [
             ("", InvalidLine::Shape),
             ("(0.0) can0", InvalidLine::Shape),

@@ -1,4 +1,4 @@
-//! The clock of this machine: `CLOCK_MONOTONIC`, and how to get from `CLOCK_REALTIME` to it.
+//! The clock of this machine: `CLOCK_MONOTONIC`, and the conversion of `CLOCK_REALTIME` to it.
 
 use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
@@ -10,17 +10,17 @@ pub fn monotonic() -> Instant {
     Instant::from_nanos(read(ClockId::CLOCK_MONOTONIC))
 }
 
-/// How long the computer was suspended since it was started: `CLOCK_MONOTONIC` stands still meanwhile, `CLOCK_BOOTTIME`
-/// goes on. Never told too long: a delay between the two readings makes it less. Neither allocates nor blocks; on most
-/// machines it is no system call (vDSO).
+/// The time for which the computer was suspended since it was started: `CLOCK_MONOTONIC` stands still meanwhile,
+/// `CLOCK_BOOTTIME` goes on. Never overestimates: a delay between the two readings makes it less. Neither allocates nor
+/// blocks; on most machines it is no system call (vDSO).
 #[must_use]
 pub fn suspended() -> Duration {
     let since_start = read(ClockId::CLOCK_BOOTTIME);
     Duration::from_nanos(since_start.saturating_sub(read(ClockId::CLOCK_MONOTONIC)))
 }
 
-/// Sleeps until `instant`, or returns at once when it has passed. A signal ends the sleep early: whoever needs the
-/// instant reads the clock. Does not allocate; one system call.
+/// Sleeps until `instant`, or returns at once when it has passed. A signal ends the sleep early: a caller that needs
+/// the instant reads the clock. Does not allocate; one system call.
 pub fn sleep_until(instant: Instant) {
     let request = Duration::from_nanos(instant.as_nanos()).into();
     // The only error that a valid time on this clock can give is EINTR, which is an early return.
@@ -32,11 +32,11 @@ fn read(clock: ClockId) -> u64 {
     (time.tv_sec() as u64).wrapping_mul(1_000_000_000).wrapping_add(time.tv_nsec() as u64)
 }
 
-/// Where `CLOCK_REALTIME` stands against `CLOCK_MONOTONIC`.
+/// The difference of `CLOCK_REALTIME` from `CLOCK_MONOTONIC`.
 ///
 /// The kernel stamps received frames in `CLOCK_REALTIME` only. NTP slews both clocks alike, so their difference is
-/// constant until somebody sets the time. It is measured once a second, and at once when a stamp lies where none can:
-/// between two measurements no clock is read, whatever arrives.
+/// constant until somebody sets the time. It is measured once a second, and at once when a stamp is impossible. Between
+/// two measurements no clock is read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RealtimeOffset {
     /// Realtime minus monotonic, in ns.
@@ -63,7 +63,7 @@ impl RealtimeOffset {
         Self { offset, measured: Instant::from_nanos(measured) }
     }
 
-    /// The instant of a stamp that was taken between `earliest` and `now`; always between them. Neither allocates nor
+    /// The instant of a stamp that was taken between `earliest` and `now`. The result always lies between them. Neither allocates nor
     /// blocks; reads the clocks at most once for every `now`.
     pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
         let at = self.apply(stamp);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_computer_that_is_awake_is_not_told_to_be_suspended() {
+    fn a_computer_that_is_awake_counts_no_suspension() {
         let before = suspended();
         for _ in 0..10_000 {
             assert!(suspended() < before + Duration::from_millis(100), "as long as nobody suspends it");

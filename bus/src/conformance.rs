@@ -1,8 +1,8 @@
-//! What every [`Bus`] must do, as tests that any implementation can run.
+//! The properties that every [`Bus`] must have, as tests that any implementation can run.
 //!
 //! An implementation brings a [`Fixture`]: its bus, and the other end of the wire. [`conformance!`](crate::conformance!)
-//! makes a test of each property it names. A property that an implementation cannot show is left out of that list,
-//! never passed silently: a fixture that cannot do what a property needs fails it.
+//! makes one test per property in its list. A property that an implementation cannot show is left out of the list. It never
+//! passes silently: a fixture that cannot do a step of a property fails it.
 //!
 //! The bus under test expects [`HOST_IDS`] and nothing else.
 
@@ -31,19 +31,19 @@ pub trait Fixture {
     /// Puts something on the wire as another node would. `false` when this wire cannot carry it.
     fn inject(&mut self, stimulus: Stimulus) -> bool;
 
-    /// What the other nodes heard since this was last asked, oldest first.
+    /// The frames that the other nodes received since the last call, oldest first.
     fn heard(&mut self) -> Vec<Frame>;
 
     /// Puts the interface into `condition`. `false` when that cannot be done here.
     fn set(&mut self, condition: Condition) -> bool;
 
-    /// How often the calling thread has allocated, from a counting allocator. `None` without one.
+    /// The number of allocations of the calling thread, from a counting allocator. `None` without one.
     fn allocations(&self) -> Option<u64> {
         None
     }
 }
 
-/// What another node puts on the wire.
+/// A thing that another node puts on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stimulus {
     /// A data frame.
@@ -54,11 +54,11 @@ pub enum Stimulus {
     Remote(FrameId),
     /// A CAN FD frame.
     Fd(FrameId),
-    /// The controller reports this.
+    /// A report of the controller.
     Error(ErrorFrame),
 }
 
-/// What can become of an interface.
+/// The condition of an interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Condition {
     /// It works.
@@ -100,7 +100,7 @@ macro_rules! conformance {
 
 /// Long enough for anything on the wire to arrive, on a loaded machine and a slow emulation.
 const SETTLED: Duration = Duration::from_millis(50);
-/// Far beyond what a call that does not block takes, even when its thread is preempted.
+/// Much longer than a call that does not block, even when its thread is preempted.
 const BLOCKED: Duration = Duration::from_millis(500);
 
 fn numbered(id: FrameId, number: u16) -> Frame {
@@ -119,7 +119,7 @@ fn send(fixture: &mut dyn Fixture, frames: &[Frame]) -> Sent {
     assert_eq!(
         sent.refusal.is_none(),
         sent.accepted == frames.len(),
-        "a refusal says what was refused: {sent:?}"
+        "there is a refusal exactly when frames were refused: {sent:?}"
     );
     sent
 }
@@ -162,7 +162,7 @@ pub fn arrivals_keep_the_order_of_the_wire(fixture: &mut dyn Fixture) {
     fixture.pass(SETTLED);
     let expected: Vec<_> = frames.into_iter().map(Content::Frame).collect();
     assert_eq!(contents(&receive(fixture)), expected);
-    assert_eq!(contents(&receive(fixture)), [], "what was received is gone");
+    assert_eq!(contents(&receive(fixture)), [], "frames are received once");
 }
 
 /// Payloads of every length arrive as long as they were.
@@ -175,7 +175,7 @@ pub fn every_length_arrives_as_it_was_sent(fixture: &mut dyn Fixture) {
     }
 }
 
-/// What this bus sends comes back to others, never to itself.
+/// Frames of this bus reach others, never itself.
 pub fn own_frames_are_not_received(fixture: &mut dyn Fixture) {
     assert_eq!(send(fixture, &frames(3)), Sent::all(3));
     fixture.pass(SETTLED);
@@ -210,7 +210,7 @@ pub fn an_fd_frame_never_arrives_as_a_frame(fixture: &mut dyn Fixture) {
     assert_eq!(frame, None);
 }
 
-/// What the controller reports arrives as a report, whatever the filters are, and in its place among the frames.
+/// A report of the controller arrives as a report, whatever the filters are, and in order with the frames.
 pub fn error_reports_arrive_as_reports(fixture: &mut dyn Fixture) {
     let passive = ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 0x20, 0, 0, 0, 0, 0, 0] };
     let bus_off = ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] };
@@ -231,7 +231,7 @@ pub fn error_reports_arrive_as_reports(fixture: &mut dyn Fixture) {
     assert_eq!(arrived.get(2), Some(&Content::Frame(frame)));
 }
 
-/// However much arrived, one call fills one inbox; the rest comes with the next calls, and nothing twice.
+/// One call fills at most one inbox. The rest comes with the next calls, and nothing comes twice.
 pub fn a_flood_fills_an_inbox_and_no_more(fixture: &mut dyn Fixture) {
     const FLOOD: u16 = 100;
     for frame in frames(FLOOD) {
@@ -240,13 +240,13 @@ pub fn a_flood_fills_an_inbox_and_no_more(fixture: &mut dyn Fixture) {
     fixture.pass(4 * SETTLED);
     let mut half_full = Inbox::new();
     let earlier = Arrival { at: Instant::ZERO, content: Content::Frame(numbered(HOST_IDS[0], 999)) };
-    while half_full.room() > 2 {
-        half_full.push(earlier).expect("there is room");
+    while half_full.free() > 2 {
+        half_full.push(earlier).expect("the inbox is not full");
     }
     let now = fixture.now();
     fixture.bus().receive(now, &mut half_full);
-    assert_eq!(half_full.room(), 0);
-    assert_eq!(half_full.arrivals()[0], earlier, "what was in the inbox stays");
+    assert_eq!(half_full.free(), 0);
+    assert_eq!(half_full.arrivals()[0], earlier, "earlier arrivals stay");
     fixture.bus().receive(now, &mut half_full);
     let rest = [receive(fixture), receive(fixture), receive(fixture)];
     let arrived = contents(&half_full)
@@ -287,7 +287,7 @@ pub fn a_stamp_is_the_time_of_arrival(fixture: &mut dyn Fixture) {
     assert!(at <= arrived_by, "stamped {:?} late", at.since(arrived_by));
 }
 
-/// The time by which something has arrived, however long the machine takes for it.
+/// The time at which something has arrived, however long the machine takes for it.
 fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
     for _ in 0..1000 {
         let now = fixture.now();
@@ -305,7 +305,7 @@ fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
     panic!("nothing arrived");
 }
 
-/// What to wait for is told, and it is true: nothing before a frame, something after it.
+/// The readiness is true: not ready before a frame, ready after it.
 pub fn readiness_announces_an_arrival(fixture: &mut dyn Fixture) {
     let ready = |fixture: &mut dyn Fixture, patience| {
         let now = fixture.now();
@@ -324,7 +324,7 @@ pub fn readiness_announces_an_arrival(fixture: &mut dyn Fixture) {
     assert!(!ready(fixture, Duration::from_millis(2)));
 }
 
-/// A bus on which nothing leaves refuses instead of blocking, and what it refused is never sent.
+/// A bus on which nothing leaves refuses instead of blocking, and never sends refused frames later.
 pub fn a_stalled_bus_refuses_at_once_and_forgets(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Stalled);
     let mut accepted = Vec::new();
@@ -345,7 +345,7 @@ pub fn a_stalled_bus_refuses_at_once_and_forgets(fixture: &mut dyn Fixture) {
     assert_eq!(fixture.heard(), [frame]);
 }
 
-/// A bus that is down says so, and works again once it is up.
+/// A bus that is down refuses with that reason, and works again once it is up.
 pub fn a_bus_that_is_down_says_so_and_recovers(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Down);
     fixture.pass(SETTLED);
@@ -365,7 +365,7 @@ pub fn a_bus_that_is_down_says_so_and_recovers(fixture: &mut dyn Fixture) {
     assert_eq!(contents(&receive(fixture)), [Content::Frame(frame)]);
 }
 
-/// A bus that was pulled out says so, each time it is asked.
+/// A bus that was pulled out refuses with that reason, each time.
 pub fn a_bus_that_is_gone_says_so(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Gone);
     fixture.pass(SETTLED);

@@ -1,4 +1,4 @@
-//! What travels: classic CAN frames with an 11-bit identifier, and what a controller reports about the bus.
+//! Classic CAN frames with an 11-bit identifier, and reports of a controller about the bus.
 //!
 //! A serial bus uses the same [`Frame`]: its identifier is the address byte of the RS485 header.
 
@@ -54,7 +54,7 @@ impl Frame {
         self.id
     }
 
-    /// The bytes, as many as the DLC says.
+    /// The bytes: as many as the DLC says.
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         &self.data[..usize::from(self.len)]
@@ -69,23 +69,23 @@ impl core::fmt::Debug for Frame {
     }
 }
 
-/// Something that came from a bus, and when.
+/// A frame or a report from a bus, with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Arrival {
     /// When the frame was complete: the kernel's receive stamp, or the simulation's end of frame.
     pub at: Instant,
-    /// What came.
+    /// The frame or the report.
     pub content: Content,
 }
 
-/// What came from a bus. Only [`Content::Frame`] ever reaches a motor decoder.
+/// A frame or a report from a bus. Only [`Content::Frame`] ever reaches a motor decoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// A data frame with an 11-bit id and at most 8 bytes.
     Frame(Frame),
     /// A frame of a kind that motord does not support.
     Unsupported(Unsupported),
-    /// The controller's report on itself or on the bus.
+    /// A report of the controller on itself or on the bus.
     Error(ErrorFrame),
 }
 
@@ -111,10 +111,10 @@ pub struct ErrorFrame {
     pub data: [u8; 8],
 }
 
-/// How healthy a controller says it is (ISO 11898-1 fault confinement).
+/// The state of a controller (fault confinement of ISO 11898-1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ControllerState {
-    /// Takes full part.
+    /// Takes part in full.
     Active,
     /// An error counter passed 96.
     Warning,
@@ -171,8 +171,8 @@ impl ErrorFrame {
     }
 }
 
-/// Where [`Bus::receive`](crate::Bus::receive) puts arrivals. Fixed size: whoever floods a bus fills an inbox, not the
-/// cycle.
+/// The place where [`Bus::receive`](crate::Bus::receive) puts arrivals. Its size is fixed: a flood fills an inbox, not
+/// the cycle.
 #[derive(Debug, Clone)]
 pub struct Inbox {
     arrivals: [Arrival; Inbox::CAPACITY],
@@ -198,7 +198,7 @@ impl Inbox {
         self.lost = 0;
     }
 
-    /// Adds an arrival; gives it back when there is no room.
+    /// Adds an arrival, or gives it back.
     ///
     /// # Errors
     ///
@@ -210,13 +210,13 @@ impl Inbox {
         Ok(())
     }
 
-    /// How many more arrivals fit.
+    /// The number of arrivals that still fit.
     #[must_use]
-    pub fn room(&self) -> usize {
+    pub fn free(&self) -> usize {
         Self::CAPACITY - self.len
     }
 
-    /// What arrived, oldest first.
+    /// The arrivals, oldest first.
     #[must_use]
     pub fn arrivals(&self) -> &[Arrival] {
         &self.arrivals[..self.len]
@@ -261,7 +261,7 @@ mod tests {
         for _ in 0..Inbox::CAPACITY {
             inbox.push(arrival).unwrap();
         }
-        assert_eq!((inbox.room(), inbox.push(arrival)), (0, Err(arrival)));
+        assert_eq!((inbox.free(), inbox.push(arrival)), (0, Err(arrival)));
         inbox.clear();
         assert_eq!(inbox.arrivals(), []);
     }

@@ -1,7 +1,7 @@
 //! `sendmmsg` and `recvmmsg`. All `unsafe` of this crate is in this file.
 //!
 //! The safe wrappers of nix 0.31 do not serve: `MultiHeaders` cannot be sent to another thread, and its `recvmmsg` does not
-//! give back the room for control messages that the call before has used, so receive stamps would be cut off.
+//! restore the length of the control buffers that the call before has shortened, so receive stamps would be cut off.
 
 use core::cell::Cell;
 use core::ptr;
@@ -9,7 +9,7 @@ use std::os::fd::{AsRawFd, BorrowedFd};
 
 use nix::errno::Errno;
 
-/// Room for one message: the largest frame a raw socket gives (CAN FD), and the two control messages that are asked for.
+/// Bytes of the largest frame that a raw socket delivers (CAN FD).
 pub(crate) const FRAME_BYTES: usize = size_of::<libc::canfd_frame>();
 /// `CMSG_SPACE` of `SCM_TIMESTAMPING` (three times of 16 bytes) and of `SO_RXQ_OVFL` (4 bytes).
 const CONTROL_BYTES: usize = (16 + 48) + (16 + 8);
@@ -19,14 +19,14 @@ const CONTROL_BYTES: usize = (16 + 48) + (16 + 8);
 #[repr(C, align(8))]
 struct Control([u8; CONTROL_BYTES]);
 
-/// Message headers for the kernel with the memory they point to: wired up once, used for every call.
+/// Message headers for the kernel, with the memory that they point to. Built once, used for every call.
 ///
 /// The memory is [`Cell`]s: the kernel writes to it through the pointers in the headers, we read it by value. No
 /// `Vec` here ever grows, so nothing moves when the batch does.
 pub(crate) struct Batch {
     frames: Vec<Cell<[u8; FRAME_BYTES]>>,
     controls: Vec<Cell<Control>>,
-    /// Only read by the kernel.
+    /// Only the kernel reads them.
     _vectors: Vec<libc::iovec>,
     headers: Vec<libc::mmsghdr>,
     /// How many headers the kernel has written to since they were made ready to receive.
@@ -34,11 +34,11 @@ pub(crate) struct Batch {
 }
 
 // SAFETY: the pointers that make `Batch` not `Send` point into the heap blocks of its own `Vec`s. They go where the
-// batch goes, and nobody else has them.
+// batch goes, and nothing else has them.
 unsafe impl Send for Batch {}
 
 impl Batch {
-    /// For up to `capacity` messages of exactly `frame_bytes` to send, or of at most as many to receive.
+    /// A batch of up to `capacity` messages, of exactly `frame_bytes` bytes to send or of at most as many to receive.
     pub(crate) fn new(capacity: usize, frame_bytes: usize) -> Self {
         let frames = vec![Cell::new([0; FRAME_BYTES]); capacity];
         let controls = vec![Cell::new(Control([0; CONTROL_BYTES])); capacity];
@@ -59,7 +59,7 @@ impl Batch {
         self.frames[index].set(frame);
     }
 
-    /// Sends the first `count` messages, and tells how many were taken. Never blocks; one system call.
+    /// Sends the first `count` messages, and returns how many the kernel took. Never blocks; one system call.
     pub(crate) fn send(&mut self, socket: BorrowedFd<'_>, count: usize) -> Result<usize, Errno> {
         let count = count.min(self.capacity());
         // SAFETY: `headers` holds at least `count` headers. Each points to one initialised iovec and that to
@@ -71,7 +71,7 @@ impl Batch {
         Errno::result(sent).map(|sent| sent as usize)
     }
 
-    /// Receives up to `limit` messages, and tells how many came. Never blocks; one system call.
+    /// Receives up to `limit` messages, and returns how many came. Never blocks; one system call.
     pub(crate) fn receive(&mut self, socket: BorrowedFd<'_>, limit: usize) -> Result<usize, Errno> {
         let limit = limit.min(self.capacity());
         for (header, control) in self.headers.iter_mut().zip(&self.controls).take(self.used) {
@@ -92,12 +92,12 @@ impl Batch {
             )
         };
         let received = Errno::result(received).map(|received| received as usize);
-        // It writes to the header of a message that fails, too.
+        // The kernel also writes to the header of the message that failed.
         self.used = received.map_or(1, |received| received + 1).min(self.capacity());
         received
     }
 
-    /// What the last [`receive`](Self::receive) put into message `index`, which must be below the count it told.
+    /// Message `index` of the last [`receive`](Self::receive); `index` must be less than the number it returned.
     pub(crate) fn message(&self, index: usize) -> Message {
         let header = &self.headers[index];
         Message {
@@ -131,12 +131,12 @@ pub(crate) struct Message {
 }
 
 impl Message {
-    /// The frame, as long as it was.
+    /// The bytes of the frame.
     pub(crate) fn frame(&self) -> &[u8] {
         &self.frame[..self.frame_bytes]
     }
 
-    /// The control messages, one after the other.
+    /// The control messages, one after another.
     pub(crate) fn control(&self) -> &[u8] {
         &self.control.0[..self.control_bytes]
     }

@@ -1,11 +1,11 @@
-//! The wire, as the rest of motord sees it.
+//! Buses: CAN frames and their times, SocketCAN, and the arithmetic of bus load.
 //!
-//! A [`Bus`] takes frames and gives back what arrived, stamped with the time it arrived at. It never blocks, and after
-//! it was opened it never allocates. Waiting is not its business: it tells what to wait for ([`Readiness`]), and the
-//! owner waits for all its buses in one system call.
+//! A [`Bus`] sends frames and delivers arrivals with their times. It never blocks, and after it was opened it never
+//! allocates. It does not wait either: it says when a read is worth while ([`Readiness`]), and its owner waits for all buses
+//! in one system call.
 //!
 //! - [`time`]: instants and durations, as values that are passed in.
-//! - [`frame`]: the content of a classic CAN frame, and a controller's report on itself.
+//! - [`frame`]: classic CAN frames, and a controller's report on itself.
 //! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
 //! - [`candump`]: the logs of CAN traffic.
 //!
@@ -41,24 +41,24 @@ pub use wait::wait;
 ///
 /// Every method is called from the real-time thread: none allocates, blocks, or runs an unbounded loop.
 pub trait Bus: Send {
-    /// Hands `frames` over in this order. At most one system call. What was not accepted is dropped, never kept for
+    /// Sends `frames` in this order. At most one system call. Frames that are not accepted are dropped, never kept for
     /// later: a late torque is worse than none.
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent;
 
-    /// Adds what has arrived by `now` to `inbox`, oldest first, until nothing is left or the inbox is full. At most
-    /// one system call.
+    /// Adds the arrivals until `now` to `inbox`, oldest first, until none is left or the inbox is full. At most one
+    /// system call.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox);
 
-    /// What to wait for until [`receive`](Self::receive) has something.
+    /// When the next [`receive`](Self::receive) has something.
     fn readiness(&self) -> Readiness<'_>;
 }
 
-/// What became of the frames given to [`Bus::send`].
+/// The outcome of [`Bus::send`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sent {
-    /// How many of the frames were accepted, counted from the first.
+    /// The number of frames that were accepted: the first ones.
     pub accepted: usize,
-    /// Why the others were not. `None` exactly when all were accepted.
+    /// Why the others were not accepted. `None` exactly when all were.
     pub refusal: Option<Refusal>,
 }
 

@@ -1,4 +1,4 @@
-//! Time is an argument: nothing but the daemon's `rt` and the socket code reads a clock.
+//! Time as a value. This module reads no clock; `clock` does, behind the feature `linux`.
 
 use core::fmt;
 use core::ops::{Add, Sub};

@@ -66,7 +66,7 @@ mod tests {
     const SOON: Duration = Duration::from_millis(5);
 
     #[test]
-    fn the_bus_that_has_something_is_told_from_the_others() {
+    fn only_the_bus_that_has_something_is_ready() {
         let ((silent, _far), (talking, peer)) =
             (UnixDatagram::pair().unwrap(), UnixDatagram::pair().unwrap());
         peer.send(&[1]).unwrap();
@@ -100,7 +100,7 @@ mod tests {
         assert!(clock::monotonic() >= now + SOON);
     }
 
-    /// An unplugged adapter gives `POLLERR`, a closed serial line `POLLHUP`: both are reported though nobody asked.
+    /// An unplugged adapter gives `POLLERR`, a closed serial line `POLLHUP`: both are reported unasked.
     #[test]
     fn a_bus_whose_other_end_is_gone_is_ready_at_once_and_every_time() {
         let (near, far) = UnixStream::pair().unwrap();

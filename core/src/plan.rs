@@ -5,7 +5,7 @@
 //! cannot be faster than.
 
 use motord_bus::Duration;
-use motord_bus::arithmetic::{Exchange, SERIAL_FRAME_BITS, utilisation, wire_time};
+use motord_bus::arithmetic::{SERIAL_FRAME_BITS, Transaction, utilisation, wire_time};
 
 use crate::settings::{BusKind, BusSettings, MotorProtocol, MotorSettings, Settings};
 
@@ -37,13 +37,13 @@ impl BusPlan {
     pub fn of(settings: &Settings) -> Vec<Self> {
         let plan = |(index, bus): (usize, &BusSettings)| {
             let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-            let exchanges: Vec<_> = motors.map(|motor| ExchangeBits::of(motor, &bus.kind)).collect();
+            let exchanges: Vec<_> = motors.map(|motor| TransactionBits::of(motor, &bus.kind)).collect();
             Self::of_bus(&exchanges, bus.kind.bitrate(), settings.cycle.rate_hz)
         };
         settings.buses.iter().enumerate().map(plan).collect()
     }
 
-    fn of_bus(exchanges: &[ExchangeBits], bitrate: u32, rate_hz: f64) -> Self {
+    fn of_bus(exchanges: &[TransactionBits], bitrate: u32, rate_hz: f64) -> Self {
         let worst_case: u32 = exchanges.iter().map(|exchange| exchange.worst_case).sum();
         let unstuffed: u32 = exchanges.iter().map(|exchange| exchange.unstuffed).sum();
         let fault_poll = exchanges.iter().map(|exchange| exchange.worst_case).max().unwrap_or(0);
@@ -61,24 +61,24 @@ impl BusPlan {
 }
 
 /// Bits of a command and its reply.
-struct ExchangeBits {
+struct TransactionBits {
     worst_case: u32,
     unstuffed: u32,
 }
 
-impl ExchangeBits {
+impl TransactionBits {
     fn of(motor: &MotorSettings, bus: &BusKind) -> Self {
-        let exchange = match (bus, motor.protocol) {
+        let transaction = match (bus, motor.protocol) {
             // A serial line stuffs nothing.
             (BusKind::Serial { .. }, _) => {
                 return Self { worst_case: 2 * SERIAL_FRAME_BITS, unstuffed: 2 * SERIAL_FRAME_BITS };
             }
             (_, MotorProtocol::Mit) => {
-                Exchange { reply: motor.profile.reply.lengths[0] as u32, ..Exchange::MIT }
+                Transaction { reply: motor.profile.reply.lengths[0] as u32, ..Transaction::MIT }
             }
-            (_, MotorProtocol::Gim) => Exchange::GIM,
+            (_, MotorProtocol::Gim) => Transaction::GIM,
         };
-        Self { worst_case: exchange.worst_case_bits(), unstuffed: exchange.unstuffed_bits() }
+        Self { worst_case: transaction.worst_case_bits(), unstuffed: transaction.unstuffed_bits() }
     }
 }
 
@@ -86,7 +86,7 @@ impl ExchangeBits {
 mod tests {
     use super::*;
 
-    const MIT: ExchangeBits = ExchangeBits { worst_case: 250, unstuffed: 206 };
+    const MIT: TransactionBits = TransactionBits { worst_case: 250, unstuffed: 206 };
 
     #[test]
     fn three_mit_motors_fill_a_bus_only_in_a_cycle_with_a_fault_poll() {

@@ -221,7 +221,7 @@ impl Robot {
         let torque_max = self.settings.motors[0].scales.torque.max();
         let mut inbox = Inbox::new();
         self.observer.receive(clock::monotonic(), &mut inbox);
-        assert!(inbox.lost == 0 && inbox.room() > 0, "the observer must read more often");
+        assert!(inbox.lost == 0 && inbox.free() > 0, "the observer must read more often");
         for arrival in inbox.arrivals() {
             if let Content::Frame(frame) = arrival.content {
                 self.heard.push((frame.id().raw(), meaning(&frame, torque_max)));

@@ -48,7 +48,7 @@ impl Bus for RecordedBus {
     }
 
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-        while inbox.room() > 0 && self.arrivals.front().is_some_and(|next| next.at <= now) {
+        while inbox.free() > 0 && self.arrivals.front().is_some_and(|next| next.at <= now) {
             inbox.push(self.arrivals.pop_front().unwrap()).unwrap();
         }
     }

@@ -418,7 +418,7 @@ impl Bus for SimulatedBus {
             motor.advance(now);
         }
         inbox.lost = inbox.lost.saturating_add(core::mem::take(&mut self.lost));
-        while inbox.room() > 0
+        while inbox.free() > 0
             && let Some(arrival) = self.arrivals.pop_front_if(|arrival| arrival.at <= now)
         {
             if inbox.push(arrival).is_err() {

@@ -22,14 +22,14 @@ use socketcan::{CanCtrlMode, CanInterface, InterfaceCanParams, NlError};
 use super::{InterfaceName, open_socket};
 use crate::frame::ControllerState;
 
-/// How long a controller that has left the bus waits before it tries again, in ms. The kernel's default is never.
+/// The time after which a controller that is bus-off tries again, ms. By default of the kernel it never does.
 pub const RESTART_MS: u32 = 100;
 
-/// A clock that is not a multiple of the bit rate gives a neighbour of it: 1/200 is a third of what CAN tolerates between
-/// two nodes (1.58 %, ISO 11898-1).
+/// A clock that is not a multiple of the bit rate gives a slightly different rate. 1/200 is a third of the difference that
+/// CAN tolerates between two nodes (1.58 %, ISO 11898-1).
 const BITRATE_TOLERANCE: u32 = 200;
 
-/// What an interface is set to.
+/// The settings of an interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Link {
     /// Its name.
@@ -42,13 +42,13 @@ pub struct Link {
     pub bitrate: Option<u32>,
     /// Time from bus-off to the next try in ms; 0 is never. `None` on a virtual interface.
     pub restart_ms: Option<u32>,
-    /// The controller's own word. `None` on a virtual interface, or while the controller is stopped.
+    /// The state that the controller reports. `None` on a virtual interface, or while the controller is stopped.
     pub state: Option<ControllerState>,
     /// Without a controller: `vcan`, `vxcan`.
     pub is_virtual: bool,
     /// It only listens, so it never acknowledges and never sends.
     pub listen_only: bool,
-    /// It hears itself and nobody else.
+    /// It receives its own frames only.
     pub loopback: bool,
 }
 
@@ -66,35 +66,35 @@ pub enum OpenError {
     /// The interface is down.
     #[error("{0} is down; as root: {1}", .remedy.interface, .remedy)]
     Down {
-        /// What mends it.
+        /// The commands that mend it.
         remedy: Remedy,
     },
     /// The interface runs at another bit rate than the motors.
     #[error("{0} is set to {received} bit/s, {expected} are configured; as root: {1}", .remedy.interface, .remedy)]
     Bitrate {
-        /// What the configuration says, in bit/s.
+        /// The configured rate, bit/s.
         expected: u32,
-        /// What the interface is set to, in bit/s; 0 when nothing is set.
+        /// The rate of the interface, bit/s; 0 when none is set.
         received: u32,
-        /// What mends it.
+        /// The commands that mend it.
         remedy: Remedy,
     },
     /// The interface is set to listen only, or to hear only itself: no motor would hear it.
     #[error("{0} is in listen-only or loopback mode; as root: {1}", .remedy.interface, .remedy)]
     Deaf {
-        /// What mends it.
+        /// The commands that mend it.
         remedy: Remedy,
     },
     /// The controller has left the bus and will not come back by itself.
     #[error("{0} is bus-off and not set to restart; check wiring and bit rate, then as root: {1}", .remedy.interface, .remedy)]
     BusOff {
-        /// What mends it.
+        /// The commands that mend it.
         remedy: Remedy,
     },
     /// The driver does not take the settings, such as a bit rate that its clock cannot be divided to.
     #[error("{0}: the driver refused; `dmesg` may tell why: {1}", .remedy.interface, .remedy)]
     Refused {
-        /// What was tried.
+        /// The commands that were tried.
         remedy: Remedy,
     },
     /// A system call failed.
@@ -102,14 +102,14 @@ pub enum OpenError {
     System {
         /// The interface.
         interface: InterfaceName,
-        /// What was tried.
+        /// The step that failed.
         step: Step,
-        /// What the kernel said.
+        /// The error of the kernel.
         errno: Errno,
     },
 }
 
-/// What was tried when a system call failed.
+/// The step in which a system call failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Step {
     /// Reading the settings of the interface.
@@ -148,14 +148,14 @@ impl fmt::Display for Remedy {
 }
 
 impl Link {
-    /// Reads what `interface` is set to. Needs no rights.
+    /// Reads the settings of `interface`. Needs no rights.
     ///
     /// # Errors
     ///
     /// [`OpenError::Missing`], [`OpenError::NotCan`] or [`OpenError::System`].
     pub fn read(interface: InterfaceName) -> Result<Self, OpenError> {
         let index = if_nametoindex(interface.as_str()).map_err(|_| OpenError::Missing(interface))?;
-        // Binding is the kernel's own test of what kind of interface it is.
+        // Binding is the kernel's own test for a CAN interface.
         open_socket(interface, index, |_| Ok(()))?;
         let details = CanInterface::open_iface(index).details().map_err(|error| OpenError::System {
             interface,
@@ -186,10 +186,10 @@ impl Link {
     ///
     /// # Errors
     ///
-    /// What is wrong with the interface, when it is not allowed or not possible to mend it.
+    /// The first fault of the interface that may not or cannot be mended.
     pub fn prepare(interface: InterfaceName, bitrate: u32, queue_length: u32) -> Result<Self, OpenError> {
         let link = Self::read(interface)?;
-        // Whoever may set the length of the queue may set the rest. Where nobody may, the send buffer still bounds it.
+        // A process that may set the queue length may set the rest. Where it may not, the send buffer still bounds the queue.
         let allowed = set_queue_length(link.index, queue_length);
         let Err(fault) = link.check(bitrate, queue_length) else { return Ok(link) };
         if !allowed {
@@ -249,7 +249,7 @@ impl Link {
     }
 
     fn parameters(&self, bitrate: u32) -> InterfaceCanParams {
-        // Not asked for without need: a driver with a fixed mode refuses whatever leaves that mode out.
+        // Only set when needed: a driver with a fixed mode refuses settings that leave that mode out.
         let hearing = self.is_deaf().then(|| {
             let mut modes = CanCtrlModes::default();
             modes.add(CanCtrlMode::ListenOnly, false);
@@ -284,7 +284,7 @@ fn netlink_errno(error: &socketcan::Error) -> Errno {
     Errno::from_raw(raw.unwrap_or(libc::EPROTO))
 }
 
-/// Sets what the socketcan crate does not offer. `false` when the kernel refused: without the right to, as a rule.
+/// Sets the transmit queue length, which the socketcan crate does not offer. `false` when the kernel refused: without the right to, as a rule.
 fn set_queue_length(index: u32, frames: u32) -> bool {
     let acknowledged = || {
         let socket = NlSocketHandle::connect(NlFamily::Route, None, Groups::empty()).ok()?;

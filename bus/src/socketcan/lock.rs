@@ -33,7 +33,7 @@ pub enum LockError {
     File {
         /// The interface.
         interface: InterfaceName,
-        /// What the kernel said.
+        /// The error of the kernel.
         errno: Errno,
     },
 }

@@ -3,15 +3,15 @@
 //! [`SocketCanBus::open`] configures and allocates; after it, sending is one `sendmmsg` and receiving one `recvmmsg`.
 //!
 //! Choices:
-//! - *Filters*: one exact filter for every expected id, which the kernel looks up in a table. What else is on the bus costs
-//!   the real-time thread nothing; [`UnexpectedIds`] counts it elsewhere.
+//! - *Filters*: one exact filter for every expected id, which the kernel looks up in a table. Other frames cost the real-time
+//!   thread nothing; [`UnexpectedIds`] counts them elsewhere.
 //! - *Error reports*: transmit timeout, lost arbitration, controller, no acknowledge, bus-off, restarted. Protocol and bus
-//!   errors are left out: the controller's state tells what they add up to.
-//! - *Transmit queue*: two cycles of commands, in the send buffer and, where allowed, in the interface's queue. What a stalled bus
-//!   cannot take is refused at once and never sent later.
+//!   errors are left out: the state of the controller is their sum.
+//! - *Transmit queue*: two cycles of commands, in the send buffer and, where allowed, in the interface's queue. Frames that
+//!   a stalled bus cannot take are refused at once and never sent later.
 //! - *Receive stamps*: software stamps of the kernel, taken before any scheduling, moved to `CLOCK_MONOTONIC`. Hardware
-//!   stamps are not asked for: they are readings of the controller's own counter, which CAN drivers do not offer as a clock,
-//!   so they cannot be told from drift (`docs/adr/0013`).
+//!   stamps are not used: they are readings of the controller's own counter, which CAN drivers do not offer as a clock, so
+//!   its drift would be unknown (`docs/adr/0013`).
 //! - *Loopback* stays on, so that `candump` sees what motord sends; own frames are not received.
 
 mod link;
@@ -40,14 +40,14 @@ pub use name::{InterfaceName, InvalidName};
 pub use sender::Sender;
 pub use unexpected::UnexpectedIds;
 
-/// What to open.
+/// The interface to open, and its frames.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
     /// The interface.
     pub interface: InterfaceName,
     /// Bit rate in bit/s.
     pub bitrate: u32,
-    /// The ids the motors answer with, one each. Nothing else is received.
+    /// The ids of the motors' replies, one each. Nothing else is received.
     pub host_ids: Vec<FrameId>,
 }
 
@@ -65,13 +65,13 @@ pub struct SocketCanBus {
     outgoing: Batch,
     incoming: Batch,
     realtime: RealtimeOffset,
-    /// No frame that is still to be received was there before this instant.
+    /// Frames that are still to be received arrived at this instant or later.
     latest: Instant,
-    /// `SO_RXQ_OVFL` as last told.
+    /// The last value of `SO_RXQ_OVFL`.
     dropped: u32,
 }
 
-/// The error reports that are asked for.
+/// The error reports that the socket receives.
 const ERROR_FILTER: u32 = ErrorFrame::TX_TIMEOUT
     | ErrorFrame::LOST_ARBITRATION
     | ErrorFrame::CONTROLLER
@@ -79,10 +79,10 @@ const ERROR_FILTER: u32 = ErrorFrame::TX_TIMEOUT
     | ErrorFrame::BUS_OFF
     | ErrorFrame::RESTARTED;
 
-/// With these bits compared, a filter for one standard id takes the kernel's table look-up.
+/// With this mask, the kernel finds the filter for one standard id by a table look-up.
 const EXACT: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_SFF_MASK;
 
-/// What a queued frame takes of a send buffer, in bytes: `struct sk_buff` and its data block on 64-bit kernels up to 6.12.
+/// The part of a send buffer that a queued frame takes, in bytes: `struct sk_buff` and its data block on 64-bit kernels up to 6.12.
 const QUEUED_FRAME_BYTES: u32 = 768;
 
 impl SocketCanBus {
@@ -91,7 +91,7 @@ impl SocketCanBus {
     ///
     /// # Errors
     ///
-    /// What is wrong, and what to do about it.
+    /// The fault of the interface, with its remedy.
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
         let interface = settings.interface;
         let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
@@ -107,7 +107,7 @@ impl SocketCanBus {
         })
     }
 
-    /// What the interface was set to when it was opened.
+    /// The settings of the interface when it was opened.
     #[must_use]
     pub fn link(&self) -> &Link {
         &self.link
@@ -121,7 +121,7 @@ impl SocketCanBus {
     }
 }
 
-/// Sends what fits of `frames`. One system call.
+/// Sends the frames that fit. One system call.
 fn send(outgoing: &mut Batch, socket: BorrowedFd<'_>, frames: &[Frame]) -> Sent {
     if frames.is_empty() {
         return Sent::all(0);
@@ -194,24 +194,24 @@ fn limit_queue(socket: &CanSocket, frames: u32) -> io::Result<()> {
 }
 
 impl Bus for SocketCanBus {
-    /// One `sendmmsg`. When it takes a part, the kernel does not tell why it stopped: that is reported as
-    /// [`Refusal::Full`], and the next call meets the reason itself.
+    /// One `sendmmsg`. When the kernel takes only a part, it does not say why: the refusal is [`Refusal::Full`] then, and
+    /// the next call meets the reason itself.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
         send(&mut self.outgoing, self.socket.as_fd(), frames)
     }
 
-    /// One `recvmmsg`. `now` is what the caller read after its wait: no arrival is later. An error of the interface is
+    /// One `recvmmsg`. `now` is the time after the wait of the caller: no arrival is later. An error of the interface is
     /// not reported here, the next [`send`](Self::send) meets it.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-        let room = inbox.room();
-        if room == 0 {
+        let free = inbox.free();
+        if free == 0 {
             return;
         }
-        let count = self.incoming.receive(self.socket.as_fd(), room).unwrap_or(0);
+        let count = self.incoming.receive(self.socket.as_fd(), free).unwrap_or(0);
         for index in 0..count {
             let message = self.incoming.message(index);
             let ancillary = wire::ancillary(message.control());
-            // The kernel begins to stamp a moment after it was asked to: the first frames may come without.
+            // The kernel begins to stamp a moment after the option was set: the first frames may have no stamp.
             self.latest = match ancillary.stamp {
                 Some(stamp) => self.realtime.monotonic(stamp, self.latest, now),
                 None => now,
@@ -223,7 +223,7 @@ impl Bus for SocketCanBus {
             let arrival = Arrival { at: self.latest, content: wire::decode(message.frame()) };
             inbox.push(arrival).expect("no more messages were asked for than fit");
         }
-        if count < room {
+        if count < free {
             self.latest = now;
         }
     }
@@ -247,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_fault_of_the_interface_means_is_told_from_its_errno() {
+    fn each_errno_of_an_interface_means_its_refusal() {
         let table = [
             (Errno::ENOBUFS, Refusal::Full),
             (Errno::EAGAIN, Refusal::Full),

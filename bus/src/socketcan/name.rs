@@ -11,7 +11,7 @@ pub struct InterfaceName {
     len: u8,
 }
 
-/// The text is no name of an interface.
+/// The error of a text that is no name of an interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("an interface name has 1 to 15 letters, digits, '-', '_' or '.'")]
 pub struct InvalidName;
@@ -35,8 +35,8 @@ impl FromStr for InterfaceName {
         let valid =
             !text.is_empty() && text.bytes().all(|byte| allowed(&byte)) && text != "." && text != "..";
         let mut bytes = [0; Self::MAX];
-        let room = bytes.get_mut(..text.len()).filter(|_| valid).ok_or(InvalidName)?;
-        room.copy_from_slice(text.as_bytes());
+        let name = bytes.get_mut(..text.len()).filter(|_| valid).ok_or(InvalidName)?;
+        name.copy_from_slice(text.as_bytes());
         Ok(Self { bytes, len: text.len() as u8 })
     }
 }

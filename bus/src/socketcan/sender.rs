@@ -1,4 +1,4 @@
-//! Sending and nothing else, for whoever stops the motors of a daemon that has died.
+//! A socket that only sends, for the stop of motors whose daemon has died.
 
 use std::os::fd::AsFd;
 
@@ -11,10 +11,9 @@ use crate::kernel::Batch;
 use crate::time::Instant;
 use crate::{Bus, Readiness, Sent};
 
-/// Sends on the interface of a name, whichever that is: one that is missing, or was unplugged and plugged in again, refuses
-/// with [`Refusal::Gone`](crate::Refusal::Gone) until it is [found](Self::find).
+/// Sends on whichever interface has a name. One that is missing, or was unplugged and plugged in again, refuses with [`Refusal::Gone`](crate::Refusal::Gone) until it is [found](Self::find).
 ///
-/// It takes the interface as it is, and leaves alone what a daemon has set up. One that is down refuses with
+/// It uses the interface as it is, and changes none of its settings. One that is down refuses with
 /// [`Refusal::Down`](crate::Refusal::Down) until it is up.
 pub struct Sender {
     interface: InterfaceName,
@@ -23,7 +22,7 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// For up to `frames` at a time. The interface need not be there. Allocates.
+    /// A sender of up to `frames` at a time. The interface may be missing. Allocates.
     ///
     /// # Errors
     ///
@@ -36,9 +35,9 @@ impl Sender {
     }
 
     /// Finds the interface that has the name now. Does not allocate; five system calls. Not for the real-time thread of a
-    /// robot that moves: it waits while any other process, or the kernel itself when adapters come and go, configures
-    /// interfaces, however long that takes. With `CAP_NET_ADMIN` it also waits while the kernel looks for a
-    /// driver of that name (`modprobe`).
+    /// robot that moves: it blocks, without a bound, while another process configures interfaces, or the kernel does because
+    /// adapters come and go. With `CAP_NET_ADMIN` it also blocks while the kernel looks for a driver of that name
+    /// (`modprobe`).
     ///
     /// # Errors
     ///
@@ -47,7 +46,7 @@ impl Sender {
         let index =
             if_nametoindex(self.interface.as_str()).map_err(|_| OpenError::Missing(self.interface))?;
         bind(&self.socket, self.interface, index)?;
-        // What happened to the interface before is told once more by the next call otherwise.
+        // Otherwise the next call would report an error of the earlier interface.
         self.socket.as_raw_socket().take_error().map_err(|error| failed(self.interface, &error))?;
         Ok(())
     }

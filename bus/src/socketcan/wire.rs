@@ -1,5 +1,5 @@
-//! The kernel's bytes for a frame and for what comes with it. Everything here reads bytes from outside: none of it
-//! panics, whatever they are.
+//! The kernel's bytes for a frame and for its control messages. The bytes come from outside: no function here panics,
+//! whatever they are.
 //!
 //! Source: `linux/can.h` (`struct can_frame`, `struct canfd_frame`, the flags in the id), `linux/socket.h` (control
 //! messages).
@@ -8,7 +8,7 @@ use crate::clock::RealtimeStamp;
 use crate::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
 use crate::kernel::FRAME_BYTES;
 
-/// Length of `struct can_frame`: what is sent, and what is received of a classic frame.
+/// Length of `struct can_frame`: of every frame that is sent, and of a classic frame that is received.
 pub(super) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
 
 /// `struct can_frame`, by bytes.
@@ -40,7 +40,7 @@ fn lay_out(word: u32, payload: &[u8]) -> [u8; FRAME_BYTES] {
     bytes
 }
 
-/// What the bytes of a received message are.
+/// The content of a received message.
 pub(super) fn decode(bytes: &[u8]) -> Content {
     match bytes.len() {
         CLASSIC_BYTES => classic(bytes).unwrap_or(Content::Unsupported(Unsupported::Length)),
@@ -70,7 +70,7 @@ fn classic(bytes: &[u8]) -> Option<Content> {
     Frame::new(id, data.get(..len)?).map(Content::Frame)
 }
 
-/// What the kernel told beside a frame.
+/// The data that the kernel adds to a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Ancillary {
     /// When the frame reached the kernel (`SCM_TIMESTAMPING`, software).
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_motor_sends_is_never_a_frame() {
+    fn an_unsupported_frame_is_never_a_frame() {
         let unsupported = |bytes: &[u8]| match decode(bytes) {
             Content::Unsupported(unsupported) => Some(unsupported),
             _ => None,

@@ -34,7 +34,7 @@ impl Peer {
         self.write(&bytes)
     }
 
-    /// Waits for room: a peer is another node, and the wire is slower than a loop.
+    /// Waits for the queue: a peer is another node, and the wire is slower than a loop.
     fn write(&mut self, bytes: &[u8]) -> bool {
         const ATTEMPTS: u32 = 1000;
         (0..ATTEMPTS).any(|_| {
@@ -79,7 +79,7 @@ fn classic(word: u32, payload: &[u8]) -> [u8; 16] {
     bytes
 }
 
-/// Runs `tc` or `ip`, and tells whether it succeeded.
+/// Runs `tc` or `ip`, and returns whether it succeeded.
 pub(crate) fn run(command: &str) -> bool {
     let mut words = command.split_whitespace();
     let program = words.next().expect("a command has a name");

@@ -44,7 +44,7 @@ impl Vcan {
             self.bus.receive(clock::monotonic(), &mut inbox);
             count += inbox.arrivals().len();
             lost += inbox.lost;
-            if inbox.room() > 0 {
+            if inbox.free() > 0 {
                 return (count, lost);
             }
         }
@@ -184,8 +184,8 @@ fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
     assert_eq!(descriptors(), before);
 }
 
-/// Goal: what stops the motors of a dead daemon serves whatever has the interface's name at that time, and a send never waits
-/// for the search.
+/// Goal: the sender that stops the motors of a dead daemon serves the interface that has the name at that time, and a send
+/// never waits for the search.
 #[test]
 #[ignore = "needs SocketCAN and root: run rigs/test-can"]
 fn a_sender_finds_the_interface_that_has_its_name_now() {
