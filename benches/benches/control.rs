@@ -6,7 +6,7 @@ mod robot;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Control, Heard, Wake};
+use motord_core::control::{Control, Reported, Wake};
 use motord_core::joint::Measured;
 use motord_protocol::Faults;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
@@ -63,7 +63,7 @@ impl Robot {
         let latency = Duration::from_micros(300);
         for motor in 0..12 {
             let still = Measured::new(0.0, 0.0, 0.0, None);
-            self.control.heard(motor, Heard::State(still, latency), now + latency);
+            self.control.receive(motor, Reported::State(still, latency), now + latency);
         }
         self.control.end_cycle();
         let joints = self.state.joints.iter_mut();
@@ -72,7 +72,7 @@ impl Robot {
         groups.zip(self.control.group_states()).for_each(|(group, state)| *group = state);
         for bus in 0..4 {
             if let Some(motor) = self.control.fault_poll(bus) {
-                self.control.heard(motor, Heard::Fault(Faults::NONE), now + 2 * latency);
+                self.control.receive(motor, Reported::Fault(Faults::NONE), now + 2 * latency);
             }
         }
         self.control.clear_events();

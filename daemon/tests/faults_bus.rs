@@ -4,7 +4,7 @@
 mod robot;
 
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Command, Event, Heard};
+use motord_core::control::{Command, Event, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_core::settings::{BeyondRange, FaultPolicy, Settings};
 use motord_shared::{
@@ -172,7 +172,7 @@ fn six_bytes_of_a_reply_count_and_fewer_are_none() {
     let reply = [1, 0x80, 0, 0x80, 8, 0, 0, 0];
     for length in 0..=8 {
         let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::Stop);
-        let heard = matches!(drive.receive(&reply[..length], later), Received::Reply(Heard::State(..)));
+        let heard = matches!(drive.receive(&reply[..length], later), Received::Reply(Reported::State(..)));
         assert_eq!(heard, length >= 6, "{length} bytes");
     }
 }
@@ -183,7 +183,7 @@ fn no_bytes_make_a_state_that_is_no_number() {
     for _ in 0..1_000_000 {
         let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
         let bytes = random.next().to_be_bytes();
-        if let Received::Reply(Heard::State(state, _)) = drive.receive(&bytes[..random.below(9)], later) {
+        if let Received::Reply(Reported::State(state, _)) = drive.receive(&bytes[..random.below(9)], later) {
             assert!([state.position, state.velocity, state.torque].iter().all(|value| value.is_finite()));
         }
     }
@@ -237,7 +237,7 @@ fn an_answer_to_an_old_question_for_the_fault_is_no_state() {
     drive.request(&Command::Stop, later);
     // The last four bytes of a fault report mean nothing (MIT document 1.2), so they may be anything.
     let answer = drive.receive(&[1, 0x40, 0x80, 8, 8, 0], later + Duration::from_micros(300));
-    assert_eq!(answer, Received::Reply(Heard::Late));
+    assert_eq!(answer, Received::Reply(Reported::Late));
     let (mut first, later) = asked_drive(&robot::three_motors(), &Command::Stop);
     assert_eq!(first.receive(&fault, later), Received::Malformed, "not even as the first state of all");
 }
@@ -257,10 +257,14 @@ fn a_dropped_reply_does_not_move_the_count_of_turns() {
         answer
     };
     // Positions: -0.6 rad, 11.91 rad, -0.5 rad.
-    assert!(matches!(read(&Command::Stop, &[1, 0x79, 0xDB, 0x80, 8, 0]), Received::Reply(Heard::State(..))));
+    assert!(matches!(
+        read(&Command::Stop, &[1, 0x79, 0xDB, 0x80, 8, 0]),
+        Received::Reply(Reported::State(..))
+    ));
     assert_eq!(read(&Command::GetFault, &[]), Received::Malformed);
-    assert_eq!(read(&Command::Stop, &[1, 0xFA, 0, 0x80, 8, 0]), Received::Reply(Heard::Late));
-    let Received::Reply(Heard::State(state, _)) = read(&Command::Stop, &[1, 0x7A, 0xE1, 0x80, 8, 0]) else {
+    assert_eq!(read(&Command::Stop, &[1, 0xFA, 0, 0x80, 8, 0]), Received::Reply(Reported::Late));
+    let Received::Reply(Reported::State(state, _)) = read(&Command::Stop, &[1, 0x7A, 0xE1, 0x80, 8, 0])
+    else {
         panic!("it is a state");
     };
     assert!((state.position + 0.5).abs() < 0.01, "{} rad", state.position);
@@ -278,8 +282,8 @@ fn a_lost_answer_about_a_fault_costs_one_more_and_not_all() {
         now = now + PERIOD;
         drive.request(&Command::Stop, now);
     }
-    assert_eq!(heard[0], Received::Reply(Heard::Late));
-    assert!(matches!(heard[1], Received::Reply(Heard::Fault(_))), "{heard:?}");
+    assert_eq!(heard[0], Received::Reply(Reported::Late));
+    assert!(matches!(heard[1], Received::Reply(Reported::Fault(_))), "{heard:?}");
 }
 
 #[test]
@@ -294,7 +298,7 @@ fn a_fault_report_is_heard_after_questions_that_were_never_answered() {
     now = now + Duration::from_millis(100);
     drive.request(&Command::GetFault, now);
     let answer = drive.receive(&[1, 0x40, 0, 0, 0, 0], now + Duration::from_micros(300));
-    assert!(matches!(answer, Received::Reply(Heard::Fault(_))), "{answer:?}");
+    assert!(matches!(answer, Received::Reply(Reported::Fault(_))), "{answer:?}");
 }
 
 #[test]
@@ -309,15 +313,15 @@ fn a_state_that_lags_by_a_cycle_is_no_fault_and_the_report_after_it_is_one() {
         for _ in 0..100 {
             later = later + PERIOD;
             let answer = lagging(&mut drive, later);
-            assert!(matches!(answer, Received::Reply(Heard::State(..))), "{answer:?}");
+            assert!(matches!(answer, Received::Reply(Reported::State(..))), "{answer:?}");
         }
         drive.request(&Command::GetFault, later + Duration::from_micros(100));
         let answer = drive.receive(&state, later + Duration::from_micros(200));
-        assert_eq!(answer, Received::Reply(Heard::Late));
+        assert_eq!(answer, Received::Reply(Reported::Late));
         later = later + PERIOD;
         drive.request(&Command::Stop, later - Duration::from_micros(200));
         let answer = drive.receive(&[1, 0x40, 0, 0, 0, 0], later - Duration::from_micros(100));
-        assert!(matches!(answer, Received::Reply(Heard::Fault(bits)) if bits.0 == 0x40), "{answer:?}");
+        assert!(matches!(answer, Received::Reply(Reported::Fault(bits)) if bits.0 == 0x40), "{answer:?}");
     }
 }
 
@@ -333,7 +337,7 @@ fn a_report_that_looks_like_the_motion_is_believed_in_the_end() {
             later = later + Duration::from_millis(100);
         }
     }
-    assert!(matches!(heard[7], Received::Reply(Heard::Fault(bits)) if bits.0 == 0x80), "{heard:?}");
+    assert!(matches!(heard[7], Received::Reply(Reported::Fault(bits)) if bits.0 == 0x80), "{heard:?}");
 }
 
 #[test]

@@ -33,9 +33,9 @@ impl Command {
     }
 }
 
-/// The answer of one motor.
+/// A reply of one motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Heard {
+pub enum Reported {
     /// Its state, and the time from the command to the answer.
     State(Measured<Joint>, Duration),
     /// Its fault bits.

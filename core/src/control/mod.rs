@@ -2,7 +2,7 @@
 //! after [`Control::new`], and no way to fail: whatever is wrong becomes a state, a counter or an event.
 //!
 //! One cycle: [`request`](Control::request) and [`offer`](Control::offer) bring the wishes of clients,
-//! [`decide`](Control::decide) makes one command per motor, [`heard`](Control::heard) takes the answers of the motors,
+//! [`decide`](Control::decide) makes one command per motor, [`receive`](Control::receive) takes the answers of the motors,
 //! [`end_cycle`](Control::end_cycle) draws the consequences of silence.
 //!
 //! | file | decides |
@@ -21,7 +21,7 @@ mod group;
 mod motor;
 mod time_base;
 
-pub use command::{Command, Heard};
+pub use command::{Command, Reported};
 pub use event::{Event, Events};
 pub use motor::{Applied, Circumstances, limit};
 
@@ -143,9 +143,9 @@ impl Control {
 
     /// The motor of `joint` answered at `at`. Returns whether that can be true; if not, it is not used. Does not allocate;
     /// bounded by motors.
-    pub fn heard(&mut self, joint: usize, heard: Heard, at: Instant) -> bool {
+    pub fn receive(&mut self, joint: usize, reported: Reported, at: Instant) -> bool {
         let Place { group, place } = self.places[joint];
-        let report = self.groups[group].heard(place, heard, at, &mut self.context);
+        let report = self.groups[group].receive(place, reported, at, &mut self.context);
         if report == Report::StopAll {
             self.stop_all(Cause::MotorFault, Some(joint));
         }
@@ -161,9 +161,9 @@ impl Control {
     }
 
     /// The motor of `joint` answered one question twice.
-    pub fn heard_twice(&mut self, joint: usize) {
+    pub fn receive_duplicate(&mut self, joint: usize) {
         let Place { group, place } = self.places[joint];
-        self.groups[group].heard_twice(place, &mut self.context);
+        self.groups[group].receive_duplicate(place, &mut self.context);
     }
 
     /// Every answer that can come in this cycle has come. Bounded by motors.

@@ -1,7 +1,7 @@
 //! One cycle: wake, decide, transmit, collect, publish.
 //!
 //! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
-//! bounded by motors, buses or an inbox, and none returns early: a silent motor is data for a later phase. System
+//! bounded by motors, buses or an inbox, and none returns early: that a motor is silent is data for a later phase. System
 //! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
 //! receiving; busy polling, where configured, comes on top.
 
@@ -58,11 +58,12 @@ pub struct Cycle<C> {
 struct Timing {
     /// From tick to tick.
     period: Duration,
-    /// How long a safe stop may damp.
+    /// How long a safe stop damps at most.
     damp: Duration,
     /// From the sending of the commands to the time when replies count as missed.
     reply_deadline: Duration,
-    /// Commands are stale so long after their cycle began: the dead man's switch may have acted, or the robot is to be stopped.
+    /// Commands are stale so long after their cycle began: the dead man's switch may have acted by then, or the cycle lost its
+    /// time base.
     stale_after: Duration,
     /// How long the buses are polled before each sleep for replies.
     busy_poll: Duration,
@@ -185,6 +186,8 @@ impl<C: Clock> Cycle<C> {
         reached.later(1, self.timing.period)
     }
 
+    /// The phases of one cycle. Real-time: does not allocate; blocks only in the clock, while replies are awaited. Bounded by
+    /// motors, buses, inboxes and [`REQUESTS_PER_CYCLE`].
     fn cycle(&mut self, wake: &Wake) {
         self.link.beat(wake.cycle);
         self.replace_buses();
@@ -196,7 +199,8 @@ impl<C: Clock> Cycle<C> {
         self.poll_faults(wake.scheduled + self.timing.period);
     }
 
-    /// Takes at most one bus that was opened again; its motors are as lost as they were.
+    /// Takes at most one bus that was opened again. Its motors stay offline until they answer. Does not block: another thread
+    /// closes the old bus.
     fn replace_buses(&mut self) {
         if let Some((index, bus)) = self.link.next_bus() {
             let old = self.channels[index].replace(bus);
@@ -204,7 +208,8 @@ impl<C: Clock> Cycle<C> {
         }
     }
 
-    /// What clients want: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group.
+    /// Hands control what clients ask for: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group. No
+    /// system call.
     fn serve(&mut self, now: Instant) {
         let Self { link, control, .. } = self;
         for _ in 0..REQUESTS_PER_CYCLE {
@@ -216,7 +221,8 @@ impl<C: Clock> Cycle<C> {
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    /// Tells when the last frames were handed over: the replies are awaited from then on.
+    /// Decides, and sends one frame per motor. Returns when the last frames were handed over: the replies are awaited from
+    /// then on. Bounded by motors; one system call per bus.
     fn transmit(&mut self, wake: &Wake) -> Instant {
         let Self { control, drives, channels, bus_of, clock, timing, .. } = self;
         let commands = control.decide(*wake);
@@ -240,7 +246,8 @@ impl<C: Clock> Cycle<C> {
         now
     }
 
-    /// Waits for the answers to everything that was asked, at most until `deadline`, within a budget of system calls.
+    /// Waits for the replies to all open requests, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per
+    /// bus beside those of busy polling.
     /// The first wait lasts for the expected reply time: waking for every single frame would cost more calls.
     fn collect(&mut self, deadline: Instant) {
         let mut calls = CALLS_PER_BUS * self.channels.len();
@@ -268,7 +275,7 @@ impl<C: Clock> Cycle<C> {
     }
 
     /// Reads the open buses again and again without a sleep, for as long as configured and at most until `deadline`: the
-    /// replies that arrive meanwhile wait for no wake-up. At most [`READS_MAX`] reads.
+    /// replies that arrive meanwhile wait for no wake-up. At most [`READS_MAX`] reads of each bus.
     fn busy_poll(&mut self, deadline: Instant) {
         if self.timing.busy_poll.is_zero() {
             return;
@@ -283,8 +290,8 @@ impl<C: Clock> Cycle<C> {
         }
     }
 
-    /// Waits until something of interest comes, and at most until `until`. Tells which buses are worth reading; `None`
-    /// when that is not known.
+    /// Waits until something of interest arrives, at most until `until`. Returns the buses that are worth reading; `None` when
+    /// they are not known. One system call.
     fn wait(&mut self, interest: Interest, until: Instant) -> Option<Ready> {
         let mut readiness = [Readiness::Never; BUSES_MAX];
         for (readiness, channel) in readiness.iter_mut().zip(&self.channels) {
@@ -297,11 +304,13 @@ impl<C: Clock> Cycle<C> {
         (interest == Interest::OpenBuses).then_some(ready)
     }
 
+    /// How many buses have an open request. Bounded by motors.
     fn open_buses(&self) -> usize {
         self.channels.iter().filter(|channel| channel.is_open(&self.drives)).count()
     }
 
-    /// Reads the buses that are `ready`, or all when that is not known. Returns how many were read.
+    /// Reads the buses that are `ready`, or all when that is not known. Returns how many were read. One system call for each of
+    /// them; bounded by their inboxes.
     fn receive(&mut self, ready: Option<Ready>) -> usize {
         let Self { channels, drives, control, clock, .. } = self;
         let now = clock.now();
@@ -314,8 +323,10 @@ impl<C: Clock> Cycle<C> {
             channel.receive(now, |motor, payload, at| {
                 let received = drives[motor].receive(payload, at);
                 match received {
-                    Received::Reply(heard) if !control.heard(motor, heard, at) => return Received::Malformed,
-                    Received::Duplicate => control.heard_twice(motor),
+                    Received::Reply(reported) if !control.receive(motor, reported, at) => {
+                        return Received::Malformed;
+                    }
+                    Received::Duplicate => control.receive_duplicate(motor),
                     Received::Reply(_) | Received::UnexpectedId | Received::Malformed => {}
                 }
                 received
@@ -325,6 +336,8 @@ impl<C: Clock> Cycle<C> {
         read
     }
 
+    /// Publishes the states, answers and events of this cycle. At most one system call: that of the function which
+    /// [`on_publish`](Self::on_publish) was given.
     fn publish(&mut self, wake: &Wake) {
         let now = self.clock.now();
         self.report(wake, now);
@@ -337,8 +350,8 @@ impl<C: Clock> Cycle<C> {
         link.lose(control.clear_events());
     }
 
-    /// Asks at most one motor per bus for its faults, where the cycle still has room on the wire, and waits for the
-    /// answers within what is left of the cycle.
+    /// Asks at most one motor per bus for its faults, where request and reply still fit before `end`, the next tick, and waits
+    /// for the replies at most until then. One system call per bus that is asked, and those of [`collect`](Self::collect).
     fn poll_faults(&mut self, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;
@@ -367,10 +380,12 @@ fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration
     }
 }
 
-/// What may end a wait early.
+/// The events that end a wait early.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Interest {
+    /// None: the wait lasts until its end.
     Nothing,
+    /// An arrival on a bus with an open request.
     OpenBuses,
 }
 

@@ -1,12 +1,14 @@
 //! A drive in native mode, over CAN or a serial line. Source: GIM document.
 //!
-//! Native motors tell their state only in answer to control commands. A stopped one is asked for its shaft angle
-//! (indicator 0x13) instead, now and then for its speed (0x14), and is told to stop, so that it is known to be.
-//! Damping and holding are made here of the last state: the native commands have no impedance.
+//! Native motors report their state only in answer to control commands. A stopped one is asked for its shaft angle
+//! (indicator 0x13) instead, now and then for its speed (0x14), and is commanded to stop, so that its stop is confirmed.
+//! Damping and holding are computed here from the last accepted state: the native commands have no impedance.
+//!
+//! Real-time: nothing here allocates, blocks or loops.
 
 use super::correlator::{Payload, Question};
 use super::{Decoder, Reading};
-use crate::control::{Command, Heard};
+use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use motord_bus::{Duration, Instant};
 use motord_protocol::Scales;
@@ -15,7 +17,7 @@ use motord_shared::SetpointMode;
 
 const SHAFT_ANGLE: u8 = 0x13;
 const SHAFT_SPEED: u8 = 0x14;
-/// While stopped: of so many cycles, one asks for the speed and one says stop.
+/// While stopped: of so many cycles, one asks for the speed and one commands stop.
 const ROUND: u32 = 10;
 const RPM: f32 = 60.0 / core::f32::consts::TAU;
 
@@ -25,9 +27,9 @@ pub(super) struct Gim {
     transmission: Transmission,
     asked: gim::Command,
     turn: u32,
-    /// It confirmed the start command, and was not told to stop since: before, it refuses control commands.
+    /// It confirmed the start command, and was not commanded to stop since. Before that it refuses control commands.
     started: bool,
-    /// The last state, motor side.
+    /// The last accepted state, motor side.
     state: Measured<Motor>,
 }
 
@@ -37,6 +39,7 @@ impl Gim {
         Self { scales, transmission, asked: gim::Command::StopMotor, turn: 0, started: false, state }
     }
 
+    /// The frame for `command`; `None` for [`Command::Nothing`]. Constant time.
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
         if !matches!(command, Command::Stop | Command::Nothing) {
             self.turn = 0;
@@ -59,6 +62,7 @@ impl Gim {
         Some(self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()))
     }
 
+    /// The next command of the round to a stopped motor.
     fn stopped(&mut self) -> gim::Command {
         let turn = self.turn;
         self.turn = (turn + 1) % ROUND;
@@ -90,8 +94,9 @@ impl Gim {
         })
     }
 
-    fn reported(&self, latency: Duration) -> Heard {
-        Heard::State(self.transmission.to_joint(&self.state), latency)
+    /// The last accepted state, for the joint.
+    fn reported(&self, latency: Duration) -> Reported {
+        Reported::State(self.transmission.to_joint(&self.state), latency)
     }
 }
 
@@ -105,7 +110,7 @@ impl Decoder for Gim {
         }
     }
 
-    fn accept(&mut self, reply: Reply, _question: Question, _at: Instant, latency: Duration) -> Heard {
+    fn accept(&mut self, reply: Reply, _question: Question, _at: Instant, latency: Duration) -> Reported {
         match reply {
             Reply::State { outcome: Ok(state), .. } => {
                 let temperature = Some(f32::from(state.temperature_celsius));
@@ -118,18 +123,18 @@ impl Decoder for Gim {
             }
             Reply::Indicator { ind_id: SHAFT_SPEED, outcome: Ok(speed) } => {
                 self.state.velocity = speed.get() / RPM;
-                Heard::Alive
+                Reported::Alive
             }
-            Reply::Fault(Ok(fault)) => Heard::Fault(fault.faults()),
+            Reply::Fault(Ok(fault)) => Reported::Fault(fault.faults()),
             Reply::Done { outcome: Ok(()), .. } => match self.asked {
-                gim::Command::AcknowledgeFault => Heard::Cleared,
-                gim::Command::StopMotor => Heard::Stopped,
+                gim::Command::AcknowledgeFault => Reported::Cleared,
+                gim::Command::StopMotor => Reported::Stopped,
                 _ => {
                     self.started |= self.asked == gim::Command::StartMotor;
-                    Heard::Alive
+                    Reported::Alive
                 }
             },
-            _ => Heard::Refused,
+            _ => Reported::Refused,
         }
     }
 }

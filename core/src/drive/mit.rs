@@ -1,8 +1,10 @@
 //! A drive in MIT mode. Source: MIT document.
+//!
+//! Real-time: after [`Mit::new`] nothing here allocates, blocks or loops.
 
 use super::correlator::{Payload, Question};
 use super::{Decoder, Reading};
-use crate::control::{Command, Heard};
+use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Instant};
@@ -21,13 +23,13 @@ pub(super) struct Mit {
     last: Option<(State, Instant)>,
 }
 
-/// After a longer silence nothing that comes answers a request from before it.
+/// After a longer silence no reply answers a request from before the silence.
 const SILENCE_MAX: Duration = Duration::from_millis(100);
 /// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
 const POSITION_MARGIN: f32 = 0.05;
 const VELOCITY_MARGIN: f32 = 15.0;
 
-/// Follows a position whose code wraps.
+/// Follows a position whose code wraps round. The turns are counted from accepted states only.
 #[derive(Debug)]
 struct Unwrap {
     /// What the position code wraps by, rad.
@@ -43,13 +45,13 @@ impl Unwrap {
     }
 
     /// The position over any number of turns, rad. A step of more than half the range is a wrap.
-    fn position(&mut self, told: f32) -> f32 {
-        let step = told - self.last.unwrap_or(told);
+    fn position(&mut self, reported: f32) -> f32 {
+        let step = reported - self.last.unwrap_or(reported);
         if step.abs() > self.period / 2.0 {
             self.turns -= step.signum();
         }
-        self.last = Some(told);
-        told + self.turns * self.period
+        self.last = Some(reported);
+        reported + self.turns * self.period
     }
 }
 
@@ -57,7 +59,7 @@ impl Unwrap {
 /// for: zero lies half a code off, and a code is up to 0.3 N·m.
 #[derive(Debug)]
 struct Feedback {
-    /// What the frames before sent too much, in codes; within ±0.5.
+    /// The sum that the frames so far sent too much, in codes; within ±0.5.
     carried: f64,
     /// The lowest and highest code within the joint's torque limit.
     codes: [f64; 2],
@@ -77,6 +79,7 @@ impl Mit {
         }
     }
 
+    /// The frame for `command`; `None` for [`Command::Nothing`]. Constant time.
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
         let command = match command {
             Command::Nothing => {
@@ -100,13 +103,14 @@ impl Mit {
         command.encode(&self.scales).ok()
     }
 
-    /// The motor is silent, or its zero is another: where it stands next says nothing of turns.
+    /// The motor is silent, or its zero changes: its next position says nothing about turns.
     fn forget_turns(&mut self) {
         if let Some(unwrap) = &mut self.unwrap {
             *unwrap = Unwrap::new(self.scales.position);
         }
     }
 
+    /// The control frame for an impedance, clamped to the ranges of the codes.
     fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
         // Without stiffness the position means nothing, so it is sent as zero: 0x80, the first byte of zero, is no
         // native command, should this motor have left MIT mode unseen (protocol note 1.3).
@@ -121,7 +125,7 @@ impl Mit {
         Some(codes.pack())
     }
 
-    /// `state` is where the motor can have come to since its last state.
+    /// The motor can have reached `state` since its last accepted state. No such state is known after a long silence.
     fn continues(&self, state: &State, at: Instant) -> bool {
         let Some((last, then)) = self.last else { return false };
         let silence = at.since(then);
@@ -131,11 +135,12 @@ impl Mit {
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
     }
 
-    fn state(&mut self, state: State, at: Instant, latency: Duration) -> Heard {
+    /// Takes `state` as the newest, and gives it for the joint.
+    fn state(&mut self, state: State, at: Instant, latency: Duration) -> Reported {
         self.last = Some((state, at));
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
-        Heard::State(self.transmission.to_joint(&motor), latency)
+        Reported::State(self.transmission.to_joint(&motor), latency)
     }
 }
 
@@ -170,11 +175,11 @@ impl Decoder for Mit {
         question: Question,
         at: Instant,
         latency: Duration,
-    ) -> Heard {
+    ) -> Reported {
         match question {
-            Question::State => state.map_or(Heard::Alive, |state| self.state(state, at, latency)),
-            Question::Fault => Heard::Fault(faults),
-            Question::Clear => Heard::Cleared,
+            Question::State => state.map_or(Reported::Alive, |state| self.state(state, at, latency)),
+            Question::Fault => Reported::Fault(faults),
+            Question::Clear => Reported::Cleared,
         }
     }
 }
@@ -275,8 +280,8 @@ mod tests {
         let mut turned = 0.0_f32;
         for _ in 0..1000 {
             turned += 0.11;
-            let told = (turned + turn / 2.0).rem_euclid(turn) - turn / 2.0;
-            assert!((unwrap.position(told) - turned).abs() < 1e-3, "at {turned}");
+            let reported = (turned + turn / 2.0).rem_euclid(turn) - turn / 2.0;
+            assert!((unwrap.position(reported) - turned).abs() < 1e-3, "at {turned}");
         }
     }
 }

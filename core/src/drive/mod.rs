@@ -9,7 +9,7 @@ mod correlator;
 mod gim;
 mod mit;
 
-use crate::control::{Command, Heard};
+use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Setpoint};
 use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 use correlator::{Correlator, Payload, Question, Verdict};
@@ -19,7 +19,7 @@ use motord_bus::{Duration, Frame, FrameId, Instant};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Received {
     /// A reply, and what it says.
-    Reply(Heard),
+    Reply(Reported),
     /// Answers no request.
     Duplicate,
     /// It bears the id of another motor.
@@ -79,8 +79,13 @@ trait Decoder {
     fn read(&self, payload: &[u8], at: Instant) -> Reading<Self::Content>;
 
     /// Takes what was read as the answer to `question`, `latency` after that was sent.
-    fn accept(&mut self, content: Self::Content, question: Question, at: Instant, latency: Duration)
-    -> Heard;
+    fn accept(
+        &mut self,
+        content: Self::Content,
+        question: Question,
+        at: Instant,
+        latency: Duration,
+    ) -> Reported;
 }
 
 /// A payload as a decoder reads it, without regard to what came before.
@@ -160,7 +165,7 @@ fn receive(correlator: &mut Correlator, decoder: &mut impl Decoder, payload: &[u
         (Verdict::LateReport, Some(content)) => {
             Received::Reply(decoder.accept(content, Question::Fault, at, Duration::ZERO))
         }
-        (Verdict::Late, _) => Received::Reply(Heard::Late),
+        (Verdict::Late, _) => Received::Reply(Reported::Late),
         (Verdict::Duplicate, _) => Received::Duplicate,
         (Verdict::UnexpectedId, _) => Received::UnexpectedId,
         (Verdict::Malformed, _) | (_, None) => Received::Malformed,

@@ -1,7 +1,7 @@
 //! Draws the consequences of observations for a group: heat, buses, its owner, states, faults, silence.
 
 use super::Group;
-use crate::control::Heard;
+use crate::control::Reported;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::settings::FaultPolicy;
@@ -67,16 +67,16 @@ impl Group {
     }
 
     /// The motor at `place` answered at `at`. Does not allocate; bounded by the motors of the group.
-    pub(in crate::control) fn heard(
+    pub(in crate::control) fn receive(
         &mut self,
         place: usize,
-        heard: Heard,
+        reported: Reported,
         at: Instant,
         cx: &mut Context,
     ) -> Report {
         let motor = &mut self.motors[place];
-        match heard {
-            Heard::State(reported, latency) => match motor.report_state(reported, at, latency, cx) {
+        match reported {
+            Reported::State(state, latency) => match motor.report_state(state, at, latency, cx) {
                 Ok(true) => {}
                 Ok(false) => return Report::Refused,
                 Err(cause) => {
@@ -84,16 +84,16 @@ impl Group {
                     self.stop(cause, Some(joint), cx);
                 }
             },
-            Heard::Fault(bits) => return self.heard_fault(place, bits, at, cx),
-            Heard::Cleared | Heard::Alive => motor.report_alive(),
-            Heard::Stopped => motor.report_stop(),
-            Heard::Refused => motor.report_refusal(),
-            Heard::Late => motor.report_late(),
+            Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
+            Reported::Cleared | Reported::Alive => motor.report_alive(),
+            Reported::Stopped => motor.report_stop(),
+            Reported::Refused => motor.report_refusal(),
+            Reported::Late => motor.report_late(),
         }
         Report::Used
     }
 
-    fn heard_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {
+    fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {
         let motor = &mut self.motors[place];
         motor.report_fault(bits, at, cx);
         if bits.is_none() {
@@ -112,7 +112,7 @@ impl Group {
     }
 
     /// The motor at `place` answered one question twice.
-    pub(in crate::control) fn heard_twice(&mut self, place: usize, cx: &mut Context) {
+    pub(in crate::control) fn receive_duplicate(&mut self, place: usize, cx: &mut Context) {
         let motor = &mut self.motors[place];
         if motor.report_twice() {
             let joint = motor.joint;
