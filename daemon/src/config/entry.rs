@@ -156,13 +156,8 @@ impl Row {
         Self { cells }
     }
 
-    pub(super) fn to_markdown(&self) -> String {
-        Self::line(&self.cells.each_ref().map(String::as_str))
-    }
-
-    /// A line of a Markdown table.
-    pub(super) fn line(cells: &[&str; 6]) -> String {
-        format!("| {} |", cells.join(" | "))
+    pub(super) fn into_cells(self) -> [String; 6] {
+        self.cells
     }
 }
 

@@ -1,32 +1,47 @@
-//! The tables of `docs/configuration.md`, written from the table of keys.
+//! The tables of `docs/configuration.md`, written from the table of keys and the known models.
+
+use motord_protocol::profile::PROFILES;
 
 use super::entry::Row;
 use super::keys;
 
-/// The opening mark of a generated table; its section follows.
-const BEGIN: &str = "<!-- keys of ";
-const END: &str = "<!-- end of keys -->";
-
-/// `document` with the table of every section written anew between its marks:
+/// `document` with every generated table written anew, between its marks:
 ///
 /// ```text
 /// <!-- keys of motor.limits -->
 /// …
-/// <!-- end of keys -->
+/// <!-- end of keys of motor.limits -->
 /// ```
 ///
-/// A section without marks in the document gets them at the end, so that no key is left out.
+/// A table without marks in the document is added at the end, so that no key is left out.
 #[must_use]
 pub fn reference(document: &str) -> String {
-    keys::reference().into_iter().fold(document.to_owned(), |document, (path, rows)| {
-        let begin = format!("{BEGIN}{path} -->");
+    let keys = keys::reference().into_iter().map(|(path, rows)| {
+        (format!("keys of {path}"), table(Row::HEAD, rows.into_iter().map(Row::into_cells)))
+    });
+    keys.chain([("models".to_owned(), models())]).fold(document.to_owned(), |document, (name, table)| {
+        let (begin, end) = (format!("<!-- {name} -->"), format!("<!-- end of {name} -->"));
         let (before, rest) = document.split_once(&begin).unwrap_or((&document, ""));
-        let (_, after) = rest.split_once(END).unwrap_or(("", "\n"));
-        format!("{before}{begin}\n{}{END}{after}", table(&rows))
+        let (_, after) = rest.split_once(&end).unwrap_or(("", "\n"));
+        format!("{before}{begin}\n{table}{end}{after}")
     })
 }
 
-fn table(rows: &[Row]) -> String {
-    let lines = [Row::HEAD, ["---"; 6]].map(|cells| Row::line(&cells));
-    lines.into_iter().chain(rows.iter().map(Row::to_markdown)).map(|line| line + "\n").collect()
+/// The motors that a configuration can name, and the defaults that their names give.
+fn models() -> String {
+    let head =
+        ["model", "vendor", "gear ratio", "rated torque, N·m", "peak torque, N·m", "max velocity, rad/s"];
+    let models = PROFILES.iter().flat_map(|profile| profile.models.iter().map(|model| (profile.name, model)));
+    let rows = models.map(|(vendor, model)| {
+        let numbers = [model.gear_ratio, model.rated_torque, model.peak_torque, model.max_velocity];
+        let [gear_ratio, rated, peak, velocity] = numbers.map(|number| number.to_string());
+        [format!("`{}`", model.name), vendor.to_owned(), gear_ratio, rated, peak, velocity]
+    });
+    table(head, rows)
+}
+
+fn table(head: [&str; 6], rows: impl Iterator<Item = [String; 6]>) -> String {
+    let line = |cells: &[&str]| format!("| {} |\n", cells.join(" | "));
+    let rows = rows.map(|cells| line(&cells.each_ref().map(String::as_str)));
+    [line(&head), line(&["---"; 6])].into_iter().chain(rows).collect()
 }
