@@ -1,4 +1,4 @@
-//! The two sides of a joint: what the robot means, and what the drive hears.
+//! The two views of a joint: the robot's, and the drive's.
 //!
 //! Both sides are radians and newton-metres, so no unit could tell them apart; the type does. Going from one to the
 //! other happens in [`Transmission`] and nowhere else:
@@ -69,7 +69,7 @@ impl<Side> Impedance<Side> {
 pub struct Setpoint {
     /// The values. A mode other than impedance uses those that it needs.
     pub values: Impedance<Joint>,
-    /// How they are meant.
+    /// The meaning of the values.
     pub mode: SetpointMode,
 }
 
@@ -112,7 +112,7 @@ impl<Side> Measured<Side> {
     }
 }
 
-/// How a joint sits on its motor: joint angle = direction · motor angle + offset.
+/// The way a joint is mounted on its motor: joint angle = direction · motor angle + offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Transmission {
     direction: f32,

@@ -1,4 +1,4 @@
-//! What the robot does, over any [`Bus`](motord_bus::Bus) and any [`Clock`](clock::Clock).
+//! The robot's side of motord, over any [`Bus`](motord_bus::Bus) and any [`Clock`](clock::Clock).
 //!
 //! No socket, no thread, no file and no wall clock: time is an argument, and buses are a trait. The daemon runs this crate
 //! on the machine; a test or another program runs it on virtual time.

@@ -12,10 +12,10 @@ use crate::settings::{BusKind, BusSettings, MotorProtocol, MotorSettings, Settin
 /// Above this fraction of the worst case a bus has too little left for retransmissions and faults: worth a warning.
 pub const WORST_CASE_SOUND: f64 = 0.8;
 
-/// What one bus carries in a cycle. Utilisations are fractions of a cycle: 1.0 leaves no gap.
+/// The load of one bus in a cycle. Utilisations are fractions of a cycle: 1.0 leaves no gap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BusPlan {
-    /// How many motors are on it.
+    /// Number of its motors.
     pub motors: usize,
     /// Commands and replies of all its motors, every stuffing bit included.
     pub worst_case_utilisation: f64,
@@ -23,11 +23,11 @@ pub struct BusPlan {
     pub unstuffed_utilisation: f64,
     /// The worst case of a cycle in which one motor is asked for its faults too.
     pub fault_poll_utilisation: f64,
-    /// How long the frames of a cycle take without stuffing bits: before it, the last reply cannot be complete.
+    /// Wire time of the frames of a cycle without stuffing bits: the last reply cannot be complete before.
     pub expected: Duration,
-    /// How long one command and its reply take at least.
+    /// Least wire time of one command and its reply.
     pub exchange_least: Duration,
-    /// How long one command and its reply take at most.
+    /// Most wire time of one command and its reply.
     pub exchange_worst: Duration,
 }
 

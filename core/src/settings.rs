@@ -5,7 +5,7 @@ use motord_bus::{Duration, FrameId};
 use motord_protocol::{Profile, Scales};
 use motord_shared::SetpointMode;
 
-/// Everything the daemon was told.
+/// Everything that was configured.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// The instance's name: its services are `motord/<instance>/…`.
@@ -47,7 +47,7 @@ pub struct CycleSettings {
     pub busy_poll: Duration,
 }
 
-/// How the ipc thread waits.
+/// The way the ipc thread waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IpcMode {
     /// Wakes when the states are ready, and `lead` before the next cycle to fetch setpoints.
@@ -59,9 +59,9 @@ pub enum IpcMode {
 /// `[ipc]`.
 #[derive(Debug, Clone)]
 pub struct IpcSettings {
-    /// How it waits.
+    /// The way it waits.
     pub mode: IpcMode,
-    /// How long before a cycle the setpoints are fetched.
+    /// The setpoints are fetched this long before a tick.
     pub lead: Duration,
     /// The processor it is pinned to.
     pub cpu: Option<usize>,
@@ -69,7 +69,7 @@ pub struct IpcSettings {
     pub priority: Option<u8>,
 }
 
-/// What a group does when it is stopped for a cause.
+/// The way a group stops when there is a cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SafeStop {
     /// Damp (kp 0, kd of the motor, torque 0) until slow or for `damp`, then stop the motors. The default.
@@ -80,7 +80,7 @@ pub enum SafeStop {
     Stop,
 }
 
-/// Who stops when a motor reports a fault.
+/// The part of the robot that stops when a motor reports a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultPolicy {
     /// That motor only.
@@ -96,7 +96,7 @@ pub enum FaultPolicy {
 pub struct SafetySettings {
     /// An owner that sends no valid setpoint for this long is dead.
     pub setpoint_timeout: Duration,
-    /// What a group does when it is stopped for a cause, where the group says nothing else.
+    /// The way a group stops when there is a cause, where the group has no setting of its own.
     pub safe_stop: SafeStop,
     /// The longest a group is damped before its motors are stopped.
     pub damp: Duration,
@@ -123,11 +123,11 @@ pub struct SafetySettings {
 pub struct BusSettings {
     /// Its name.
     pub name: String,
-    /// What it is.
+    /// Its kind.
     pub kind: BusKind,
 }
 
-/// What a bus is made of.
+/// The kind of a bus.
 #[derive(Debug, Clone)]
 pub enum BusKind {
     /// A CAN interface of Linux.
@@ -204,7 +204,7 @@ impl Capabilities {
     }
 }
 
-/// What a motor does with a position beyond the end of its codes; the documents are silent.
+/// The reaction to a position beyond the end of its codes; the documents are silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeyondRange {
     /// Not known: stop before the end of the range. The default.
@@ -230,7 +230,7 @@ pub struct MotorSettings {
     pub model: String,
     /// The facts of its vendor.
     pub profile: &'static Profile,
-    /// What its codes stand for.
+    /// The scales of its codes.
     pub scales: Scales,
     /// The torque the motor can give for good, output side, N·m.
     pub rated_torque: f32,
@@ -240,15 +240,15 @@ pub struct MotorSettings {
     pub overload: Duration,
     /// Its fastest speed without load, output side, rad/s.
     pub max_velocity: f32,
-    /// How the joint sits on the motor: its direction and its offset.
+    /// Direction and offset of the joint on its motor.
     pub transmission: Transmission,
     /// The abilities of the motor that decisions depend on.
     pub capabilities: Capabilities,
     /// Damping of a safe stop, N·m·s/rad.
     pub damping_kd: f32,
-    /// What happens at the end of the position range.
+    /// The reaction at the end of the position range.
     pub beyond_range: BeyondRange,
-    /// Who stops when this motor reports a fault.
+    /// The part of the robot that stops when this motor reports a fault.
     pub fault_policy: FaultPolicy,
     /// `[motor.limits]`.
     pub limits: LimitSettings,
@@ -286,7 +286,7 @@ pub struct LimitSettings {
 /// `[motor.simulation]`: the physics of a simulated motor, output side.
 #[derive(Debug, Clone)]
 pub struct MotorSimulation {
-    /// Where it stands at the start, motor side, rad.
+    /// Position at the start, motor side, rad.
     pub initial_position: f64,
     /// Inertia of the load at the output, kg·m².
     pub load_inertia: f64,
@@ -301,6 +301,6 @@ pub struct GroupSettings {
     pub name: String,
     /// Motor indices, rising.
     pub motors: Vec<usize>,
-    /// What it does when it is stopped for a cause.
+    /// The way it stops when there is a cause.
     pub safe_stop: SafeStop,
 }

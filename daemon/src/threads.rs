@@ -37,10 +37,10 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
-/// How often a registrar that panicked looks whether the last cycle is over.
+/// Period in which a registrar that panicked checks whether the last cycle is over.
 const REGISTRAR_TURN: Duration = Duration::from_millis(50);
 
-/// What the threads are told: run, stop with damping, stop now, or end.
+/// The orders to the threads: run, stop with damping, stop now, or end.
 #[derive(Debug, Default)]
 struct Orders {
     order: AtomicU32,
@@ -110,7 +110,7 @@ impl Daemon {
     ///
     /// # Errors
     ///
-    /// What could not be started. Nothing has moved then.
+    /// The part that could not be started. Nothing has moved then.
     pub fn start(
         settings: Settings,
         config: Option<(&Path, u64)>,
@@ -159,7 +159,7 @@ impl Daemon {
         self.orders.give(Orders::STOP_NOW);
     }
 
-    /// It was told to stop.
+    /// It was ordered to stop.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
         self.orders.are(Orders::STOP)
@@ -172,11 +172,11 @@ impl Daemon {
     /// When a thread has panicked, or a motor that was started did not answer its stops.
     pub fn end(self) -> Result<(), RunError> {
         self.stop();
-        let _told_by_orders = self.cycle.join();
+        let _seen_in_orders = self.cycle.join();
         self.orders.give(Orders::END);
         self.ipc.thread().unpark();
         for thread in [self.ipc, self.telemetry] {
-            let _told_by_orders = thread.join();
+            let _seen_in_orders = thread.join();
         }
         if let Some(thread) = self.orders.panicked.get() {
             return Err(RunError::Thread(thread));
@@ -212,7 +212,7 @@ fn start_ipc(
     boot_id: u64,
 ) -> Result<JoinHandle<()>, RunError> {
     let (opened, ready) = channel();
-    let (lock, told) = (Arc::clone(lock), Arc::clone(orders));
+    let (lock, given) = (Arc::clone(lock), Arc::clone(orders));
     let ipc = settings.ipc.clone();
     let period = settings.cycle.period;
     let description =
@@ -226,7 +226,7 @@ fn start_ipc(
         let request = SchedulingRequest { cpu: ipc.cpu, priority: ipc.priority };
         rt::prepare_thread(request).iter().for_each(|step| step.log("ipc"));
         report(&opened, Ok(()));
-        IpcThread::new(ports, end, questions, description, &ipc, period).run(|| told.are(Orders::END));
+        IpcThread::new(ports, end, questions, description, &ipc, period).run(|| given.are(Orders::END));
     })?;
     await_report(&ready, "ipc")??;
     Ok(thread)
@@ -237,13 +237,13 @@ fn start_telemetry(
     orders: &Arc<Orders>,
     mut recorder: Recorder,
 ) -> Result<JoinHandle<()>, RunError> {
-    let (lock, told) = (Arc::clone(lock), Arc::clone(orders));
+    let (lock, given) = (Arc::clone(lock), Arc::clone(orders));
     start("telemetry", orders, move || {
         let housekeeper = Housekeeper::open(&lock);
         if let Err(error) = &housekeeper {
             tracing::warn!("dead clients will keep their places: {error}");
         }
-        recorder.run(housekeeper.ok().as_ref(), || told.are(Orders::END));
+        recorder.run(housekeeper.ok().as_ref(), || given.are(Orders::END));
     })
 }
 
@@ -254,8 +254,8 @@ fn start_reconnector(
     mut reconnector: Reconnector,
     broken: Receiver<usize>,
 ) -> Result<(), RunError> {
-    let (settings, told) = (settings.clone(), Arc::clone(orders));
-    let run = move || reconnector.run(&settings, &broken, || told.are(Orders::STOP));
+    let (settings, given) = (settings.clone(), Arc::clone(orders));
+    let run = move || reconnector.run(&settings, &broken, || given.are(Orders::STOP));
     let _detached = start("reconnector", orders, run)?;
     Ok(())
 }
@@ -267,7 +267,7 @@ fn start_cycle(
     heartbeat: Heartbeat,
     locks: Vec<motord_bus::socketcan::InterfaceLock>,
 ) -> Result<JoinHandle<()>, RunError> {
-    let told = Arc::clone(orders);
+    let given = Arc::clone(orders);
     let request = SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
     let names: Vec<_> = settings.motors.iter().map(|motor| motor.name.clone()).collect();
@@ -288,7 +288,7 @@ fn start_cycle(
         cycle.set_realtime(refused.is_none());
         report(&prepared, Ok(()));
         drop(prepared);
-        let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| told.cycle_order())));
+        let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| given.cycle_order())));
         if let Err(panic) = ran {
             cycle.stop_after_panic();
             resume_unwind(panic);
@@ -298,7 +298,7 @@ fn start_cycle(
         if unstopped.is_empty() {
             heartbeat.rest();
         } else {
-            let _the_only_one = told.unstopped.set(unstopped);
+            let _the_only_one = given.unstopped.set(unstopped);
         }
     })?;
     await_report(&ready, "cycle")??;
@@ -318,16 +318,16 @@ fn start_registrar(
         return Ok(());
     }
     let mut registrar = Registrar::new(instance.clone(), frames, pulse);
-    let told = Arc::clone(orders);
+    let given = Arc::clone(orders);
     // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
     let request =
         SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) };
     let run = move || {
         let _refused_like_the_cycle = rt::prepare_thread(request);
-        if catch_unwind(AssertUnwindSafe(|| registrar.run(|| told.are(Orders::END)))).is_err() {
-            told.stop_without("registrar");
+        if catch_unwind(AssertUnwindSafe(|| registrar.run(|| given.are(Orders::END)))).is_err() {
+            given.stop_without("registrar");
             // Its connection must outlive the last cycle: closed before, it would set the switch on motors that are driven.
-            while !told.are(Orders::END) {
+            while !given.are(Orders::END) {
                 std::thread::sleep(REGISTRAR_TURN);
             }
         }

@@ -1,4 +1,4 @@
-//! What the cycle tells the log: codes, never text. The log thread turns them into sentences.
+//! News of the cycle for the log: codes, never text. The telemetry thread turns them into sentences.
 
 use motord_shared::{BusCondition, Cause, MotorMode, Phase};
 
@@ -9,7 +9,7 @@ pub enum Event {
     Motor {
         /// Its index.
         motor: usize,
-        /// What it is now.
+        /// The new one.
         mode: MotorMode,
     },
     /// A motor has never answered, well after the start.
@@ -17,7 +17,7 @@ pub enum Event {
         /// Its index.
         motor: usize,
     },
-    /// A motor told fault bits, or that they are gone.
+    /// A motor reported fault bits, or that they are gone.
     Fault {
         /// Its index.
         motor: usize,
@@ -28,7 +28,7 @@ pub enum Event {
     Group {
         /// Its index.
         group: usize,
-        /// What it is now.
+        /// The new one.
         phase: Phase,
     },
     /// A group was stopped for a cause, which is latched.
@@ -56,12 +56,12 @@ pub enum Event {
     Bus {
         /// Its index.
         bus: usize,
-        /// What it is now.
+        /// The new one.
         condition: BusCondition,
     },
     /// Ticks were missed: the cycle thread woke up too late for them.
     Overrun {
-        /// How many.
+        /// Their number.
         missed_ticks: u64,
     },
 }
@@ -100,7 +100,7 @@ impl Events {
         self.events[..self.len].iter().flatten().copied()
     }
 
-    /// Forgets the events; tells how many did not fit.
+    /// Forgets the events; returns how many did not fit.
     pub fn clear(&mut self) -> u32 {
         self.len = 0;
         core::mem::take(&mut self.dropped)

@@ -38,7 +38,7 @@ use time_base::TimeBase;
 /// A motor that has not answered by then is reported, once.
 const SILENT_START: Duration = Duration::from_secs(2);
 
-/// How a cycle began: its tick, and how much later it woke up.
+/// The beginning of a cycle: its tick, and the time of its wake-up.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Wake {
     /// Its number, from 1.
@@ -49,7 +49,7 @@ pub struct Wake {
     pub begun: Instant,
     /// Ticks missed just before it.
     pub missed_ticks: u64,
-    /// How long the computer was suspended, since it was started.
+    /// Total time that the computer was suspended since it was started.
     pub suspended: Duration,
 }
 
@@ -199,7 +199,7 @@ impl Control {
         }
     }
 
-    /// Whether a bus took the frames of this cycle.
+    /// A bus took all frames of this cycle, or it did not.
     pub fn bus_took(&mut self, bus: usize, all: bool) {
         self.buses[bus].took(all);
     }

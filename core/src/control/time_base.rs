@@ -11,7 +11,7 @@ use crate::settings::CycleSettings;
 use motord_bus::Duration;
 use motord_shared::Cause;
 
-/// How long a missed tick is remembered.
+/// A missed tick is remembered for this time.
 const MEMORY: Duration = Duration::from_secs(1);
 /// A computer takes longer than this to be suspended and woken; the readings of two clocks differ by less.
 const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
@@ -20,7 +20,7 @@ const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
 pub(super) struct TimeBase {
     max_lateness: Duration,
     max_missed: f32,
-    /// How long the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
+    /// Total time that the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
     suspended: Duration,
     /// Share of the ticks of about the last second that were missed, 0 to 1.
     missed: f32,

@@ -27,14 +27,14 @@ pub const REQUESTS_MAX: usize = 256;
 const RECORDS: usize = 2048;
 const EVENTS: usize = 4096;
 
-/// What telemetry wants to know of a cycle.
+/// The measurements of one cycle, for telemetry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Record {
     /// Its number.
     pub cycle: u64,
     /// When it should have begun.
     pub scheduled: Instant,
-    /// How much later it began, ns.
+    /// Lateness of its beginning, ns.
     pub wake_latency_ns: u64,
     /// From its beginning to the publication of the states, ns.
     pub cycle_ns: u64,
@@ -99,7 +99,7 @@ pub struct Ends {
     pub supply: Supply,
 }
 
-/// What both sides may look at at any time.
+/// Counters that both sides may read at any time.
 #[derive(Debug, Default)]
 pub struct Counters {
     /// The cycle that is running: whoever waits for it to move knows that the cycle lives.
@@ -210,7 +210,7 @@ impl Link {
         }
     }
 
-    pub(super) fn tell(&mut self, cycle: u64, event: Event) {
+    pub(super) fn push(&mut self, cycle: u64, event: Event) {
         let dropped = self.events.push((cycle, event)).is_err();
         self.lose(u32::from(dropped));
     }

@@ -41,7 +41,7 @@ impl LocalClient {
         self.ends.states.read()
     }
 
-    /// The lease of `group` that was granted last. It may be lost meanwhile: the states tell who owns a group.
+    /// The lease of `group` that was granted last. It may be lost meanwhile: the states show the owner of a group.
     #[must_use]
     pub fn lease(&self, group: usize) -> Option<Lease> {
         self.owned.get(group).copied().flatten().map(|owned| owned.lease)

@@ -65,7 +65,7 @@ struct Timing {
     /// Commands are stale so long after their cycle began: the dead man's switch may have acted by then, or the cycle lost its
     /// time base.
     stale_after: Duration,
-    /// How long the buses are polled before each sleep for replies.
+    /// Time for which the buses are polled before each sleep for replies.
     busy_poll: Duration,
 }
 
@@ -138,7 +138,7 @@ impl<C: Clock> Cycle<C> {
         &self.control
     }
 
-    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) tells when it has.
+    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) is true when it has.
     pub fn shut_down(&mut self) {
         self.control.shut_down();
     }
@@ -346,7 +346,7 @@ impl<C: Clock> Cycle<C> {
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);
         }
-        control.events().for_each(|event| link.tell(wake.cycle, event));
+        control.events().for_each(|event| link.push(wake.cycle, event));
         link.lose(control.clear_events());
     }
 
@@ -372,7 +372,7 @@ impl<C: Clock> Cycle<C> {
     }
 }
 
-/// How soon a reply can come. Nothing is known of a CAN interface: a virtual one has no wire.
+/// The least time from a command to its reply. Nothing is known of a CAN interface: a virtual one has no wire.
 fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
     match settings.buses[bus].kind {
         BusKind::SocketCan { .. } => Duration::ZERO,

@@ -13,7 +13,7 @@ use motord_bus::Duration;
 const LAST_CYCLES: u32 = 3;
 /// A robot that is not disarmed so long after its damping should have ended is stopped without more of it.
 const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
-/// How long a motor may take to answer its stop: a few probes of one that is not heard.
+/// A motor has this time to answer its stop: a few probes of one that is not heard.
 const STOP_TIME: Duration = Duration::from_millis(500);
 
 /// An order to the loop. A later one never takes an earlier one back.

@@ -17,13 +17,13 @@ const DAMP_MAX: Duration = Duration::from_secs(1);
 /// How often the dead man's switch is asked whether it still acts.
 const SWITCH_TURN: Duration = Duration::from_millis(50);
 
-/// Why not every motor was told to stop.
+/// Why not every motor was commanded to stop.
 #[derive(Debug, thiserror::Error)]
 pub enum SafeStopError {
     /// The configuration is refused: there is nothing to go by.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// These interfaces were left out; the motors on all others were told.
+    /// These interfaces were left out; the motors on all others were commanded to stop.
     #[error("not told to stop: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     LeftOut(Vec<LeftOut>),
 }

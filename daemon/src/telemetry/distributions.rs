@@ -8,7 +8,7 @@ use motord_shared::description::{Percentiles, Telemetry};
 /// Latencies beyond it are recorded as it: 10 s.
 const LATENCY_MAX_NS: u64 = 10_000_000_000;
 
-/// What [`Telemetry`] is made of.
+/// The histograms behind [`Telemetry`].
 pub(super) struct Distributions {
     totals: Telemetry,
     first: Option<Instant>,

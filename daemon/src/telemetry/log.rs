@@ -1,4 +1,4 @@
-//! What the cycle told as codes, as sentences. A motor or bus that changes all the time is told of once a second.
+//! The events of the cycle as lines of the log. A motor or bus that changes all the time is summed up once a second.
 
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
@@ -7,10 +7,10 @@ use motord_protocol::Faults;
 use motord_shared::{BusCondition, Cause, MotorMode};
 use std::sync::atomic::Ordering;
 
-/// Changes of one kind that one motor or bus may make in a second and have told: a start or a stop makes two.
-const CHANGES_TOLD: u32 = 4;
+/// So many changes of one motor or bus in a second get a line each: a start or a stop makes two.
+const CHANGES_LOGGED: u32 = 4;
 
-/// What events are about, and what was already told.
+/// Names for the events, and the counts of the last second.
 pub(super) struct Log {
     motors: Vec<Subject>,
     groups: Vec<String>,
@@ -31,16 +31,16 @@ impl Subject {
         Self { name: name.to_owned(), changes: 0 }
     }
 
-    /// Counts a change. Tells whether it is worth a line.
+    /// Counts a change. Returns whether it gets a line.
     fn changes(&mut self) -> bool {
         self.changes += 1;
-        self.changes <= CHANGES_TOLD
+        self.changes <= CHANGES_LOGGED
     }
 
-    /// A second is over: tells of the changes that were not told.
+    /// A second is over: sums up the changes that got no line.
     fn summarise(&mut self) {
         let changes = std::mem::take(&mut self.changes);
-        if changes > CHANGES_TOLD {
+        if changes > CHANGES_LOGGED {
             tracing::warn!(name = self.name, changes, "changed its state all the time");
         }
     }
@@ -58,16 +58,16 @@ impl Log {
         }
     }
 
-    pub(super) fn tell(&mut self, cycle: u64, event: Event) {
+    pub(super) fn log(&mut self, cycle: u64, event: Event) {
         match event {
-            Event::Motor { motor, mode } => self.tell_mode(cycle, motor, mode),
+            Event::Motor { motor, mode } => self.log_mode(cycle, motor, mode),
             Event::Silent { motor } => tracing::error!(
                 cycle,
                 motor = self.motors[motor].name,
                 "has never answered: check its power and wiring, its id (ConfID 0x12) and host id (ConfID 0x13), the bit \
                  rate (0x18), and that it speaks the configured protocol (0x1C: 1 is MIT)"
             ),
-            Event::Fault { motor, bits } => self.tell_fault(cycle, motor, Faults(bits)),
+            Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => {
                 tracing::info!(
                     cycle,
@@ -77,7 +77,7 @@ impl Log {
                     phase.sentence()
                 );
             }
-            Event::Stopped { group, cause, motor } => self.tell_stop(cycle, group, cause, motor),
+            Event::Stopped { group, cause, motor } => self.log_stop(cycle, group, cause, motor),
             Event::Reset { group } => tracing::info!(cycle, group = self.groups[group], "reset"),
             Event::Owner { group, pid: Some(pid) } => {
                 tracing::info!(cycle, group = self.groups[group], pid, "claimed");
@@ -85,19 +85,19 @@ impl Log {
             Event::Owner { group, pid: None } => {
                 tracing::info!(cycle, group = self.groups[group], "has no owner");
             }
-            Event::Bus { bus, condition } => self.tell_condition(cycle, bus, condition),
+            Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
             Event::Overrun { missed_ticks } => self.missed_ticks += missed_ticks,
         }
     }
 
-    fn tell_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
+    fn log_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
         let motor = &mut self.motors[motor];
         if motor.changes() {
             tracing::info!(cycle, motor = motor.name, mode = mode.name(), "{}", mode.sentence());
         }
     }
 
-    fn tell_fault(&mut self, cycle: u64, motor: usize, bits: Faults) {
+    fn log_fault(&mut self, cycle: u64, motor: usize, bits: Faults) {
         let motor = &mut self.motors[motor];
         if !motor.changes() {
             return;
@@ -109,7 +109,7 @@ impl Log {
         tracing::error!(cycle, motor = motor.name, bits = bits.0, "motor fault: {}", sentences.join(" "));
     }
 
-    fn tell_stop(&self, cycle: u64, group: usize, cause: Cause, motor: Option<usize>) {
+    fn log_stop(&self, cycle: u64, group: usize, cause: Cause, motor: Option<usize>) {
         tracing::error!(
             cycle,
             group = self.groups[group],
@@ -120,7 +120,7 @@ impl Log {
         );
     }
 
-    fn tell_condition(&mut self, cycle: u64, bus: usize, condition: BusCondition) {
+    fn log_condition(&mut self, cycle: u64, bus: usize, condition: BusCondition) {
         let bus = &mut self.buses[bus];
         if bus.changes() {
             let condition_name = condition.name();
@@ -128,8 +128,8 @@ impl Log {
         }
     }
 
-    /// A second is over: tells what was only counted.
-    pub(super) fn tell_counts(&mut self, counters: &Counters) {
+    /// A second is over: logs everything that was only counted.
+    pub(super) fn log_counts(&mut self, counters: &Counters) {
         self.motors.iter_mut().chain(&mut self.buses).for_each(Subject::summarise);
         let missed_ticks = std::mem::take(&mut self.missed_ticks);
         if missed_ticks > 0 {

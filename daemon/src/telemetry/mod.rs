@@ -1,7 +1,7 @@
 //! The telemetry thread: histograms, the log, frames with unexpected ids, the watchdog of systemd, and the cleaning up after
 //! dead clients.
 //!
-//! Nothing waits for it. What the cycle tells faster than it can be taken is dropped and counted.
+//! Nothing waits for it. Records and events that it is too slow for are dropped and counted.
 
 mod distributions;
 mod log;
@@ -25,9 +25,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::Thread;
 use unexpected::UnexpectedCounts;
 
-/// How often the thread looks after everything.
+/// Period of the thread.
 const TURN: Duration = Duration::from_millis(50);
-/// How often it cleans up after dead clients, and tells systemd that the cycle lives.
+/// Period of cleaning up after dead clients, and of feeding systemd's watchdog.
 const CLEANING: Duration = Duration::from_secs(1);
 
 /// The cycle's other end, as far as telemetry is concerned.
@@ -40,7 +40,7 @@ pub struct CycleEnd {
     pub counters: Arc<Counters>,
 }
 
-/// How the ipc thread asks for telemetry without waiting for it.
+/// The ipc thread's way to ask for telemetry without waiting for it.
 pub struct Questions {
     questions: Sender<u32>,
     answers: Receiver<(u32, String)>,
@@ -59,7 +59,7 @@ impl Questions {
     }
 }
 
-/// Where the telemetry thread hears questions.
+/// The telemetry thread's end of the questions.
 pub struct Answers {
     questions: Receiver<u32>,
     answers: Sender<(u32, String)>,
@@ -74,7 +74,7 @@ pub fn questions() -> (Questions, Answers) {
     (questions, Answers { questions: question_receiver, answers: answer_sender })
 }
 
-/// What the telemetry thread knows.
+/// Everything the telemetry thread knows.
 pub struct Recorder {
     cycle: CycleEnd,
     answers: Answers,
@@ -116,7 +116,7 @@ impl Recorder {
         self.config = Some((config, hash));
     }
 
-    /// Where to tell of buses that must be opened again.
+    /// Reports the buses that must be opened again to `broken`.
     pub fn reports_broken(&mut self, broken: Sender<usize>) {
         self.broken = Some(broken);
     }
@@ -136,7 +136,7 @@ impl Recorder {
             if now.since(cleaned) >= CLEANING {
                 cleaned = now;
                 let _removed = housekeeper.map(Housekeeper::clean);
-                self.log.tell_counts(&self.cycle.counters);
+                self.log.log_counts(&self.cycle.counters);
                 self.report_off();
                 self.unexpected_ids.open();
                 self.watch_config();
@@ -144,7 +144,7 @@ impl Recorder {
             }
         }
         self.turn();
-        self.log.tell_counts(&self.cycle.counters);
+        self.log.log_counts(&self.cycle.counters);
     }
 
     fn turn(&mut self) {
@@ -155,7 +155,7 @@ impl Recorder {
             if let Event::Bus { bus, condition } = event {
                 self.watch_bus(bus, condition);
             }
-            self.log.tell(cycle, event);
+            self.log.log(cycle, event);
         }
         self.unexpected_ids.store(&self.cycle.counters);
     }
@@ -174,8 +174,8 @@ impl Recorder {
     fn watch_config(&mut self) {
         let Some((path, hash)) = &self.config else { return };
         let changed = config::has_changed(path, *hash);
-        let told = self.cycle.counters.config_changed.swap(changed, Ordering::Relaxed);
-        if changed && !told {
+        let known = self.cycle.counters.config_changed.swap(changed, Ordering::Relaxed);
+        if changed && !known {
             tracing::warn!("{} was changed: it is read again when the daemon is restarted", path.display());
         }
     }

@@ -13,7 +13,7 @@
 use crate::settings::MotorSettings;
 use motord_bus::Duration;
 
-/// Where the torque that may be given begins to fall.
+/// Heat above which the permitted torque falls.
 const KNEE: f64 = 0.8;
 /// Beyond it the winding is warmer than any torque that was allowed makes it: something else warms it, or the motor does
 /// not do as it is commanded.

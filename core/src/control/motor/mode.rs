@@ -54,7 +54,7 @@ pub(super) struct Probe {
     count: u32,
 }
 
-/// Where a motor is between `Idle` and `Active`.
+/// The steps between `Idle` and `Active`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Start {
     /// So many neutral commands were sent.

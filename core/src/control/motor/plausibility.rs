@@ -183,7 +183,7 @@ fn is_far(reported: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSett
     (target - reported.position).abs() > most
 }
 
-/// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot tell one beyond the range.
+/// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot name a position beyond the range.
 fn is_at_range_end(reported: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
     let Some(end) = settings.capabilities.position_end else { return false };
     let position = settings.transmission.position_to_motor(reported.position);
