@@ -1,7 +1,7 @@
 //! The mechanics and the heat of one motor: a rotor behind a gear, friction, a torque limit, a warm winding.
 
-use crate::plant::Shaft;
 use crate::settings::MotorSettings;
+use crate::shaft::Shaft;
 
 /// Length of one step, ns. Steps lie on multiples of it, so that a run does not depend on when it is looked at.
 pub(crate) const STEP_NS: u64 = 50_000;

@@ -47,6 +47,7 @@ mod random;
 mod record;
 mod serial;
 mod settings;
+mod shaft;
 mod shared;
 mod wire;
 
@@ -56,10 +57,11 @@ pub use bus::SimulatedBus;
 pub use fault::{Fault, FaultVerb, InjectError, VerbError};
 pub use length::frame_bits;
 pub use motor::{Mode, Motor};
-pub use plant::{Plant, PlantBus, Shaft, couple};
+pub use plant::{Plant, PlantBus, couple};
 pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
     Behaviour, BeyondRange, BusKind, BusSettings, Dialect, HostLoss, InFault, MotorSettings, ReplyTiming,
 };
+pub use shaft::Shaft;
 pub use shared::SharedBus;

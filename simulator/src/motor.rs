@@ -7,8 +7,8 @@ mod native;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
-use crate::plant::Shaft;
 use crate::settings::{BusKind, HostLoss, MotorSettings};
+use crate::shaft::Shaft;
 use crate::wire::{Scale, State};
 use configuration::{Configuration, int};
 use core::f64::consts::TAU;

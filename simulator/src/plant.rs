@@ -7,6 +7,7 @@
 //! The drives stay those of the simulator: protocol, control law, torque limit, heat and faults. Only the mechanics behind
 //! the output shaft are the plant's.
 
+use crate::shaft::Shaft;
 use crate::{SharedBus, body};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -26,16 +27,6 @@ pub trait Plant: Send {
     /// The plant has the whole of the mechanics: of a motor's settings, the inertias and the friction count for nothing here. The
     /// rotor's inertia times the square of the gear ratio is the plant's to add.
     fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [Shaft]);
-}
-
-/// The state of an output shaft, on the scale of [`MotorSettings::initial_position`](crate::MotorSettings::initial_position).
-/// A set-zero command moves the motor's own zero, and not this one.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Shaft {
-    /// rad, unlimited.
-    pub position: f64,
-    /// rad/s.
-    pub velocity: f64,
 }
 
 /// Lets `plant` turn the motors of `buses`. Returns the buses that the cycle must use from now on, in the same order; the clones
