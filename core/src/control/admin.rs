@@ -1,39 +1,12 @@
 //! Administrative requests: which are granted, and why the others are refused.
 
+use super::answers::{Refused, reply};
 use super::group::Group;
 use super::motor::{Kind, Motor, ServiceRequest};
 use super::{Control, Place};
 use core::ops::Range;
 use motord_bus::Instant;
 use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Operation, Phase, Refusal, message};
-
-/// A refusal, and its detail: the joint, process id or cause that it is about.
-type Refused = (Refusal, u32);
-
-/// Answers that came later than their request.
-#[derive(Debug)]
-pub(super) struct Answers {
-    answers: [Option<(u32, AdminReply)>; Answers::CAPACITY],
-}
-
-impl Answers {
-    /// At most one service request per motor is under way.
-    const CAPACITY: usize = motord_shared::limits::JOINTS_MAX;
-
-    pub(super) const fn new() -> Self {
-        Self { answers: [None; Self::CAPACITY] }
-    }
-
-    pub(super) fn push(&mut self, ticket: u32, refusal: Option<Refusal>) {
-        if let Some(free) = self.answers.iter_mut().find(|answer| answer.is_none()) {
-            *free = Some((ticket, reply(refusal.map_or(Ok(0), |refusal| Err((refusal, 0))))));
-        }
-    }
-
-    pub(super) fn pop(&mut self) -> Option<(u32, AdminReply)> {
-        self.answers.iter_mut().find_map(Option::take)
-    }
-}
 
 /// Makes leases: each differs from every other, also from those of the daemon before.
 #[derive(Debug)]
@@ -52,13 +25,6 @@ impl Leases {
         let lease = Lease::new(self.boot_id, self.epoch + 1, group)?;
         self.epoch = lease.epoch();
         Some(lease)
-    }
-}
-
-fn reply(outcome: Result<u64, Refused>) -> AdminReply {
-    match outcome {
-        Ok(lease) => AdminReply { lease, refusal: 0, detail: 0 },
-        Err((refusal, detail)) => AdminReply { lease: 0, refusal: refusal.code(), detail },
     }
 }
 

@@ -1,7 +1,7 @@
 //! The surroundings of every decision of a cycle: time, the rules of safety, and where news goes.
 
 use super::Wake;
-use super::admin::Answers;
+use super::answers::Answers;
 use super::event::{Event, Events};
 use crate::settings::{SafetySettings, Settings};
 use motord_bus::{Duration, Instant};

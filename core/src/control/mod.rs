@@ -13,6 +13,7 @@
 //! | `time_base.rs`, `bus_health.rs` | whether time and buses can be trusted |
 
 mod admin;
+mod answers;
 mod bus_health;
 mod command;
 mod context;
