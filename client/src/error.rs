@@ -1,6 +1,6 @@
 //! What can go wrong between a controller and the daemon, as sentences that say what to do next.
 
-use motord_shared::codes::UnknownCode;
+use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
 use motord_shared::service::{self, Obstacle, Part};
 use motord_shared::{Cause, Instance, InstanceError, Operation, Refusal, ServiceError};
@@ -165,7 +165,7 @@ impl Error {
     }
 }
 
-/// What a refusal is about.
+/// The subject of a refusal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum About {
     /// Nothing in particular.
@@ -180,19 +180,14 @@ pub enum About {
 
 impl About {
     fn of(refusal: Refusal, detail: u32, robot: &RobotDescription) -> Self {
-        match refusal {
-            Refusal::Owned if detail != 0 => Self::Process(detail),
-            Refusal::Latched | Refusal::CauseActive => {
-                Cause::try_from(detail).map_or(Self::Nothing, Self::Cause)
-            }
-            Refusal::MotorOffline | Refusal::MotorFault | Refusal::StateStale | Refusal::SetpointTooFar => {
-                robot
-                    .joints
-                    .get(detail as usize)
-                    .map_or(Self::Nothing, |joint| Self::Joint(joint.name.clone()))
-            }
-            _ => Self::Nothing,
-        }
+        let joint = || robot.joints.get(detail as usize).map(|joint| Self::Joint(joint.name.clone()));
+        let about = match refusal.detail() {
+            Detail::Joint => joint(),
+            Detail::Process => (detail != 0).then_some(Self::Process(detail)),
+            Detail::Cause => Cause::try_from(detail).ok().map(Self::Cause),
+            Detail::Unknown | Detail::Nothing => None,
+        };
+        about.unwrap_or(Self::Nothing)
     }
 }
 
@@ -203,6 +198,48 @@ impl fmt::Display for About {
             Self::Process(pid) => write!(f, " (process {pid})"),
             Self::Joint(name) => write!(f, " (joint {name})"),
             Self::Cause(cause) => write!(f, " ({cause}: {})", cause.sentence()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_shared::description::JointDescription;
+    use motord_shared::message::NO_JOINT;
+
+    /// The daemon tells these of one joint. Every other refusal names none.
+    const OF_A_JOINT: [Refusal; 10] = [
+        Refusal::MotorOffline,
+        Refusal::MotorFault,
+        Refusal::StateStale,
+        Refusal::SetpointTooFar,
+        Refusal::NotDisarmed,
+        Refusal::BusDown,
+        Refusal::Busy,
+        Refusal::NotConfirmed,
+        Refusal::DuplicateId,
+        Refusal::Moving,
+    ];
+
+    fn refused(refusal: Refusal, detail: u32) -> String {
+        let joints = ["hip", "knee"].map(|name| JointDescription { name: name.into(), ..Default::default() });
+        let robot = RobotDescription { joints: joints.into(), ..Default::default() };
+        Error::refused(Operation::Enable, refusal.code(), detail, &robot).to_string()
+    }
+
+    #[test]
+    fn a_refusal_of_a_joint_names_it_and_no_other_does() {
+        for refusal in Refusal::ALL {
+            let names_it = refused(*refusal, 1).ends_with("(joint knee)");
+            assert_eq!(names_it, OF_A_JOINT.contains(refusal), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn a_refusal_of_no_joint_in_particular_names_none() {
+        for refusal in OF_A_JOINT {
+            assert!(!refused(refusal, NO_JOINT).contains("(joint"), "{refusal}");
         }
     }
 }

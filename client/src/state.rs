@@ -179,6 +179,8 @@ pub struct Joint {
     pub missed: u32,
     /// Replies that came after their cycle was over.
     pub late: u32,
+    /// States that the joint cannot have had; none of them was used. Modulo 2³².
+    pub implausible: u32,
     /// Time from the command to its reply; zero before the first.
     pub reply_latency: Duration,
     /// When the last reply came, ns of `CLOCK_MONOTONIC`; 0 before the first.
@@ -201,6 +203,7 @@ impl From<&JointState> for Joint {
             age_cycles: joint.age_cycles,
             missed: joint.missed,
             late: joint.late,
+            implausible: joint.implausible,
             reply_latency: Duration::from_nanos(joint.reply_latency_ns.into()),
             receive_ns: joint.receive_ns,
         }

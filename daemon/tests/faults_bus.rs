@@ -144,6 +144,18 @@ fn a_motor_that_joins_with_a_used_id_stops_the_group_within_ten_cycles() {
 }
 
 #[test]
+fn a_state_that_the_joint_cannot_have_had_is_counted_as_implausible_and_not_as_malformed() {
+    let mut robot = with_a_double();
+    robot.disturb("double off");
+    let joints = robot.activate();
+    let (counted, malformed) = (robot.joint(1).implausible, robot.bus(0).malformed);
+    robot.disturb("thigh off");
+    robot.disturb("double ok");
+    robot.follow(&joints);
+    assert_eq!((robot.joint(1).implausible, robot.bus(0).malformed), (counted + 1, malformed));
+}
+
+#[test]
 fn frames_that_no_motor_sends_are_counted_and_not_decoded() {
     let (mut robot, joints) = active();
     let malformed = robot.bus(0).malformed;

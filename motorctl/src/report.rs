@@ -83,6 +83,8 @@ struct JointReport {
     missed: u32,
     /// Replies that came after their cycle was over.
     late: u32,
+    /// States that the joint cannot have had.
+    implausible: u32,
     reply_latency_us: f64,
 }
 
@@ -199,6 +201,7 @@ impl From<(&JointDescription, Joint)> for JointReport {
             age_cycles: joint.age_cycles,
             missed: joint.missed,
             late: joint.late,
+            implausible: joint.implausible,
             reply_latency_us: joint.reply_latency.as_secs_f64() * 1e6,
         }
     }
@@ -257,7 +260,18 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
 
 fn joint_table(joints: &[JointReport]) -> Table {
     let mut table = Table::new(&[
-        "joint", "mode", "rad", "rad/s", "N·m", "°C", "age", "missed", "late", "faults", "limits",
+        "joint",
+        "mode",
+        "rad",
+        "rad/s",
+        "N·m",
+        "°C",
+        "age",
+        "missed",
+        "late",
+        "implausible",
+        "faults",
+        "limits",
     ]);
     for joint in joints {
         // What was never told is not 0 rad.
@@ -272,6 +286,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
             Cell::counter(joint.age_cycles),
             Cell::counter(joint.missed),
             Cell::counter(joint.late),
+            Cell::counter(joint.implausible),
             Cell::new(joint.faults.join(","), Colour::Red),
             Cell::new(joint.limits.join(","), Colour::Yellow),
         ]);

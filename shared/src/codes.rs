@@ -121,7 +121,7 @@ codes! {
 }
 
 codes! {
-    /// Why an administrative request was refused. 0 is success.
+    /// Why an administrative request was refused. 0 is success; 19 was used once, and stays free.
     Refusal {
         UnknownOperation = 1 "unknown-operation" "The daemon does not know this request; is the client newer than the daemon?",
         UnknownGroup = 2 "unknown-group" "There is no such group.",
@@ -141,12 +141,56 @@ codes! {
         BusDown = 16 "bus-down" "A bus of the group is not working.",
         Busy = 17 "busy" "Too many requests are under way: try again.",
         ShuttingDown = 18 "shutting-down" "The daemon is shutting down.",
-        CauseActive = 19 "cause-active" "The cause of the stop is still there.",
         NoLease = 20 "no-lease" "The daemon ran out of leases.",
         Malformed = 21 "malformed" "The request is not well formed.",
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
         Moving = 24 "moving" "The joint still turns, or nobody knows whether it does.",
+    }
+}
+
+/// The meaning of `AdminReply::detail` with a refusal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Detail {
+    /// None; it is 0.
+    Nothing,
+    /// Index of the joint that the refusal is about.
+    Joint,
+    /// Process id of the group's owner.
+    Process,
+    /// `Cause` code that is latched.
+    Cause,
+    /// The number in the request that is no operation, group or joint.
+    Unknown,
+}
+
+impl Refusal {
+    /// The meaning of `AdminReply::detail` with this refusal.
+    #[must_use]
+    pub const fn detail(self) -> Detail {
+        match self {
+            Self::UnknownOperation | Self::UnknownGroup | Self::UnknownJoint => Detail::Unknown,
+            Self::Owned => Detail::Process,
+            Self::Latched => Detail::Cause,
+            Self::MotorOffline
+            | Self::MotorFault
+            | Self::StateStale
+            | Self::SetpointTooFar
+            | Self::NotDisarmed
+            | Self::BusDown
+            | Self::Busy
+            | Self::NotConfirmed
+            | Self::DuplicateId
+            | Self::Moving => Detail::Joint,
+            Self::NotOwner
+            | Self::NoOwner
+            | Self::EmergencyStopActive
+            | Self::NoSetpoint
+            | Self::NotNeutral
+            | Self::ShuttingDown
+            | Self::NoLease
+            | Self::Malformed => Detail::Nothing,
+        }
     }
 }
 

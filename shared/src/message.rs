@@ -27,6 +27,8 @@ pub const JOINT_VALID: u32 = 1 << 1;
 
 /// A group index that means every group.
 pub const ALL_GROUPS: u32 = u32::MAX;
+/// A joint index that means none in particular.
+pub const NO_JOINT: u32 = u32::MAX;
 
 /// What really went to the motor in a cycle, joint side.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -47,7 +49,7 @@ pub struct Applied {
 
 /// One joint in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointState.v1"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointState.v2"))]
 #[repr(C)]
 pub struct JointState {
     /// rad. The last one received; see `age_cycles`.
@@ -76,6 +78,8 @@ pub struct JointState {
     pub reply_latency_ns: u32,
     /// Replies that came after their cycle was over.
     pub late: u32,
+    /// States that decoded, but that the joint cannot have had; none of them was used. Modulo 2³².
+    pub implausible: u32,
     /// When the last reply arrived, ns of `CLOCK_MONOTONIC`; 0 before the first.
     pub receive_ns: u64,
 }
@@ -282,7 +286,7 @@ pub struct AdminReply {
     pub lease: u64,
     /// 0 for success, else a `Refusal` code.
     pub refusal: u32,
-    /// What the refusal is about: a joint index, the holder's process id, a `Cause` code; 0 when there is nothing.
+    /// The detail of the refusal: see [`Refusal::detail`](crate::Refusal::detail). A joint index may be [`NO_JOINT`].
     pub detail: u32,
 }
 
@@ -318,7 +322,7 @@ impl AdminAnswer {
 const _: () = {
     use core::mem::{offset_of, size_of};
     assert!(size_of::<Applied>() == 20);
-    assert!(size_of::<JointState>() == 80 && offset_of!(JointState, receive_ns) == 72);
+    assert!(size_of::<JointState>() == 80 && offset_of!(JointState, implausible) == 68);
     assert!(size_of::<GroupState>() == 40 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
     assert!(offset_of!(StateMessage, joints) == 64);

@@ -109,7 +109,7 @@ impl Control {
             None => {}
         }
         if group.phase() != Phase::Disarmed {
-            return Err((Refusal::NotDisarmed, 0));
+            return Err((Refusal::NotDisarmed, message::NO_JOINT));
         }
         if group.owner().is_none() {
             return Err((Refusal::NoOwner, 0));

@@ -19,9 +19,9 @@ impl Answers {
         Self { answers: [None; Self::CAPACITY] }
     }
 
-    pub(super) fn push(&mut self, ticket: u32, refusal: Option<Refusal>) {
+    pub(super) fn push(&mut self, ticket: u32, outcome: Result<(), Refused>) {
         if let Some(free) = self.answers.iter_mut().find(|answer| answer.is_none()) {
-            *free = Some((ticket, reply(refusal.map_or(Ok(0), |refusal| Err((refusal, 0))))));
+            *free = Some((ticket, reply(outcome.map(|()| 0))));
         }
     }
 

@@ -1,11 +1,10 @@
 //! The surroundings of every decision of a cycle: time, the rules of safety, and where news goes.
 
 use super::Wake;
-use super::answers::Answers;
+use super::answers::{Answers, Refused};
 use super::event::{Event, Events};
 use crate::settings::{SafetySettings, Settings};
 use motord_bus::{Duration, Instant};
-use motord_shared::Refusal;
 
 /// Passed to groups and motors in every call.
 #[derive(Debug)]
@@ -56,9 +55,9 @@ impl Context {
         self.events.push(event);
     }
 
-    /// Answers a service request. `refusal`: why it failed.
-    pub(super) fn answer(&mut self, ticket: u32, refusal: Option<Refusal>) {
-        self.answers.push(ticket, refusal);
+    /// Answers a service request.
+    pub(super) fn answer(&mut self, ticket: u32, outcome: Result<(), Refused>) {
+        self.answers.push(ticket, outcome);
     }
 
     pub(super) const fn events(&self) -> &Events {

@@ -142,15 +142,13 @@ impl Control {
         }
     }
 
-    /// The motor of `joint` answered at `at`. Returns whether that can be true; if not, it is not used. Does not allocate;
-    /// bounded by motors.
-    pub fn receive(&mut self, joint: usize, reported: Reported, at: Instant) -> bool {
+    /// The motor of `joint` answered at `at`. An answer that cannot be true is not used. Does not allocate; bounded by motors.
+    pub fn receive(&mut self, joint: usize, reported: Reported, at: Instant) {
         let Place { group, place } = self.places[joint];
         let report = self.groups[group].receive(place, reported, at, &mut self.context);
         if report == Report::StopAll {
             self.stop_all(Cause::MotorFault, Some(joint));
         }
-        report != Report::Refused
     }
 
     /// The bus did not take the command of this joint in this cycle.

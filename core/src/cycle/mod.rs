@@ -323,11 +323,9 @@ impl<C: Clock> Cycle<C> {
             channel.receive(now, |motor, payload, at| {
                 let received = drives[motor].receive(payload, at);
                 match received {
-                    Received::Reply(reported) if !control.receive(motor, reported, at) => {
-                        return Received::Malformed;
-                    }
+                    Received::Reply(reported) => control.receive(motor, reported, at),
                     Received::Duplicate => control.receive_duplicate(motor),
-                    Received::Reply(_) | Received::UnexpectedId | Received::Malformed => {}
+                    Received::UnexpectedId | Received::Malformed => {}
                 }
                 received
             });

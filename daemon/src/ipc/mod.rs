@@ -10,6 +10,7 @@ use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
 use motord_core::settings::{IpcMode, IpcSettings};
 use motord_shared::limits::GROUPS_MAX;
+use motord_shared::message::NO_JOINT;
 use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer};
@@ -203,7 +204,7 @@ impl IpcThread {
     }
 
     fn refuse(&self, request: Request, refusal: Refusal) {
-        self.answer(request, AdminReply { lease: 0, refusal: refusal.code(), detail: 0 }, b"");
+        self.answer(request, AdminReply { lease: 0, refusal: refusal.code(), detail: NO_JOINT }, b"");
     }
 
     /// An asker that is gone by now misses its answer, and nobody else cares.

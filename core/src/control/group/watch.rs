@@ -16,9 +16,7 @@ const OWNER_SILENCE: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::control) enum Report {
     /// None.
-    Used,
-    /// None; the report cannot be true and is not used.
-    Refused,
+    None,
     /// Every group must be stopped for the fault of this joint.
     StopAll,
 }
@@ -76,28 +74,26 @@ impl Group {
     ) -> Report {
         let motor = &mut self.motors[place];
         match reported {
-            Reported::State(state, latency) => match motor.report_state(state, at, latency, cx) {
-                Ok(true) => {}
-                Ok(false) => return Report::Refused,
-                Err(cause) => {
+            Reported::State(state, latency) => {
+                if let Err(cause) = motor.report_state(state, at, latency, cx) {
                     let joint = motor.joint;
                     self.stop(cause, Some(joint), cx);
                 }
-            },
+            }
             Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
             Reported::Cleared | Reported::Alive => motor.report_alive(),
             Reported::Stopped => motor.report_stop(),
             Reported::Refused => motor.report_refusal(),
             Reported::Late => motor.report_late(),
         }
-        Report::Used
+        Report::None
     }
 
     fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {
         let motor = &mut self.motors[place];
         motor.report_fault(bits, at, cx);
         if bits.is_none() {
-            return Report::Used;
+            return Report::None;
         }
         self.over_voltage |= bits.has(Faults::OVER_VOLTAGE);
         match motor.settings.fault_policy {
@@ -108,7 +104,7 @@ impl Group {
             }
             FaultPolicy::StopAll => return Report::StopAll,
         }
-        Report::Used
+        Report::None
     }
 
     /// The motor at `place` answered one question twice.

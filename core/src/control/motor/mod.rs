@@ -187,27 +187,30 @@ impl Motor {
         refused || silent && !matches!(self.mode, Mode::Offline(_))
     }
 
-    /// Its state came, `latency` after the command. Returns false when it cannot be true: it is not used then. `Err`: its
-    /// group must be stopped for this cause.
+    /// Its state came, `latency` after the command. One that cannot be true is counted, and not used.
+    ///
+    /// # Errors
+    /// The cause for which its group must be stopped.
     pub(super) fn report_state(
         &mut self,
         reported: Measured<Joint>,
         at: Instant,
         latency: Duration,
         cx: &mut Context,
-    ) -> Result<bool, Cause> {
+    ) -> Result<(), Cause> {
         match self.judge(reported, at) {
             Verdict::Sound(measured) => {
                 self.take_state(measured, at, latency, cx);
-                Ok(true)
+                Ok(())
             }
             Verdict::Stop(measured, cause) => {
                 self.take_state(measured, at, latency, cx);
                 Err(cause)
             }
             Verdict::Unbelievable => {
+                self.replies.implausible = self.replies.implausible.wrapping_add(1);
                 self.report_alive();
-                Ok(false)
+                Ok(())
             }
         }
     }
@@ -301,7 +304,7 @@ impl Motor {
     /// Gives a request up whose time is over.
     pub(super) fn watch_request(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| cx.now > request.deadline) {
-            cx.answer(request.ticket, Some(Refusal::NotConfirmed));
+            cx.answer(request.ticket, Err((Refusal::NotConfirmed, self.joint as u32)));
         }
     }
 
@@ -310,7 +313,7 @@ impl Motor {
         let at_zero = self.settings.transmission.position_to_motor(position).abs() < ZERO_TOLERANCE;
         let confirmed = |request: &mut ServiceRequest| request.awaits(Kind::SetZero) && at_zero;
         if let Some(request) = self.request.take_if(confirmed) {
-            cx.answer(request.ticket, None);
+            cx.answer(request.ticket, Ok(()));
         }
     }
 
@@ -321,7 +324,7 @@ impl Motor {
                 self.mode = Mode::Idle;
             }
             self.changed(cx);
-            cx.answer(request.ticket, None);
+            cx.answer(request.ticket, Ok(()));
         }
     }
 
@@ -369,6 +372,7 @@ impl Motor {
             missed: self.replies.missed,
             reply_latency_ns: self.replies.latency_ns,
             late: self.replies.late,
+            implausible: self.replies.implausible,
             receive_ns: self.measured_at.as_nanos(),
         }
     }

@@ -22,6 +22,8 @@ pub(in crate::control) struct Replies {
     pub(in crate::control) missed: u32,
     /// Replies after their cycle, modulo 2³².
     pub(super) late: u32,
+    /// States that the joint cannot have had, modulo 2³².
+    pub(super) implausible: u32,
     /// Time from the last answered command to its reply, ns.
     pub(super) latency_ns: u32,
     /// The cycle of the last missed reply; 0 for none.
