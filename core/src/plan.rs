@@ -26,9 +26,9 @@ pub struct BusPlan {
     /// Wire time of the frames of a cycle without stuffing bits: the last reply cannot be complete before.
     pub expected: Duration,
     /// Least wire time of one command and its reply.
-    pub exchange_least: Duration,
+    pub transaction_least: Duration,
     /// Most wire time of one command and its reply.
-    pub exchange_worst: Duration,
+    pub transaction_worst: Duration,
 }
 
 impl BusPlan {
@@ -37,25 +37,25 @@ impl BusPlan {
     pub fn of(settings: &Settings) -> Vec<Self> {
         let plan = |(index, bus): (usize, &BusSettings)| {
             let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-            let exchanges: Vec<_> = motors.map(|motor| TransactionBits::of(motor, &bus.kind)).collect();
-            Self::of_bus(&exchanges, bus.kind.bitrate(), settings.cycle.rate_hz)
+            let transactions: Vec<_> = motors.map(|motor| TransactionBits::of(motor, &bus.kind)).collect();
+            Self::of_bus(&transactions, bus.kind.bitrate(), settings.cycle.rate_hz)
         };
         settings.buses.iter().enumerate().map(plan).collect()
     }
 
-    fn of_bus(exchanges: &[TransactionBits], bitrate: u32, rate_hz: f64) -> Self {
-        let worst_case: u32 = exchanges.iter().map(|exchange| exchange.worst_case).sum();
-        let unstuffed: u32 = exchanges.iter().map(|exchange| exchange.unstuffed).sum();
-        let fault_poll = exchanges.iter().map(|exchange| exchange.worst_case).max().unwrap_or(0);
-        let least = exchanges.iter().map(|exchange| exchange.unstuffed).min().unwrap_or(0);
+    fn of_bus(transactions: &[TransactionBits], bitrate: u32, rate_hz: f64) -> Self {
+        let worst_case: u32 = transactions.iter().map(|transaction| transaction.worst_case).sum();
+        let unstuffed: u32 = transactions.iter().map(|transaction| transaction.unstuffed).sum();
+        let fault_poll = transactions.iter().map(|transaction| transaction.worst_case).max().unwrap_or(0);
+        let least = transactions.iter().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
         Self {
-            motors: exchanges.len(),
+            motors: transactions.len(),
             worst_case_utilisation: utilisation(worst_case, rate_hz, bitrate),
             unstuffed_utilisation: utilisation(unstuffed, rate_hz, bitrate),
             fault_poll_utilisation: utilisation(worst_case + fault_poll, rate_hz, bitrate),
             expected: wire_time(unstuffed, bitrate),
-            exchange_least: wire_time(least, bitrate),
-            exchange_worst: wire_time(fault_poll, bitrate),
+            transaction_least: wire_time(least, bitrate),
+            transaction_worst: wire_time(fault_poll, bitrate),
         }
     }
 }

@@ -69,8 +69,8 @@ impl BusChannel {
             sent_at: Instant::ZERO,
             replied_at: Instant::ZERO,
             batch: Batch::Commands,
-            expected: [ExpectedReplyTime(plan.expected), ExpectedReplyTime(plan.exchange_least)],
-            poll_time: plan.exchange_worst,
+            expected: [ExpectedReplyTime(plan.expected), ExpectedReplyTime(plan.transaction_least)],
+            poll_time: plan.transaction_worst,
         }
     }
 

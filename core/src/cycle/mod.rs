@@ -374,7 +374,7 @@ impl<C: Clock> Cycle<C> {
 fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
     match settings.buses[bus].kind {
         BusKind::SocketCan { .. } => Duration::ZERO,
-        BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].exchange_least,
+        BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].transaction_least,
     }
 }
 

@@ -1,4 +1,4 @@
-//! Frames that are made beforehand, by whoever knows the motors, and sent by whoever is left.
+//! Safe frames: made beforehand, while the settings of the motors are known, and sent without that knowledge.
 
 use crate::drive::safe_frames;
 use crate::settings::Settings;
@@ -7,8 +7,8 @@ use motord_bus::Frame;
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BusFrames {
-    /// One frame per motor that damps it. A native motor has its stop here: its damping is made of its last state, which
-    /// nobody knows any more.
+    /// One frame per motor that damps it. For a native motor it is the frame that stops it: damping takes the last
+    /// state of the motor, which is not known any more.
     pub damp: Vec<Frame>,
     /// One frame per motor that stops it.
     pub stop: Vec<Frame>,

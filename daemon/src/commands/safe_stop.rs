@@ -20,7 +20,7 @@ const SWITCH_TURN: Duration = Duration::from_millis(50);
 /// Why not every motor was commanded to stop.
 #[derive(Debug, thiserror::Error)]
 pub enum SafeStopError {
-    /// The configuration is refused: there is nothing to go by.
+    /// The configuration is refused: the motors are unknown.
     #[error("{0}")]
     Config(#[from] ConfigError),
     /// These interfaces were left out; the motors on all others were commanded to stop.
@@ -37,13 +37,13 @@ pub enum LeftOut {
     /// It cannot be opened.
     #[error("{0}")]
     Interface(#[from] InterfaceError),
-    /// It did not take the frames of all of its motors often enough.
+    /// It did not take all of its frames in time.
     #[error("{interface} refuses frames")]
     Refused {
         /// The interface.
         interface: String,
     },
-    /// The same, and the dead man's switch does not give up.
+    /// The same, and the dead man's switch goes on.
     #[error("{interface} refuses frames; the dead man's switch keeps trying")]
     Awaited {
         /// The interface.
@@ -62,9 +62,9 @@ impl SafeStopError {
     }
 }
 
-/// Damps and stops the motors on every CAN interface of a configuration, which takes at most two seconds. Interfaces are
-/// used as they are. Leaves the work to a dead man's switch that is at it already, and waits for its end, at most a second
-/// longer than its damping: two senders would stop each other's damping, and so would the daemon that systemd starts next.
+/// Damps and stops the motors on every CAN interface of a configuration, which takes at most two seconds. Uses interfaces as
+/// they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
+/// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
 /// `open` opens an interface to send.
 ///
 /// # Errors
@@ -101,8 +101,8 @@ fn report(left_out: Vec<LeftOut>) -> Result<(), SafeStopError> {
     if left_out.is_empty() { Ok(()) } else { Err(SafeStopError::LeftOut(left_out)) }
 }
 
-/// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served then; `None` when it
-/// does not act, or is gone before its end.
+/// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served then; `None` when the
+/// switch does not act, or is gone before its end.
 fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> {
     let end = clock::monotonic() + patience;
     let mut owed = owed_by_switch(instance).ok().filter(|owed| !owed.is_empty())?;
@@ -122,7 +122,8 @@ fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
     }
 }
 
-/// The interface is nobody else's while the lock is held; `None` where no daemon could hold one.
+/// Opens an interface, with its lock: no daemon drives the interface while the lock is held. The lock is `None` where no
+/// daemon could hold one.
 fn prepare(
     bus: &InterfaceFrames,
     directory: Option<&Path>,

@@ -1,7 +1,7 @@
-//! Between a daemon and its dead man's switch: a socket that carries messages, and one file with the first.
+//! The connection between a daemon and its dead man's switch: a socket for messages, and one file with the first.
 //!
-//! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, are heard: whoever registers
-//! decides which frames are sent.
+//! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, get an answer: a process that
+//! registers decides which frames are sent.
 
 use crate::deadman::heartbeat::Pulse;
 use crate::host::kernel::adopt;
@@ -26,7 +26,7 @@ use super::safe_frames::{InterfaceError, SafeFrames};
 
 /// Most bytes of a message: the safe frames of 64 motors have about 6 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
-/// How long a client waits for the switch, s: it opens an interface in milliseconds.
+/// The most time a client waits for the switch, s. The switch opens an interface in milliseconds.
 const PATIENCE_S: i64 = 2;
 
 /// A request to the switch.
@@ -58,7 +58,7 @@ pub enum Refusal {
         /// That process.
         pid: i32,
     },
-    /// There is no heartbeat, or it is at rest: nobody cycles any motor.
+    /// The heartbeat is missing or at rest: no cycle runs.
     #[error("the heartbeat is missing or at rest")]
     NoHeartbeat,
     /// The motors of an interface could not be stopped.
@@ -104,15 +104,14 @@ impl Channel {
     ///
     /// # Errors
     ///
-    /// `UnexpectedEof` when the other end is gone, `InvalidData` when it sends something else, `WouldBlock` when nothing
-    /// has come.
+    /// `UnexpectedEof` when the other end is gone, `InvalidData` for any other message, `WouldBlock` when none has come.
     pub fn receive<T: DeserializeOwned>(&self) -> io::Result<(T, Option<Pulse>)> {
         let mut text = vec![0; MESSAGE_BYTES_MAX];
         let mut control = cmsg_space!([RawFd; 1]);
         let (bytes, whole, files) = {
-            let mut room = [IoSliceMut::new(&mut text)];
+            let mut buffer = [IoSliceMut::new(&mut text)];
             let flags = MsgFlags::MSG_CMSG_CLOEXEC;
-            let message = recvmsg::<()>(self.0.as_raw_fd(), &mut room, Some(&mut control), flags)?;
+            let message = recvmsg::<()>(self.0.as_raw_fd(), &mut buffer, Some(&mut control), flags)?;
             let files: Vec<OwnedFd> = message.cmsgs()?.flat_map(files_in).collect();
             (message.bytes, !message.flags.contains(MsgFlags::MSG_TRUNC), files)
         };
@@ -125,7 +124,7 @@ impl Channel {
         Ok((serde_json::from_slice(&text[..bytes])?, files.into_iter().next().map(Pulse::from)))
     }
 
-    /// Whether the other end is gone, or says what it should not. Neither allocates nor blocks; one system call.
+    /// Whether the other end is gone, or sends an unexpected message. Neither allocates nor blocks; one system call.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         recv(self.0.as_raw_fd(), &mut [0], MsgFlags::MSG_DONTWAIT) != Err(Errno::EAGAIN)
@@ -152,7 +151,7 @@ fn files_in(message: ControlMessageOwned) -> Vec<OwnedFd> {
     }
 }
 
-/// Where the switch of an instance is called.
+/// The socket on which the switch of an instance accepts connections.
 #[derive(Debug)]
 pub struct Listener {
     socket: OwnedFd,
@@ -171,7 +170,7 @@ impl Listener {
         options.write(true).create(true).truncate(false).mode(0o600).custom_flags(libc::O_NOFOLLOW);
         let lock = Flock::lock(options.open(path)?, FlockArg::LockExclusiveNonblock)
             .map_err(|_| io::Error::from(io::ErrorKind::ResourceBusy))?;
-        // What a dead switch left behind. The lock says that it is dead.
+        // The socket of a dead switch. The lock proves that it is dead.
         match fs::remove_file(path_of(instance)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             Ok(()) | Err(_) => {}
@@ -182,11 +181,11 @@ impl Listener {
         Ok(Self { socket, _lock: lock })
     }
 
-    /// The next one who calls.
+    /// The next connection.
     ///
     /// # Errors
     ///
-    /// `WouldBlock` when nobody does, others when there are no descriptors left.
+    /// `WouldBlock` when there is none, others when no descriptors are left.
     pub fn accept(&self) -> io::Result<Channel> {
         let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
         Ok(Channel(adopt(accept4(self.socket.as_raw_fd(), flags)?)))

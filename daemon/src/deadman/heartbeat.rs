@@ -1,7 +1,7 @@
-//! The heartbeat: a number in shared memory by which another process sees that motors are cycled.
+//! The heartbeat: a number in shared memory that shows another process that the cycle runs.
 //!
-//! The cycle stores its number at every beginning, and [`AT_REST`] after its last; the other process only watches the
-//! number move. It reads the file instead of mapping it, so nothing done to the file can hurt it.
+//! Each cycle stores its number when it begins; the last one stores [`AT_REST`] at its end. The other process only checks
+//! that the number changes. It reads the file instead of mapping it, so a change of the file cannot kill it.
 
 use crate::host::kernel;
 use nix::errno::Errno;
@@ -25,7 +25,7 @@ impl Heartbeat {
     ///
     /// # Errors
     ///
-    /// What the kernel refused.
+    /// The error of the kernel.
     pub fn create() -> Result<(Self, Pulse), Errno> {
         let file = memfd_create("motord-heartbeat", MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING)?;
         ftruncate(&file, size_of::<AtomicU64>() as i64)?;

@@ -22,8 +22,8 @@ pub(crate) fn schedule_fifo(priority: u8) -> Result<(), Errno> {
     Errno::result(status).map(drop)
 }
 
-/// Maps the first eight bytes of `file` as a counter that is shared with whoever else has the file. The mapping stays
-/// until the process ends.
+/// Maps the first eight bytes of `file` as a counter that is shared with other processes that have the file. The mapping
+/// stays until the process ends.
 ///
 /// # Errors
 ///
@@ -43,25 +43,25 @@ pub(crate) fn map_counter(file: BorrowedFd<'_>) -> Result<&'static AtomicU64, Er
     Ok(unsafe { address.cast::<AtomicU64>().as_ref() })
 }
 
-/// Takes over a descriptor that the kernel has just handed to this process.
+/// Takes ownership of a descriptor that the kernel has just given to this process.
 pub(crate) fn adopt(descriptor: RawFd) -> OwnedFd {
-    // SAFETY: callers pass what `accept4` or `recvmsg` returned, once; nothing else knows the number yet.
+    // SAFETY: callers pass a result of `accept4` or `recvmsg`, once; nothing else knows the number yet.
     unsafe { OwnedFd::from_raw_fd(descriptor) }
 }
 
-/// Gives the calling thread a table of descriptors of its own, with `keep` and the standard streams in it. All others stay
-/// open for the other threads, and only for them; this thread must not use them any more.
+/// Gives the calling thread its own table of descriptors, with `keep` and the standard streams in it. All others stay open
+/// for the other threads only: this thread must not use them any more.
 ///
 /// # Errors
 ///
-/// `EPERM` or `ENOSYS` from a sandbox or an old kernel; then the thread goes on sharing what it shared.
+/// `EPERM` or `ENOSYS` from a sandbox or an old kernel; then the thread still shares all descriptors.
 pub(crate) fn keep_only(keep: BorrowedFd<'_>) -> Result<(), Errno> {
     const STANDARD_STREAMS: u32 = 3;
     unshare(CloneFlags::CLONE_FILES)?;
     let keep = keep.as_raw_fd().cast_unsigned();
     for (first, last) in [(STANDARD_STREAMS, keep - 1), (keep + 1, u32::MAX)] {
         if first <= last {
-            // SAFETY: it closes nothing that anybody uses: the table is this thread's own since the call above, and by
+            // SAFETY: it closes no descriptor that is in use: the table is this thread's own since the call above, and by
             // contract the thread uses `keep` only.
             Errno::result(unsafe { libc::close_range(first, last, 0) })?;
         }

@@ -1,8 +1,12 @@
-//! Where lines of the log go: to a thread of its own that writes them to standard error.
+//! The log: a thread of its own writes the lines to standard error.
 //!
-//! Nobody else waits for whoever reads them. A pipe that is not read, a terminal that is held, or a disk that is slow would
-//! else hold up the thread that tells systemd that the cycle lives, or the one that is told to end. A line that finds no room
-//! is dropped, and the number of them told.
+//! No other thread waits for the reader of the log. A pipe that is not read, a terminal that is held, or a slow disk would
+//! block the thread that feeds the watchdog of systemd, or the one that ends the process. A line that does not fit into the
+//! queue is dropped and counted.
+//!
+//! `tracing-appender` 0.2 does not serve: when the queue is full at the end of the process, its guard prints to standard
+//! output, which can block for ever and panics when it is closed; it writes nothing about dropped lines; and it panics when
+//! there can be no more threads.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -11,18 +15,18 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::Builder;
 use std::time::Duration;
 
-/// Lines that may wait for their reader.
+/// The most lines in the queue.
 const LINES_MAX: usize = 1024;
-/// How long the end of the process waits for a reader.
+/// The most time that the end of the process waits for the reader.
 const FLUSH_TIME: Duration = Duration::from_millis(500);
 
 enum Message {
     Line(Vec<u8>),
-    /// Everything before it was written.
+    /// Answered when all lines before it are written.
     Flush(Sender<()>),
 }
 
-/// Standard error, without waiting for it.
+/// A writer to standard error that never blocks.
 #[derive(Clone)]
 pub struct Log {
     messages: SyncSender<Message>,
@@ -34,7 +38,7 @@ impl Log {
     ///
     /// # Errors
     ///
-    /// When there can be no more threads.
+    /// The error of the system when it refuses a thread.
     pub fn to_stderr() -> io::Result<Self> {
         Self::to(io::stderr())
     }
@@ -47,7 +51,8 @@ impl Log {
         Ok(Self { messages, dropped })
     }
 
-    /// Takes what panics say from now on: the cycle damps its motors after its panic was told, and must not wait either.
+    /// Writes the messages of panics from now on. The cycle damps its motors after the message of its panic, and must not
+    /// wait for it either.
     pub fn hear_panics(&self) {
         let log = self.clone();
         std::panic::set_hook(Box::new(move |panic| {
@@ -57,7 +62,7 @@ impl Log {
         }));
     }
 
-    /// Waits until every line is written, half a second at most.
+    /// Waits until every line is written, at most [`FLUSH_TIME`].
     pub fn finish(&self) {
         let (written, answer) = channel();
         if self.messages.try_send(Message::Flush(written)).is_ok() {
@@ -67,7 +72,7 @@ impl Log {
 }
 
 impl Write for Log {
-    /// One call is one line. Never waits, never fails.
+    /// One call is one line. Never blocks, never fails.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
         if self.messages.try_send(Message::Line(line.to_vec())).is_err() {
             self.dropped.fetch_add(1, Ordering::Relaxed);
@@ -80,7 +85,7 @@ impl Write for Log {
     }
 }
 
-/// What cannot be written is lost: there is nowhere to say so.
+/// Writes lines until the last sender is gone. A line that cannot be written is lost: there is no place to report it.
 fn write(mut out: impl Write, messages: &Receiver<Message>, dropped: &AtomicU64) {
     for message in messages {
         match message {
@@ -106,7 +111,7 @@ mod tests {
     use std::os::unix::net::UnixStream;
 
     #[test]
-    fn a_log_that_nobody_reads_holds_nobody_up_and_tells_what_was_dropped() {
+    fn a_log_that_nobody_reads_blocks_no_thread_and_counts_dropped_lines() {
         let (reader, writer) = UnixStream::pair().unwrap();
         let mut log = Log::to(writer).unwrap();
         for line in 0..100_000 {
@@ -114,13 +119,13 @@ mod tests {
         }
         log.finish();
         let lines = BufReader::new(reader).lines().map_while(Result::ok);
-        let told: Vec<_> = lines.take_while(|line| !line.contains("dropped")).collect();
-        assert_eq!(told[0], "line 0");
-        assert!(told.len() < 100_000);
+        let written: Vec<_> = lines.take_while(|line| !line.contains("dropped")).collect();
+        assert_eq!(written[0], "line 0");
+        assert!(written.len() < 100_000);
     }
 
     #[test]
-    fn what_was_logged_before_the_end_is_written() {
+    fn lines_before_the_end_are_written() {
         let (reader, writer) = UnixStream::pair().unwrap();
         let mut log = Log::to(writer).unwrap();
         log.write_all(b"the motors are stopped\n").unwrap();
