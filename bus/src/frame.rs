@@ -204,8 +204,8 @@ impl Inbox {
     ///
     /// The arrival itself, when the inbox is full.
     pub fn push(&mut self, arrival: Arrival) -> Result<(), Arrival> {
-        let Some(slot) = self.arrivals.get_mut(self.len) else { return Err(arrival) };
-        *slot = arrival;
+        let Some(place) = self.arrivals.get_mut(self.len) else { return Err(arrival) };
+        *place = arrival;
         self.len += 1;
         Ok(())
     }

@@ -244,8 +244,8 @@ impl Run {
             return;
         }
         if !active {
-            controller.wishes = robot.hold_group(group, 20.0, 1.0);
-            controller.wishes.iter_mut().for_each(|wish| *wish = finite(*wish));
+            controller.setpoints = robot.hold_group(group, 20.0, 1.0);
+            controller.setpoints.iter_mut().for_each(|setpoint| *setpoint = finite(*setpoint));
         }
         controller.follow(robot, checker);
     }
@@ -287,8 +287,8 @@ fn reopen(robot: &mut Robot) {
 }
 
 /// Where a joint is not known yet, the owner asks for nothing.
-fn finite(wish: JointSetpoint) -> JointSetpoint {
-    if wish.position.is_finite() { wish } else { JointSetpoint::default() }
+fn finite(setpoint: JointSetpoint) -> JointSetpoint {
+    if setpoint.position.is_finite() { setpoint } else { JointSetpoint::default() }
 }
 
 /// Controllers that behave.
@@ -333,7 +333,7 @@ mod sane {
             }
             pause = pause.saturating_sub(1);
             if pause == 0 {
-                robot.send(&wishes(&still, &waves, cycle));
+                robot.send(&setpoints(&still, &waves, cycle));
             }
             robot.step();
             robot.take_sent();
@@ -355,12 +355,12 @@ mod sane {
         }
     }
 
-    fn wishes(still: &[JointSetpoint], waves: &[Wave], cycle: u64) -> Vec<JointSetpoint> {
+    fn setpoints(still: &[JointSetpoint], waves: &[Wave], cycle: u64) -> Vec<JointSetpoint> {
         let time = cycle as f64 / 1000.0;
-        let wish = |(still, wave): (&JointSetpoint, &Wave)| {
+        let setpoint = |(still, wave): (&JointSetpoint, &Wave)| {
             let (position, velocity) = wave.at(time);
             JointSetpoint { position: still.position + position, velocity, kp: 30.0, ..*still }
         };
-        still.iter().zip(waves).map(wish).collect()
+        still.iter().zip(waves).map(setpoint).collect()
     }
 }

@@ -43,14 +43,14 @@ impl SerialSlave {
         &mut self.bus
     }
 
-    /// When [`exchange`](Self::exchange) has something to say, if nothing else is received.
+    /// When [`transact`](Self::transact) has something to say, if nothing else is received.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
         self.bus.readiness()
     }
 
     /// Takes the bytes that were received and appends to `answers` those that the motors have sent by `now`.
-    pub fn exchange(&mut self, now: Instant, received: &[u8], answers: &mut Vec<u8>) {
+    pub fn transact(&mut self, now: Instant, received: &[u8], answers: &mut Vec<u8>) {
         for byte in received {
             self.window[self.len] = *byte;
             self.len += 1;
@@ -135,8 +135,8 @@ mod tests {
             Readiness::At(at) => at,
             _ => Instant::ZERO,
         };
-        slave.exchange(start, received, &mut answers);
-        slave.exchange(start + core::time::Duration::from_millis(10), &[], &mut answers);
+        slave.transact(start, received, &mut answers);
+        slave.transact(start + core::time::Duration::from_millis(10), &[], &mut answers);
         answers
     }
 
@@ -150,9 +150,9 @@ mod tests {
     fn requests_may_come_in_pieces_and_glued() {
         let mut slave = slave();
         let mut out = Vec::new();
-        slave.exchange(Instant::ZERO, &GET_VERSION[..5], &mut out);
-        slave.exchange(Instant::ZERO, &[&GET_VERSION[5..], &GET_VERSION[..]].concat(), &mut out);
-        slave.exchange(Instant::from_nanos(10_000_000), &[], &mut out);
+        slave.transact(Instant::ZERO, &GET_VERSION[..5], &mut out);
+        slave.transact(Instant::ZERO, &[&GET_VERSION[5..], &GET_VERSION[..]].concat(), &mut out);
+        slave.transact(Instant::from_nanos(10_000_000), &[], &mut out);
         assert_eq!(out, [VERSION, VERSION].concat());
     }
 

@@ -180,7 +180,7 @@ fn a_wrong_bit_rate_is_mended_with_the_right_to_and_explained_without() {
     );
     assert_eq!(Link::read(name("can0")).unwrap().bitrate, Some(500_000), "a refusal changes nothing");
     let commands = refused.to_string().split("as root: ").nth(1).unwrap().to_owned();
-    assert!(commands.split("; ").all(run), "the commands that are told work");
+    assert!(commands.split("; ").all(run), "the commands of the remedy work");
     let nobody = Nobody::new();
     let bus = SocketCanBus::open(&settings("can0")).unwrap();
     drop(nobody);

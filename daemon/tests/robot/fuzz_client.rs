@@ -30,12 +30,12 @@ pub struct FuzzClient {
     claim: u32,
     /// Cycles for which it says nothing.
     silent: usize,
-    pub wishes: Vec<JointSetpoint>,
+    pub setpoints: Vec<JointSetpoint>,
 }
 
 impl FuzzClient {
     pub fn new(group: usize) -> Self {
-        Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, wishes: Vec::new() }
+        Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, setpoints: Vec::new() }
     }
 
     /// Whether the daemon takes it for the owner.
@@ -53,7 +53,7 @@ impl FuzzClient {
     pub fn hear(&mut self, robot: &mut Robot, ticket: u32, reply: &AdminReply) {
         if ticket == self.claim && reply.lease != 0 {
             (self.lease, self.sequence) = (reply.lease, 0);
-            self.wishes = robot.hold_group(self.group, 30.0, 1.0);
+            self.setpoints = robot.hold_group(self.group, 30.0, 1.0);
         }
     }
 
@@ -95,13 +95,17 @@ impl FuzzClient {
         match random.below(40) {
             0..=1 => {}
             2 => self.silent = if random.once_in(10) { 40 } else { random.below(19) },
-            3 => self.wishes.iter_mut().for_each(|wish| wish.position += random.between(-3.0, 3.0)),
+            3 => {
+                self.setpoints.iter_mut().for_each(|setpoint| setpoint.position += random.between(-3.0, 3.0))
+            }
             4 => {
                 let most = if random.once_in(10) { 50.0 } else { 2.0 };
-                self.wishes.iter_mut().for_each(|wish| wish.torque = random.between(-most, most));
+                self.setpoints.iter_mut().for_each(|setpoint| setpoint.torque = random.between(-most, most));
             }
-            5 => self.wishes.iter_mut().for_each(|wish| wish.kp = random.between(0.0, 120.0)),
-            6 => self.wishes.iter_mut().for_each(|wish| wish.velocity = random.between(-16.0, 16.0)),
+            5 => self.setpoints.iter_mut().for_each(|setpoint| setpoint.kp = random.between(0.0, 120.0)),
+            6 => {
+                self.setpoints.iter_mut().for_each(|setpoint| setpoint.velocity = random.between(-16.0, 16.0))
+            }
             7..=9 => {
                 let mut message = self.message(robot.now());
                 if spoil(random, &mut message, robot.now()) {
@@ -115,7 +119,7 @@ impl FuzzClient {
 
     fn message(&mut self, now: Instant) -> SetpointMessage {
         self.sequence += 1;
-        message(self.lease, self.sequence, now, &self.wishes)
+        message(self.lease, self.sequence, now, &self.setpoints)
     }
 
     fn deliver(&self, robot: &mut Robot, checker: &mut Checker, message: &SetpointMessage) {
@@ -132,14 +136,14 @@ fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bo
     let mut only_values = false;
     match random.below(10) {
         0..=4 => {
-            let wish = &mut message.joints[joint];
+            let setpoint = &mut message.joints[joint];
             let absurd = *random.pick(&ABSURD);
             match random.below(5) {
-                0 => wish.position = absurd,
-                1 => wish.velocity = absurd,
-                2 => wish.kp = absurd,
-                3 => wish.kd = absurd,
-                _ => wish.torque = absurd,
+                0 => setpoint.position = absurd,
+                1 => setpoint.velocity = absurd,
+                2 => setpoint.kp = absurd,
+                3 => setpoint.kd = absurd,
+                _ => setpoint.torque = absurd,
             }
             only_values = true;
         }
