@@ -1,5 +1,5 @@
 # Sourced by the rigs that run the daemon. Such a script runs twice: on this machine, where it builds and judges, and in
-# between in the guest, where it measures.
+# between in the guest, where it measures. `motord-checker` judges the logs of candump.
 
 . "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/common.sh"
 export MOTORD_INSTANCE=demo
@@ -7,19 +7,25 @@ export MOTORD_INSTANCE=demo
 # Settings for run_inside: the times that a robot has by default.
 robots_times=({cycle.max-lateness,safety.setpoint-timeout,safety.deadman,safety.start-timeout}-ms= safety.lost-cycles=)
 
-# What a motor may be told while it must not move, as regular expressions of a frame's data (MIT document 1.1). A control
-# command has seven digits of position and velocity, three of stiffness, three of damping, three of torque; zero lies
-# between two codes of velocity and torque.
-damping='^....(7FF|800)000(00[^0]|0[^0].|[^0]..)(7FF|800)$'
-stop='^FFFFFFFFFFFFFFFD$'
-# Whether a motor is at fault, asked and cleared.
-fault='^FFFFFFFFFFFF..FB$'
-
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
+# read_ahead COMMAND...: reads these programs, those of the rig and their libraries, so that to start one needs no disk.
+read_ahead() {
+    local files
+    files=$(for command; do type -P "$command" || true; done; find . -type f -perm -1)
+    { echo "$files" && echo "$files" | xargs ldd 2>/dev/null | grep -o '/[^ ]*' | sort -u; } | tr -d ':' | xargs cat >/dev/null 2>&1 || true
+}
+
+# In the guest a rig works in memory, with programs that were read before: the guest's time runs ahead while it waits for
+# this machine's disk. What it leaves in its folder goes back to this machine.
 if inside; then
-    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=$RIG_PLACE:$PATH
+    mkdir /tmp/robot
+    cp -a "$RIG_PLACE/." /tmp/robot
+    cd /tmp/robot
+    trap 'cp -au . "$RIG_PLACE"' EXIT
+    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=/tmp/robot:$PATH
     mkdir -m 700 "$MOTORD_RUNTIME_DIR"
+    read_ahead bash awk cat chrt candump cangen cut date env grep ip jq kill ldd ls sed setpriv sleep sort strace tail wc
 fi
 
 # run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
@@ -35,11 +41,12 @@ run_inside() {
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --release --target-dir "$target" -p motord -p motorctl --features "${RIG_FEATURES:-}"
+    cargo build --quiet --locked --release --target-dir "$target" -p motord -p motorctl -p motord-checker \
+        --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "$target"/release/{motord,motord-sim,motorctl} "$RIG_PLACE"
+    cp "$target"/release/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
     if [ -n "${RIG_EXAMPLE:-}" ]; then
         # By itself, or the daemon would be built with features that only the examples need.
         cargo build --quiet --locked --release --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"
@@ -103,7 +110,7 @@ start_trot() {
     await "the robot trots" grep -q progress controller.log
 }
 
-# note MARK...: for a judge, with the time that candump tells.
+# note MARK...: for the checker, with the time as candump tells it.
 note() { echo "$EPOCHREALTIME $*" >>notes; }
 
 # Cycles since the daemon's start, by its own count.
