@@ -87,7 +87,7 @@ fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_ar
 /// Goal: a robot whose controllers are sane is never stopped for nothing.
 /// Method: an hour of twelve joints in smooth random motion, with the jitter and the rare losses of sound hardware.
 #[test]
-#[ignore = "an hour of robot time takes minutes: run it with --release and --ignored"]
+#[ignore = "an hour of robot time takes a minute: run it with --release and --ignored"]
 fn an_hour_of_sane_control_is_never_stopped() {
     sane::walk(robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(3600));
 }
