@@ -11,7 +11,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-shared", &["iceoryx2"], &[]),
     ("motord-bus", &[], &["motord-bus"]),
     ("motord-simulator", &["motord-bus"], &["motord-bus", "motord-simulator"]),
-    ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &[]),
+    ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &["motord-simulator"]),
     (
         "motord",
         &["motord-core", "motord-shared", "motord-protocol", "motord-bus", "motord-simulator"],
@@ -25,6 +25,21 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
 
 /// May import anything, and is in no other's list.
 const BENCHES: &str = "motord-benches";
+
+/// The packages that another program takes in with `motord-core`, procedural macros apart: no command line, no log, no system
+/// calls, no shared memory.
+const CORE: &[&str] = &[
+    "crossbeam-utils",
+    "motord-bus",
+    "motord-core",
+    "motord-protocol",
+    "motord-shared",
+    "rtrb",
+    "serde",
+    "serde_core",
+    "thiserror",
+    "triple_buffer",
+];
 
 /// Name, manifest and dependencies of every crate of the workspace.
 fn packages() -> Vec<Value> {
@@ -87,6 +102,30 @@ fn an_import_too_many_and_one_too_few_are_seen() {
     let seen = difference("client", &imports(&package, false), &["motord-shared", "iceoryx2"]);
     assert_eq!(seen, ["client must not import motord-bus", "client does not import motord-shared any more"]);
     assert_eq!(difference("client", &imports(&package, true), &["motord"]), [""; 0]);
+}
+
+/// Names in the output of `cargo tree`, one package in a line.
+fn names(tree: &str) -> Vec<String> {
+    let names: BTreeSet<_> = tree.lines().filter_map(|line| line.split(' ').next()).collect();
+    names.into_iter().map(str::to_owned).collect()
+}
+
+#[test]
+fn the_core_brings_into_another_program_nothing_but_what_is_named() {
+    let output = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "-p", "motord-core", "-e", "normal,no-proc-macro"])
+        .args(["--prefix", "none", "--format", "{p}"])
+        .current_dir(sources::root())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(names(&String::from_utf8(output.stdout).unwrap()), CORE);
+}
+
+#[test]
+fn a_package_below_the_core_is_seen() {
+    let tree = "motord-core v0.1.0 (/motord/core)\nrtrb v0.4.1\nclap v4.6.0\nrtrb v0.4.1 (*)\n";
+    assert_eq!(names(tree), ["clap", "motord-core", "rtrb"]);
 }
 
 #[test]

@@ -107,7 +107,7 @@ impl LocalClient {
     }
 
     /// The owner's next message to `group`, sent at `now`: one setpoint for each of its joints, joint side. The next cycle
-    /// judges it; the states count what was accepted and what was rejected.
+    /// judges it, after the requests of that cycle. The states count what was accepted and what was rejected.
     ///
     /// # Errors
     ///

@@ -1,0 +1,9 @@
+//! The example of `docs/embedding.md` does what it says.
+
+#[path = "../examples/embed.rs"]
+mod embed;
+
+#[test]
+fn the_example_of_a_cycle_in_another_program_runs() {
+    embed::main().unwrap();
+}
