@@ -31,6 +31,12 @@ pub(super) struct Entry<T> {
     pub(super) is_written: bool,
 }
 
+/// An item of a `[[list]]`, and where it begins.
+pub(super) struct Item<T> {
+    pub(super) at: At,
+    pub(super) keys: T,
+}
+
 /// Default and range of a key.
 #[derive(Debug)]
 pub(super) struct Rule<T> {

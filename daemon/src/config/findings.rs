@@ -7,10 +7,9 @@ use motord_bus::Duration;
 use motord_shared::limits::NAME_BYTES_MAX;
 
 use super::Machine;
-use super::entry::{At, Entry};
+use super::entry::{At, Entry, Item};
 use super::problem::{Place, Problem, Wrong, plain};
 use super::similar::suggestion;
-use super::table::Item;
 
 /// Errors and warnings, each with its place.
 pub(super) struct Findings<'a> {

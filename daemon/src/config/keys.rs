@@ -8,20 +8,9 @@
 use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
 
 use super::entry::{Entry, Row, follows, is, required};
-use super::table::Table;
+use super::table::{Section, Sections, Table};
 use super::value::BusType;
 use super::value::Listed;
-
-/// A table of the file, with all of its keys read.
-pub(super) trait Section: Sized {
-    /// The name in the file: `cycle`, `motor.limits`.
-    const PATH: &'static str;
-    /// The names of its keys.
-    const KEYS: &'static [&'static str];
-
-    /// Reads every key. A key that is missing or wrong has its default.
-    fn read(table: &mut Table<'_, '_, '_>) -> Self;
-}
 
 /// Declares sections: a struct per section, one [`Entry`] per key.
 macro_rules! sections {
@@ -43,7 +32,7 @@ macro_rules! sections {
         )*
 
         /// Path and keys of every section.
-        pub(super) const SECTIONS: &[(&str, &[&str])] = &[$(($path, $Section::KEYS)),*];
+        pub(super) const SECTIONS: Sections = &[$(($path, $Section::KEYS)),*];
 
         /// Path and rows of every section.
         pub(super) fn reference() -> Vec<(&'static str, Vec<Row>)> {

@@ -6,6 +6,7 @@
 //!
 //! `keys` is the one table of all keys. `docs/configuration.md` is written from it ([`reference`]).
 
+mod document;
 mod entry;
 mod findings;
 mod keys;
@@ -27,9 +28,9 @@ pub use machine::Machine;
 pub use problem::{Place, Problem, Wrong};
 pub use reference::reference;
 
+use document::Document;
 use findings::Findings;
 use motord_core::settings::Settings;
-use table::Document;
 use toml::de::DeTable;
 
 /// The largest file that is read: sixty-four motors with every key written out take a tenth of it.

@@ -214,10 +214,12 @@ pub enum Wrong {
     EmptyGroup,
 }
 
+/// The tables that can be there several times.
+pub(super) const LISTS: [&str; 3] = ["bus", "motor", "group"];
+
 impl Wrong {
     /// The message of the TOML library about `excerpt`, in the words of the other errors.
     pub(super) fn toml(message: &str, excerpt: &str) -> Self {
-        const LISTS: [&str; 3] = ["bus", "motor", "group"];
         let message = match message {
             "duplicate key" if LISTS.contains(&excerpt) => {
                 format!("is there twice; write `[[{excerpt}]]`, with two brackets, each time")

@@ -3,86 +3,49 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::entry::{At, Entry, Rule};
+use super::entry::{At, Entry, Item, Rule};
 use super::findings::Findings;
-use super::keys::{self, SECTIONS, Section};
-use super::problem::{Wrong, plain};
+use super::problem::{LISTS, Wrong, plain};
 use super::similar::suggestion;
 use super::value::{Value, kind};
 
-/// The whole file, read.
-pub(super) struct Document {
-    pub(super) daemon: keys::Daemon,
-    pub(super) cycle: keys::Cycle,
-    pub(super) ipc: keys::Ipc,
-    pub(super) safety: keys::Safety,
-    pub(super) buses: Vec<Item<keys::Bus>>,
-    pub(super) motors: Vec<Item<Motor>>,
-    pub(super) groups: Vec<Item<keys::Group>>,
+/// A kind of table: its keys, all read.
+pub(super) trait Section: Sized {
+    /// The name in the file: `cycle`, `motor.limits`.
+    const PATH: &'static str;
+    /// The names of its keys.
+    const KEYS: &'static [&'static str];
+
+    /// Reads every key. A key that is missing or wrong has its default.
+    fn read(table: &mut Table<'_, '_, '_>) -> Self;
 }
 
-/// An item of a `[[list]]`, and where it begins.
-pub(super) struct Item<T> {
-    pub(super) at: At,
-    pub(super) keys: T,
-}
-
-/// A `[[motor]]` with its tables.
-pub(super) struct Motor {
-    pub(super) keys: keys::Motor,
-    pub(super) limits: keys::Limits,
-    pub(super) simulation: keys::Simulation,
-}
-
-/// The old name of `[ipc]`.
-const EXCHANGE: &str = "exchange";
-
-impl Document {
-    pub(super) fn read(root: &DeTable<'_>, findings: &mut Findings<'_>) -> Self {
-        let mut root = Table::new("", Some(root), 0, findings);
-        root.refuse_unknown(&[EXCHANGE]);
-        let ipc = root.ipc_path();
-        Self {
-            daemon: root.section(keys::Daemon::PATH),
-            cycle: root.section(keys::Cycle::PATH),
-            ipc: root.section(ipc),
-            safety: root.section(keys::Safety::PATH),
-            buses: root.list(),
-            motors: root.list(),
-            groups: root.list(),
-        }
-    }
-}
-
-impl Section for Motor {
-    const PATH: &'static str = keys::Motor::PATH;
-    const KEYS: &'static [&'static str] = keys::Motor::KEYS;
-
-    fn read(table: &mut Table<'_, '_, '_>) -> Self {
-        Self {
-            keys: keys::Motor::read(table),
-            limits: table.section(keys::Limits::PATH),
-            simulation: table.section(keys::Simulation::PATH),
-        }
-    }
-}
+/// Path and keys of every section there is.
+pub(super) type Sections = &'static [(&'static str, &'static [&'static str])];
 
 /// A table while it is read. One that is not in the file has no keys.
 pub(super) struct Table<'t, 'f, 'a> {
     path: &'static str,
     table: Option<&'t DeTable<'t>>,
     offset: usize,
+    known: Sections,
     findings: &'f mut Findings<'a>,
 }
 
 impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
-    fn new(
+    /// The table of the whole file; `known` are the sections that it can have.
+    pub(super) fn of_file(root: &'t DeTable<'t>, known: Sections, findings: &'f mut Findings<'a>) -> Self {
+        Self { path: "", table: Some(root), offset: 0, known, findings }
+    }
+
+    /// The table `path` below this one.
+    fn below<'s>(
+        &'s mut self,
         path: &'static str,
-        table: Option<&'t DeTable<'t>>,
+        table: Option<&'s DeTable<'s>>,
         offset: usize,
-        findings: &'f mut Findings<'a>,
-    ) -> Self {
-        Self { path, table, offset, findings }
+    ) -> Table<'s, 's, 'a> {
+        Table { path, table, offset, known: self.known, findings: self.findings }
     }
 
     /// Reads one key. A bad value is reported, and the default stands for it.
@@ -120,7 +83,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     }
 
     /// The table `[path]`.
-    fn section<S: Section>(&mut self, path: &'static str) -> S {
+    pub(super) fn section<S: Section>(&mut self, path: &'static str) -> S {
         let written = self.table.and_then(|table| table.get(last(path)));
         let table = written.and_then(|written| written.get_ref().as_table());
         if let (Some(written), None) = (written, table) {
@@ -131,11 +94,11 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             self.findings.error(at(path, written), wrong);
         }
         let offset = written.map_or(self.offset, |written| written.span().start);
-        Table::new(path, table, offset, self.findings).keys()
+        self.below(path, table, offset).keys()
     }
 
     /// Every table `[[list]]`. A single `[list]` is reported, and read as one.
-    fn list<S: Section>(&mut self) -> Vec<Item<S>> {
+    pub(super) fn list<S: Section>(&mut self) -> Vec<Item<S>> {
         let Some(written) = self.table.and_then(|table| table.get(S::PATH)) else { return Vec::new() };
         if written.get_ref().is_table() {
             self.findings.error(at(S::PATH, written), Wrong::ListOfTables(S::PATH));
@@ -151,36 +114,50 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         if table.is_none() {
             self.findings.error(at, Wrong::Type { expected: "a table", found: kind(written.get_ref()) });
         }
-        let mut table = Table::new(S::PATH, Some(table?), at.offset, self.findings);
-        Some(Item { at, keys: table.keys() })
+        Some(Item { at, keys: self.below(S::PATH, Some(table?), at.offset).keys() })
     }
 
     /// Reports every key that is neither one of `keys` nor a table below this one.
-    fn refuse_unknown(&mut self, keys: &[&'static str]) {
-        let known: Vec<_> = keys.iter().copied().chain(tables_below(self.path)).collect();
-        let unknown = |key: &str| !known.contains(&key);
-        for (key, _) in self.table.into_iter().flatten().filter(|(key, _)| unknown(key.get_ref())) {
+    pub(super) fn refuse_unknown(&mut self, keys: &[&'static str]) {
+        let below = |section: &'static str| match self.path {
+            "" => Some(section),
+            path => section.strip_prefix(path)?.strip_prefix('.'),
+        };
+        let tables = self.known.iter().filter_map(|(path, _)| below(path)).filter(|name| !name.contains('.'));
+        let known: Vec<_> = keys.iter().copied().chain(tables).collect();
+        for (key, _) in self.table.into_iter().flatten() {
             let name = key.get_ref().as_ref();
-            let hint = match home_of(name, self.path) {
-                Some(section) => format!("it belongs in {}", header(section)),
-                None => suggestion(name, known.iter().copied()),
-            };
-            let wrong = Wrong::UnknownKey { key: plain(name), hint };
-            self.findings.error_of_key(self.path, name, key.span().start, wrong);
+            if !known.contains(&name) {
+                let hint = self.home_of(name).unwrap_or_else(|| suggestion(name, known.iter().copied()));
+                let wrong = Wrong::UnknownKey { key: plain(name), hint };
+                self.findings.error_of_key(self.path, name, key.span().start, wrong);
+            }
         }
     }
 
-    /// `[ipc]`, or its old name where only that is there.
-    fn ipc_path(&mut self) -> &'static str {
+    /// Where a key belongs that this table does not have: in a table of the same list, or in the only one that has it.
+    fn home_of(&self, key: &str) -> Option<String> {
+        let has_it = self.known.iter().filter(|(_, keys)| keys.contains(&key));
+        let homes: Vec<_> = has_it.map(|(path, _)| *path).collect();
+        let related = homes.iter().find(|home| first(home) == first(self.path));
+        let home = related.or(homes.first().filter(|_| homes.len() == 1))?;
+        Some(if LISTS.contains(home) {
+            format!("it belongs in [[{home}]]")
+        } else {
+            format!("it belongs in [{home}]")
+        })
+    }
+
+    /// `new`, or `old` where only that is there; both are an error.
+    pub(super) fn renamed(&mut self, old: &'static str, new: &'static str) -> &'static str {
         let written = |path| self.table.and_then(|table| table.get(path));
-        match (written(keys::Ipc::PATH), written(EXCHANGE)) {
-            (None, Some(_)) => EXCHANGE,
-            (Some(_), Some(old)) => {
-                let wrong = Wrong::OldAndNewName { old: EXCHANGE, new: keys::Ipc::PATH };
-                self.findings.error(at(EXCHANGE, old), wrong);
-                keys::Ipc::PATH
+        match (written(new), written(old)) {
+            (None, Some(_)) => old,
+            (Some(_), Some(written)) => {
+                self.findings.error(at(old, written), Wrong::OldAndNewName { old, new });
+                new
             }
-            _ => keys::Ipc::PATH,
+            _ => new,
         }
     }
 }
@@ -190,29 +167,9 @@ fn at(path: &'static str, written: &Spanned<DeValue<'_>>) -> At {
     At { offset: written.span().start, section: path, key: "" }
 }
 
-/// The names of the tables one level below `path`.
-fn tables_below(path: &'static str) -> impl Iterator<Item = &'static str> {
-    let below = move |section: &'static str| match path {
-        "" => Some(section),
-        path => section.strip_prefix(path)?.strip_prefix('.'),
-    };
-    SECTIONS.iter().filter_map(move |(section, _)| below(section)).filter(|name| !name.contains('.'))
-}
-
-/// The section that a key belongs in which is unknown in `path`: one of the same list, or the only one that has it.
-fn home_of(key: &str, path: &str) -> Option<&'static str> {
-    let homes: Vec<_> =
-        SECTIONS.iter().filter(|(_, keys)| keys.contains(&key)).map(|(path, _)| *path).collect();
-    let related = homes.iter().find(|home| home.split('.').next() == path.split('.').next());
-    related.or(homes.first().filter(|_| homes.len() == 1)).copied()
-}
-
-/// `[cycle]`, or `[[motor]]` where there can be several.
-fn header(path: &str) -> String {
-    match [keys::Bus::PATH, keys::Motor::PATH, keys::Group::PATH].contains(&path) {
-        true => format!("[[{path}]]"),
-        false => format!("[{path}]"),
-    }
+/// The first name of a path: `motor` of `motor.limits`.
+fn first(path: &str) -> Option<&str> {
+    path.split('.').next()
 }
 
 /// The last name of a path: `limits` of `motor.limits`.

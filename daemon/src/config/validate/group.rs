@@ -4,11 +4,10 @@ use motord_core::settings::{GroupSettings, SafeStop};
 use motord_shared::limits::GROUPS_MAX;
 
 use super::motor::Item;
-use crate::config::entry::At;
+use crate::config::entry::{self, At};
 use crate::config::findings::Findings;
 use crate::config::keys::Group;
 use crate::config::problem::Wrong;
-use crate::config::table;
 use crate::config::value::Listed;
 
 /// The group of all joints, when the file has no group.
@@ -16,7 +15,7 @@ const ALL: &str = "all";
 
 /// All groups, in the order of the file; `None` when one cannot be built.
 pub(super) fn groups(
-    items: &[table::Item<Group>],
+    items: &[entry::Item<Group>],
     motors: &[Item],
     safe_stop: SafeStop,
     findings: &mut Findings<'_>,

@@ -12,10 +12,10 @@ use motord_bus::Duration;
 use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
 use motord_shared::DEFAULT_INSTANCE;
 
+use super::document::Document;
 use super::findings::Findings;
 use super::keys;
 use super::problem::Wrong;
-use super::table::Document;
 
 /// The dead man's switch waits for as long as a cycle may be late, and for this many cycles more.
 const DEADMAN_CYCLES: f64 = 2.0;

@@ -12,15 +12,15 @@ use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
 use super::micros;
-use crate::config::entry::{Entry, degrees};
+use crate::config::document::Motor;
+use crate::config::entry::{self, Entry, degrees};
 use crate::config::findings::Findings;
 use crate::config::keys;
 use crate::config::problem::{Wrong, plain};
 use crate::config::similar::suggestion;
-use crate::config::table::{self, Motor};
 
-pub(super) type Item = table::Item<Motor>;
-type BusItem = table::Item<keys::Bus>;
+pub(super) type Item = entry::Item<Motor>;
+type BusItem = entry::Item<keys::Bus>;
 
 /// A motor's id plus this is a reply id that is unique and yields to every command.
 const HOST_ID_OFFSET: i64 = 0x100;

@@ -1,0 +1,59 @@
+//! The whole file: which tables it has, and which of them can be there several times.
+
+use toml::de::DeTable;
+
+use super::entry::Item;
+use super::findings::Findings;
+use super::keys::{self, SECTIONS};
+use super::table::{Section, Table};
+
+/// The whole file, read.
+pub(super) struct Document {
+    pub(super) daemon: keys::Daemon,
+    pub(super) cycle: keys::Cycle,
+    pub(super) ipc: keys::Ipc,
+    pub(super) safety: keys::Safety,
+    pub(super) buses: Vec<Item<keys::Bus>>,
+    pub(super) motors: Vec<Item<Motor>>,
+    pub(super) groups: Vec<Item<keys::Group>>,
+}
+
+/// A `[[motor]]` with its tables.
+pub(super) struct Motor {
+    pub(super) keys: keys::Motor,
+    pub(super) limits: keys::Limits,
+    pub(super) simulation: keys::Simulation,
+}
+
+/// The old name of `[ipc]`.
+const EXCHANGE: &str = "exchange";
+
+impl Document {
+    pub(super) fn read(root: &DeTable<'_>, findings: &mut Findings<'_>) -> Self {
+        let mut root = Table::of_file(root, SECTIONS, findings);
+        root.refuse_unknown(&[EXCHANGE]);
+        let ipc = root.renamed(EXCHANGE, keys::Ipc::PATH);
+        Self {
+            daemon: root.section(keys::Daemon::PATH),
+            cycle: root.section(keys::Cycle::PATH),
+            ipc: root.section(ipc),
+            safety: root.section(keys::Safety::PATH),
+            buses: root.list(),
+            motors: root.list(),
+            groups: root.list(),
+        }
+    }
+}
+
+impl Section for Motor {
+    const PATH: &'static str = keys::Motor::PATH;
+    const KEYS: &'static [&'static str] = keys::Motor::KEYS;
+
+    fn read(table: &mut Table<'_, '_, '_>) -> Self {
+        Self {
+            keys: keys::Motor::read(table),
+            limits: table.section(keys::Limits::PATH),
+            simulation: table.section(keys::Simulation::PATH),
+        }
+    }
+}
