@@ -230,9 +230,13 @@ impl Client {
     }
 
     fn operate(&self, operation: Operation, group: &str) -> Result<(), Error> {
+        self.operate_with(operation, group, 0.0)
+    }
+
+    fn operate_with(&self, operation: Operation, group: &str, argument: f64) -> Result<(), Error> {
         let robot = self.description();
         let group = group_of(&robot, group)?;
-        self.ask(operation, &robot, Subject { group, ..Subject::default() })
+        self.ask(operation, &robot, Subject { group, argument, ..Subject::default() })
     }
 
     fn service(&self, operation: Operation, joint: &str) -> Result<(), Error> {

@@ -37,12 +37,13 @@ const SILENCE_MIN: Duration = Duration::from_millis(50);
 /// Longest sleep on the cycle event: it bounds what a lost wake-up costs.
 const SLEEP_MAX: Duration = Duration::from_secs(1);
 
-/// The lease, group and joint of a request.
+/// The lease, group, joint and argument of a request.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Subject {
     pub(crate) lease: Option<Lease>,
     pub(crate) group: usize,
     pub(crate) joint: usize,
+    pub(crate) argument: f64,
 }
 
 impl Subject {
@@ -54,6 +55,7 @@ impl Subject {
             group: index(self.group),
             joint: index(self.joint),
             pid: std::process::id(),
+            argument: self.argument,
         }
     }
 }

@@ -293,7 +293,13 @@ fn any_number_of_senseless_requests_is_answered_a_few_in_each_cycle() {
     for cycle in 0..200_u32 {
         for code in 0..40 {
             let operation = if code < 20 { 1000 + code } else { cycle.wrapping_mul(2_654_435_761) };
-            robot.post(AdminRequest { operation, group: u32::MAX - 1, joint: 77, lease: 1, pid: 0 });
+            robot.post(AdminRequest {
+                operation,
+                group: u32::MAX - 1,
+                joint: 77,
+                lease: 1,
+                ..Default::default()
+            });
         }
         robot.follow(&joints);
         let mut in_this_cycle = 0;

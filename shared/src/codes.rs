@@ -2,6 +2,8 @@
 //!
 //! One table per kind of code: number, kebab-case name (for JSON and the command line), and a sentence for people.
 
+use core::ops::RangeInclusive;
+
 /// Declares an enum whose variants have a stable number, a name and a sentence.
 macro_rules! codes {
     ($(#[$doc:meta])* $type:ident { $($variant:ident = $code:literal $name:literal $sentence:literal,)+ }) => {
@@ -146,6 +148,26 @@ codes! {
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
         Moving = 24 "moving" "The joint still turns, or nobody knows whether it does.",
+    }
+}
+
+impl Operation {
+    /// Range of the argument, both ends included, in the unit that the operation's sentence says; `None` when it takes none.
+    #[must_use]
+    pub const fn argument(self) -> Option<RangeInclusive<f64>> {
+        match self {
+            Self::Claim
+            | Self::Release
+            | Self::ForceRelease
+            | Self::Enable
+            | Self::Disable
+            | Self::Reset
+            | Self::EmergencyStop
+            | Self::SetZero
+            | Self::ClearFault
+            | Self::Describe
+            | Self::Telemetry => None,
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 //! Joints, groups and buses stand in the order of the configuration; entries past the count are zero. A message's
 //! type name carries its version, and the service is refused to a client whose layout differs.
 
-use crate::codes::Rejection;
+use crate::codes::{Operation, Refusal, Rejection};
 use crate::limits::{ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
 #[cfg(feature = "ports")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -261,8 +261,8 @@ impl Default for SetpointMessage {
 }
 
 /// An administrative request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v1"))]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v2"))]
 #[repr(C)]
 pub struct AdminRequest {
     /// The [`Lease`](crate::Lease) of the asking owner; 0 when an operator or a watcher asks.
@@ -273,8 +273,27 @@ pub struct AdminRequest {
     pub group: u32,
     /// Joint index.
     pub joint: u32,
-    /// Process id of the asker, told to others that are refused because of it.
+    /// Process id of the asker. Others that are refused because of it get to know it.
     pub pid: u32,
+    /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none.
+    pub argument: f64,
+}
+
+impl AdminRequest {
+    /// The operation that is asked for.
+    ///
+    /// # Errors
+    /// The refusal and its detail: [`Refusal::UnknownOperation`], or [`Refusal::Malformed`] when the argument is not in the
+    /// range of the operation.
+    pub fn operation(&self) -> Result<Operation, (Refusal, u32)> {
+        let unknown = |_| (Refusal::UnknownOperation, self.operation);
+        let operation = Operation::try_from(self.operation).map_err(unknown)?;
+        let is_sound = match operation.argument() {
+            Some(range) => range.contains(&self.argument),
+            None => self.argument.to_bits() == 0,
+        };
+        if is_sound { Ok(operation) } else { Err((Refusal::Malformed, 0)) }
+    }
 }
 
 /// The head of an answer; for `describe` and `telemetry` JSON text follows it.
@@ -329,6 +348,23 @@ const _: () = {
     assert!(size_of::<StateMessage>() == 64 + 64 * 80 + 8 * size_of::<GroupState>() + 16 * 36);
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
-    assert!(size_of::<AdminRequest>() == 24 && size_of::<AdminReply>() == 16);
+    assert!(size_of::<AdminRequest>() == 32 && size_of::<AdminReply>() == 16);
     assert!(size_of::<AdminAnswer>() == 24 + ANSWER_BYTES_MAX);
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_with_an_argument_that_its_operation_does_not_take_is_malformed() {
+        let request =
+            |argument| AdminRequest { operation: Operation::Enable.code(), argument, ..Default::default() };
+        assert_eq!(request(0.0).operation(), Ok(Operation::Enable));
+        for argument in [1.0, -0.0, f64::MIN_POSITIVE, f64::NAN, f64::INFINITY] {
+            assert_eq!(request(argument).operation(), Err((Refusal::Malformed, 0)), "{argument}");
+        }
+        let unknown = AdminRequest { operation: 99, ..Default::default() };
+        assert_eq!(unknown.operation(), Err((Refusal::UnknownOperation, 99)));
+    }
+}

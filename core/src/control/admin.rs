@@ -33,8 +33,9 @@ impl Control {
     /// same ticket. Does not allocate; bounded by groups and joints.
     pub fn request(&mut self, ticket: u32, request: &AdminRequest, now: Instant) -> Option<AdminReply> {
         self.context.now = now;
-        let Ok(operation) = Operation::try_from(request.operation) else {
-            return Some(reply(Err((Refusal::UnknownOperation, request.operation))));
+        let operation = match request.operation() {
+            Ok(operation) => operation,
+            Err(refused) => return Some(reply(Err(refused))),
         };
         self.groups.iter_mut().for_each(|group| group.hear_owner(request.lease, now));
         let outcome = match operation {

@@ -81,8 +81,8 @@ impl LocalClient {
             lease: self.lease(group).map_or(0, Lease::raw),
             operation: operation.code(),
             group: u32::try_from(group).unwrap_or(u32::MAX),
-            joint: 0,
             pid: std::process::id(),
+            ..AdminRequest::default()
         })
     }
 

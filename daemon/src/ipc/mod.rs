@@ -156,7 +156,7 @@ impl IpcThread {
 
     fn serve(&mut self, request: Request) {
         let payload = *request.payload();
-        match Operation::try_from(payload.operation) {
+        match payload.operation() {
             Ok(Operation::Describe) => {
                 self.answer(request, AdminReply::default(), self.description.as_bytes());
             }
