@@ -3,19 +3,19 @@
 use crate::settings::MotorSettings;
 use crate::shaft::Shaft;
 
-/// Length of one step, ns. Steps lie on multiples of it, so that a run does not depend on when it is looked at.
+/// Length of one step, ns. Steps end on multiples of it, so a run does not depend on the times of the calls.
 pub(crate) const STEP_NS: u64 = 50_000;
 /// Heat in W per Ω from line to line and A² of q current: 3/2 of a phase's resistance, which is half of that.
 pub(crate) const COPPER_LOSS: f64 = 0.75;
 
-/// The torque a drive tries to give: `torque + kp·(reference - position) + kd·(velocity - shaft velocity)`.
+/// The torque that a drive commands: `torque + kp·(reference - position) + kd·(velocity - shaft velocity)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Law {
     /// rad; moves towards `target`.
     pub(crate) reference: f64,
     /// rad.
     pub(crate) target: f64,
-    /// How fast the reference moves, rad/s.
+    /// Speed of the reference, rad/s.
     pub(crate) rate: f64,
     /// rad/s.
     pub(crate) velocity: f64,
@@ -38,16 +38,16 @@ impl Law {
     }
 }
 
-/// All at the output shaft; the law's and the body's position have the same zero.
+/// All quantities are at the output shaft. The law's and the body's positions have the same zero.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     /// rad.
     pub(crate) position: f64,
     /// rad/s.
     pub(crate) velocity: f64,
-    /// What the drive gives, N·m.
+    /// Torque of the drive, N·m.
     pub(crate) torque: f64,
-    /// What the world gives, N·m.
+    /// Torque of the load, N·m.
     pub(crate) load: f64,
     /// °C.
     pub(crate) winding: f64,
@@ -57,7 +57,7 @@ pub(crate) struct Body {
     torque_peak: f64,
     velocity_max: f64,
     ambient: f64,
-    /// Rise of the winding in the end, K per (N·m)².
+    /// Final temperature rise of the winding, K per (N·m)².
     heating: f64,
     thermal_time: f64,
     /// A plant outside moves the shaft.
@@ -129,7 +129,7 @@ impl Body {
         self.position += self.velocity * seconds;
     }
 
-    /// Implicit in position, velocity and friction: no gain and no step is too large.
+    /// Implicit in position, velocity and friction, so it is stable at any gain and step.
     fn integrate(&mut self, law: &Law, seconds: f64) {
         let (kp, kd) = (law.kp, law.kd);
         let pull = law.torque + kp * (law.reference - self.position) + kd * law.velocity;
@@ -145,7 +145,7 @@ impl Body {
         self.position += velocity * seconds;
     }
 
-    /// The torque of a new `law` at once, for an answer that is sent before the next step.
+    /// Applies the torque of a new `law` at once, for an answer that is sent before the next step.
     pub(crate) fn apply(&mut self, law: &Law) {
         let wanted =
             law.torque + law.kp * (law.reference - self.position) + law.kd * (law.velocity - self.velocity);
@@ -153,14 +153,14 @@ impl Body {
         self.torque = wanted.clamp(lowest, highest);
     }
 
-    /// Backward Euler; dry friction takes what it can of the momentum and never turns it round.
+    /// Backward Euler. Dry friction reduces the momentum to zero at most, and never reverses it.
     fn velocity_after(&self, seconds: f64, torque: f64, resistance: f64) -> f64 {
         let momentum = self.inertia * self.velocity + seconds * (torque + self.load);
         let kept = (momentum.abs() - seconds * self.coulomb).max(0.0);
         kept.copysign(momentum) / (self.inertia + seconds * resistance)
     }
 
-    /// Braking has the full peak; driving fades as the back EMF eats the supply.
+    /// Braking has the full peak torque. Driving torque falls with speed, because the back EMF reduces the voltage.
     fn torque_range(&self) -> (f64, f64) {
         let peak = |speed: f64| self.torque_peak * (1.0 - speed.max(0.0) / self.velocity_max).max(0.0);
         (-peak(-self.velocity), peak(self.velocity))

@@ -7,9 +7,8 @@ use motord_bus::{Bus, Content, Inbox, Instant, Readiness};
 /// Hands the commands that arrive on an interface to a simulated bus, and puts on the interface what its motors answer.
 ///
 /// The simulated bus keeps its bit rate, so that motors on a virtual interface answer when real ones would. Its error reports
-/// are passed on as well: on a virtual interface they look like the controller's own. What it loses or does not
-/// send to its host is lost for the daemon; a queue that is full and an interface that is gone are the daemon's side of
-/// the wire, and must be made there.
+/// are passed on as well: on a virtual interface they look like those of the controller. Frames that it loses are lost for the
+/// daemon. A full queue and an interface that is gone are faults of the daemon's side, and must be made there.
 pub struct Bridge {
     interface: SocketCanBus,
     simulated: SimulatedBus,
@@ -21,14 +20,14 @@ impl Bridge {
     ///
     /// # Errors
     ///
-    /// What is wrong with the interface, and what to do about it.
+    /// The fault of the interface, and its remedy.
     pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
         let host_ids = simulated.motors().iter().map(crate::Motor::address).collect();
         let interface = SocketCanBus::open(&Settings { interface, bitrate, host_ids })?;
         Ok(Self { interface, simulated, inbox: Inbox::new() })
     }
 
-    /// Moves what is there by `now`, in both directions.
+    /// Moves the frames that are there by `now`, in both directions.
     pub fn serve(&mut self, now: Instant) {
         self.inbox.clear();
         self.interface.receive(now, &mut self.inbox);
@@ -48,13 +47,13 @@ impl Bridge {
         }
     }
 
-    /// What tells that a command has arrived.
+    /// Becomes ready when a command arrives.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
         self.interface.readiness()
     }
 
-    /// When an answer may be due, if nothing arrives before.
+    /// The earliest time of an answer, if no command arrives before.
     #[must_use]
     pub fn due(&self) -> Instant {
         match self.simulated.readiness() {
@@ -63,7 +62,7 @@ impl Bridge {
         }
     }
 
-    /// Does `verb` to the bus or to one of its motors.
+    /// Applies `verb` to the bus or to one of its motors.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! One simulated bus: who sends when, how long it takes, and what reaches whom.
+//! One simulated bus: arbitration, transfer times, and delivery.
 
 use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
@@ -16,15 +16,15 @@ use std::collections::VecDeque;
 
 /// Frames that one call moves at most; a longer backlog of a flood is dropped.
 const TRANSFERS_MAX: usize = 4096;
-/// A native answer has 8 bytes, an MIT answer 6, a shortened one 4.
+/// A native answer has 8 bytes, an MIT answer 6, a shortened answer 4.
 const ANSWER_BYTES_MIN: u32 = 4;
-/// How long a serial host waits for an answer before it asks the next motor.
+/// A serial host waits so long for an answer before it asks the next motor.
 const SERIAL_PATIENCE: Duration = Duration::from_millis(2);
 /// The frames of a flood have ids from here to 0x7FF, which no motor should have.
 const UNEXPECTED_ID: u16 = 0x7F0;
 
-/// A bus with its motors, in process. Everything that happens on it happens at a time of its own, derived from the
-/// times that are passed in and from the seed: the same calls give the same bytes, on virtual and on real time.
+/// A bus with its motors, in process. The time of every event follows from the times that are passed in and from the seed.
+/// So the same calls give the same bytes, on virtual and on real time.
 ///
 /// - The host's frames wait in a queue, first in first out. Whenever the wire is idle, the frame with the lowest id
 ///   that waits anywhere goes next, and takes its exact length. It is delivered when it is complete.
@@ -38,7 +38,7 @@ pub struct SimulatedBus {
     settings: BusSettings,
     motors: Vec<Motor>,
     random: Random,
-    /// Whether the clock has been seen: a bus is born at the first time that is passed in, not at the clock's zero.
+    /// A time has been passed in. The life of a bus begins at the first one, not at the clock's zero.
     begun: bool,
     now: Instant,
     queue: VecDeque<Contender>,
@@ -52,7 +52,7 @@ pub struct SimulatedBus {
     record: Record,
 }
 
-/// What the host's controller can do.
+/// The state of the host's controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Link {
     Up,
@@ -63,12 +63,12 @@ enum Link {
     Gone,
 }
 
-/// A frame that has the wire.
+/// A frame on the wire.
 #[derive(Debug, Clone, Copy)]
 struct Transfer {
     sender: Sender,
     frame: Frame,
-    /// Since when it wanted the wire.
+    /// It has waited for the wire since this time.
     ready: Instant,
     ends: Instant,
 }
@@ -80,11 +80,11 @@ struct Flood {
 }
 
 impl SimulatedBus {
-    /// A bus at rest, its motors stopped. `seed` decides jitter, garbage and losses.
+    /// A bus at rest, with stopped motors. `seed` determines jitter, garbage and losses.
     ///
     /// # Panics
     ///
-    /// When a setting is no physical one: see [`MotorSettings`]; or when the bit rate is zero.
+    /// When a setting is not physical (see [`MotorSettings`]), or the bit rate is zero.
     #[must_use]
     pub fn new(settings: BusSettings, motors: Vec<MotorSettings>, seed: u64) -> Self {
         assert!(settings.bitrate > 0, "a bus without a bit rate carries nothing");
@@ -114,7 +114,7 @@ impl SimulatedBus {
         &self.settings.name
     }
 
-    /// The motor of this name, as it was at the latest time that a call has passed in.
+    /// The motor of this name, at the latest time that was passed in.
     #[must_use]
     pub fn motor(&self, name: &str) -> Option<&Motor> {
         self.motors.iter().find(|motor| motor.name() == name)
@@ -126,14 +126,12 @@ impl SimulatedBus {
         &self.motors
     }
 
-    /// Hands over, oldest first, the frames that were on the wire since the last call, as far as
-    /// [`BusSettings::record`] keeps them.
+    /// The frames that were on the wire since the last call, oldest first, as far as [`BusSettings::record`] keeps them.
     pub fn take_record(&mut self) -> impl Iterator<Item = Recorded> + '_ {
         self.record.take()
     }
 
-    /// The host hears `content`, which comes from none of these motors: another node, or a recorded run. It takes no
-    /// time on the wire.
+    /// The host receives `content` from another node or from a recorded run. It takes no time on the wire.
     pub fn deliver(&mut self, now: Instant, content: Content) {
         self.advance(now);
         if !self.link.is_cut() {
@@ -141,11 +139,11 @@ impl SimulatedBus {
         }
     }
 
-    /// Does `verb` to the bus or to one of its motors.
+    /// Applies `verb` to the bus or to one of its motors.
     ///
     /// # Errors
     ///
-    /// The target is unknown, or is not of the kind that can have this fault. Nothing has changed then.
+    /// The target is unknown, or cannot have this fault. Nothing has changed then.
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         self.advance(now);
         if verb.target == self.settings.name {
@@ -209,7 +207,7 @@ impl SimulatedBus {
         self.flood = None;
     }
 
-    /// The host leaves the bus with all that it had queued; a frame of its own on the wire is lost.
+    /// The host leaves the bus, and its queue is lost. Its frame on the wire is lost, too.
     fn cut(&mut self, link: Link) {
         self.link = link;
         self.queue.clear();
@@ -236,7 +234,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Lets everything happen that is due by `to`.
+    /// Executes everything that is due by `to`.
     fn advance(&mut self, to: Instant) {
         if !core::mem::replace(&mut self.begun, true) {
             self.motors.iter_mut().for_each(|motor| motor.begin(to));
@@ -253,7 +251,7 @@ impl SimulatedBus {
         self.now = self.now.max(to);
     }
 
-    /// Gives the idle wire to the most urgent of the frames that are ready first, if one is by `to`.
+    /// Gives the idle wire to the frame that is ready first by `to`; of several, to the lowest id.
     fn arbitrate(&mut self, to: Instant) {
         let Some(first) = self.contenders().map(|contender| contender.ready).min() else { return };
         let start = self.now.max(first);
@@ -310,7 +308,7 @@ impl SimulatedBus {
         wire_time(bits, self.settings.bitrate)
     }
 
-    /// Everybody but the sender hears a frame when it is complete.
+    /// Every node but the sender hears a frame when it is complete.
     fn complete(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
         if sender == Sender::Several {
             let error = ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] };
@@ -335,7 +333,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Puts a motor's answer where it contends for the wire, with what its impairments do to it.
+    /// Lets a motor's answer contend for the wire, changed by the motor's faults.
     fn answer(&mut self, index: usize, at: Instant, reply: Reply) {
         let motor = &self.motors[index];
         let impairment = *motor.impairment();
@@ -351,7 +349,7 @@ impl SimulatedBus {
         self.answers.admit(contender, impairment.reorder, impairment.duplicate);
     }
 
-    /// When the next thing can arrive, if nothing else is sent: never later than it does.
+    /// The earliest time of the next arrival, if nothing else is sent. The arrival is never earlier.
     fn next_arrival(&self) -> Option<Instant> {
         if let Some(arrival) = self.arrivals.front() {
             return Some(arrival.at);
@@ -374,7 +372,7 @@ impl SimulatedBus {
         self.wire.map_or(self.now, |transfer| transfer.ends)
     }
 
-    /// After the host's frames that go before it.
+    /// The wire is free for it after the host's frames that have priority.
     fn wire_free_for(&self, contender: &Contender) -> Instant {
         let blocked = self.settings.kind == BusKind::Serial || self.link == Link::Unacknowledged;
         let urgent = self.queue.iter().take_while(|queued| queued.frame.id() < contender.frame.id());
@@ -382,7 +380,7 @@ impl SimulatedBus {
         self.idle_from() + before
     }
 
-    /// From the end of a command to the end of its answer, at least.
+    /// The shortest time from the end of a command to the end of its answer.
     fn answer_min(&self) -> Duration {
         let latency =
             |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);

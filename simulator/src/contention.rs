@@ -1,13 +1,13 @@
-//! Who wants the wire, and the answers of motors that wait for it.
+//! Frames that contend for the wire, and the answers of motors that wait for it.
 
 use motord_bus::{Duration, Frame, Instant};
 
-/// Answers that wait, per motor; what comes beyond is lost, as in a drive's few mailboxes.
+/// Answers that wait, per motor. Further ones are lost, as in a drive with few mailboxes.
 const ANSWERS_PER_MOTOR: usize = 8;
-/// Keeps the order of two answers that would be ready at once.
+/// Separates two answers that would be ready at the same time.
 const MOMENT: Duration = Duration::from_nanos(1);
 
-/// Who sends a frame.
+/// The sender of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Sender {
     Host,
@@ -17,21 +17,21 @@ pub(crate) enum Sender {
     Several,
 }
 
-/// A frame that wants the wire.
+/// A frame that contends for the wire.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Contender {
     pub(crate) sender: Sender,
     pub(crate) frame: Frame,
-    /// From when on it may begin.
+    /// It may begin from this time on.
     pub(crate) ready: Instant,
-    /// On the wire.
+    /// Its time on the wire.
     pub(crate) duration: Duration,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Answer {
     contender: Contender,
-    /// Until the motor's next answer.
+    /// Held back until the motor's next answer.
     held: bool,
 }
 
@@ -48,12 +48,12 @@ impl Answers {
         Self { waiting: Vec::with_capacity(capacity), capacity }
     }
 
-    /// Those that may begin once they are ready.
+    /// The answers that may begin once they are ready.
     pub(crate) fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
         self.waiting.iter().filter(|answer| !answer.held).map(|answer| answer.contender)
     }
 
-    /// Lets an answer wait: for the wire or, with `reorder`, every other one for its successor to go first.
+    /// Adds an answer. It waits for the wire. With `reorder` every other answer waits until its successor has gone.
     pub(crate) fn admit(&mut self, contender: Contender, reorder: bool, duplicate: bool) {
         let later = contender.ready + MOMENT;
         let overtaken = self.release(contender.sender, later);
@@ -63,7 +63,7 @@ impl Answers {
         }
     }
 
-    /// Lets go of the answer that `sender` held back, if it did.
+    /// Frees the answer that `sender` holds back, if there is one.
     fn release(&mut self, sender: Sender, ready: Instant) -> bool {
         let held = self.waiting.iter_mut().find(|answer| answer.held && answer.contender.sender == sender);
         let found = held.is_some();
@@ -80,8 +80,8 @@ impl Answers {
         }
     }
 
-    /// Whether another motor begins the winner's id at `start` with other bytes. It tries again a moment after the
-    /// winner, whose own second try begins as soon as the collision is over.
+    /// Whether another motor sends the winner's id at `start` with other bytes. That motor tries again a moment after the
+    /// winner. The winner tries again as soon as the collision is over.
     pub(crate) fn collide(&mut self, winner: &Contender, start: Instant) -> bool {
         let mut collided = false;
         for answer in self.waiting.iter_mut().filter(|answer| !answer.held) {
@@ -95,7 +95,7 @@ impl Answers {
         collided
     }
 
-    /// The winner waits no more, nor do those who begin the same bits with it at `start`.
+    /// Removes the winner, and the answers that send the same bits at `start`.
     pub(crate) fn withdraw(&mut self, winner: &Contender, start: Instant) {
         self.waiting.retain(|Answer { contender, held }| {
             let together = contender.sender != winner.sender && contender.ready <= start;

@@ -1,15 +1,15 @@
-//! What can be done to a bus or a motor from outside, and the lines that ask for it: `fl-hip delayed 2ms`.
+//! Faults of a bus or a motor, and the lines that ask for them: `fl-hip delayed 2ms`.
 
 use core::str::FromStr;
 use motord_bus::frame::ControllerState;
 use motord_bus::{Duration, Unsupported};
 
-/// One disturbance. Those of a motor add up until [`Fault::Ok`] lifts them all; a bus has one link state at a time.
+/// One fault. The faults of a motor add up until [`Fault::Ok`] ends all of them. A bus has one link state at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
-    /// `ok`, `on`: all is well again. What happened (a vendor fault, heat, a power cycle) stays.
+    /// `ok`, `on`: ends every fault. Its effects (a vendor fault, heat, a power cycle) stay.
     Ok,
-    /// `off`: the motor is unplugged from the bus, neither hears nor answers, and goes on with what it did.
+    /// `off`: the motor is unplugged from the bus. It neither hears nor answers, and goes on executing its last command.
     Off,
     /// `stuck`: the reported position stands still.
     Stuck,
@@ -19,7 +19,7 @@ pub enum Fault {
     Wrong,
     /// `slow 10ms`: reported states are refreshed only that often.
     Slow(Duration),
-    /// `delayed 2ms`: answers come that much later.
+    /// `delayed 2ms`: answers come later by this time.
     Delayed(Duration),
     /// `intermittent 50%`: that fraction of the answers is lost, 0 to 1.
     Intermittent(f64),
@@ -43,44 +43,44 @@ pub enum Fault {
     BusOff,
     /// `tx-full`, `tx-full 1`: each send accepts this many frames and refuses the rest; what waits is still sent.
     TxFull(usize),
-    /// `no-ack`: nobody acknowledges: the queue fills, and what is old in it is sent when the fault is lifted.
+    /// `no-ack`: no node acknowledges. The queue fills, and its old frames are sent when the fault ends.
     NoAck,
     /// `down`: the interface is down.
     Down,
     /// `gone`: the interface is unplugged.
     Gone,
-    /// `flood 8000`: that many frames a second with ids of no motor.
+    /// `flood 8000`: so many frames a second with ids of no motor.
     Flood(u32),
     /// `warning`, `passive`, `active`: the controller reports this state once; nothing else changes.
     Report(ControllerState),
     /// `extended`, `remote`, `fd`: one frame that no motor sends.
     Unsupported(Unsupported),
-    /// `overflow 5`: that many received frames were lost.
+    /// `overflow 5`: so many received frames were lost.
     Overflow(u32),
 }
 
-/// A fault and the name of the bus or motor it befalls, as in `front-left bus-off`.
+/// A fault and the name of its bus or motor, as in `front-left bus-off`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaultVerb {
     /// Name of a bus or motor.
     pub target: String,
-    /// What happens to it.
+    /// Its fault.
     pub fault: Fault,
 }
 
-/// Why a line is no [`FaultVerb`].
+/// The reason why a line is not a [`FaultVerb`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VerbError {
     /// The line has no target, no verb, or more words than its verb takes.
     Words {
-        /// How many words there are.
+        /// The number of words.
         received: usize,
     },
     /// No such verb.
     Verb,
     /// The verb's argument is missing, malformed or out of range.
     Argument {
-        /// What one looks like.
+        /// An example.
         expected: &'static str,
     },
 }
@@ -115,7 +115,7 @@ impl FromStr for FaultVerb {
     }
 }
 
-/// What follows a verb.
+/// The words that follow a verb.
 #[derive(Clone, Copy)]
 enum Form {
     /// Nothing.

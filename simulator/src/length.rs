@@ -1,4 +1,4 @@
-//! How many bits a frame really takes: ISO 11898-1, with the CRC computed and the stuff bits counted.
+//! The exact length of a frame in bits: ISO 11898-1, with the CRC computed and the stuff bits counted.
 
 use motord_bus::Frame;
 
@@ -32,7 +32,7 @@ fn crc(content: u128, bits: u32) -> u16 {
     })
 }
 
-/// After five equal bits comes one of the other kind, which counts as the first of the next five.
+/// Five equal bits are followed by a bit of the other value, which is the first of the next five.
 fn stuff_bits(sequence: u128, bits: u32) -> u32 {
     let (mut stuffed, mut last, mut run) = (0, 0, 0);
     for bit in (0..bits).rev().map(|place| sequence >> place & 1) {

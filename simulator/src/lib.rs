@@ -2,11 +2,12 @@
 //!
 //! A [`SimulatedBus`] is a [`motord_bus::Bus`]: CAN with arbitration and exact frame lengths, or a serial line. Each
 //! of its [`Motor`]s has mechanics (rotor behind a gear, friction, a torque limit, a warm winding) and a drive that
-//! speaks MIT or native GIM. Where the documents are silent, [`Behaviour`] chooses. [`FaultVerb`]s break things.
+//! speaks MIT or native GIM. [`Behaviour`] holds the choices that the documents leave open. [`FaultVerb`]s inject faults.
+//! [`couple`] leaves the mechanics to a [`Plant`] outside, such as a physics engine.
 //!
-//! Time is what the caller passes in, chance comes from a seed: one seed and one sequence of calls is one run. The
-//! physics steps on a fixed grid of 50 µs, so that looking more often changes nothing; a gap of more than 0.2 s
-//! takes longer steps.
+//! The caller passes the time in, and a seed determines all random numbers. So the same seed and the same calls give the same
+//! run. The physics steps on a fixed grid of 50 µs, so the number of calls changes nothing. A gap of more than 0.2 s takes
+//! longer steps.
 //!
 //! ```
 //! use motord_bus::{Bus, Frame, FrameId, Inbox, Instant};
@@ -28,7 +29,7 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 //!
-//! It shares no codec with the host side, which it is there to judge. It does not simulate: sensor noise, encoder
+//! It shares no codec with the host side, because it judges that side. It does not simulate: sensor noise, encoder
 //! offsets, backlash, the loops' gains (the documents give them no unit), error counters of the CAN controllers.
 //!
 //! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad, A, V, Ω, H, kg·m², s; temperatures in °C. Positions, velocities

@@ -1,4 +1,4 @@
-//! What was on the wire, for tests that judge bytes.
+//! Frames that were on the wire, for tests that judge bytes.
 
 use motord_bus::{Frame, Instant};
 use std::collections::VecDeque;
@@ -6,17 +6,17 @@ use std::collections::VecDeque;
 /// A frame that was complete on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Recorded {
-    /// Since when it wanted the wire: a frame of the host, since it was handed over.
+    /// It has waited for the wire since this time. A frame of the host waits since it was handed over.
     pub ready: Instant,
     /// The end of the frame.
     pub at: Instant,
-    /// Who sent it.
+    /// Its direction.
     pub direction: Direction,
-    /// What was sent.
+    /// The frame.
     pub frame: Frame,
 }
 
-/// Which way a frame went.
+/// The direction of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// From the host.

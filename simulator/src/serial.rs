@@ -12,8 +12,8 @@ const ACK: u8 = 1;
 /// The motors of a serial [`SimulatedBus`] behind a port: for a pseudo terminal, or for tests of a framer.
 ///
 /// A request with a damaged header, or with a length other than 8, is answered with an ACK frame by the motor whose
-/// id it bears: the document sends those only for faults, and leaves their payload open (here: none). What follows
-/// is searched byte by byte for the next header that fits, without a further ACK.
+/// id it bears. The document sends ACK frames only for faults, and leaves their payload open (here: none). The bytes that
+/// follow are searched for the next valid header, without a further ACK.
 #[derive(Debug, Clone)]
 pub struct SerialSlave {
     bus: SimulatedBus,
@@ -23,7 +23,7 @@ pub struct SerialSlave {
     inbox: Inbox,
 }
 
-/// What the bytes at the start of the window are.
+/// The meaning of the bytes at the start of the window.
 enum Start {
     Incomplete,
     Request([u8; PAYLOAD]),
@@ -38,18 +38,18 @@ impl SerialSlave {
         Self { bus, window, len: 0, searching: false, inbox: Inbox::new() }
     }
 
-    /// The bus, to look at its motors and to inject faults.
+    /// The bus, for its motors and for faults.
     pub fn bus(&mut self) -> &mut SimulatedBus {
         &mut self.bus
     }
 
-    /// When [`transact`](Self::transact) has something to say, if nothing else is received.
+    /// The time of the next answer, if nothing else is received.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
         self.bus.readiness()
     }
 
-    /// Takes the bytes that were received and appends to `answers` those that the motors have sent by `now`.
+    /// Takes received bytes. Appends the bytes that the motors have sent by `now` to `answers`.
     pub fn transact(&mut self, now: Instant, received: &[u8], answers: &mut Vec<u8>) {
         for byte in received {
             self.window[self.len] = *byte;

@@ -1,4 +1,4 @@
-//! What a simulated bus and its motors are: physical properties, and the choices the vendor documents leave open.
+//! Settings of a simulated bus and its motors: physical properties, and the choices that the vendor documents leave open.
 
 use motord_bus::Duration;
 
@@ -11,9 +11,9 @@ pub struct BusSettings {
     pub kind: BusKind,
     /// Bit/s on the wire.
     pub bitrate: u32,
-    /// Frames that wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
+    /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
     pub tx_queue: usize,
-    /// Arrivals that wait to be received; what comes beyond is lost and counted, as in a socket's buffer.
+    /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's buffer.
     pub rx_queue: usize,
     /// Frames that [`SimulatedBus::take_record`](crate::SimulatedBus::take_record) remembers, the newest; 0: none.
     pub record: usize,
@@ -32,17 +32,17 @@ impl Default for BusSettings {
     }
 }
 
-/// How frames share the wire.
+/// The kind of wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BusKind {
     /// The lowest id goes first whenever the wire is idle.
     Can,
-    /// RS485 or RS232 at 10 bits a byte: one request is open at a time, the next leaves when it is answered or has
-    /// been silent for 2 ms. A frame's id is the address byte of its header.
+    /// RS485 or RS232 at 10 bits a byte. One request is open at a time. The next one is sent after the answer, or after 2 ms
+    /// without one. A frame's id is the address byte of its header.
     Serial,
 }
 
-/// Which protocol a motor speaks over CAN (GIM document, table 7, ConfID 0x1C). A serial line is always native.
+/// The protocol of a motor over CAN (GIM document, table 7, ConfID 0x1C). A serial line is always native.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Dialect {
     /// The MIT protocol.
@@ -73,7 +73,7 @@ pub struct MotorSettings {
     pub velocity_max: f64,
     /// Of the rotor alone, kg·m².
     pub rotor_inertia: f64,
-    /// What hangs on the output, kg·m².
+    /// Inertia of the load on the output, kg·m².
     pub load_inertia: f64,
     /// Constant torque of the outside world on the output, N·m.
     pub load_torque: f64,
@@ -81,7 +81,7 @@ pub struct MotorSettings {
     pub viscous_friction: f64,
     /// Output side, N·m.
     pub coulomb_friction: f64,
-    /// What the motor reports at the start, rad.
+    /// Position that the motor reports at the start, rad.
     pub initial_position: f64,
     /// Line to line, Ω.
     pub winding_resistance: f64,
@@ -97,17 +97,17 @@ pub struct MotorSettings {
     pub ambient_celsius: f64,
     /// At the motor's power connector, V.
     pub supply_voltage: f64,
-    /// What get-version answers.
+    /// Answer to get-version.
     pub version: u32,
     /// From the end of a command to the moment its answer contends for the wire.
     pub reply_latency: Duration,
-    /// The latency varies evenly between this much less and this much more.
+    /// The latency is uniform between this much less and this much more.
     pub reply_jitter: Duration,
-    /// How long a calibration turns the shaft; the answer comes after this time, even if it was stopped before.
+    /// A calibration turns the shaft for this time. The answer comes after it, even if the calibration was stopped before.
     pub calibration_time: Duration,
-    /// How long a motor is silent after its power came back.
+    /// A motor is silent for this time after its power came back.
     pub boot_time: Duration,
-    /// What the documents leave open.
+    /// The choices that the documents leave open.
     pub behaviour: Behaviour,
 }
 
@@ -174,23 +174,23 @@ impl MotorSettings {
     }
 }
 
-/// Where the vendor documents are silent. Each default is the one that is harder on the host, but for the silence after
-/// set zero: that is other vendors' habit.
+/// The choices that the vendor documents leave open. Each default is the harder one for the host, except the silence after
+/// set zero: only other vendors' motors have it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
-    /// Which state an answer holds.
+    /// The state in an answer.
     pub reply_timing: ReplyTiming,
     /// Codes in answers are cut off instead of rounded, as a cast in C does.
     pub truncates: bool,
-    /// What happens when the host falls silent.
+    /// The reaction to a silent host.
     pub host_loss: HostLoss,
-    /// How a motor in fault refuses.
+    /// The refusal of a motor in fault.
     pub in_fault: InFault,
-    /// What position is reported beyond ±12.5 rad.
+    /// The position that is reported beyond ±12.5 rad.
     pub beyond_range: BeyondRange,
     /// An MIT motor that is stopped remembers control frames, and the start command executes the last.
     pub remembers_control: bool,
-    /// How long an MIT motor is silent after set zero.
+    /// An MIT motor is silent for this time after set zero.
     pub zeroing_silence: Duration,
 }
 
@@ -208,28 +208,28 @@ impl Default for Behaviour {
     }
 }
 
-/// Which state the answer to a control frame holds.
+/// The state in the answer to a control frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReplyTiming {
-    /// The state the command found.
+    /// The state before the command.
     BeforeCommand,
     /// The state with the new command's torque.
     AfterCommand,
 }
 
-/// What an MIT motor does when no control frame comes any more.
+/// The reaction of an MIT motor when control frames stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HostLoss {
-    /// It executes the last one for ever.
+    /// It goes on executing the last one.
     KeepsCommand,
     /// It goes limp and stays started.
     GoesLimp {
-        /// Silence until then.
+        /// The time without control frames until then.
         after: Duration,
     },
 }
 
-/// How a motor with an unacknowledged fault answers what it does not execute. Get and clear fault always work.
+/// The answer of a motor with an unacknowledged fault to a command that it does not execute. Get and clear fault always work.
 /// The English GIM document (3.2.16) says "decline", the Chinese one "refuse to respond".
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InFault {
@@ -239,7 +239,7 @@ pub enum InFault {
     Silent,
 }
 
-/// What an answer says of a position that its 16 bits cannot hold.
+/// The reported code of a position that 16 bits cannot hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeyondRange {
     /// The code modulo 65536.

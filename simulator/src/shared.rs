@@ -4,7 +4,7 @@ use crate::SimulatedBus;
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A handle to a simulated bus; clones lead to the same bus. Its [`Bus`] waits while another clone is locked: for
+/// A handle to a simulated bus. Clones lead to the same bus. Its [`Bus`] waits while another clone is locked, so it is for
 /// tests and demonstrations.
 #[derive(Debug, Clone)]
 pub struct SharedBus(Arc<Mutex<SimulatedBus>>);
@@ -16,7 +16,7 @@ impl SharedBus {
         Self(Arc::new(Mutex::new(bus)))
     }
 
-    /// The bus, alone until the guard is dropped. A test that panicked with the guard leaves a bus as good as any.
+    /// Locks the bus until the guard is dropped. A panic with the guard does not make the bus unusable.
     pub fn lock(&self) -> MutexGuard<'_, SimulatedBus> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,4 +1,4 @@
-//! What a motor stores: configuration (GIM document, table 7) and parameters (table 8).
+//! The memory of a motor: configuration (GIM document, table 7) and parameters (table 8).
 
 use crate::settings::{Dialect, MotorSettings};
 use crate::wire::result;
@@ -27,7 +27,7 @@ const UNASSIGNED: [u8; 9] = [0x03, 0x04, 0x05, 0x0A, 0x0B, 0x1B, 0x1D, 0x1E, 0x1
 /// Motor Wizard shows the baud rate as a number of 100 kbit/s; the document gives no unit.
 const BAUD_UNIT: u32 = 100_000;
 
-/// All items of one motor. Gains are kept and given back, and do nothing: the document gives them no unit.
+/// All items of one motor. Gains are stored and can be read, and have no effect: the document gives no unit for them.
 #[derive(Debug, Clone)]
 pub(crate) struct Configuration {
     ints: [i32; INTS],
@@ -47,7 +47,7 @@ impl Configuration {
         new
     }
 
-    /// What reset configuration leaves. The vendor prints no defaults but protocol 0; the id 1 is seen in the field.
+    /// The values after a reset of the configuration. The vendor prints no defaults but protocol 0; the id 1 is seen in the field.
     pub(super) fn factory(settings: &MotorSettings) -> Self {
         let mut ints = [0; INTS];
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
@@ -94,7 +94,7 @@ impl Configuration {
         f64::from(self.floats[TORQUE_CONSTANT])
     }
 
-    /// Whether a motor so configured can follow a CAN bus of `bitrate` bit/s.
+    /// A motor with this configuration can follow a CAN bus of `bitrate` bit/s.
     pub(super) fn listens_at(&self, bitrate: u32) -> bool {
         self.int(int::BAUD) == baud(bitrate)
     }

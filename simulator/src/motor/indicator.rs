@@ -1,11 +1,11 @@
-//! What retrieve indicator tells (GIM document, table 10), from the same mechanics as everything else.
+//! The answers to retrieve indicator (GIM document, table 10), from the same mechanics as all other answers.
 
 use super::Motor;
 use super::configuration::rpm;
 use crate::body::COPPER_LOSS;
 use core::f64::consts::TAU;
 
-/// Share of the winding's rise that reaches the driver board.
+/// Share of the winding's temperature rise that reaches the driver board.
 const BOARD_RISE: f64 = 0.3;
 
 impl Motor {

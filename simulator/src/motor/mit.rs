@@ -8,7 +8,7 @@ use crate::wire::{Control, KD, KP, MitCommand, POSITION, VELOCITY};
 use motord_bus::{Frame, Instant};
 
 impl Motor {
-    /// Any eight bytes are a command: what is not special is a control frame.
+    /// Any eight bytes are a command: those that are not special are a control frame.
     pub(super) fn mit(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<[u8; 6]> {
         let command = MitCommand::decode(bytes);
         match command {

@@ -7,13 +7,13 @@ use crate::settings::{InFault, ReplyTiming};
 use crate::wire::{self, command, result};
 use motord_bus::{Duration, Frame, Instant};
 
-/// Time constant of the speed loop, s. The document gives the gains no unit: the loops are fixed and well tuned.
+/// Time constant of the speed loop, s. The document gives no unit for the gains, so the loops are fixed and well tuned.
 const SPEED_LOOP: f64 = 0.002;
 /// Corner of the critically damped position loop, rad/s.
 const POSITION_LOOP: f64 = 60.0;
 
 impl Motor {
-    /// The answer, and how long the motor is busy before it.
+    /// The answer, and the time that the motor is busy before it.
     pub(super) fn native(
         &mut self,
         at: Instant,
@@ -125,7 +125,7 @@ impl Motor {
         Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
     }
 
-    /// Arrives after `duration` and stays; without one, as fast as it may.
+    /// Arrives after `duration` and stays. Without a duration it moves at the highest speed.
     fn position_law(&self, position: f64, duration: Duration) -> Law {
         let target = position + self.origin;
         let distance = (target - self.body.position).abs();
