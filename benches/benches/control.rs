@@ -6,7 +6,7 @@ mod robot;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Control, Reported, Wake};
+use motord_core::control::{Control, Reported, Status, Wake};
 use motord_core::joint::Measured;
 use motord_protocol::Faults;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
@@ -63,7 +63,7 @@ impl Robot {
         let latency = Duration::from_micros(300);
         for motor in 0..12 {
             let still = Measured::new(0.0, 0.0, 0.0, None);
-            self.control.receive(motor, Reported::State(still, latency), now + latency);
+            self.control.receive(motor, Reported::State(still, latency, Status::default()), now + latency);
         }
         self.control.end_cycle();
         let joints = self.state.joints.iter_mut();

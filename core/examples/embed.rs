@@ -135,6 +135,7 @@ fn settings() -> Settings {
 
 fn motor(name: &str, id: u8) -> MotorSettings {
     let (profile, model) = Profile::of_model("GIM8108-8").expect("a model of the table");
+    let scales = model.scales().expect("the model's own constants");
     MotorSettings {
         name: name.into(),
         bus: 0,
@@ -143,13 +144,13 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         protocol: MotorProtocol::Mit,
         model: model.name.into(),
         profile,
-        scales: model.scales().expect("the model's own constants"),
+        scales,
         rated_torque: model.rated_torque,
         peak_torque: model.peak_torque,
         overload: Duration::from_secs(10),
         max_velocity: model.max_velocity,
         transmission: Transmission::new(1.0, 0.0),
-        capabilities: capabilities(MotorProtocol::Mit),
+        capabilities: capabilities(MotorProtocol::Mit, profile, &scales),
         damping_kd: 2.0,
         beyond_range: BeyondRange::Stop,
         fault_policy: FaultPolicy::StopGroup,

@@ -195,7 +195,7 @@ fn no_bytes_make_a_state_that_is_no_number() {
     for _ in 0..1_000_000 {
         let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
         let bytes = random.next().to_be_bytes();
-        if let Received::Reply(Reported::State(state, _)) = drive.receive(&bytes[..random.below(9)], later) {
+        if let Received::Reply(Reported::State(state, ..)) = drive.receive(&bytes[..random.below(9)], later) {
             assert!([state.position, state.velocity, state.torque].iter().all(|value| value.is_finite()));
         }
     }
@@ -275,7 +275,7 @@ fn a_dropped_reply_does_not_move_the_count_of_turns() {
     ));
     assert_eq!(read(&Command::GetFault, &[]), Received::Malformed);
     assert_eq!(read(&Command::Stop, &[1, 0xFA, 0, 0x80, 8, 0]), Received::Reply(Reported::Late));
-    let Received::Reply(Reported::State(state, _)) = read(&Command::Stop, &[1, 0x7A, 0xE1, 0x80, 8, 0])
+    let Received::Reply(Reported::State(state, ..)) = read(&Command::Stop, &[1, 0x7A, 0xE1, 0x80, 8, 0])
     else {
         panic!("it is a state");
     };

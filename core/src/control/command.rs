@@ -33,11 +33,20 @@ impl Command {
     }
 }
 
+/// What a state says besides the motion. The default is that of motors whose states say nothing else.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Status {
+    /// The faults of the motor; `None` where its states have none.
+    pub faults: Option<Faults>,
+    /// It says that it is enabled: no stop has been executed yet.
+    pub runs: bool,
+}
+
 /// A reply of one motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reported {
-    /// Its state, and the time from the command to the answer.
-    State(Measured<Joint>, Duration),
+    /// Its state, the time from the command to the answer, and what else the state says.
+    State(Measured<Joint>, Duration, Status),
     /// Its fault bits.
     Fault(Faults),
     /// It received the request to clear its fault.

@@ -22,7 +22,7 @@ mod group;
 mod motor;
 mod time_base;
 
-pub use command::{Command, Reported};
+pub use command::{Command, Reported, Status};
 pub use event::{Event, Events};
 pub use motor::{Applied, Circumstances, limit};
 

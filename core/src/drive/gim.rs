@@ -8,7 +8,7 @@
 
 use super::correlator::{Payload, Question};
 use super::{Decoder, Reading};
-use crate::control::{Command, Reported};
+use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use motord_bus::{Duration, Instant};
 use motord_protocol::Scales;
@@ -96,7 +96,7 @@ impl Gim {
 
     /// The last accepted state, for the joint.
     fn reported(&self, latency: Duration) -> Reported {
-        Reported::State(self.transmission.to_joint(&self.state), latency)
+        Reported::State(self.transmission.to_joint(&self.state), latency, Status::default())
     }
 }
 

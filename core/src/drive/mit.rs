@@ -4,7 +4,7 @@
 
 use super::correlator::{Payload, Question};
 use super::{Decoder, Reading};
-use crate::control::{Command, Reported};
+use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Instant};
@@ -92,7 +92,9 @@ impl Mit {
                 self.forget_turns();
                 mit::Command::SetZero
             }
-            Command::GetFault => mit::Command::GetFault,
+            Command::GetFault if self.answers_fault_question() => mit::Command::GetFault,
+            // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
+            Command::GetFault => mit::Command::Stop,
             Command::ClearFault => mit::Command::ClearFault,
             Command::Neutral => return self.control(&Impedance::NEUTRAL),
             Command::Control(setpoint) => return self.control(&self.transmission.to_motor(&setpoint.values)),
@@ -101,6 +103,11 @@ impl Mit {
             feedback.carried = 0.0;
         }
         command.encode(&self.scales).ok()
+    }
+
+    /// If not, its faults come with its states.
+    pub(super) const fn answers_fault_question(&self) -> bool {
+        self.profile.is_asked_for_faults()
     }
 
     /// The motor is silent, or its zero changes: its next position says nothing about turns.
@@ -140,7 +147,9 @@ impl Mit {
         self.last = Some((state, at));
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
-        Reported::State(self.transmission.to_joint(&motor), latency)
+        let status =
+            Status { faults: self.profile.faults_of(&state), runs: !self.profile.confirms_stop(&state) };
+        Reported::State(self.transmission.to_joint(&motor), latency, status)
     }
 }
 

@@ -14,6 +14,7 @@ use crate::joint::{Impedance, Setpoint};
 use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 use correlator::{Correlator, Payload, Question, Verdict};
 use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_protocol::{Profile, Scales};
 
 /// What a frame turned out to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,17 +29,23 @@ pub enum Received {
     Malformed,
 }
 
-/// The abilities of motors that speak `protocol` (MIT document 1.1: positions of ±12.5 rad; GIM document 3.2.12: a stop is
-/// answered by a message of its own).
+/// The abilities of a motor of this vendor that speaks `protocol` with these codes (GIM document 3.2.12: a stop is answered
+/// by a message of its own).
 #[must_use]
-pub const fn capabilities(protocol: MotorProtocol) -> Capabilities {
+pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &Scales) -> Capabilities {
     match protocol {
-        MotorProtocol::Mit => {
-            Capabilities { impedance: true, position_end: Some(12.5), state_confirms_stop: true }
-        }
-        MotorProtocol::Gim => {
-            Capabilities { impedance: false, position_end: None, state_confirms_stop: false }
-        }
+        MotorProtocol::Mit => Capabilities {
+            impedance: true,
+            position_end: Some(scales.position.max() as f32),
+            answers_fault_question: profile.is_asked_for_faults(),
+            state_confirms_stop: true,
+        },
+        MotorProtocol::Gim => Capabilities {
+            impedance: false,
+            position_end: None,
+            answers_fault_question: true,
+            state_confirms_stop: false,
+        },
     }
 }
 
@@ -112,7 +119,9 @@ impl Drive {
             MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
             MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.scales, transmission)),
         };
-        Self { command_id, dialect, correlator: Correlator::new(fastest_reply) }
+        let certain = settings.protocol == MotorProtocol::Mit && settings.profile.is_report_certain();
+        let correlator = Correlator::new(fastest_reply, certain);
+        Self { command_id, dialect, correlator }
     }
 
     /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`]. Opens a request. Constant time.
@@ -121,8 +130,18 @@ impl Drive {
             Dialect::Mit(mit) => mit.encode(command),
             Dialect::Gim(gim) => gim.encode(command),
         }?;
-        self.correlator = self.correlator.request(question(command), now);
+        self.correlator = self.correlator.request(self.question(command), now);
         Some(Frame::full(self.command_id, bytes))
+    }
+
+    /// What a command asks the motor for.
+    const fn question(&self, command: &Command) -> Question {
+        match (command, &self.dialect) {
+            (Command::GetFault, Dialect::Mit(mit)) if !mit.answers_fault_question() => Question::State,
+            (Command::GetFault, _) => Question::Fault,
+            (Command::ClearFault, _) => Question::Clear,
+            _ => Question::State,
+        }
     }
 
     /// The frame of the open request was not sent after all.
@@ -142,15 +161,6 @@ impl Drive {
             Dialect::Mit(mit) => receive(&mut self.correlator, mit, payload, at),
             Dialect::Gim(gim) => receive(&mut self.correlator, gim, payload, at),
         }
-    }
-}
-
-/// What a command asks the motor for.
-const fn question(command: &Command) -> Question {
-    match command {
-        Command::GetFault => Question::Fault,
-        Command::ClearFault => Question::Clear,
-        _ => Question::State,
     }
 }
 

@@ -1,9 +1,10 @@
 //! Draws the consequences of observations for a group: heat, buses, its owner, states, faults, silence.
 
 use super::Group;
-use crate::control::Reported;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
+use crate::control::{Reported, Status};
+use crate::joint::{Joint, Measured};
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, Instant};
 use motord_protocol::Faults;
@@ -74,11 +75,8 @@ impl Group {
     ) -> Report {
         let motor = &mut self.motors[place];
         match reported {
-            Reported::State(state, latency) => {
-                if let Err(cause) = motor.report_state(state, at, latency, cx) {
-                    let joint = motor.joint;
-                    self.stop(cause, Some(joint), cx);
-                }
+            Reported::State(state, latency, status) => {
+                return self.receive_state(place, state, (at, latency), status, cx);
             }
             Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
             Reported::Cleared | Reported::Alive => motor.report_alive(),
@@ -87,6 +85,25 @@ impl Group {
             Reported::Late => motor.report_late(),
         }
         Report::None
+    }
+
+    /// A state of the motor at `place` arrived, `latency` after its command.
+    fn receive_state(
+        &mut self,
+        place: usize,
+        state: Measured<Joint>,
+        (at, latency): (Instant, Duration),
+        status: Status,
+        cx: &mut Context,
+    ) -> Report {
+        let by_faults =
+            status.faults.map_or(Report::None, |faults| self.receive_fault(place, faults, at, cx));
+        let motor = &mut self.motors[place];
+        if let Err(cause) = motor.report_state(state, at, latency, status.runs, cx) {
+            let joint = motor.joint;
+            self.stop(cause, Some(joint), cx);
+        }
+        by_faults
     }
 
     fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {

@@ -175,8 +175,17 @@ impl Motor {
         } else {
             self.command_by_mode(orders, cx)
         };
+        let command = self.translated(command);
         self.replies.asked(&command);
         command
+    }
+
+    /// A motor whose states have its faults is told to stop instead of being asked for them.
+    const fn translated(&self, command: Command) -> Command {
+        match command {
+            Command::GetFault if !self.settings.capabilities.answers_fault_question => Command::Stop,
+            command => command,
+        }
     }
 
     /// A silent motor may be one in fault that answers nothing but a question for its fault (GIM document 3.2.16): every
@@ -184,10 +193,11 @@ impl Motor {
     const fn doubts(&mut self) -> bool {
         let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_CYCLES);
         let refused = core::mem::replace(&mut self.refused, false);
-        refused || silent && !matches!(self.mode, Mode::Offline(_))
+        let doubts = refused || silent && !matches!(self.mode, Mode::Offline(_));
+        doubts && self.settings.capabilities.answers_fault_question
     }
 
-    /// Its state came, `latency` after the command. One that cannot be true is counted, and not used.
+    /// Its state came, `latency` after the command; it says that it `runs`, or nothing of it. One that cannot be true is counted, and not used.
     ///
     /// # Errors
     /// The cause for which its group must be stopped.
@@ -196,15 +206,16 @@ impl Motor {
         reported: Measured<Joint>,
         at: Instant,
         latency: Duration,
+        runs: bool,
         cx: &mut Context,
     ) -> Result<(), Cause> {
         match self.judge(reported, at) {
             Verdict::Sound(measured) => {
-                self.take_state(measured, at, latency, cx);
+                self.take_state(measured, at, latency, runs, cx);
                 Ok(())
             }
             Verdict::Stop(measured, cause) => {
-                self.take_state(measured, at, latency, cx);
+                self.take_state(measured, at, latency, runs, cx);
                 Err(cause)
             }
             Verdict::Unbelievable => {
@@ -226,10 +237,18 @@ impl Motor {
         self.plausibility.judge(reported, at, &expected)
     }
 
-    fn take_state(&mut self, measured: Measured<Joint>, at: Instant, latency: Duration, cx: &mut Context) {
+    fn take_state(
+        &mut self,
+        measured: Measured<Joint>,
+        at: Instant,
+        latency: Duration,
+        runs: bool,
+        cx: &mut Context,
+    ) {
         self.measured = Some(measured);
         self.measured_at = at;
-        self.may_run &= !(self.replies.asked_stop && self.settings.capabilities.state_confirms_stop);
+        let confirms = self.settings.capabilities.state_confirms_stop && !runs;
+        self.may_run &= !(self.replies.asked_stop && confirms);
         self.replies.state(latency);
         match &mut self.mode {
             Mode::Offline(_) => {
@@ -350,7 +369,8 @@ impl Motor {
     /// When it should be asked for its faults next, if it may be asked now: nobody else asks it, its state has arrived, and
     /// nothing that it answered late can be mistaken for the answer.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
-        (self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.poll_at)
+        let answers = self.settings.capabilities.answers_fault_question;
+        (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.poll_at)
     }
 
     pub(super) fn report(&self) -> JointState {

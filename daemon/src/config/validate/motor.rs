@@ -69,7 +69,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         overload: Duration::from_secs_f64(keys.overload_seconds.value),
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
-        capabilities: drive::capabilities(protocol),
+        capabilities: drive::capabilities(protocol, profile?, &scales?),
         damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
         beyond_range: capability.beyond_range,
         fault_policy: keys.fault_policy.value,
