@@ -157,12 +157,14 @@ pub enum Wrong {
     UnknownBus(String, String),
     #[error("{0:?} is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
     MitOverSerial(String),
+    #[error("the native protocol is not spoken by motors of {motors}; use protocol = \"mit\"")]
+    NoGim { motors: &'static str },
     #[error("unknown model {model:?}; {hint}")]
     UnknownModel { model: String, hint: String },
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(
-        "id {host_id:#05x} is a motor's command id on the same bus, and only one node may send an id; use 0x100 + id"
+        "id {host_id:#05x} is a motor's command id on the same bus, and only one node may send an id; use another, such as 0x100 + id"
     )]
     HostIdIsCommandId { host_id: u16 },
     #[error(

@@ -6,7 +6,7 @@ use motord_core::joint::Transmission;
 use motord_core::settings::{
     BusKind, BusSettings, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation, SafeStop,
 };
-use motord_protocol::profile::PROFILES;
+use motord_protocol::profile::{Ids, PROFILES, STEADYWIN};
 use motord_protocol::{Model, Profile, Scales};
 use motord_shared::limits::JOINTS_MAX;
 
@@ -22,8 +22,6 @@ use crate::config::similar::suggestion;
 pub(super) type Item = entry::Item<Motor>;
 type BusItem = entry::Item<keys::Bus>;
 
-/// A motor's id plus this is a reply id that is unique and yields to every command.
-const HOST_ID_OFFSET: i64 = 0x100;
 /// The header of a serial frame has one byte for the receiver (GIM document, table 3).
 const SERIAL_HOST_ID_MAX: i64 = 0xFF;
 /// Default damping of a safe stop, N·m·s/rad.
@@ -83,6 +81,7 @@ struct Address {
     bus: usize,
     is_serial: bool,
     id: u8,
+    ids: &'static Ids,
     host_id: FrameId,
 }
 
@@ -100,14 +99,32 @@ fn address(
     if is_serial && keys.protocol.value == Some(MotorProtocol::Mit) {
         findings.error(keys.protocol.at, Wrong::MitOverSerial(settings.name.clone()));
     }
-    let id = keys.id.value?;
-    let host_id = keys.host_id.value.unwrap_or(if is_serial { 0 } else { HOST_ID_OFFSET + id });
-    if is_serial && host_id > SERIAL_HOST_ID_MAX {
-        let expected = format!("from 0 to {SERIAL_HOST_ID_MAX}");
-        let wrong = Wrong::OutOfRange { value: host_id as f64, expected, degrees: String::new() };
-        findings.error(keys.host_id.at, wrong);
+    let named = keys.model.value.as_deref().and_then(Profile::of_model);
+    let profile = named.map_or(&STEADYWIN, |(profile, _)| profile);
+    if keys.protocol.value == Some(MotorProtocol::Gim) && !profile.speaks_gim {
+        findings.error(keys.protocol.at, Wrong::NoGim { motors: profile.motors });
     }
-    Some(Address { bus, is_serial, id: id as u8, host_id: FrameId::new(host_id as u16)? })
+    let ids = &profile.ids;
+    let id = at_most(&keys.id, keys.id.value?, ids.largest.into(), 1, findings)?;
+    let default = if is_serial { 0 } else { i64::from(ids.reply_offset) + id };
+    let largest = if is_serial { SERIAL_HOST_ID_MAX } else { ids.largest_reply.into() };
+    let host_id = at_most(&keys.host_id, keys.host_id.value.unwrap_or(default), largest, 0, findings)?;
+    Some(Address { bus, is_serial, id: id as u8, ids, host_id: FrameId::new(host_id as u16)? })
+}
+
+/// The id, if its vendor allows it.
+fn at_most(
+    entry: &Entry<Option<i64>>,
+    id: i64,
+    largest: i64,
+    least: i64,
+    findings: &mut Findings<'_>,
+) -> Option<i64> {
+    if id > largest {
+        let expected = format!("from {least} to {largest}");
+        findings.error(entry.at, Wrong::OutOfRange { value: id as f64, expected, degrees: String::new() });
+    }
+    (id <= largest).then_some(id)
 }
 
 fn model(
@@ -204,9 +221,10 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         }
         let host_id = motor.host_id.raw();
         let commands = on_bus(motor.bus).map(|(_, other)| u16::from(other.id));
+        let is_heard = on_bus(motor.bus).any(|(_, other)| other.ids.hears(other.id, host_id));
         if let Some((other, _)) = before.find(|(_, other)| other.host_id == motor.host_id) {
             findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other) });
-        } else if commands.clone().any(|command| command == host_id) {
+        } else if is_heard {
             findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id });
         } else if let Some(command) = commands.filter(|&command| command > host_id).max() {
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command });
