@@ -29,8 +29,8 @@ pub enum Fault {
     Reorder,
     /// `short`: answers lack their last two bytes.
     Short,
-    /// `fault 0x02`: the drive raises these bits of the vendor's fault list (GIM document, table 9).
-    Raise(u8),
+    /// `fault 0x02`: the drive raises this number of its vendor's fault list (SteadyWin: bits of GIM document, table 9).
+    Raise(u32),
     /// `power-cycle`: the motor restarts: silent while it boots, then stopped, its position within one turn.
     PowerCycle,
     /// `temperature 120`: the winding has this temperature now, °C.
@@ -154,7 +154,7 @@ const VERBS: [(&str, Form); 30] = {
         ("duplicate", Bare(Fault::Duplicate)),
         ("reorder", Bare(Fault::Reorder)),
         ("short", Bare(Fault::Short)),
-        ("fault", With { example: "0x02", read: |text| byte(text).map(Fault::Raise) }),
+        ("fault", With { example: "0x02", read: |text| number(text).map(Fault::Raise) }),
         ("power-cycle", Bare(Fault::PowerCycle)),
         ("temperature", With { example: "120", read: |text| finite(text).map(Fault::Temperature) }),
         ("voltage", With { example: "60", read: |text| finite(text).map(Fault::Voltage) }),
@@ -219,9 +219,9 @@ fn percentage(text: &str) -> Option<f64> {
     (0.0..=100.0).contains(&percent).then_some(percent / 100.0)
 }
 
-fn byte(text: &str) -> Option<u8> {
+fn number(text: &str) -> Option<u32> {
     match text.strip_prefix("0x") {
-        Some(hex) => u8::from_str_radix(hex, 16).ok(),
+        Some(hex) => u32::from_str_radix(hex, 16).ok(),
         None => text.parse().ok(),
     }
 }
@@ -295,7 +295,7 @@ mod tests {
             ("fl-hip explode", VerbError::Verb),
             ("fl-hip explode 2", VerbError::Verb),
             ("fl-hip fault", expected("0x02")),
-            ("fl-hip fault 0x100", expected("0x02")),
+            ("fl-hip fault 0x100000000", expected("0x02")),
             ("fl-hip delayed -1ms", expected("2ms")),
             ("fl-hip delayed 2", expected("2ms")),
             ("fl-hip intermittent 101%", expected("50%")),

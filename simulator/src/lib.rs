@@ -2,7 +2,8 @@
 //!
 //! A [`SimulatedBus`] is a [`motord_bus::Bus`]: CAN with arbitration and exact frame lengths, or a serial line. Each
 //! of its [`Motor`]s has mechanics (rotor behind a gear, friction, a torque limit, a warm winding) and a drive that
-//! speaks MIT or native GIM. [`Behaviour`] holds the choices that the documents leave open. [`FaultVerb`]s inject faults.
+//! speaks MIT, of one of several vendors, or native GIM. [`Behaviour`] holds the choices that the documents leave
+//! open. [`FaultVerb`]s inject faults.
 //! [`couple`] leaves the mechanics to a [`Plant`] outside, such as a physics engine.
 //!
 //! The caller passes the time in, and a seed determines all random numbers. So the same seed and the same calls give the same
@@ -50,6 +51,7 @@ mod serial;
 mod settings;
 mod shaft;
 mod shared;
+mod twin;
 mod wire;
 
 #[cfg(feature = "bridge")]

@@ -9,7 +9,8 @@ use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
 use crate::settings::{BusKind, HostLoss, MotorSettings};
 use crate::shaft::Shaft;
-use crate::wire::{Scale, State};
+use crate::twin::Twin;
+use crate::wire::{POSITION, Scale, State, VELOCITY};
 use configuration::{Configuration, int};
 use core::f64::consts::TAU;
 use motord_bus::{Duration, Frame, FrameId, Instant};
@@ -18,13 +19,6 @@ use motord_bus::{Duration, Frame, FrameId, Instant};
 const STEPS_MAX: u64 = 4_000;
 /// The shaft turns this fast while it is calibrated, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
-
-/// Vendor faults that conditions raise (GIM document, table 9).
-mod fault_bit {
-    pub(super) const OVER_VOLTAGE: u8 = 0x02;
-    pub(super) const UNDER_VOLTAGE: u8 = 0x04;
-    pub(super) const OVER_TEMPERATURE: u8 = 0x08;
-}
 
 /// What a drive is doing.
 ///
@@ -66,7 +60,8 @@ pub struct Motor {
     /// Where on the body's scale the motor reports zero, rad.
     origin: f64,
     mode: Mode,
-    fault: u8,
+    fault: u32,
+    twin: &'static Twin,
     supply: f64,
     time: Instant,
     control_until: Instant,
@@ -116,6 +111,7 @@ impl Motor {
             origin: 0.0,
             mode: Mode::Stopped,
             fault: 0,
+            twin: Twin::of(settings.vendor),
             supply: settings.supply_voltage,
             time: Instant::ZERO,
             control_until: Instant::FAR_FUTURE,
@@ -165,9 +161,9 @@ impl Motor {
         self.mode
     }
 
-    /// The vendor's fault bits (GIM document, table 9).
+    /// The vendor's fault number, as its documents have it (SteadyWin: GIM document, table 9).
     #[must_use]
-    pub fn fault(&self) -> u8 {
+    pub fn fault(&self) -> u32 {
         self.fault
     }
 
@@ -240,7 +236,7 @@ impl Motor {
         let driven = matches!(self.mode, Mode::Running | Mode::Calibrating);
         self.body.step(if driven { &mut self.law } else { &mut limp }, seconds);
         let conditions = self.conditions();
-        if conditions & !self.fault != 0 {
+        if (self.twin.raise)(self.fault, conditions) != self.fault {
             self.raise(conditions);
         }
     }
@@ -279,7 +275,8 @@ impl Motor {
             let (payload, after) = self.native(at, frame, bytes)?;
             Some(Reply { frame: Frame::full(host_id, payload), after })
         } else {
-            let frame = Frame::new(host_id, &self.mit(at, frame, bytes)?)?;
+            let (payload, length) = self.mit(at, frame, bytes)?;
+            let frame = Frame::new(host_id, &payload[..length])?;
             Some(Reply { frame, after: Duration::ZERO })
         }
     }
@@ -307,17 +304,20 @@ impl Motor {
         FrameId::new((self.configuration.int(item) & mask) as u16).unwrap_or(FrameId::MAX)
     }
 
-    fn conditions(&self) -> u8 {
+    fn conditions(&self) -> u32 {
         let above = |value: f64, item| value > f64::from(self.configuration.int(item));
         let below = |value: f64, item| value < f64::from(self.configuration.int(item));
-        let bit = |holds, bit| if holds { bit } else { 0 };
-        bit(above(self.supply, int::OVER_VOLTAGE), fault_bit::OVER_VOLTAGE)
-            | bit(below(self.supply, int::UNDER_VOLTAGE), fault_bit::UNDER_VOLTAGE)
-            | bit(above(self.body.winding, int::OVER_TEMPERATURE), fault_bit::OVER_TEMPERATURE)
+        let holds = [
+            above(self.supply, int::OVER_VOLTAGE),
+            below(self.supply, int::UNDER_VOLTAGE),
+            above(self.body.winding, int::OVER_TEMPERATURE),
+        ];
+        let raised = self.twin.conditions.into_iter().zip(holds).filter(|(_, holds)| *holds);
+        raised.fold(0, |fault, (number, _)| (self.twin.raise)(fault, number))
     }
 
-    fn raise(&mut self, bits: u8) {
-        self.fault |= bits;
+    fn raise(&mut self, number: u32) {
+        self.fault = (self.twin.raise)(self.fault, number);
         if self.fault != 0 && self.mode != Mode::Firmware {
             self.mode = Mode::Fault;
             self.end_control();
@@ -369,7 +369,19 @@ impl Motor {
         self.body.torque / (self.settings.torque_constant * self.settings.gear_ratio)
     }
 
-    /// The wire carries q current: its scale is the motor's real one, whatever is configured.
+    /// Of position, velocity and torque.
+    fn scales(&self) -> [Scale; 3] {
+        match self.settings.ends {
+            Some([position, velocity, torque]) => [
+                Scale::symmetric(position, 65535.0),
+                Scale::symmetric(velocity, 4095.0),
+                Scale::symmetric(torque, 4095.0),
+            ],
+            None => [POSITION, VELOCITY, self.torque_scale()],
+        }
+    }
+
+    /// A SteadyWin wire carries q current: its scale is the motor's real one, whatever is configured.
     fn torque_scale(&self) -> Scale {
         Scale::torque(self.settings.torque_constant, self.settings.gear_ratio)
     }
@@ -385,7 +397,7 @@ impl Motor {
     /// The state as codes, with what the impairments make of it.
     fn state(&mut self, at: Instant) -> State {
         let behaviour = self.settings.behaviour;
-        State::encode(self.report(at), self.torque_scale(), behaviour.truncates, behaviour.beyond_range)
+        State::encode(self.report(at), self.scales(), behaviour.truncates, behaviour.beyond_range)
     }
 
     fn report(&mut self, at: Instant) -> [f64; 3] {
@@ -420,7 +432,7 @@ impl Motor {
             Fault::Duplicate => impairment.duplicate = true,
             Fault::Reorder => impairment.reorder = true,
             Fault::Short => impairment.short = true,
-            Fault::Raise(bits) => self.raise(bits),
+            Fault::Raise(number) => self.raise(number),
             Fault::PowerCycle => self.power_cycle(at),
             Fault::Temperature(celsius) => self.body.winding = celsius,
             Fault::Voltage(volts) => self.supply = volts,

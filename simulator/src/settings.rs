@@ -63,6 +63,11 @@ pub struct MotorSettings {
     pub host_id: u16,
     /// The protocol it speaks over CAN when it starts.
     pub dialect: Dialect,
+    /// Whose MIT it speaks: `steadywin`, or another name that the simulator knows.
+    pub vendor: &'static str,
+    /// What the largest codes of position, rad, velocity, rad/s, and torque, N·m, stand for. `None` is SteadyWin's: 12.5 rad,
+    /// 65 rad/s, and the torque of 225 A.
+    pub ends: Option<[f64; 3]>,
     /// Rotor side, N·m/A.
     pub torque_constant: f64,
     /// Rotor turns per output turn.
@@ -118,6 +123,8 @@ impl Default for MotorSettings {
             id: 1,
             host_id: 0x101,
             dialect: Dialect::Mit,
+            vendor: "steadywin",
+            ends: None,
             torque_constant: 0.125,
             gear_ratio: 8.0,
             torque_peak: 22.0,

@@ -23,6 +23,11 @@ pub(crate) const KP: Scale = Scale { min: 0.0, span: 500.0, codes: 4095.0 };
 pub(crate) const KD: Scale = Scale { min: 0.0, span: 5.0, codes: 4095.0 };
 
 impl Scale {
+    /// From `-end` to `end`, with this largest code.
+    pub(crate) const fn symmetric(end: f64, codes: f64) -> Self {
+        Self { min: -end, span: 2.0 * end, codes }
+    }
+
     /// Output shaft, N·m: ±225 A times the rotor's constant (N·m/A) times the gear ratio.
     pub(crate) fn torque(torque_constant: f64, gear_ratio: f64) -> Self {
         let span = 450.0 * torque_constant * gear_ratio;
@@ -79,7 +84,7 @@ impl MitCommand {
 }
 
 impl Control {
-    fn decode([p1, p0, v1, v0_kp1, kp0, kd1, kd0_t1, t0]: [u8; 8]) -> Self {
+    pub(crate) fn decode([p1, p0, v1, v0_kp1, kp0, kd1, kd0_t1, t0]: [u8; 8]) -> Self {
         Self {
             position: u16::from_be_bytes([p1, p0]),
             velocity: u16::from(v1) * 16 + u16::from(v0_kp1) / 16,
@@ -99,29 +104,29 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// `position` in rad, `velocity` in rad/s, `torque` in N·m by `scale`.
+    /// `position` in rad, `velocity` in rad/s, `torque` in N·m, each by its scale.
     pub(crate) fn encode(
         [position, velocity, torque]: [f64; 3],
-        scale: Scale,
+        scales: [Scale; 3],
         truncates: bool,
         beyond: BeyondRange,
     ) -> Self {
         let position = match beyond {
-            BeyondRange::Wraps => POSITION.code(position, truncates) as u16,
-            BeyondRange::Clamps => POSITION.clamped(position, truncates),
+            BeyondRange::Wraps => scales[0].code(position, truncates) as u16,
+            BeyondRange::Clamps => scales[0].clamped(position, truncates),
         };
         Self {
             position,
-            velocity: VELOCITY.clamped(velocity, truncates),
-            torque: scale.clamped(torque, truncates),
+            velocity: scales[1].clamped(velocity, truncates),
+            torque: scales[2].clamped(torque, truncates),
         }
     }
 
-    /// MIT document 1.2: position high byte first.
-    pub(crate) fn mit(self, can_id: u8) -> [u8; 6] {
+    /// The second to sixth byte of a state in MIT (MIT document 1.2): position high byte first.
+    pub(crate) fn mit(self) -> [u8; 5] {
         let [p1, p0] = self.position.to_be_bytes();
         let [st0, st1, st2] = self.speed_and_torque();
-        [can_id, p1, p0, st0, st1, st2]
+        [p1, p0, st0, st1, st2]
     }
 
     /// GIM document 3.2.7: position low byte first, the temperature in °C as a signed byte.
@@ -220,6 +225,10 @@ mod tests {
         assert!((value - expected.as_f64().unwrap()).abs() < 1e-9, "{value} is not {expected}");
     }
 
+    fn scales() -> [Scale; 3] {
+        [POSITION, VELOCITY, fixture()]
+    }
+
     fn fixture() -> Scale {
         Scale::torque(0.1, 8.0)
     }
@@ -261,8 +270,8 @@ mod tests {
         let middle = [(0, 25.0 / 65535.0), (1, 130.0 / 4095.0), (2, 360.0 / 4095.0)];
         let inside = middle.map(|(quantity, step)| value[quantity] + 0.5 * step);
         let state = State { position, velocity, torque };
-        assert_eq!(State::encode(inside, fixture(), true, BeyondRange::Clamps), state);
-        assert_eq!(State::encode(value, fixture(), false, BeyondRange::Clamps), state);
+        assert_eq!(State::encode(inside, scales(), true, BeyondRange::Clamps), state);
+        assert_eq!(State::encode(value, scales(), false, BeyondRange::Clamps), state);
         state
     }
 
@@ -271,8 +280,8 @@ mod tests {
         for (bytes, vector) in golden("mit", "to_host") {
             let decoded = &vector["decoded"];
             if decoded["kind"] == "state" {
-                let sent = golden_state(decoded).mit(code(decoded, "can_id") as u8);
-                assert_eq!(sent, bytes[..6], "{}", vector["name"]);
+                let sent = golden_state(decoded).mit();
+                assert_eq!(sent, bytes[1..6], "{}", vector["name"]);
             }
         }
     }
@@ -325,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_position_beyond_the_range_wraps_or_clamps_and_velocity_never_bleeds() {
-        let encode = |position, beyond| State::encode([position, 100.0, -1e9], fixture(), true, beyond);
+        let encode = |position, beyond| State::encode([position, 100.0, -1e9], scales(), true, beyond);
         let wrapped = encode(12.5 + 25.0 / 65535.0 * 10.5, BeyondRange::Wraps);
         assert_eq!(wrapped, State { position: 9, velocity: 4095, torque: 0 });
         assert_eq!(encode(13.0, BeyondRange::Clamps).position, 65535);

@@ -27,6 +27,14 @@ pub fn simulate(settings: &Settings, bus: usize, seed: u64) -> SimulatedBus {
     SimulatedBus::new(bus, motors, seed)
 }
 
+/// Of the rotor, N·m/A: what the codes of a SteadyWin motor say, which the configuration may have changed; else its model's.
+fn torque_constant(motor: &MotorSettings, model: Option<&Model>, gear_ratio: f64) -> f64 {
+    match model {
+        Some(Model { torque_constant, ends: Some(_), .. }) => f64::from(*torque_constant),
+        _ => motor.scales.torque.max() / (CURRENT_MAX * gear_ratio),
+    }
+}
+
 /// The simulated twin of a configured motor.
 fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
     let defaults = simulator::MotorSettings::default();
@@ -40,7 +48,9 @@ fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
             MotorProtocol::Mit => Dialect::Mit,
             MotorProtocol::Gim => Dialect::Gim,
         },
-        torque_constant: motor.scales.torque.max() / (CURRENT_MAX * gear_ratio),
+        vendor: motor.profile.name,
+        ends: model.and_then(|model| model.ends),
+        torque_constant: torque_constant(motor, model, gear_ratio),
         gear_ratio,
         torque_peak: model.map_or(defaults.torque_peak, |model| f64::from(model.peak_torque)),
         velocity_max: model.map_or(defaults.velocity_max, |model| f64::from(model.max_velocity)),

@@ -20,10 +20,7 @@ impl Motor {
         let copper_loss = COPPER_LOSS * self.settings.winding_resistance * iq * iq;
         let value = match id {
             0x00 => self.supply,
-            0x01 => {
-                let air = self.settings.ambient_celsius;
-                air + BOARD_RISE * (self.body.winding - air)
-            }
+            0x01 => self.board_temperature(),
             0x02 => self.body.winding,
             0x03 => output_power + copper_loss,
             0x04 | 0x07 => i_alpha,
@@ -44,6 +41,12 @@ impl Motor {
             _ => return None,
         };
         Some(value as f32)
+    }
+
+    /// °C.
+    pub(super) fn board_temperature(&self) -> f64 {
+        let air = self.settings.ambient_celsius;
+        air + BOARD_RISE * (self.body.winding - air)
     }
 
     fn rotor_angle(&self) -> f64 {

@@ -1,25 +1,29 @@
-//! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2).
+//! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2). The [`Twin`](crate::twin::Twin) knows its vendor.
 
 use super::configuration::int;
 use super::{Mode, Motor};
 use crate::body::Law;
 use crate::settings::{InFault, ReplyTiming};
-use crate::wire::{Control, KD, KP, MitCommand, POSITION, VELOCITY};
+use crate::twin::{Answer, Asked, Status};
+use crate::wire::{Control, KD, KP, MitCommand, State};
 use motord_bus::{Frame, Instant};
 
 impl Motor {
     /// Any eight bytes are a command: those that are not special are a control frame.
-    pub(super) fn mit(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<[u8; 6]> {
-        let command = MitCommand::decode(bytes);
+    pub(super) fn mit(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<([u8; 8], usize)> {
+        let command = (self.twin.hear)(bytes);
+        let is_silent = self.settings.behaviour.in_fault == InFault::Silent && !self.twin.answers_in_fault;
         match command {
-            MitCommand::GetFault => return Some([self.mit_id(), self.fault, 0, 0, 0, 0]),
+            MitCommand::GetFault => {
+                let state = self.state(at);
+                return Some(self.answer(Asked::Fault, state));
+            }
             MitCommand::ClearFault => {
                 self.acknowledge();
-                return Some([self.mit_id(), 0, 0, 0, 0, 0]);
+                let state = self.state(at);
+                return Some(self.answer(Asked::Clear, state));
             }
-            _ if self.mode == Mode::Fault && self.settings.behaviour.in_fault == InFault::Silent => {
-                return None;
-            }
+            _ if self.mode == Mode::Fault && is_silent => return None,
             _ => {}
         }
         let before = self.state(at);
@@ -28,7 +32,18 @@ impl Motor {
             ReplyTiming::BeforeCommand => before,
             ReplyTiming::AfterCommand => self.state(at),
         };
-        Some(state.mit(self.mit_id()))
+        Some(self.answer(Asked::State, state))
+    }
+
+    fn answer(&self, asked: Asked, state: State) -> ([u8; 8], usize) {
+        let temperatures = [self.body.winding, self.board_temperature()];
+        let status = match self.mode {
+            Mode::Fault => Status::Fault,
+            Mode::Running => Status::On,
+            _ => Status::Off,
+        };
+        let (id, fault) = (self.mit_id(), self.fault);
+        (self.twin.answer)(&Answer { asked, id, state, status, fault, temperatures })
     }
 
     /// The id fills one byte of an answer, whatever its configuration holds.
@@ -64,15 +79,16 @@ impl Motor {
     }
 
     fn law_of(&self, control: Control) -> Law {
-        let target = POSITION.value(control.position) + self.origin;
+        let [position, velocity, torque] = self.scales();
+        let target = position.value(control.position) + self.origin;
         Law {
             reference: target,
             target,
             rate: 0.0,
-            velocity: VELOCITY.value(control.velocity),
+            velocity: velocity.value(control.velocity),
             kp: KP.value(control.kp),
             kd: KD.value(control.kd),
-            torque: self.torque_scale().value(control.torque),
+            torque: torque.value(control.torque),
         }
     }
 }

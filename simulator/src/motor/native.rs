@@ -65,7 +65,7 @@ impl Motor {
             command::MODIFY_PARAMETER => self.configuration.modify_parameter(sub, data)?,
             command::RETRIEVE_PARAMETER => return self.configuration.parameter(sub),
             command::GET_VERSION => return Ok(self.settings.version.to_le_bytes()),
-            command::GET_FAULT => return Ok([self.fault, 0, 0, 0]),
+            command::GET_FAULT => return Ok([self.fault as u8, 0, 0, 0]),
             command::ACKNOWLEDGE_FAULT => self.acknowledge(),
             command::RETRIEVE_INDICATOR => {
                 return self.indicator(sub).map(f32::to_le_bytes).ok_or(result::UNKNOWN_REGISTER);

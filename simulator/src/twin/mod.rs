@@ -1,0 +1,156 @@
+//! Vendors' MIT drives, from the motor's side of the wire.
+//!
+//! Each is written from its vendor's sources, with nothing of the host's codec or of its profiles, so that a common mistake
+//! cannot hide: both are held against the same golden frames. To add one: a file like [`steadywin`]'s, and a line in
+//! [`TWINS`].
+
+mod steadywin;
+
+use crate::wire::{MitCommand, State};
+
+/// Every vendor known here.
+const TWINS: &[&Twin] = &[&steadywin::TWIN];
+
+/// How one vendor's drive differs from the next.
+#[derive(Debug)]
+pub(crate) struct Twin {
+    /// As [`MotorSettings::vendor`](crate::MotorSettings::vendor) says it.
+    name: &'static str,
+    /// What a frame means to the motor.
+    pub(crate) hear: fn([u8; 8]) -> MitCommand,
+    /// The bytes of an answer, and how many they are.
+    pub(crate) answer: fn(&Answer) -> ([u8; 8], usize),
+    /// It answers everything in fault, whatever the settings say.
+    pub(crate) answers_in_fault: bool,
+    /// The vendor's numbers of over-voltage, under-voltage and over-temperature.
+    pub(crate) conditions: [u32; 3],
+    /// The fault number of a drive that has the first and raises the second.
+    pub(crate) raise: fn(u32, u32) -> u32,
+}
+
+/// What a motor is about to say.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Answer {
+    pub(crate) asked: Asked,
+    pub(crate) id: u8,
+    pub(crate) state: State,
+    pub(crate) status: Status,
+    pub(crate) fault: u32,
+    /// Of the winding and of the driver board, °C.
+    pub(crate) temperatures: [f64; 2],
+}
+
+/// What the drive is doing, as far as a wire tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Status {
+    Off,
+    On,
+    Fault,
+}
+
+/// What the command asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Asked {
+    State,
+    Fault,
+    Clear,
+}
+
+impl Twin {
+    /// # Panics
+    ///
+    /// When there is no such vendor: who wrote it must know before a robot of it is judged.
+    pub(crate) fn of(vendor: &str) -> &'static Self {
+        let twin = TWINS.iter().find(|twin| twin.name == vendor);
+        twin.unwrap_or_else(|| panic!("no twin of {vendor}'s motors"))
+    }
+}
+
+/// Faults that are bits add up.
+pub(crate) const fn bits(known: u32, raised: u32) -> u32 {
+    known | raised
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEADER: &str =
+        "direction,kind,model,hex,id,position,velocity,kp,kd,torque,temperatures,faults,source";
+
+    /// The golden frames that the host's profile of this vendor is held against, worked out by hand.
+    fn golden(twin: &Twin) -> Vec<Vec<String>> {
+        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../protocol/tests/golden");
+        let text = std::fs::read_to_string(format!("{directory}/{}.csv", twin.name)).unwrap();
+        let (header, rows) = text.split_once('\n').unwrap();
+        assert_eq!(header, HEADER);
+        rows.lines().map(|row| row.split(',').map(|column| column.trim().to_owned()).collect()).collect()
+    }
+
+    fn unhex(digits: &str) -> Vec<u8> {
+        let pairs = digits.as_bytes().chunks(2);
+        pairs.map(|pair| u8::from_str_radix(core::str::from_utf8(pair).unwrap(), 16).unwrap()).collect()
+    }
+
+    fn is_kind(command: MitCommand, kind: &str) -> bool {
+        matches!(
+            (command, kind),
+            (MitCommand::Start, "start")
+                | (MitCommand::Stop, "stop")
+                | (MitCommand::SetZero, "zero")
+                | (MitCommand::ClearFault, "clear")
+                | (MitCommand::GetFault, "ask")
+                | (MitCommand::Control(_), "control")
+        )
+    }
+
+    #[test]
+    fn every_golden_command_means_to_its_twin_what_the_source_says() {
+        for twin in TWINS {
+            for row in golden(twin).iter().filter(|row| row[0] == "to-motor") {
+                let command = (twin.hear)(unhex(&row[3]).try_into().unwrap());
+                assert!(is_kind(command, &row[1]), "{row:?}: {command:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_golden_state_is_sent_as_those_bytes() {
+        for twin in TWINS {
+            for row in golden(twin).iter().filter(|row| row[1] == "state" && row[11].is_empty()) {
+                let bytes = unhex(&row[3]);
+                let code = |high: u8, low: u8| u16::from_be_bytes([high, low]);
+                let state = State {
+                    position: code(bytes[1], bytes[2]),
+                    velocity: code(bytes[3], bytes[4]) >> 4,
+                    torque: code(bytes[4] & 0x0F, bytes[5]),
+                };
+                let mut celsius = row[10].split_whitespace().map(|number| number.parse().unwrap());
+                // The board comes first where both are sent.
+                let (first, second) = (celsius.next().unwrap_or(0.0), celsius.next());
+                let temperatures = [second.unwrap_or(first), first];
+                let id = row[4].parse().unwrap();
+                let status = if bytes[0] == id { Status::Off } else { Status::On };
+                let answer = Answer { asked: Asked::State, id, state, status, fault: 0, temperatures };
+                let (sent, length) = (twin.answer)(&answer);
+                assert_eq!(sent[..length], bytes, "{row:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_golden_fault_is_sent_as_those_bytes() {
+        for twin in TWINS {
+            for row in golden(twin).iter().filter(|row| row[1] == "fault") {
+                let bytes = unhex(&row[3]);
+                let number = bytes[1..5].iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
+                let state = State { position: 0, velocity: 0, torque: 0 };
+                let (id, status) = (row[4].parse().unwrap(), Status::Fault);
+                let answer =
+                    Answer { asked: Asked::Fault, id, state, status, fault: number, temperatures: [0.0; 2] };
+                let (sent, length) = (twin.answer)(&answer);
+                assert_eq!(sent[..length], bytes, "{row:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! SteadyWin's SDC101, SDC102 and SDC103 drivers (MIT document 1.1 and 1.2, GIM document table 9).
+
+use super::{Answer, Asked, Twin, bits};
+use crate::wire::MitCommand;
+
+pub(super) const TWIN: Twin = Twin {
+    name: "steadywin",
+    hear: MitCommand::decode,
+    answer,
+    answers_in_fault: false,
+    conditions: [0x02, 0x04, 0x08],
+    raise: bits,
+};
+
+fn answer(answer: &Answer) -> ([u8; 8], usize) {
+    let Answer { id, .. } = *answer;
+    let [a, b, c, d, e] = match answer.asked {
+        Asked::State => answer.state.mit(),
+        Asked::Fault => [answer.fault as u8, 0, 0, 0, 0],
+        Asked::Clear => [0; 5],
+    };
+    ([id, a, b, c, d, e, 0, 0], 6)
+}
