@@ -8,16 +8,18 @@
 //! torque 12 bits, big endian ([`ControlCodes`](crate::mit::ControlCodes)); a reply has position 16, velocity 12 and
 //! torque 12 bits from its second byte on.
 
+mod damiao;
 mod decode;
 mod steadywin;
 
+pub use damiao::DAMIAO;
 pub use steadywin::STEADYWIN;
 
 use crate::fault::Faults;
 use crate::model::Model;
 
 /// Every vendor known here.
-pub const PROFILES: &[&Profile] = &[&STEADYWIN];
+pub const PROFILES: &[&Profile] = &[&STEADYWIN, &DAMIAO];
 
 /// The facts of one vendor.
 #[derive(Debug, PartialEq)]

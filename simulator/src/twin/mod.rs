@@ -4,12 +4,13 @@
 //! cannot hide: both are held against the same golden frames. To add one: a file like [`steadywin`]'s, and a line in
 //! [`TWINS`].
 
+mod damiao;
 mod steadywin;
 
 use crate::wire::{MitCommand, State};
 
 /// Every vendor known here.
-const TWINS: &[&Twin] = &[&steadywin::TWIN];
+const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN];
 
 /// How one vendor's drive differs from the next.
 #[derive(Debug)]

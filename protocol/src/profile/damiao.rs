@@ -1,0 +1,59 @@
+//! Damiao's DM-J motors. Sources, none of them confirmed on hardware: DM_CAN.py (the vendor's Python sample), motorbridge
+//! (`motor_vendors/damiao`), openarm_can (`dm_motor_control.cpp`), and the Seeed wiki's table of the series.
+//!
+//! - A control frame goes to the motor's id; the same motor hears other modes at 0x100, 0x200 and 0x300 + id, and register
+//!   access at 0x7FF. The first byte of a reply is the error code and the lower four bits of the id, so ids end at 15 here:
+//!   the id is whole then. Replies bear MST_ID, which is 0 from the factory: give every motor its own, 0x10 + id.
+//! - There is no question for the fault. SteadyWin's (six bytes 0xFF, 0x00, 0xFB) is a control frame to these motors.
+//! - PMAX, VMAX and TMAX are registers (21 to 23): a motor that was set otherwise needs its own numbers.
+
+use super::{FaultReport, Ids, Profile, ReplyLayout, Status, Temperature};
+use crate::fault::Faults;
+use crate::model::{Model, model};
+
+/// Damiao's DM-J series.
+pub const DAMIAO: Profile = Profile {
+    name: "damiao",
+    motors: "Damiao DM-J",
+    speaks_gim: false,
+    ids: Ids { largest: 0x0F, largest_reply: 0x7FE, reply_offset: 0x10, also_hears: &[0x100, 0x200, 0x300] },
+    reply: ReplyLayout {
+        lengths: [8, 8],
+        id_mask: 0x0F,
+        temperatures: &[
+            Temperature { of: "driver", at: 6, bytes: 1, per_celsius: 1.0 },
+            Temperature { of: "motor", at: 7, bytes: 1, per_celsius: 1.0 },
+        ],
+    },
+    faults: FaultReport::InEveryReply(Status {
+        shift: 4,
+        off: 0x0,
+        on: 0x1,
+        words: &[
+            (0x8, Faults::OVER_VOLTAGE),
+            (0x9, Faults::UNDER_VOLTAGE),
+            (0xA, Faults::OVER_CURRENT),
+            (0xB, Faults::DRIVER_OVER_TEMPERATURE),
+            (0xC, Faults::MOTOR_OVER_TEMPERATURE),
+            (0xD, Faults::HOST_SILENT),
+            (0xE, Faults::OVERLOAD),
+        ],
+    }),
+    models: &MODELS,
+};
+
+/// The 24 V windings. Mechanics by the Seeed wiki, whose torque constant is the output's; ends by DM_CAN.py.
+const MODELS: [Model; 6] = [
+    model("DM-J4310-2EC", 10.0, 0.0945, [3.0, 7.0], [3.7, 7.2], 20.9, 0.85, 14, 24.0)
+        .with_ends(12.5, 30.0, 10.0),
+    model("DM-J4340-2EC", 40.0, 0.1019, [9.0, 27.0], [3.0, 8.0], 5.5, 0.88, 14, 24.0)
+        .with_ends(12.5, 8.0, 28.0),
+    model("DM-J6006-2EC", 6.0, 0.1218, [4.0, 11.0], [5.96, 17.6], 23.7, 0.435, 14, 24.0)
+        .with_ends(12.5, 45.0, 20.0),
+    model("DM-J8006-2EC", 6.0, 0.1701, [8.0, 20.0], [9.0, 21.0], 20.3, 0.4, 21, 24.0)
+        .with_ends(12.5, 45.0, 40.0),
+    model("DM-J8009-2EC", 9.0, 0.1402, [20.0, 40.0], [18.6, 40.0], 17.6, 0.145, 21, 24.0)
+        .with_ends(12.5, 45.0, 54.0),
+    model("DM-J10010L-2EC", 10.0, 0.2, [40.0, 120.0], [23.5, 95.0], 10.5, 0.11, 21, 24.0)
+        .with_ends(12.5, 25.0, 200.0),
+];

@@ -1,0 +1,40 @@
+//! Damiao's DM-J drives, by DM_CAN.py, motorbridge and openarm_can.
+//!
+//! The first byte of every answer is a status above four bits of the id: 0 disabled, 1 enabled, 8 and more a fault. The last
+//! two are the temperatures of transistors and rotor. A drive in fault is disabled and keeps answering.
+
+use super::{Answer, Status, Twin};
+use crate::wire::{Control, MitCommand};
+
+pub(super) const TWIN: Twin =
+    Twin { name: "damiao", hear, answer, answers_in_fault: true, conditions: [0x8, 0x9, 0xC], raise };
+
+/// Seven bytes 0xFF begin what is special. SteadyWin's question for the fault is a control frame.
+fn hear(bytes: [u8; 8]) -> MitCommand {
+    match (bytes[..7] == [0xFF; 7], bytes[7]) {
+        (true, 0xFB) => MitCommand::ClearFault,
+        (true, 0xFC) => MitCommand::Start,
+        (true, 0xFD) => MitCommand::Stop,
+        (true, 0xFE) => MitCommand::SetZero,
+        _ => MitCommand::Control(Control::decode(bytes)),
+    }
+}
+
+fn answer(answer: &Answer) -> ([u8; 8], usize) {
+    let status = match answer.status {
+        Status::Fault => answer.fault as u8,
+        Status::On => 1,
+        Status::Off => 0,
+    };
+    let [a, b, c, d, e] = answer.state.mit();
+    let [rotor, transistors] = answer.temperatures.map(|celsius| celsius as u8);
+    ([status << 4 | answer.id & 0x0F, a, b, c, d, e, transistors, rotor], 8)
+}
+
+/// One fault at a time, the first; 0 and 1 are none.
+fn raise(known: u32, raised: u32) -> u32 {
+    match raised & 0x0F {
+        raised if known == 0 && raised > 1 => raised,
+        _ => known,
+    }
+}
