@@ -52,7 +52,7 @@ impl Legs {
             [0, 1, 2].map(|joint| torques[joint] - Self::FRICTION * [hip, thigh, knee][joint].velocity);
         let (sine, cosine) = knee.position.sin_cos();
         let below = weight * (thigh.position + knee.position).sin();
-        // Lagrange's equations of a double pendulum of equal points, the knee's angle told from the thigh.
+        // Lagrange's equations of a double pendulum of equal points, the knee's angle measured from the thigh.
         let [m11, m12, m22] =
             [inertia * (3.0 + 2.0 * cosine) + Self::ROTOR, inertia * (1.0 + cosine), inertia + Self::ROTOR];
         let swing = swing - 2.0 * weight * thigh.position.sin() - below

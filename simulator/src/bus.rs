@@ -56,7 +56,7 @@ pub struct SimulatedBus {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Link {
     Up,
-    Full { room: usize },
+    Full { space: usize },
     Unacknowledged,
     Off,
     Down,
@@ -183,7 +183,7 @@ impl SimulatedBus {
                 self.cut(Link::Off);
                 self.report(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] });
             }
-            Fault::TxFull(room) => self.link = Link::Full { room },
+            Fault::TxFull(space) => self.link = Link::Full { space },
             Fault::NoAck => {
                 self.link = Link::Unacknowledged;
                 self.report(ErrorFrame { class: ErrorFrame::NO_ACKNOWLEDGE, data: [0; 8] });
@@ -393,15 +393,15 @@ impl Bus for SimulatedBus {
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
         self.advance(now);
         let refuse = |refusal| Sent { accepted: 0, refusal: Some(refusal) };
-        let room = self.settings.tx_queue - self.queue.len();
-        let room = match self.link {
+        let space = self.settings.tx_queue - self.queue.len();
+        let space = match self.link {
             Link::Down => return refuse(Refusal::Down),
             Link::Gone => return refuse(Refusal::Gone),
             Link::Off => return Sent::all(frames.len()),
-            Link::Full { room: left } => room.min(left),
-            Link::Up | Link::Unacknowledged => room,
+            Link::Full { space: left } => space.min(left),
+            Link::Up | Link::Unacknowledged => space,
         };
-        let accepted = room.min(frames.len());
+        let accepted = space.min(frames.len());
         for frame in &frames[..accepted] {
             let duration = self.duration(frame);
             let contender = Contender { sender: Sender::Host, frame: *frame, ready: now, duration };

@@ -30,7 +30,7 @@ pub trait Plant: Send {
 }
 
 /// Lets `plant` turn the motors of `buses`. Returns the buses that the cycle must use from now on, in the same order; the clones
-/// of `buses` still serve to disturb and to look.
+/// of `buses` still serve to inject faults and to read the truth.
 ///
 /// Whatever the cycle does on one bus at a time first brings every bus and the plant to that time, in steps of 250 µs. So one
 /// sequence of calls is one run, whichever clock they follow. The time between two calls is made up for in full. Between two

@@ -164,8 +164,8 @@ fn a_serial_line_has_one_request_open_at_a_time() {
     assert_eq!(ids, [1, 0x01, 9, 2, 0x02], "answers bear the low byte of the host id");
 }
 
-/// 300 cycles of three motors with every kind of chance, looked at every `look` microseconds.
-fn life(seed: u64, look: usize) -> Vec<String> {
+/// 300 cycles of three motors with every kind of fault, read every `interval` microseconds.
+fn life(seed: u64, interval: usize) -> Vec<String> {
     let jitter = Duration::from_micros(20);
     let motors = (1..=3).map(|id| MotorSettings { reply_jitter: jitter, ..motor(id) }).collect();
     let mut bus = SimulatedBus::new(BusSettings { record: 10_000, ..BusSettings::default() }, motors, seed);
@@ -176,7 +176,7 @@ fn life(seed: u64, look: usize) -> Vec<String> {
     for cycle in 1..=300 {
         let torque = [0x80, 0x80, 0x80, 0x08, 0x00, 0x80, 0x08, cycle as u8];
         bus.send(at(1000 * cycle), &[1, 2, 3].map(|id| to(id, torque)));
-        for offset in (0..1000).step_by(look) {
+        for offset in (0..1000).step_by(interval) {
             received(&mut bus, at(1000 * cycle + offset));
         }
     }

@@ -44,7 +44,7 @@ fn stuck_reports_one_place_while_the_shaft_turns() {
     bench.pass(Duration::from_millis(100));
     let after = push(&mut bench);
     assert_eq!(position(&before), position(&after));
-    assert!(bench.motor().position() > 4.1 && after[3] > 0x80, "velocity is told");
+    assert!(bench.motor().position() > 4.1 && after[3] > 0x80, "velocity is reported");
 }
 
 #[test]
@@ -130,7 +130,10 @@ fn a_power_cycle_is_a_silence_and_then_a_stopped_motor_in_another_turn() {
     let moved = bench.motor().position();
     let state = bench.ask(NEUTRAL);
     assert_eq!(bench.motor().mode(), Mode::Stopped);
-    assert!((position(&state) - moved).abs() < 0.05 && moved < 0.0, "4 rad are told as -2.28 rad: {moved}");
+    assert!(
+        (position(&state) - moved).abs() < 0.05 && moved < 0.0,
+        "4 rad are reported as -2.28 rad: {moved}"
+    );
 }
 
 #[test]

@@ -54,11 +54,11 @@ impl Bench {
         assert_eq!(self.buses[bus].send(self.now, &[frame]).accepted, 1);
     }
 
-    /// Lets time pass, and reads every bus after each `look`.
-    fn pass(&mut self, time: Duration, look: Duration) {
+    /// Lets time pass, and reads every bus after each `interval`.
+    fn pass(&mut self, time: Duration, interval: Duration) {
         let end = self.now + time;
         while self.now < end {
-            self.now = end.min(self.now + look);
+            self.now = end.min(self.now + interval);
             let mut inbox = Inbox::new();
             self.buses.iter_mut().for_each(|bus| bus.receive(self.now, &mut inbox));
         }
@@ -74,14 +74,14 @@ impl Bench {
     }
 
     /// The left motor pushes for 10 ms.
-    fn push(&mut self, look: Duration) {
+    fn push(&mut self, interval: Duration) {
         for bytes in [NEUTRAL, START, PUSH] {
             self.send(0, bytes);
-            self.pass(MILLISECOND, look);
+            self.pass(MILLISECOND, interval);
         }
-        self.pass(9 * MILLISECOND, look);
+        self.pass(9 * MILLISECOND, interval);
         self.send(0, STOP);
-        self.pass(MILLISECOND, look);
+        self.pass(MILLISECOND, interval);
     }
 }
 
@@ -103,9 +103,9 @@ fn a_shaft_that_one_motor_drives_turns_the_motor_of_another_bus() {
 
 #[test]
 fn a_plant_is_given_the_same_torques_however_often_somebody_looks() {
-    let [seldom, often] = [MILLISECOND, Duration::from_micros(37)].map(|look| {
+    let [seldom, often] = [MILLISECOND, Duration::from_micros(37)].map(|interval| {
         let mut bench = Bench::new();
-        bench.push(look);
+        bench.push(interval);
         let torques = bench.torques.lock().unwrap().clone();
         assert_eq!(torques.len(), 2 * 13 * 4, "two torques every 250 µs of 13 ms");
         (torques, bench.shafts())

@@ -40,10 +40,10 @@ impl Configuration {
     pub(super) fn new(settings: &MotorSettings, bitrate: u32) -> Self {
         let mut new = Self::factory(settings);
         let id = |raw: u16| i32::from(raw.min(0x7FF));
-        *new.slot(int::CAN_ID) = id(settings.id);
-        *new.slot(int::HOST_ID) = id(settings.host_id);
-        *new.slot(int::PROTOCOL) = i32::from(settings.dialect == Dialect::Mit);
-        *new.slot(int::BAUD) = baud(bitrate);
+        *new.item(int::CAN_ID) = id(settings.id);
+        *new.item(int::HOST_ID) = id(settings.host_id);
+        *new.item(int::PROTOCOL) = i32::from(settings.dialect == Dialect::Mit);
+        *new.item(int::BAUD) = baud(bitrate);
         new
     }
 
@@ -82,10 +82,10 @@ impl Configuration {
     }
 
     pub(super) fn set_int(&mut self, id: u8, value: i32) {
-        *self.slot(id) = value;
+        *self.item(id) = value;
     }
 
-    fn slot(&mut self, id: u8) -> &mut i32 {
+    fn item(&mut self, id: u8) -> &mut i32 {
         &mut self.ints[usize::from(id) % INTS]
     }
 
@@ -150,8 +150,8 @@ impl Configuration {
 
     /// Modify parameter.
     pub(super) fn modify_parameter(&mut self, id: u8, data: [u8; 4]) -> Result<(), u8> {
-        let slot = self.parameters.get_mut(usize::from(id)).ok_or(result::UNKNOWN_REGISTER)?;
-        *slot = u32::from_le_bytes(data);
+        let item = self.parameters.get_mut(usize::from(id)).ok_or(result::UNKNOWN_REGISTER)?;
+        *item = u32::from_le_bytes(data);
         Ok(())
     }
 }
