@@ -172,6 +172,7 @@ impl Stopper {
 }
 
 #[cfg(test)]
+#[expect(clippy::disallowed_types, reason = "the buses of a test share a log")]
 mod tests {
     use super::*;
     use motord_bus::{FrameId, Readiness, Ready};
