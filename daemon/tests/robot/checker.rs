@@ -72,7 +72,7 @@ impl Checker {
     /// Judges the cycle that `robot` has just run.
     pub fn judge(&mut self, robot: &mut Robot) {
         let state = published(&robot.state());
-        let commands: Vec<_> = robot.take_sent().iter().map(|sent| sent.command()).collect();
+        let commands: Vec<_> = robot.take_sent().iter().map(super::Sent::command).collect();
         self.0.judge(state, &commands, &robot.take_told());
     }
 }

@@ -96,7 +96,7 @@ impl FuzzClient {
             0..=1 => {}
             2 => self.silent = if random.once_in(10) { 40 } else { random.below(19) },
             3 => {
-                self.setpoints.iter_mut().for_each(|setpoint| setpoint.position += random.between(-3.0, 3.0))
+                self.setpoints.iter_mut().for_each(|setpoint| setpoint.position += random.between(-3.0, 3.0));
             }
             4 => {
                 let most = if random.once_in(10) { 50.0 } else { 2.0 };
@@ -104,7 +104,9 @@ impl FuzzClient {
             }
             5 => self.setpoints.iter_mut().for_each(|setpoint| setpoint.kp = random.between(0.0, 120.0)),
             6 => {
-                self.setpoints.iter_mut().for_each(|setpoint| setpoint.velocity = random.between(-16.0, 16.0))
+                self.setpoints
+                    .iter_mut()
+                    .for_each(|setpoint| setpoint.velocity = random.between(-16.0, 16.0));
             }
             7..=9 => {
                 let mut message = self.message(robot.now());
