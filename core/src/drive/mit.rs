@@ -158,7 +158,7 @@ impl Decoder for Mit {
     type Content = (Option<State>, Faults);
 
     fn read(&self, payload: &[u8], at: Instant) -> Reading<Self::Content> {
-        if !self.profile.is_from(self.id, payload) {
+        if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
             return Reading::without_content(Payload::OtherId);
         }
         let state = match self.profile.decode(payload, Asked::State, &self.scales) {
