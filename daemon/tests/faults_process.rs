@@ -186,7 +186,7 @@ impl Operator {
     }
 
     /// Takes the newest state, and tells whether there was one.
-    fn look(&mut self) -> bool {
+    fn refresh(&mut self) -> bool {
         let newest = self.ports.newest_state().unwrap();
         newest.map(|state| self.state = state).is_some()
     }
@@ -202,7 +202,7 @@ impl Operator {
         let (begun, mut enabled) = (Instant::now(), false);
         while self.phase() != Phase::Active || self.state.joints[0].applied.kp < 39.0 {
             assert!(begun.elapsed() < PATIENCE, "{}", self.phase());
-            if self.look() && self.state.joints[0].position.is_finite() {
+            if self.refresh() && self.state.joints[0].position.is_finite() {
                 self.sequence += 1;
                 let mut message =
                     SetpointMessage { lease: self.lease, sequence: self.sequence, ..Default::default() };
@@ -227,7 +227,7 @@ fn a_daemon_that_is_told_to_end_damps_and_stops_its_motors_first() {
         daemon.signal(signal);
         let begun = Instant::now();
         let status = loop {
-            let news = operator.look();
+            let news = operator.refresh();
             let applied = operator.state.joints[0].applied;
             if news && operator.phase() == Phase::Damping {
                 assert!(applied.kp == 0.0 && applied.kd > 0.0 && applied.torque == 0.0, "{applied:?}");
@@ -237,7 +237,7 @@ fn a_daemon_that_is_told_to_end_damps_and_stops_its_motors_first() {
             }
             assert!(begun.elapsed() < PATIENCE);
         };
-        operator.look();
+        operator.refresh();
         assert!(status.success(), "{signal}: {status}");
         assert_eq!(operator.phase(), Phase::Disarmed, "{signal}");
         assert_eq!(operator.state.groups[0].cause, Cause::Shutdown.code());
@@ -255,12 +255,12 @@ fn a_second_signal_ends_the_damping_at_once() {
     daemon.signal(Signal::SIGTERM);
     let begun = Instant::now();
     while begun.elapsed() < Duration::from_millis(500) || operator.phase() == Phase::Active {
-        operator.look();
+        operator.refresh();
     }
     assert_eq!(operator.phase(), Phase::Damping);
     daemon.signal(Signal::SIGTERM);
     assert!(daemon.ends().success());
-    operator.look();
+    operator.refresh();
     assert_eq!(operator.phase(), Phase::Disarmed);
 }
 
@@ -401,7 +401,7 @@ fn files_that_are_removed_under_a_daemon_do_not_kill_it() {
     let before = operator.state.cycle;
     let begun = Instant::now();
     while operator.state.cycle < before + 100 {
-        operator.look();
+        operator.refresh();
         assert!(begun.elapsed() < PATIENCE, "whoever was connected stays so");
     }
     daemon.must_live_and_end();

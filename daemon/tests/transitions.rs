@@ -48,7 +48,7 @@ fn happens(event: impl FnOnce()) -> Option<Refusal> {
 fn told<T: PartialEq + std::fmt::Debug>(
     robot: &mut Robot,
     event: Event,
-    look: fn(&mut Robot) -> T,
+    observe: fn(&mut Robot) -> T,
 ) -> String {
     let joints = robot.hold(40.0, 1.0);
     robot.send(&joints);
@@ -56,7 +56,7 @@ fn told<T: PartialEq + std::fmt::Debug>(
     let mut states = Vec::new();
     for _ in 0..300 {
         robot.follow(&joints);
-        let state = look(robot);
+        let state = observe(robot);
         if states.last() != Some(&state) {
             states.push(state);
         }
@@ -69,10 +69,11 @@ fn told<T: PartialEq + std::fmt::Debug>(
 fn judge<S: PartialEq + std::fmt::Debug, const STATES: usize>(
     table: &[(&str, Event, [&str; STATES])],
     begin: impl Fn(usize) -> Robot,
-    look: fn(&mut Robot) -> S,
+    observe: fn(&mut Robot) -> S,
 ) {
     for (name, event, expected) in table {
-        let received: [String; STATES] = std::array::from_fn(|state| told(&mut begin(state), *event, look));
+        let received: [String; STATES] =
+            std::array::from_fn(|state| told(&mut begin(state), *event, observe));
         assert_eq!(received, *expected, "{name}");
     }
 }

@@ -87,8 +87,8 @@ impl Events {
     /// Adds an event, or counts it when there is no room.
     pub fn push(&mut self, event: Event) {
         match self.events.get_mut(self.len) {
-            Some(slot) => {
-                *slot = Some(event);
+            Some(entry) => {
+                *entry = Some(event);
                 self.len += 1;
             }
             None => self.dropped = self.dropped.saturating_add(1),

@@ -51,7 +51,7 @@ pub struct Record {
 impl Record {
     pub(super) fn of(wake: &Wake, published: Instant, control: &Control) -> Self {
         let mut reply_latency_ns = [0; JOINTS_MAX];
-        control.reply_latencies().zip(&mut reply_latency_ns).for_each(|(latency, slot)| *slot = latency);
+        control.reply_latencies().zip(&mut reply_latency_ns).for_each(|(latency, entry)| *entry = latency);
         Self {
             cycle: wake.cycle,
             scheduled: wake.scheduled,
