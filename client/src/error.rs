@@ -1,4 +1,4 @@
-//! What can go wrong between a controller and the daemon, as sentences that say what to do next.
+//! Errors between a controller and the daemon, as sentences that say what to do next.
 
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
@@ -56,17 +56,17 @@ pub enum Error {
     /// The user may not use the instance.
     #[error("no permission for {}: join the group that owns it", path.display())]
     Permission {
-        /// What may not be used.
+        /// The path that may not be used.
         path: PathBuf,
     },
     /// The daemon said no.
     #[error("motord refused to {operation}: {}{about}", refusal.sentence())]
     Refused {
-        /// What was asked for.
+        /// The operation that was asked for.
         operation: Operation,
         /// Why not.
         refusal: Refusal,
-        /// What the refusal is about.
+        /// The subject of the refusal.
         about: About,
     },
     /// There is no group of this name.
@@ -98,7 +98,7 @@ pub enum Error {
     /// The daemon did not answer a request in time. Whether it was carried out is unknown.
     #[error("motord did not answer {operation} within {waited:?}: look at the states for what became of it")]
     NoAnswer {
-        /// What was asked for.
+        /// The operation that was asked for.
         operation: Operation,
         /// The time given.
         waited: Duration,
@@ -106,7 +106,7 @@ pub enum Error {
     /// The daemon's answer makes no sense to this client.
     #[error("motord's answer to {operation} is not understood: install client and daemon from one version")]
     NotUnderstood {
-        /// What was asked for.
+        /// The operation that was asked for.
         operation: Operation,
     },
     /// The instance's name or directory cannot be used.
@@ -147,7 +147,7 @@ impl Error {
             Obstacle::Missing => Self::not_running(instance),
             Obstacle::Permission => Self::Permission { path: instance.runtime().to_owned() },
             Obstacle::Version => Self::version(error.part, instance),
-            Obstacle::Full { .. } | Obstacle::NoRoom | Obstacle::Damaged => Self::Service(error),
+            Obstacle::Full { .. } | Obstacle::NoSpace | Obstacle::Damaged => Self::Service(error),
         }
     }
 
@@ -208,7 +208,7 @@ mod tests {
     use motord_shared::description::JointDescription;
     use motord_shared::message::NO_JOINT;
 
-    /// The daemon tells these of one joint. Every other refusal names none.
+    /// These refusals are about one joint. Every other refusal names none.
     const OF_A_JOINT: [Refusal; 10] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,

@@ -1,4 +1,4 @@
-//! Move a robot through motord: connect, own a group of joints, read its states, send setpoints.
+//! The client of motord: connect, own a group of joints, read its states, send setpoints.
 //!
 //! # Start
 //!
@@ -54,7 +54,7 @@
 //! tick: one cycle from measurement to command. A later one is heard one tick later. [`Client::spin`] saves the wake-up
 //! of some 50 µs for a core of its own. A controller may also be slower than the grid: the newest setpoint holds until
 //! the daemon's setpoint timeout (`description().setpoint_timeout`), after which the group is damped, stopped, and stays so
-//! until someone resets it. [`Group::setpoint_age`] tells how old the setpoint in use was.
+//! until someone resets it. [`Group::setpoint_age`] is the age of the setpoint in use.
 //!
 //! # When things end
 //!

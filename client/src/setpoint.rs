@@ -1,8 +1,8 @@
-//! What a controller asks of a joint.
+//! The setpoint of a joint.
 
 use motord_shared::{JointSetpoint, SetpointMode};
 
-/// What a joint is asked for in one cycle. The motor's torque is `kp · (position - p) + kd · (velocity - v) + torque`,
+/// The setpoint of a joint in one cycle. The motor's torque is `kp · (position - p) + kd · (velocity - v) + torque`,
 /// within the limits of the joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {

@@ -1,6 +1,6 @@
 //! The states of a cycle, as codes instead of numbers.
 //!
-//! What comes through shared memory is checked here: a number that is no code of its table becomes `None`, an index
+//! Everything that comes through shared memory is checked here: a number that is no code of its table becomes `None`, an index
 //! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
 
 use motord_shared::message::{
@@ -159,13 +159,13 @@ pub struct Joint {
     pub velocity: f32,
     /// N·m, as the motor estimates it.
     pub torque: f32,
-    /// °C, where the motor tells it.
+    /// °C, where the motor reports it.
     pub temperature: Option<f32>,
-    /// What was sent to the motor in this cycle, after all limits.
+    /// The command that was sent to the motor in this cycle, after all limits.
     pub applied: Applied,
     /// The limits that made `applied` differ from the setpoint.
     pub limits: Limits,
-    /// What the motor does. `None` for a code that this client does not know.
+    /// The mode of the motor. `None` for a code that this client does not know.
     pub mode: Option<MotorMode>,
     /// The motor's fault bits (GIM document, table 9), 0 for none.
     pub fault: u32,
@@ -268,7 +268,7 @@ impl Group {
 /// One bus after a cycle. All counters are modulo 2³².
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bus {
-    /// What the controller is able to do. `None` for a code that this client does not know.
+    /// The state of the bus controller. `None` for a code that this client does not know.
     pub condition: Option<BusCondition>,
     /// Frames that the bus accepted.
     pub sent: u32,

@@ -58,7 +58,7 @@ macro_rules! codes {
 pub struct UnknownCode(pub u32);
 
 codes! {
-    /// What the daemon knows of one motor.
+    /// The state of one motor, as far as the daemon knows.
     MotorMode {
         Offline = 0 "offline" "The motor has not answered, or stopped answering.",
         Idle = 1 "idle" "The motor answers and is stopped.",
@@ -106,7 +106,7 @@ codes! {
 }
 
 codes! {
-    /// What an administrative request asks for.
+    /// The operation of an administrative request.
     Operation {
         Claim = 1 "claim" "Become the owner of a group.",
         Release = 2 "release" "Give a group up.",
@@ -117,8 +117,8 @@ codes! {
         EmergencyStop = 7 "emergency-stop" "Damp and stop every motor, now.",
         SetZero = 8 "set-zero" "Make a stopped motor's present position its zero.",
         ClearFault = 9 "clear-fault" "Acknowledge a motor's fault.",
-        Describe = 10 "describe" "Tell names and limits of joints, groups and buses, as JSON.",
-        Telemetry = 11 "telemetry" "Tell counters and latency percentiles, as JSON.",
+        Describe = 10 "describe" "Give names and limits of joints, groups and buses, as JSON.",
+        Telemetry = 11 "telemetry" "Give counters and latency percentiles, as JSON.",
     }
 }
 
@@ -273,7 +273,7 @@ impl Limit {
 }
 
 codes! {
-    /// What the daemon knows of a bus.
+    /// The state of a bus, as far as the daemon knows.
     BusCondition {
         Active = 0 "active" "The controller takes full part in the bus.",
         Warning = 1 "warning" "The controller counted many errors.",

@@ -1,9 +1,9 @@
-//! What the daemon tells as text: who the joints are, and how it is doing. JSON in the answer to an administrative
+//! The description of the robot and the telemetry of the daemon, as text. It is JSON in the answer to an administrative
 //! request, so that fields can be added without a new layout.
 
 use serde::{Deserialize, Serialize};
 
-/// Who is there: names and limits, in the order of the configuration.
+/// The robot: names and limits, in the order of the configuration.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RobotDescription {

@@ -38,7 +38,7 @@ pub enum InstanceError {
     /// The name has a form that no instance has.
     #[error("{name:?} is no instance name: use 1 to {NAME_BYTES_MAX} of the characters a-z, 0-9 and -")]
     Name {
-        /// What was given.
+        /// The name that was given.
         name: String,
     },
     /// The user may not enter the runtime directory.
@@ -47,7 +47,7 @@ pub enum InstanceError {
         path.display()
     )]
     Permission {
-        /// What could not be entered.
+        /// The directory that could not be entered.
         path: PathBuf,
     },
     /// Someone else prepared, or could enter, a directory that must be private.
@@ -155,8 +155,8 @@ impl Instance {
         self.runtime.join("iox").join(&self.name)
     }
 
-    /// Becomes the one daemon of this instance, until the lock is dropped or the process dies. What dead processes
-    /// left behind is removed, unless a client is still attached and waits for its daemon to come back.
+    /// Becomes the one daemon of this instance, until the lock is dropped or the process dies. Files that dead
+    /// processes left behind are removed, unless a client is still attached and waits for its daemon to come back.
     ///
     /// # Errors
     /// [`InstanceError::AlreadyRunning`] with the holder's process id; others when the directory cannot be used.
@@ -214,7 +214,7 @@ pub struct InstanceLock {
 }
 
 impl InstanceLock {
-    /// What is held.
+    /// The instance that is held.
     #[must_use]
     pub fn instance(&self) -> &Instance {
         &self.instance
@@ -229,7 +229,7 @@ pub struct Attachment {
 }
 
 impl Attachment {
-    /// What it is attached to.
+    /// The instance that it is attached to.
     #[must_use]
     pub fn instance(&self) -> &Instance {
         &self.instance

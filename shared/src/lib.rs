@@ -1,4 +1,4 @@
-//! What crosses the process boundary between motord and its clients, and nothing else.
+//! Everything that crosses the process boundary between motord and its clients, and nothing else.
 //!
 //! - [`message`]: the shared-memory layouts. Integers and floats only: another process may write any bytes there, so a
 //!   `bool` or an `enum` in them would be undefined behaviour waiting for a bad client.
@@ -30,7 +30,7 @@ pub mod message;
 #[cfg(feature = "ports")]
 pub mod ports;
 #[cfg(feature = "ports")]
-mod room;
+mod reserved_space;
 #[cfg(feature = "ports")]
 pub mod service;
 

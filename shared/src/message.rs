@@ -30,7 +30,7 @@ pub const ALL_GROUPS: u32 = u32::MAX;
 /// A joint index that means none in particular.
 pub const NO_JOINT: u32 = u32::MAX;
 
-/// What really went to the motor in a cycle, joint side.
+/// The command that went to the motor in a cycle, after all limits, joint side.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.Applied.v1"))]
 #[repr(C)]
@@ -60,7 +60,7 @@ pub struct JointState {
     pub torque: f32,
     /// °C, NaN when the protocol does not tell.
     pub temperature: f32,
-    /// What was sent to the motor in this cycle.
+    /// The command that was sent to the motor in this cycle.
     pub applied: Applied,
     /// `Limit` bits that acted on `applied`.
     pub limits: u32,
@@ -206,7 +206,7 @@ impl StateMessage {
     }
 }
 
-/// What a joint is asked for.
+/// The setpoint of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointSetpoint.v1"))]
 #[repr(C)]

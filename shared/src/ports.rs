@@ -6,7 +6,7 @@
 use crate::instance::{Attachment, InstanceLock};
 use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES};
 use crate::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
-use crate::room;
+use crate::reserved_space;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
@@ -47,7 +47,7 @@ impl DaemonPorts {
     /// Which service could not be opened, and why.
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
-        room::find(&instance.root()).map_err(no_room)?;
+        reserved_space::check(&instance.root()).map_err(no_space)?;
         let node = service::node(instance)?;
         node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
         let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
@@ -73,7 +73,7 @@ impl DaemonPorts {
                 .map_err(Part::Admin.failed())?,
             _node: node,
         };
-        room::occupy(&instance.root()).map_err(no_room)?;
+        reserved_space::occupy(&instance.root()).map_err(no_space)?;
         Ok(ports)
     }
 
@@ -121,16 +121,16 @@ impl DaemonPorts {
     }
 }
 
-fn no_room(errno: Errno) -> ServiceError {
+fn no_space(errno: Errno) -> ServiceError {
     let obstacle = match errno {
-        Errno::ENOSPC | Errno::EDQUOT => Obstacle::NoRoom,
+        Errno::ENOSPC | Errno::EDQUOT => Obstacle::NoSpace,
         Errno::EACCES | Errno::EPERM => Obstacle::Permission,
         _ => Obstacle::Damaged,
     };
     ServiceError { part: Part::Node, obstacle }
 }
 
-/// A request that waits for its answer. Dropping it tells the asker that none will come.
+/// A request that waits for its answer. When it is dropped, the asker learns that no answer will come.
 #[derive(Debug)]
 pub struct Request {
     payload: AdminRequest,
@@ -181,7 +181,7 @@ impl Housekeeper {
         Ok(Self { node: service::node(lock.instance())? })
     }
 
-    /// Cleans, and tells how many dead processes were removed.
+    /// Cleans. Returns the number of dead processes that were removed.
     #[must_use]
     pub fn clean(&self) -> u64 {
         self.node.try_cleanup_dead_nodes().cleanups
@@ -223,7 +223,7 @@ impl ClientPorts {
         Ok(ports)
     }
 
-    /// Opens them for an emergency stop: there is room for it however many others are there.
+    /// Opens them for an emergency stop: there is a place for it however many others are there.
     ///
     /// # Errors
     /// Those of [`open`](Self::open).

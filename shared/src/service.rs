@@ -81,7 +81,7 @@ impl iceoryx2::service::internal::ServiceInternal<FileService> for FileService {
 /// One of the four services, or what all of them need.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
-    /// What each process registers itself with.
+    /// The registration of each process.
     Node,
     /// `motord/<instance>/state`.
     State,
@@ -107,7 +107,7 @@ impl Part {
     }
 }
 
-/// What stands between a process and a service.
+/// Why a process cannot use a service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Obstacle {
     /// Nobody offers it.
@@ -128,8 +128,8 @@ pub enum Obstacle {
         most: usize,
     },
     /// The disk that its files are on is full.
-    #[error("no room for its files: free 16 MiB in the file system of the runtime directory")]
-    NoRoom,
+    #[error("no space for its files: free 16 MiB in the file system of the runtime directory")]
+    NoSpace,
     /// Its files cannot be used, or the memory ran out.
     #[error(
         "its files are damaged or memory ran out: stop every client and the daemon, then start the daemon"
@@ -137,13 +137,13 @@ pub enum Obstacle {
     Damaged,
 }
 
-/// What happened to which service.
+/// A service that cannot be used, and why.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("service {}: {obstacle}", part.name())]
 pub struct ServiceError {
     /// Which.
     pub part: Part,
-    /// What.
+    /// Why.
     pub obstacle: Obstacle,
 }
 
@@ -366,7 +366,7 @@ pub(crate) fn admin(
         .max_nodes(NODES_MAX)
 }
 
-/// The layout that the other side of `part` uses, for telling a mismatch. `None` when it cannot be told.
+/// The layout that the other side of `part` uses, for the report of a mismatch. `None` when it cannot be found out.
 #[must_use]
 pub fn layout(instance: &Instance, part: Part) -> Option<String> {
     let pattern = match part {

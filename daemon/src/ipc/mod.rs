@@ -139,7 +139,7 @@ impl IpcThread {
         self.count(published.is_err());
     }
 
-    /// An asker that gave up makes room: iceoryx2 takes no further request of a client while so many are kept.
+    /// Requests whose asker gave up are dropped: iceoryx2 takes no further request of a client while so many are kept.
     fn take_requests(&mut self) {
         self.waiting.retain(|(_, request)| request.is_awaited());
         for _ in 0..REQUESTS_PER_WAKE {

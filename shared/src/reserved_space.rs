@@ -1,5 +1,5 @@
-//! Room on the disk for the shared memory. Its files are sparse: on a full disk, whoever touches a page of them that has no
-//! room yet is killed (`SIGBUS`). So a daemon makes sure of its room before it moves anything.
+//! Reserved space on the disk for the shared memory. Its files are sparse: on a full disk, a process that touches a page without
+//! space is killed (`SIGBUS`). So a daemon reserves the space before it moves anything.
 
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, open, posix_fallocate};
@@ -12,23 +12,23 @@ use std::path::Path;
 /// The files of a daemon without clients take 7 MB; the rest is for the connections of some clients.
 const BYTES: i64 = 10 << 20;
 
-/// Whether there is room for the services in `directory`: takes it and gives it back.
+/// Checks that `directory` has space for the services: takes it and gives it back.
 ///
 /// # Errors
 /// `ENOSPC`; what else the kernel refused.
-pub(crate) fn find(directory: &Path) -> Result<(), Errno> {
-    let path = directory.join("room");
+pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
+    let path = directory.join("space");
     let flags = OFlag::O_CREAT | OFlag::O_TRUNC | OFlag::O_RDWR | OFlag::O_CLOEXEC | OFlag::O_NOFOLLOW;
-    let found =
+    let checked =
         open(&path, flags, Mode::S_IRUSR | Mode::S_IWUSR).and_then(|file| posix_fallocate(file, 0, BYTES));
     let _left_for_the_next_start = fs::remove_file(&path);
-    found
+    checked
 }
 
-/// Takes the room that every file below `directory` says it has.
+/// Reserves the space of every file below `directory`, up to its length.
 ///
 /// # Errors
-/// As [`find`].
+/// As [`check`].
 pub(crate) fn occupy(directory: &Path) -> Result<(), Errno> {
     for entry in fs::read_dir(directory).map_err(errno)?.flatten() {
         let Ok(metadata) = entry.metadata() else { continue };
@@ -48,7 +48,7 @@ fn is_sparse(metadata: &Metadata) -> bool {
     metadata.blocks() * BLOCK_BYTES < metadata.len()
 }
 
-/// What has gone meanwhile, or may only be read, is nothing that this process will touch.
+/// A file that is gone meanwhile, or may only be read, is skipped: this process will not touch it.
 fn occupy_file(path: &Path, length: u64) -> Result<(), Errno> {
     let Ok(file) = File::options().write(true).open(path) else { return Ok(()) };
     posix_fallocate(file, 0, length.cast_signed())
@@ -70,14 +70,14 @@ mod tests {
         fs::write(&path, b"kept").unwrap();
         File::options().write(true).open(&path).unwrap().set_len(1 << 20).unwrap();
         assert!(fs::metadata(&path).unwrap().blocks() * 512 < 1 << 20);
-        find(directory.path()).unwrap();
+        check(directory.path()).unwrap();
         occupy(directory.path()).unwrap();
         assert!(fs::metadata(&path).unwrap().blocks() * 512 >= 1 << 20);
         assert!(fs::read(&path).unwrap().starts_with(b"kept"));
         assert_eq!(
             fs::read_dir(directory.path()).unwrap().count(),
             1,
-            "the room that was found is given back"
+            "the space that was checked is given back"
         );
     }
 }
