@@ -15,7 +15,7 @@ use motord_bus::candump::LogLine;
 use motord_bus::{Content, Duration};
 
 /// No more complaints than this are told; all are counted.
-const TOLD: usize = 20;
+const COMPLAINTS_MAX: usize = 20;
 
 /// The kind of a command, which does not depend on the motor's [`Ranges`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,7 +99,7 @@ impl Verdict {
     /// Something is wrong.
     pub fn complain(&mut self, complaint: impl Into<String>) {
         self.wrong += 1;
-        if self.wrong <= TOLD {
+        if self.wrong <= COMPLAINTS_MAX {
             self.complaints.push(complaint.into());
         }
     }

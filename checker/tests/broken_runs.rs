@@ -53,8 +53,8 @@ fn robot() -> Robot {
     }
 }
 
-/// A robot that is told cycle by cycle.
-struct Told {
+/// A robot whose cycles are written one by one.
+struct Script {
     checker: Checker,
     state: State,
 }
@@ -66,7 +66,7 @@ struct Next {
     reply: Vec<u8>,
 }
 
-impl Told {
+impl Script {
     fn new() -> Self {
         let joint = Joint {
             position: 0.000_19,
@@ -174,7 +174,7 @@ fn refuses(rule: &str, story: impl FnOnce()) {
 /// A robot that is active does this in its next cycle.
 fn refuses_next(rule: &str, change: impl FnOnce(&mut Next)) {
     refuses(rule, || {
-        let mut robot = Told::active();
+        let mut robot = Script::active();
         let mut next = robot.following(STIFF);
         change(&mut next);
         robot.judge(next);
@@ -183,7 +183,7 @@ fn refuses_next(rule: &str, change: impl FnOnce(&mut Next)) {
 
 #[test]
 fn a_robot_that_starts_follows_is_damped_and_stopped_is_accepted() {
-    let mut robot = Told::active();
+    let mut robot = Script::active();
     let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
     next.state.groups[0].cause = Cause::EmergencyStop;
     robot.judge(next);
@@ -193,12 +193,12 @@ fn a_robot_that_starts_follows_is_damped_and_stopped_is_accepted() {
 
 #[test]
 fn i1_commands_that_nobody_asked_for() {
-    refuses("I1: start", || Told::new().cycle(Phase::Starting, Mode::Starting, START));
-    refuses("I1: set zero", || Told::new().cycle(Phase::Disarmed, Mode::Idle, SET_ZERO));
-    refuses("I1: clear fault", || Told::new().cycle(Phase::Disarmed, Mode::Idle, CLEAR_FAULT));
-    refuses("I1: the all-zero frame", || Told::new().cycle(Phase::Disarmed, Mode::Idle, 0));
+    refuses("I1: start", || Script::new().cycle(Phase::Starting, Mode::Starting, START));
+    refuses("I1: set zero", || Script::new().cycle(Phase::Disarmed, Mode::Idle, SET_ZERO));
+    refuses("I1: clear fault", || Script::new().cycle(Phase::Disarmed, Mode::Idle, CLEAR_FAULT));
+    refuses("I1: the all-zero frame", || Script::new().cycle(Phase::Disarmed, Mode::Idle, 0));
     refuses("I1: active without a start", || {
-        let mut robot = Told::new();
+        let mut robot = Script::new();
         robot.cycle(Phase::Disarmed, Mode::Idle, STOP);
         robot.follow(NEUTRAL);
     });
@@ -223,14 +223,14 @@ fn i2_values_beyond_their_limits() {
 #[test]
 fn i3_and_i4_motion_without_a_reason() {
     refuses("I3", || {
-        let mut robot = Told::active();
+        let mut robot = Script::active();
         for _ in 0..30 {
             robot.cycle(Phase::Active, Mode::Active, STIFF);
         }
     });
-    refuses("I4", || Told::new().cycle(Phase::Disarmed, Mode::Idle, DAMPING));
+    refuses("I4", || Script::new().cycle(Phase::Disarmed, Mode::Idle, DAMPING));
     refuses("I4", || {
-        let mut robot = Told::new();
+        let mut robot = Script::new();
         robot.checker.asked(Request::Enable { group: 0 });
         robot.cycle(Phase::Starting, Mode::Starting, STIFF);
     });
@@ -255,7 +255,7 @@ fn i5_i6_and_i8_frames_states_and_counters() {
 #[test]
 fn i9_and_i10_causes_and_stops() {
     let stopped = || {
-        let mut robot = Told::active();
+        let mut robot = Script::active();
         let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
         next.state.groups[0].cause = Cause::SetpointTimeout;
         robot.judge(next);
@@ -289,7 +289,7 @@ fn i9_and_i10_causes_and_stops() {
         }
     });
     refuses("I10: a group was stopped without damping", || {
-        let mut robot = Told::active();
+        let mut robot = Script::active();
         robot.later(Phase::Disarmed, Mode::Idle, STOP);
     });
 }
@@ -297,12 +297,12 @@ fn i9_and_i10_causes_and_stops() {
 #[test]
 fn i10_faults_that_nobody_notices() {
     refuses("I10: nobody noticed", || {
-        let mut robot = Told::active();
+        let mut robot = Script::active();
         robot.checker.disturb_bus(0, BusFault::Cut);
         (0..5).for_each(|_| robot.follow(STIFF));
     });
     refuses("I10: nobody noticed", || {
-        let mut robot = Told::active();
+        let mut robot = Script::active();
         robot.checker.disturb_motor(0, MotorFault::Off);
         (0..20).for_each(|_| robot.follow(STIFF));
     });
