@@ -10,16 +10,18 @@
 
 mod damiao;
 mod decode;
+mod robstride;
 mod steadywin;
 
 pub use damiao::DAMIAO;
+pub use robstride::ROBSTRIDE;
 pub use steadywin::STEADYWIN;
 
 use crate::fault::Faults;
 use crate::model::Model;
 
 /// Every vendor known here.
-pub const PROFILES: &[&Profile] = &[&STEADYWIN, &DAMIAO];
+pub const PROFILES: &[&Profile] = &[&STEADYWIN, &DAMIAO, &ROBSTRIDE];
 
 /// The facts of one vendor.
 #[derive(Debug, PartialEq)]

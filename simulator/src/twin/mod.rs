@@ -5,12 +5,13 @@
 //! [`TWINS`].
 
 mod damiao;
+mod robstride;
 mod steadywin;
 
 use crate::wire::{MitCommand, State};
 
 /// Every vendor known here.
-const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN];
+const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN, &robstride::TWIN];
 
 /// How one vendor's drive differs from the next.
 #[derive(Debug)]

@@ -1,0 +1,55 @@
+//! RobStride's motors in MIT mode. Sources, none of them confirmed on hardware: the vendor's SampleProgram
+//! (`RS/Robstride01.cpp`), and notes that quote the RS00 manual of 2026-01-12 (sections "MIT protocol").
+//!
+//! - Motors leave the factory with another protocol, of 29-bit ids: MIT is chosen once, by the vendor's tool.
+//! - A command goes to the motor's id, 1 to 127; position and speed mode hear 0x100 and 0x200 + id. Replies bear the master id
+//!   of eight bits, which is the same for all motors from the factory: give every motor its own, 0x40 + id.
+//! - Six bytes 0xFF begin commands that change mode (…FC), protocol (…FD), the motor's id (…FA) and the master id (FD …), where
+//!   the seventh byte is no 0xFF: no control frame may begin so, and the stop has seven of them.
+//! - A clear is answered with a state, a question for the fault with the id and 32 little-endian bits. The sample takes a reply
+//!   for a fault report when its last bytes are zero.
+
+use super::{FaultReply, FaultReport, Ids, Profile, ReplyLayout, Temperature};
+use crate::fault::Faults;
+use crate::model::{Model, model};
+
+/// RobStride's RS series, MIT mode.
+pub const ROBSTRIDE: Profile = Profile {
+    name: "robstride",
+    motors: "RobStride RS in MIT mode",
+    speaks_gim: false,
+    ids: Ids { largest: 0x7F, largest_reply: 0xFF, reply_offset: 0x40, also_hears: &[0x100, 0x200] },
+    reply: ReplyLayout {
+        lengths: [8, 8],
+        id_mask: 0xFF,
+        temperatures: &[Temperature { of: "motor", at: 6, bytes: 2, per_celsius: 10.0 }],
+    },
+    faults: FaultReport::Asked(FaultReply {
+        bytes: 4,
+        lengths: [5, 8],
+        // No fault above bit 16 is known, and a report has nothing behind its number.
+        zeros: [0, 0, 0, 0xFE, 0xFF, 0xFF, 0xFF, 0xFF],
+        is_certain: true,
+        words: &[
+            (1 << 0, Faults::OVER_TEMPERATURE),
+            (1 << 1, Faults::DRIVER_CHIP),
+            (1 << 2, Faults::UNDER_VOLTAGE),
+            (1 << 3, Faults::OVER_VOLTAGE),
+            (1 << 4, Faults::OVER_CURRENT),
+            (1 << 5, Faults::OVER_CURRENT),
+            (1 << 7, Faults::ENCODER),
+            (1 << 8, Faults::HARDWARE),
+            (1 << 9, Faults::POSITION),
+            (1 << 14, Faults::OVERLOAD),
+            (1 << 16, Faults::OVER_CURRENT),
+        ],
+    }),
+    models: &MODELS,
+};
+
+/// RS00 by its manual. The velocity and torque codes of RS01 are the sample's; its mechanics are not from a source that was
+/// read, and its position code is taken to be that of RS00. The phase resistance is not published: 0.
+const MODELS: [Model; 2] = [
+    model("RS00", 10.0, 0.105, [5.0, 14.0], [4.7, 15.5], 33.0, 0.0, 14, 48.0).with_ends(12.57, 33.0, 14.0),
+    model("RS01", 7.75, 0.111, [6.0, 17.0], [7.0, 23.0], 33.0, 0.0, 14, 36.0).with_ends(12.57, 44.0, 17.0),
+];

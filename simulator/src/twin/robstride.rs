@@ -1,0 +1,27 @@
+//! RobStride's drives in MIT mode, by the vendor's SampleProgram and the RS00 manual.
+//!
+//! An answer is the id, the state, and the winding's temperature in tenths. To the question for the fault it is the id, 32
+//! bits, low byte first, and zeros. A clear is answered with the state.
+
+use super::{Answer, Asked, Twin, bits};
+use crate::wire::MitCommand;
+
+pub(super) const TWIN: Twin = Twin {
+    name: "robstride",
+    hear: MitCommand::decode,
+    answer,
+    answers_in_fault: false,
+    conditions: [1 << 3, 1 << 2, 1 << 0],
+    raise: bits,
+};
+
+fn answer(answer: &Answer) -> ([u8; 8], usize) {
+    if answer.asked == Asked::Fault {
+        let [a, b, c, d] = answer.fault.to_le_bytes();
+        return ([answer.id, a, b, c, d, 0, 0, 0], 8);
+    }
+    let [a, b, c, d, e] = answer.state.mit();
+    let [winding, _] = answer.temperatures;
+    let [high, low] = ((winding * 10.0).round() as u16).to_be_bytes();
+    ([answer.id, a, b, c, d, e, high, low], 8)
+}
