@@ -68,7 +68,7 @@ enum Command {
     },
     /// Tell once how the daemon, its groups, joints and buses are.
     #[command(
-        after_help = "Examples:\n  motorctl status\n  motorctl status --json | jq '.groups[] | {name, phase, cause}'"
+        after_help = "Examples:\n  motorctl status\n  motorctl status --json | jq '.groups[] | {name, phase, cause: .stop.cause}'"
     )]
     Status {
         /// Print one JSON object.

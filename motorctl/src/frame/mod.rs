@@ -50,7 +50,8 @@ const DECODE_USAGE: &str =
 
 const DECODE_EXAMPLES: &str = "\
 Examples:
-  motorctl frame decode --protocol mit --direction to-motor --torque-constant 0.125 --gear-ratio 8 8A3D80F19A333816
+  motorctl frame decode --protocol mit --direction to-motor --torque-constant 0.125 --gear-ratio 8 \\
+      8A3D80F19A333816
   motorctl frame decode --protocol mit --direction to-host --asked get_fault '101#01 02 00 00 00 00'
   motorctl frame decode --protocol gim-rs485 --direction to-motor 010008099100000000000000
   candump -L can0 | motorctl frame decode --config /etc/motord/motord.toml -";

@@ -1,0 +1,210 @@
+//! Every example of every `--help` works as it is printed.
+//!
+//! Method: the examples are read from the printed help and run by a shell, in a directory with what they name: a
+//! `robot.toml`, a robot with a controller, a second robot `arm`, a `candump`. The robots are simulated.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord_client::{Client, Setpoint};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const PATIENCE: Duration = Duration::from_secs(30);
+
+fn programs() -> PathBuf {
+    Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap().to_owned()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The help of a command, as it is printed.
+fn help(program: &str, command: &[String]) -> String {
+    let output = Command::new(programs().join(program)).args(command).arg("--help").output().unwrap();
+    assert!(output.status.success(), "{program} {command:?}");
+    text(&output.stdout)
+}
+
+/// The examples of a program's help and of the helps of its commands.
+fn examples(program: &str, command: &[String]) -> Vec<String> {
+    let help = help(program, command);
+    let mut examples: Vec<String> = Vec::new();
+    let section = |name: &'static str| help.lines().skip_while(move |line| !line.starts_with(name)).skip(1);
+    let lines = section("Example").take_while(|line| line.starts_with("  "));
+    for line in lines {
+        match examples.last_mut().filter(|example| example.ends_with('\\')) {
+            Some(example) => *example = format!("{}{}", example.trim_end_matches('\\'), line.trim()),
+            None => examples.push(line.trim().to_owned()),
+        }
+    }
+    // A command may have its meaning beside it.
+    let command_of = |example: &String| example.split("  ").next().unwrap().trim().to_owned();
+    let mut examples: Vec<String> = examples.iter().map(command_of).collect();
+    let commands = section("Commands:").take_while(|line| line.starts_with("  "));
+    for name in
+        commands.filter(|line| !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next())
+    {
+        if name != "help" {
+            let below: Vec<String> = command.iter().cloned().chain([name.to_owned()]).collect();
+            examples.extend(self::examples(program, &below));
+        }
+    }
+    examples
+}
+
+/// A directory with everything that the examples name.
+struct Place {
+    directory: TempDir,
+    daemons: Vec<Child>,
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        for daemon in &mut self.daemons {
+            let _gone = daemon.kill();
+            let _status = daemon.wait();
+        }
+    }
+}
+
+impl Place {
+    fn new() -> Self {
+        let mut place = Self { directory: TempDir::new().unwrap(), daemons: Vec::new() };
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml");
+        // Slow, so that two of them run beside other tests.
+        let robot = std::fs::read_to_string(config).unwrap().replace("rate-hz = 1000", "rate-hz = 100");
+        let named = |name: &str| robot.replace("instance = \"demo\"", &format!("instance = \"{name}\""));
+        let can = "[[bus]]\nname = \"can\"\ntype = \"socketcan\"\ninterface = \"can0\"\n\
+            [[motor]]\nname = \"hip\"\nbus = \"can\"\nid = 1\nprotocol = \"mit\"\nmodel = \"GIM8108-8\"\n";
+        place.write("robot.toml", &named("third"));
+        place.write("motord.toml", can);
+        place.write("candump", "#!/bin/sh\necho '(1436509052.249713) can0 001#FFFFFFFFFFFFFFFC'\n");
+        place.shell("chmod +x candump && mkdir run");
+        for instance in ["robot", "arm"] {
+            place.write(&format!("{instance}-daemon.toml"), &named(instance));
+            place.start(instance);
+        }
+        place
+    }
+
+    fn path(&self) -> &Path {
+        self.directory.path()
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.path().join(name), text).unwrap();
+    }
+
+    fn start(&mut self, instance: &str) {
+        let mut command = Command::new(programs().join("motord"));
+        command.arg("run").arg("--config").arg(self.path().join(format!("{instance}-daemon.toml")));
+        command.env("MOTORD_RUNTIME_DIR", self.path().join("run")).stderr(Stdio::null());
+        self.daemons.push(command.spawn().unwrap());
+        let deadline = Instant::now() + PATIENCE;
+        while !self.shell(&format!("motorctl --instance {instance} status")).status.success() {
+            assert!(Instant::now() < deadline, "{instance} is not ready");
+        }
+    }
+
+    /// Runs a line as a person would, from this directory. A pipeline fails when any part of it does.
+    fn shell(&self, line: &str) -> Output {
+        let path =
+            format!("{}:{}:{}", self.path().display(), programs().display(), std::env::var("PATH").unwrap());
+        Command::new("bash")
+            .args(["-o", "pipefail", "-c", line])
+            .current_dir(self.path())
+            .env("PATH", path)
+            .env("MOTORD_RUNTIME_DIR", self.path().join("run"))
+            .env_remove("MOTORD_INSTANCE")
+            .output()
+            .unwrap()
+    }
+
+    /// Stops the motors; they may be enabled again unless the stop stays `latched`.
+    fn stop_robot(&self, latched: bool) {
+        self.shell("motorctl estop");
+        let deadline = Instant::now() + PATIENCE;
+        let is_at_rest = "motorctl status --json | jq -e '.groups[0].phase == \"disarmed\" and all(.joints[]; .mode == \"idle\")'";
+        while !self.shell(is_at_rest).status.success() {
+            assert!(Instant::now() < deadline, "the robot does not stop");
+        }
+        assert!(latched || self.shell("motorctl reset").status.success());
+    }
+
+    /// Runs an example; whatever runs until it is ended runs shortly.
+    fn example(&self, example: &str) {
+        let line = example
+            .replace("/etc/motord/motord.toml", "motord.toml")
+            .replace("motorctl demo", "motorctl demo --seconds 2")
+            .replace("--seconds 2 --seconds 60", "--seconds 2")
+            .replace("motorctl watch", "timeout --preserve-status -s INT 1 motorctl watch")
+            .replace(
+                "motorctl --instance arm watch",
+                "timeout --preserve-status -s INT 1 motorctl --instance arm watch",
+            )
+            .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
+            .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
+        // A demo judges the machine, too, and may need a second try on a busy one.
+        let tries = if line.contains("demo") { 5 } else { 1 };
+        let mut outputs = (0..tries).map(|_| self.shell(&line));
+        let first = outputs.next().unwrap();
+        let output = if first.status.success() {
+            first
+        } else {
+            outputs.find(|output| output.status.success()).unwrap_or(first)
+        };
+        let (said, complaint) = (text(&output.stdout), text(&output.stderr));
+        assert!(output.status.success(), "{example}: {} {said} {complaint}", output.status);
+        let is_empty = said.lines().all(|line| line.contains("null") || line.trim().is_empty());
+        assert!(
+            !example.contains("jq") || !said.contains("null") && !is_empty,
+            "{example} finds nothing: {said}"
+        );
+    }
+}
+
+/// Claims the legs and holds them where they are, until `end`.
+fn hold(runtime: &Path, end: &AtomicBool) {
+    let client = Client::connect_in(runtime, "robot").unwrap();
+    let mut claim = client.claim("legs").unwrap();
+    while !end.load(Ordering::Relaxed) {
+        let Ok(state) = client.wait(Duration::from_secs(1)) else { continue };
+        let hold: Vec<_> =
+            state.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 5.0, 0.5, 0.0)).collect();
+        let _taken_away = claim.send(&hold);
+    }
+}
+
+#[test]
+fn every_example_of_motord_works() {
+    let place = Place::new();
+    let examples = examples("motord", &[]);
+    assert!(examples.len() >= 3, "{examples:?}");
+    examples.iter().for_each(|example| place.example(example));
+}
+
+#[test]
+fn every_example_of_motorctl_works() {
+    let place = Place::new();
+    let mut examples = examples("motorctl", &[]);
+    assert!(examples.len() >= 20, "{examples:?}");
+    // It ends the controller's claim.
+    examples.sort_by_key(|example| example.contains("release"));
+    let end = AtomicBool::new(false);
+    let runtime = place.path().join("run");
+    std::thread::scope(|scope| {
+        let _holder = scope.spawn(|| hold(&runtime, &end));
+        let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            for example in &examples {
+                place.stop_robot(example.contains("status"));
+                place.example(example);
+            }
+        }));
+        end.store(true, Ordering::Relaxed);
+        all.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    });
+}
