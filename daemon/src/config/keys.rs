@@ -135,13 +135,13 @@ sections! {
         "bus" bus: Option<String>, "" = required("name the [[bus]] the motor is on"),
             "Name of its bus.";
         // A byte names the motor in a reply, and 0xFF begins every special MIT frame.
-        "id" id: Option<i64>, "" = required("give the motor's CAN id (ConfID 0x12)").within(1.0, 254.0),
-            "Its CAN id (ConfID 0x12).";
+        "id" id: Option<i64>, "" = required("give the motor's CAN id").within(1.0, 254.0),
+            "Its CAN id. SteadyWin: ConfID 0x12. Some vendors allow fewer ids.";
         // The header of a serial frame has one byte for the receiver (GIM document, table 3).
-        "host-id" host_id: Option<i64>, "" = follows("0x100 + `id`; serial: 0").within(0.0, 2047.0),
-            "Id that its replies bear (ConfID 0x13). On a serial bus 0 to 255.";
+        "host-id" host_id: Option<i64>, "" = follows("SteadyWin 0x100 + `id`, Damiao 0x10 + `id`, RobStride 0x40 + `id`; serial: 0").within(0.0, 2047.0),
+            "Id that its replies bear. SteadyWin: ConfID 0x13. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required("give mit or gim"),
-            "As ConfID 0x1C is set. `gim` is SteadyWin's native protocol. A serial bus speaks `gim` only.";
+            "`mit`: impedance control over CAN. `gim`: SteadyWin's native protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0),
