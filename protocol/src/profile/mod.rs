@@ -193,9 +193,9 @@ impl Profile {
         payload.len() >= least && payload.iter().zip(zeros).all(|(byte, zeros)| byte & zeros == 0)
     }
 
-    /// A motor of this `id` may have sent `payload`, by its first byte.
+    /// Whether a motor of this `id` may have sent `payload`, by its first byte. An empty payload names no other motor.
     #[must_use]
     pub fn is_from(&self, id: u8, payload: &[u8]) -> bool {
-        payload.first().is_some_and(|first| (first ^ id) & self.reply.id_mask == 0)
+        payload.first().is_none_or(|first| (first ^ id) & self.reply.id_mask == 0)
     }
 }
