@@ -1,0 +1,53 @@
+//! Goal: motors of several vendors work side by side in one robot.
+//! Method: the shipped configuration of three vendors' motors, on virtual time with their simulated twins.
+
+mod robot;
+
+use motord_shared::{JointSetpoint, MotorMode, Phase};
+use robot::Robot;
+
+fn mixed() -> Robot {
+    let text = include_str!("../../config/mixed-simulated.toml");
+    Robot::built(robot::settings(text), 3, |_, _| {})
+}
+
+fn vendor(robot: &Robot, joint: usize) -> &'static str {
+    robot.settings.motors[joint].profile.name
+}
+
+#[test]
+fn motors_of_three_vendors_follow_the_same_wave_and_report_what_their_vendors_report() {
+    let mut robot = mixed();
+    let still = robot.activate();
+    for cycle in 0..2000_u16 {
+        let phase = f32::from(cycle) / 1000.0 * core::f32::consts::TAU;
+        let wave = |still: &JointSetpoint| JointSetpoint {
+            position: still.position + 0.1 * (1.0 - phase.cos()),
+            kp: 30.0,
+            ..*still
+        };
+        robot.send(&still.iter().map(wave).collect::<Vec<_>>());
+        robot.step();
+        assert_eq!(robot.phase(), Phase::Active, "stopped after {cycle} cycles: {:?}", robot.cause());
+    }
+    for joint in 0..robot.settings.motors.len() {
+        let reported = robot.joint(joint);
+        assert_eq!(reported.fault, 0);
+        let has_temperature = vendor(&robot, joint) != "steadywin";
+        assert_eq!(reported.temperature.is_finite(), has_temperature, "joint {joint}");
+    }
+}
+
+#[test]
+fn a_fault_of_each_vendors_motor_is_reported_in_the_same_words() {
+    for (vendor_name, raised) in [("steadywin", "0x02"), ("damiao", "0x08"), ("robstride", "0x08")] {
+        let mut robot = mixed();
+        robot.activate();
+        let joint = (0..12).find(|&joint| vendor(&robot, joint) == vendor_name).expect("one of each");
+        let name = robot.settings.motors[joint].name.clone();
+        robot.disturb(&format!("{name} fault {raised}"));
+        (0..300).for_each(|_| robot.step());
+        assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{vendor_name}");
+        assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{vendor_name}");
+    }
+}
