@@ -96,7 +96,7 @@ fn motor(settings: &MotorSettings) -> Motor {
         id: u16::from(settings.id),
         reply_id: settings.host_id.raw(),
         ranges: ranges(settings),
-        reply: Reply::STEADYWIN,
+        reply: reply(settings),
         direction: f64::from(settings.transmission.direction()),
         offset: f64::from(settings.transmission.offset()),
         damping_kd: f64::from(settings.damping_kd),
@@ -106,7 +106,24 @@ fn motor(settings: &MotorSettings) -> Motor {
 
 /// What the codes of a motor mean.
 pub fn ranges(settings: &MotorSettings) -> Ranges {
-    Ranges::steadywin(settings.scales.torque.max())
+    let scales = &settings.scales;
+    Ranges {
+        position: scales.position.max(),
+        velocity: scales.velocity.max(),
+        kp: scales.kp.max(),
+        kd: scales.kd.max(),
+        torque: scales.torque.max(),
+    }
+}
+
+/// Damiao: an error code and the id in the first byte, two temperatures at the end (DM_CAN.py). RobStride: the id, one
+/// temperature of two bytes at the end (SampleProgram).
+fn reply(settings: &MotorSettings) -> Reply {
+    match settings.profile.name {
+        "damiao" => Reply { id_mask: 0x0F, length: 8 },
+        "robstride" => Reply { id_mask: 0xFF, length: 8 },
+        _ => Reply::STEADYWIN,
+    }
 }
 
 fn limits(settings: &settings::LimitSettings) -> Limits {
