@@ -143,7 +143,7 @@ enum Command {
     #[command(hide = true)]
     DemoController { seconds: f64 },
     #[command(hide = true)]
-    Tether { parent: u32, program: OsString, arguments: Vec<OsString> },
+    ChildGuard { parent: u32, program: OsString, arguments: Vec<OsString> },
 }
 
 #[derive(Debug, clap::Args)]
@@ -199,8 +199,8 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Manual { directory } => Ok(clap_mangen::generate_to(Arguments::command(), directory)?),
         Command::DemoController { seconds } => demo::control(instance, seconds),
-        Command::Tether { parent, program, arguments } => {
-            Err(demo::tether(parent, &program, &arguments).into())
+        Command::ChildGuard { parent, program, arguments } => {
+            Err(demo::guard(parent, &program, &arguments).into())
         }
     }
 }

@@ -50,7 +50,7 @@ fn help_lists_every_command_and_hides_the_inner_ones() {
     for command in COMMANDS {
         assert!(text.contains(&format!("\n  {}", command[0])), "{}", command[0]);
     }
-    assert!(!text.contains("tether") && !text.contains("demo-controller"));
+    assert!(!text.contains("child-guard") && !text.contains("demo-controller"));
 }
 
 #[test]

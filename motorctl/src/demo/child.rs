@@ -22,7 +22,7 @@ pub(crate) struct Child {
 }
 
 impl Child {
-    /// Starts `command` through `motorctl tether`, in a process group of its own: Ctrl-C reaches the demo alone, which
+    /// Starts `command` through `motorctl child-guard`, in a process group of its own: Ctrl-C reaches the demo alone, which
     /// then ends its children in order.
     ///
     /// Must be called on the main thread, whose end is what the kernel takes for the parent's death.
@@ -31,12 +31,12 @@ impl Child {
     ///
     /// When the process cannot be started.
     pub(crate) fn spawn(command: &Command, output: Stdio, errors: Stdio) -> io::Result<Self> {
-        let mut tether = Command::new(std::env::current_exe()?);
-        tether.args(["tether", &std::process::id().to_string(), "--"]);
-        tether.arg(command.get_program()).args(command.get_args());
+        let mut guard = Command::new(std::env::current_exe()?);
+        guard.args(["child-guard", &std::process::id().to_string(), "--"]);
+        guard.arg(command.get_program()).args(command.get_args());
         let environment = command.get_envs().filter_map(|(key, value)| Some((key, value?)));
-        tether.envs(environment).process_group(0);
-        let process = tether.stdin(Stdio::null()).stdout(output).stderr(errors).spawn()?;
+        guard.envs(environment).process_group(0);
+        let process = guard.stdin(Stdio::null()).stdout(output).stderr(errors).spawn()?;
         Ok(Self { process })
     }
 
@@ -88,7 +88,7 @@ impl Child {
 
 impl Drop for Child {
     fn drop(&mut self) {
-        // Nobody is left to hear of a failure, and the kernel's own tether holds.
+        // Nobody is left to hear of a failure, and the kernel's own guard holds.
         let _ = self.stop();
     }
 }
@@ -98,7 +98,7 @@ impl Drop for Child {
 /// # Errors
 ///
 /// Returns only when that is not possible.
-pub(crate) fn tether(parent: u32, program: &OsStr, arguments: &[OsString]) -> DemoError {
+pub(crate) fn guard(parent: u32, program: &OsStr, arguments: &[OsString]) -> DemoError {
     let doing = "start a process of the demo";
     if let Err(error) = set_pdeathsig(Signal::SIGTERM) {
         return DemoError::System { doing, source: error.into() };

@@ -1,7 +1,7 @@
 //! The daemon of a demo.
 
 use crate::demo::child::Child;
-use crate::demo::home::Home;
+use crate::demo::work_directory::WorkDirectory;
 use crate::demo::{DemoError, GLANCE, READY_MAX};
 use crate::interrupt::Interrupt;
 use motord_client::{Client, Error, RUNTIME_DIR_VARIABLE};
@@ -16,22 +16,23 @@ const CONTROLLER_LOG: &str = "controller.log";
 /// A running daemon with simulated motors. Dropping it stops it.
 #[derive(Debug)]
 pub(crate) struct Daemon<'a> {
-    home: &'a Home,
+    directory: &'a WorkDirectory,
     child: Child,
 }
 
 impl<'a> Daemon<'a> {
-    /// Starts `motord run` in `home`.
+    /// Starts `motord run` in `directory`.
     ///
     /// # Errors
     ///
     /// When the executable is missing or cannot be started.
-    pub(crate) fn start(home: &'a Home) -> Result<Self, DemoError> {
+    pub(crate) fn start(directory: &'a WorkDirectory) -> Result<Self, DemoError> {
         let mut command = Command::new(executable()?);
-        command.arg("run").arg("--config").arg(home.config());
-        command.env(RUNTIME_DIR_VARIABLE, home.runtime());
-        let child = home.log(DAEMON_LOG).and_then(|log| Child::spawn(&command, Stdio::null(), log.into()));
-        Ok(Self { home, child: child.map_err(DemoError::system("start motord"))? })
+        command.arg("run").arg("--config").arg(directory.config());
+        command.env(RUNTIME_DIR_VARIABLE, directory.runtime());
+        let child =
+            directory.log(DAEMON_LOG).and_then(|log| Child::spawn(&command, Stdio::null(), log.into()));
+        Ok(Self { directory, child: child.map_err(DemoError::system("start motord"))? })
     }
 
     /// Connects as soon as it is ready.
@@ -42,7 +43,7 @@ impl<'a> Daemon<'a> {
     pub(crate) fn connect(&mut self, interrupt: &Interrupt) -> Result<Client, DemoError> {
         let deadline = Instant::now() + READY_MAX;
         loop {
-            match Client::connect_in(self.home.runtime(), self.home.instance()) {
+            match Client::connect_in(self.directory.runtime(), self.directory.instance()) {
                 Ok(client) => return Ok(client),
                 // Its services appear one by one, and it answers when all are there.
                 Err(Error::NotRunning { .. } | Error::NoAnswer { .. }) => {}
@@ -67,16 +68,16 @@ impl<'a> Daemon<'a> {
     pub(crate) fn start_controller(&self, seconds: f64) -> Result<Child, DemoError> {
         let start = || {
             let mut command = Command::new(std::env::current_exe()?);
-            command.args(["--instance", self.home.instance(), "demo-controller", &seconds.to_string()]);
-            command.env(RUNTIME_DIR_VARIABLE, self.home.runtime());
-            Child::spawn(&command, Stdio::piped(), self.home.log(CONTROLLER_LOG)?.into())
+            command.args(["--instance", self.directory.instance(), "demo-controller", &seconds.to_string()]);
+            command.env(RUNTIME_DIR_VARIABLE, self.directory.runtime());
+            Child::spawn(&command, Stdio::piped(), self.directory.log(CONTROLLER_LOG)?.into())
         };
         start().map_err(DemoError::system("start the controller"))
     }
 
     /// What the controller process said in the end.
     pub(crate) fn controller_log(&self) -> String {
-        self.home.last_words(CONTROLLER_LOG)
+        self.directory.last_words(CONTROLLER_LOG)
     }
 
     /// Looks whether it still runs.
@@ -102,7 +103,7 @@ impl<'a> Daemon<'a> {
     }
 
     fn log(&self) -> String {
-        self.home.last_words(DAEMON_LOG)
+        self.directory.last_words(DAEMON_LOG)
     }
 }
 

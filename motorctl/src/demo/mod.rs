@@ -11,12 +11,12 @@ mod child;
 mod controller;
 mod daemon;
 mod gait;
-mod home;
 mod progress;
 mod report;
 mod tracking;
+mod work_directory;
 
-pub(crate) use child::tether;
+pub(crate) use child::guard;
 pub(crate) use controller::run as control;
 
 use crate::exit_status;
@@ -26,7 +26,6 @@ use crate::table::Palette;
 use child::Child;
 use controller::{GROUP, Message};
 use daemon::Daemon;
-use home::Home;
 use motord_client::{Cause, Error};
 use progress::ProgressLine;
 use report::{Report, Shortfall};
@@ -36,6 +35,7 @@ use std::process::ExitStatus;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracking::Tracking;
+use work_directory::WorkDirectory;
 
 /// The daemon must have its services open within this time.
 const READY_MAX: Duration = Duration::from_secs(10);
@@ -146,8 +146,8 @@ pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
 /// When anything failed, or the run was not good enough.
 pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<(), DemoError> {
     let interrupt = Interrupt::register();
-    let home = Home::new(config)?;
-    let mut daemon = Daemon::start(&home)?;
+    let directory = WorkDirectory::new(config)?;
+    let mut daemon = Daemon::start(&directory)?;
     let client = daemon.connect(&interrupt)?;
     let tracking = trot(&mut daemon, seconds, &interrupt)?;
     let telemetry = client.telemetry()?;

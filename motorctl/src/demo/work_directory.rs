@@ -17,7 +17,7 @@ const LAST_WORDS: usize = 20;
 
 /// A directory that goes with its owner, and the configuration that is used in it.
 #[derive(Debug)]
-pub(crate) struct Home {
+pub(crate) struct WorkDirectory {
     directory: TempDir,
     config: PathBuf,
     instance: String,
@@ -35,7 +35,7 @@ struct DaemonHead {
     instance: Option<String>,
 }
 
-impl Home {
+impl WorkDirectory {
     /// Makes the directory, and takes `config`, else the checkout's configuration, else the built-in one.
     ///
     /// # Errors
