@@ -142,6 +142,15 @@ impl Correlator {
         self.open.is_some()
     }
 
+    /// The question of the open request.
+    #[inline]
+    pub(super) const fn question(&self) -> Option<Question> {
+        match self.open {
+            Some(open) => Some(open.question),
+            None => None,
+        }
+    }
+
     /// A request was handed over at `now`. One that is still open is given up.
     pub(super) fn request(mut self, question: Question, now: Instant) -> Self {
         match self.open {

@@ -103,7 +103,7 @@ impl Gim {
 impl Decoder for Gim {
     type Content = Reply;
 
-    fn read(&self, payload: &[u8], _at: Instant) -> Reading<Reply> {
+    fn read(&self, payload: &[u8], _at: Instant, _open: Option<Question>) -> Reading<Reply> {
         match gim::decode_reply(payload, Pending::Other, &self.scales) {
             Ok(reply) if reply.answers(&self.asked) => Reading { kind: Payload::Plain, content: Some(reply) },
             Ok(_) | Err(_) => Reading::without_content(Payload::Unreadable),

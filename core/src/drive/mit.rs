@@ -9,7 +9,7 @@ use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
-use motord_protocol::{Faults, Field, Profile, Scales};
+use motord_protocol::{Field, Profile, Scales};
 
 #[derive(Debug)]
 pub(super) struct Mit {
@@ -154,41 +154,35 @@ impl Mit {
 }
 
 impl Decoder for Mit {
-    /// A reply read as a state, where it can be one, and read as a fault report.
-    type Content = (Option<State>, Faults);
+    /// A reply read as a state, or as a fault report where that is asked for.
+    type Content = Reply;
 
-    fn read(&self, payload: &[u8], at: Instant) -> Reading<Self::Content> {
+    fn read(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Reading<Reply> {
         if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
             return Reading::without_content(Payload::OtherId);
         }
-        let state = match self.profile.decode(payload, Asked::State, &self.scales) {
-            Ok(Reply::State(state)) => Some(state),
-            _ => None,
+        let asks_fault = open == Some(Question::Fault);
+        let is_report = self.profile.is_fault_report(payload);
+        let faults = match is_report || asks_fault {
+            true => self.profile.decode(payload, Asked::Fault, &self.scales).ok(),
+            false => None,
         };
-        let faults = match self.profile.decode(payload, Asked::Fault, &self.scales) {
-            Ok(Reply::Fault { faults, .. }) => faults,
-            _ => Faults::NONE,
-        };
-        let kind = match state {
-            _ if self.profile.is_fault_report(payload) => Payload::Report,
-            Some(state) if self.continues(&state, at) => Payload::Continuation,
+        let state = self.profile.decode_state(payload, &self.scales).ok();
+        let kind = match &state {
+            _ if is_report => Payload::Report,
+            Some(state) if asks_fault && self.continues(state, at) => Payload::Continuation,
             Some(_) => Payload::Plain,
             None => return Reading::without_content(Payload::Unreadable),
         };
-        Reading { kind, content: Some((state, faults)) }
+        Reading { kind, content: faults.or(state.map(Reply::State)) }
     }
 
-    fn accept(
-        &mut self,
-        (state, faults): Self::Content,
-        question: Question,
-        at: Instant,
-        latency: Duration,
-    ) -> Reported {
-        match question {
-            Question::State => state.map_or(Reported::Alive, |state| self.state(state, at, latency)),
-            Question::Fault => Reported::Fault(faults),
-            Question::Clear => Reported::Cleared,
+    fn accept(&mut self, reply: Reply, question: Question, at: Instant, latency: Duration) -> Reported {
+        match (question, reply) {
+            (Question::State, Reply::State(state)) => self.state(state, at, latency),
+            (Question::Fault, Reply::Fault { faults, .. }) => Reported::Fault(faults),
+            (Question::Clear, _) => Reported::Cleared,
+            (Question::State | Question::Fault, _) => Reported::Alive,
         }
     }
 }

@@ -82,8 +82,10 @@ trait Decoder {
     /// What a payload says.
     type Content;
 
-    /// Reads a payload that arrived at `at` under this motor's reply id. Pure: a payload may turn out to be late.
-    fn read(&self, payload: &[u8], at: Instant) -> Reading<Self::Content>;
+    /// Reads a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
+    /// out to be late.
+    /// A continuation of the motion is told apart only where it matters, from a plain reply to a fault request.
+    fn read(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Reading<Self::Content>;
 
     /// Takes what was read as the answer to `question`, `latency` after that was sent.
     fn accept(
@@ -165,7 +167,7 @@ impl Drive {
 }
 
 fn receive(correlator: &mut Correlator, decoder: &mut impl Decoder, payload: &[u8], at: Instant) -> Received {
-    let Reading { kind, content } = decoder.read(payload, at);
+    let Reading { kind, content } = decoder.read(payload, at, correlator.question());
     let (next, verdict) = correlator.receive(kind, at);
     *correlator = next;
     match (verdict, content) {

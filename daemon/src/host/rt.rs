@@ -2,10 +2,8 @@
 
 use crate::host::kernel;
 use nix::errno::Errno;
-use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{Resource, getrlimit};
-use nix::unistd::Pid;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
@@ -124,13 +122,9 @@ pub fn tighten_timers() -> Step {
     }
 }
 
-/// The kernel takes this number for the calling thread.
-const CALLING_THREAD: i32 = 0;
-
 fn pin(cpu: usize) -> Result<(), Errno> {
-    let mut processors = CpuSet::new();
-    processors.set(cpu)?;
-    sched_setaffinity(Pid::from_raw(CALLING_THREAD), &processors)
+    let pinned = core_affinity::set_for_current(core_affinity::CoreId { id: cpu });
+    if pinned { Ok(()) } else { Err(Errno::last()) }
 }
 
 fn prefault_stack() {

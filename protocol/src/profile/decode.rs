@@ -22,7 +22,7 @@ impl Profile {
         let id = payload.first().map_or(0, |first| first & self.reply.id_mask);
         match (asked, &self.faults) {
             (Asked::State, _) | (Asked::Fault, FaultReport::InEveryReply(_)) => {
-                self.state(payload, scales).map(Reply::State)
+                self.decode_state(payload, scales).map(Reply::State)
             }
             (Asked::Fault, FaultReport::Asked(reply)) => {
                 must_fit(payload, reply.lengths)?;
@@ -36,7 +36,14 @@ impl Profile {
         }
     }
 
-    fn state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
+    /// The state in `payload`, whatever was asked.
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    ///
+    /// # Errors
+    ///
+    /// When no state has so many bytes.
+    pub fn decode_state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
         must_fit(payload, self.reply.lengths)?;
         let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, self.reply.lengths)) };
         let codes = StateCodes::unpack([a, b, c, d, e]);
