@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn a_native_frame_on_rs485_takes_130_microseconds() {
+    fn a_gim_frame_on_rs485_takes_130_microseconds() {
         assert_eq!(wire_time(SERIAL_FRAME_BITS, 921_600), Duration::from_nanos(130_209));
     }
 }

@@ -709,7 +709,7 @@ fn shipped_names() -> Vec<String> {
 #[test]
 fn every_shipped_configuration_passes_check() {
     let names = shipped_names();
-    for known in ["arm-native.toml", "minimal.toml", "quadruped-simulated.toml", "quadruped.toml"] {
+    for known in ["arm-gim.toml", "minimal.toml", "quadruped-simulated.toml", "quadruped.toml"] {
         assert!(names.contains(&known.to_owned()), "{known} is among {names:?}");
     }
     for name in names {

@@ -409,11 +409,11 @@ fn the_safe_frames_of_a_configuration_are_what_the_documents_call_damping_and_st
     let directory = TempDir::new().unwrap();
     let settings = config::load(&configuration(directory.path(), CAN)).unwrap().settings;
     let frames = SafeFrames::of(&settings);
-    let native_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
+    let gim_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
     let expected = InterfaceFrames {
         interface: "nocan0".into(),
-        damp: vec![(1, [0x80, 0x00, 0x80, 0x00, 0x00, 0x66, 0x68, 0x00]), native_stop],
-        stop: vec![(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]), native_stop],
+        damp: vec![(1, [0x80, 0x00, 0x80, 0x00, 0x00, 0x66, 0x68, 0x00]), gim_stop],
+        stop: vec![(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]), gim_stop],
     };
     assert_eq!((frames.damp, frames.buses), (Duration::from_millis(200), vec![expected]));
 }

@@ -220,12 +220,12 @@ fn a_control_frame_in_physical_values_never_becomes_a_special_frame_or_all_zeros
 }
 
 #[test]
-fn native_commands_are_padded_for_motors_in_mit_mode_on_request() {
-    let native = ["--protocol", "gim-can", "--direction", "to-motor", "--mit-safe"];
-    let output = frame("encode", &native, r#"{"kind":"stop_motor"} {"kind":"get_fault"}"#);
+fn gim_commands_are_padded_for_motors_in_mit_mode_on_request() {
+    let gim = ["--protocol", "gim-can", "--direction", "to-motor", "--mit-safe"];
+    let output = frame("encode", &gim, r#"{"kind":"stop_motor"} {"kind":"get_fault"}"#);
     assert_eq!(text(&output), "9200800000000800\nB200800000000800\n");
     let unsafe_one = r#"{"kind":"modify_parameter","para_id":1,"value":2}"#;
-    assert_eq!(frame("encode", &native, unsafe_one).status.code(), Some(65));
+    assert_eq!(frame("encode", &gim, unsafe_one).status.code(), Some(65));
 }
 
 #[test]

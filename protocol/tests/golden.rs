@@ -186,7 +186,7 @@ fn told_gim_command(command: gim::Command) -> Value {
 }
 
 #[test]
-fn every_native_command_is_read_as_the_document_says_and_written_back() {
+fn every_gim_command_is_read_as_the_document_says_and_written_back() {
     for vector in vectors("gim-can", "to_motor") {
         let command = gim::decode_command(&vector.bytes).unwrap();
         assert_tells(&vector, &told_gim_command(command));
@@ -235,7 +235,7 @@ fn told_gim_reply(reply: gim::Reply) -> Value {
 }
 
 #[test]
-fn every_native_reply_is_read_as_the_document_says_and_written_back() {
+fn every_gim_reply_is_read_as_the_document_says_and_written_back() {
     for vector in vectors("gim-can", "to_host") {
         let reply = gim::decode_reply(&vector.bytes, Pending::Other, &scales()).unwrap();
         assert_tells(&vector, &told_gim_reply(reply));

@@ -123,7 +123,7 @@ proptest! {
     }
 
     #[test]
-    fn a_native_frame_that_is_understood_is_written_back_unchanged(bytes in payload()) {
+    fn a_gim_frame_that_is_understood_is_written_back_unchanged(bytes in payload()) {
         let Ok(filler) = <[u8; 8]>::try_from(&bytes[..]) else { return Ok(()) };
         if let Ok(command) = gim::decode_command(&bytes) {
             prop_assert_eq!(command.encode_over(filler), filler);
@@ -138,7 +138,7 @@ proptest! {
     }
 
     #[test]
-    fn a_native_target_and_its_duration_arrive_exactly(target in value(), millis in any::<u32>()) {
+    fn a_gim_target_and_its_duration_arrive_exactly(target in value(), millis in any::<u32>()) {
         let (target, duration) = match (Finite::new(target), ExecutionTime::from_millis(millis)) {
             (Some(target), Some(duration)) => (target, duration),
             (finite, duration) => {

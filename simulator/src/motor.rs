@@ -1,9 +1,9 @@
 //! One simulated motor: its mechanics, its drive, and what it answers.
 
 mod configuration;
+mod gim;
 mod indicator;
 mod mit;
-mod native;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
@@ -272,7 +272,7 @@ impl Motor {
         // A change of id or protocol takes effect after its own answer.
         let host_id = self.host_address();
         if self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0 {
-            let (payload, after) = self.native(at, frame, bytes)?;
+            let (payload, after) = self.gim(at, frame, bytes)?;
             Some(Reply { frame: Frame::full(host_id, payload), after })
         } else {
             let (payload, length) = self.mit(at, frame, bytes)?;

@@ -130,7 +130,7 @@ impl State {
     }
 
     /// GIM document 3.2.7: position low byte first, the temperature in °C as a signed byte.
-    pub(crate) fn native(self, command: u8, temperature: i8) -> [u8; 8] {
+    pub(crate) fn gim(self, command: u8, temperature: i8) -> [u8; 8] {
         let [p0, p1] = self.position.to_le_bytes();
         let [st0, st1, st2] = self.speed_and_torque();
         [command, result::SUCCESS, temperature as u8, p0, p1, st0, st1, st2]
@@ -194,7 +194,7 @@ pub(crate) fn answer(request: [u8; 8], result: u8, data: [u8; 4]) -> [u8; 8] {
 }
 
 /// Value and duration (ms) of a torque, speed or position command (GIM document 3.2.7 to 3.2.9).
-pub(crate) fn native_control([_, v0, v1, v2, v3, d0, d1, d2]: [u8; 8]) -> (f32, u32) {
+pub(crate) fn gim_control([_, v0, v1, v2, v3, d0, d1, d2]: [u8; 8]) -> (f32, u32) {
     (f32::from_le_bytes([v0, v1, v2, v3]), u32::from_le_bytes([d0, d1, d2, 0]))
 }
 
@@ -287,14 +287,14 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_native_state_is_sent_as_those_bytes() {
+    fn every_golden_gim_state_is_sent_as_those_bytes() {
         let states =
             golden("gim-can", "to_host").into_iter().filter(|(_, v)| v["decoded"]["pos_int"].is_u64());
         let mut count = 0;
         for (bytes, vector) in states {
             let decoded = &vector["decoded"];
             let temperature = decoded["temperature_c"].as_i64().unwrap() as i8;
-            let sent = golden_state(decoded).native(code(decoded, "cmd") as u8, temperature);
+            let sent = golden_state(decoded).gim(code(decoded, "cmd") as u8, temperature);
             assert_eq!(sent, bytes[..], "{}", vector["name"]);
             count += 1;
         }
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_native_answer_has_result_and_data_where_its_command_has_them() {
+    fn every_golden_gim_answer_has_result_and_data_where_its_command_has_them() {
         for (bytes, vector) in golden("gim-can", "to_host") {
             let decoded = &vector["decoded"];
             if decoded["pos_int"].is_u64() || decoded["res"].is_null() {
@@ -320,11 +320,11 @@ mod tests {
     }
 
     #[test]
-    fn golden_native_control_commands_carry_value_and_duration() {
+    fn golden_gim_control_commands_carry_value_and_duration() {
         for (bytes, vector) in golden("gim-can", "to_motor") {
             let decoded = &vector["decoded"];
             let Some(duration) = decoded["duration_ms"].as_u64() else { continue };
-            let (value, duration_ms) = native_control(bytes.try_into().unwrap());
+            let (value, duration_ms) = gim_control(bytes.try_into().unwrap());
             let expected =
                 ["torque_nm", "speed_rpm", "position_rad"].iter().find(|key| decoded[**key].is_f64());
             close(value.into(), &decoded[*expected.unwrap()]);

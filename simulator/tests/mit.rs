@@ -181,7 +181,7 @@ fn a_lost_host_leaves_the_last_command_or_a_limp_motor() {
 }
 
 #[test]
-fn a_native_frame_with_zeros_is_full_negative_torque() {
+fn a_gim_frame_with_zeros_is_full_negative_torque() {
     let mut bench = bench();
     bench.ask(START);
     // The native stop command.

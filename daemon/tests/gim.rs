@@ -38,7 +38,7 @@ fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
 }
 
 #[test]
-fn native_motors_start_and_follow_torque_speed_and_position() {
+fn gim_motors_start_and_follow_torque_speed_and_position() {
     for (mode, value) in
         [(SetpointMode::Torque, 0.5), (SetpointMode::Speed, 2.0), (SetpointMode::Position, 0.05)]
     {
@@ -60,7 +60,7 @@ fn native_motors_start_and_follow_torque_speed_and_position() {
 }
 
 #[test]
-fn native_motors_are_damped_when_their_owner_dies() {
+fn gim_motors_are_damped_when_their_owner_dies() {
     let mut robot = arm();
     let joints = setpoints(SetpointMode::Speed, 3.0);
     activate(&mut robot, &joints);

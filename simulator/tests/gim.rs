@@ -193,7 +193,7 @@ fn the_protocol_changes_at_once_and_there_is_no_way_back_over_can() {
 }
 
 #[test]
-fn an_mit_frame_is_the_native_command_its_first_byte_says() {
+fn an_mit_frame_is_the_gim_command_its_first_byte_says() {
     assert_eq!(bench().ask(NEUTRAL), [0x7F, UNKNOWN_COMMAND, 0, 0, 0, 0, 0, 0]);
     assert_eq!(bench().ask(STOP), [0xFF, UNKNOWN_COMMAND, 0, 0, 0, 0, 0, 0]);
     let mut bench = bench();

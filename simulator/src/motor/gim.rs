@@ -14,12 +14,7 @@ const POSITION_LOOP: f64 = 60.0;
 
 impl Motor {
     /// The answer, and the time that the motor is busy before it.
-    pub(super) fn native(
-        &mut self,
-        at: Instant,
-        frame: &Frame,
-        bytes: [u8; 8],
-    ) -> Option<([u8; 8], Duration)> {
+    pub(super) fn gim(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<([u8; 8], Duration)> {
         let now = |payload| Some((payload, Duration::ZERO));
         match (self.mode, bytes[0]) {
             (_, command::GET_FAULT | command::ACKNOWLEDGE_FAULT) => now(self.status(bytes)),
@@ -89,7 +84,7 @@ impl Motor {
     }
 
     fn control(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> [u8; 8] {
-        let (value, duration_ms) = wire::native_control(bytes);
+        let (value, duration_ms) = wire::gim_control(bytes);
         if !value.is_finite() {
             return wire::answer(bytes, result::DATA_FORMAT, [0; 4]);
         }
@@ -109,7 +104,7 @@ impl Motor {
             ReplyTiming::BeforeCommand => before,
             ReplyTiming::AfterCommand => self.state(at),
         };
-        state.native(bytes[0], self.temperature_byte())
+        state.gim(bytes[0], self.temperature_byte())
     }
 
     /// The driver divides N·m by what it is configured for, and the motor multiplies by what it is.
