@@ -5,7 +5,7 @@
 
 use serde::Deserialize;
 
-/// What the end codes of the fields mean. Position, velocity and torque are symmetric; stiffness and damping begin at 0.
+/// The values of the largest codes. Position, velocity and torque are symmetric; stiffness and damping begin at 0.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ranges {
@@ -31,7 +31,7 @@ impl Ranges {
         Self { position: 12.5, velocity: 65.0, kp: 500.0, kd: 5.0, torque }
     }
 
-    /// What one code is worth in each field.
+    /// The size of one code in each field.
     #[must_use]
     pub const fn codes(&self) -> Self {
         Self {
@@ -108,7 +108,7 @@ const fn is_zero(code: u16) -> bool {
     matches!(code, 0x7FF | 0x800)
 }
 
-/// What a frame tells a motor.
+/// The command in a frame to a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Meaning {
     /// Follow commands.

@@ -59,7 +59,7 @@ pub struct Command {
     pub at: Duration,
     /// Index of the motor in the [`Wiring`].
     pub motor: usize,
-    /// What kind it is of.
+    /// Its kind.
     pub kind: Kind,
     /// `None` when it has not eight bytes.
     pub meaning: Option<Meaning>,
@@ -72,7 +72,7 @@ pub struct Command {
 pub struct Mark {
     /// When, as the log counts.
     pub at: Duration,
-    /// What, and more words.
+    /// The word of the mark, and its arguments.
     pub words: Vec<String>,
 }
 
@@ -84,14 +84,14 @@ impl Mark {
     }
 }
 
-/// What was found.
+/// The result of judging a log.
 #[derive(Debug, Default)]
 pub struct Verdict {
-    /// For people.
+    /// Figures of the log, for a reader.
     pub report: Vec<String>,
-    /// What is wrong, the first few.
+    /// The first broken rules, in words.
     pub complaints: Vec<String>,
-    /// How much is wrong.
+    /// The number of broken rules.
     pub wrong: usize,
 }
 

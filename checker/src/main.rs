@@ -20,10 +20,10 @@ struct Arguments {
     /// A configuration of the daemon: which motors are on which CAN interface.
     #[arg(long, default_value = "robot.toml")]
     robot: PathBuf,
-    /// What was done to the robot, and when.
+    /// The marks: events that happened to the robot, each with its time.
     #[arg(long, default_value = "notes")]
     marks: PathBuf,
-    /// What candump -L has recorded.
+    /// The log that candump -L has recorded.
     #[arg(long, default_value = "can.log")]
     log: PathBuf,
     #[command(subcommand)]

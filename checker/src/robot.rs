@@ -33,7 +33,7 @@ pub struct Motor {
     pub id: u16,
     /// Id of the replies.
     pub reply_id: u16,
-    /// What the codes mean.
+    /// The ranges of its codes.
     pub ranges: Ranges,
     /// How a reply is read.
     pub reply: Reply,
@@ -43,7 +43,7 @@ pub struct Motor {
     pub offset: f64,
     /// Damping while the motor is stopped, N·m·s/rad.
     pub damping_kd: f64,
-    /// What the joint may be told.
+    /// The limits of the commands to the joint.
     pub limits: Limits,
 }
 
@@ -73,11 +73,11 @@ pub struct Limits {
 pub struct Group {
     /// Indices of its motors.
     pub motors: Vec<usize>,
-    /// What it does when its owner is lost.
+    /// Its behaviour when its owner is lost.
     pub safe_stop: SafeStop,
 }
 
-/// What a group does when its owner is lost.
+/// The behaviour of a group when its owner is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SafeStop {
     /// Brakes, then goes limp.

@@ -44,10 +44,10 @@ const MEMORY_CYCLES: usize = 8192;
 /// Other traffic and a clock that goes backward delay no frame by more cycles on a bus that is well.
 const DELAY_CYCLES: usize = 3;
 
-/// How far the nearest code is from a value, in codes: half of one, and what single precision adds.
+/// The largest distance from a value to its nearest code, in codes: half a code, and a margin for single precision.
 const NEAREST: f64 = 0.55;
 
-/// What a test did to a group, and what was seen of it.
+/// The requests and messages of a test to one group.
 #[derive(Debug, Clone, Default)]
 struct Watched {
     /// When its owner last sent a message that is good in every respect.
@@ -92,7 +92,7 @@ pub enum Request {
     ClearFault { motor: usize },
 }
 
-/// What is done to a bus.
+/// A fault that a test injects into a bus, or lifts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BusFault {
     /// The host is cut off from it, and must notice.
@@ -103,7 +103,7 @@ pub enum BusFault {
     Lifted,
 }
 
-/// What is done to a motor.
+/// A fault that a test injects into a motor, or lifts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorFault {
     /// It is switched off, and the host must notice.
@@ -112,7 +112,7 @@ pub enum MotorFault {
     Lifted,
 }
 
-/// What was seen so far.
+/// The invariant checker: its robot, and its record of the run so far.
 #[derive(Debug)]
 pub struct Checker {
     robot: Robot,

@@ -1,6 +1,6 @@
-//! What the cycle publishes, as far as it is judged. Whoever runs the cycle fills these in.
+//! The part of the published state that is judged. The program that runs the cycle fills it in.
 
-/// Everything that was published after a cycle.
+/// The state that was published after a cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     /// Number of the cycle; missed ticks leave a gap.
@@ -44,7 +44,7 @@ pub struct Joint {
     pub receive_ns: u64,
 }
 
-/// What is known of a motor.
+/// The mode of a motor, as the daemon knows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Mode {

@@ -22,7 +22,7 @@ const INSTANCE: &str = "robot";
 /// Long enough for a machine that stalls.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What the daemon of a test does and saw.
+/// The daemon of a test: it serves the client, and records the setpoints that it received.
 struct FakeDaemon {
     ports: DaemonPorts,
     boot_id: u64,

@@ -89,7 +89,7 @@ fn swing(time: f32) -> [JointSetpoint; 3] {
     })
 }
 
-/// What the daemon reads from its file. The units and the meaning of each value stand in `motord_core::settings`.
+/// The settings that the daemon reads from its file. `motord_core::settings` documents units and meaning of each value.
 fn settings() -> Settings {
     let milliseconds = Duration::from_millis;
     Settings {

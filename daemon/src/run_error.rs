@@ -25,11 +25,11 @@ pub enum RunError {
     /// `require-realtime` is set, and the machine refuses.
     #[error("require-realtime is set, but there is no {what} ({errno}): {remedy}")]
     Realtime {
-        /// What was refused.
+        /// The real-time setting that was refused.
         what: &'static str,
         /// Why.
         errno: nix::errno::Errno,
-        /// What to do.
+        /// An instruction for the operator.
         remedy: &'static str,
     },
     /// A thread could not be started, or signals not be waited for.

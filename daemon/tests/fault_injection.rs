@@ -250,7 +250,8 @@ impl Run {
         controller.follow(robot, checker);
     }
 
-    /// What an operator does again and again until the group is active.
+    /// One attempt of an operator to activate the group: clears faults, sets zeros, resets, enables. The operator
+    /// repeats it until the group is active.
     fn arm(&mut self, group: usize) {
         let state = self.robot.state();
         if state.groups[group].lease == 0 {

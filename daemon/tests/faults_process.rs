@@ -143,7 +143,7 @@ impl Daemon {
         code
     }
 
-    /// What it wrote to standard error, when that is piped. Only once it has ended.
+    /// The text that it wrote to standard error, when that is piped. Only once it has ended.
     fn log(&mut self) -> String {
         let mut text = String::new();
         self.process.stderr.take().unwrap().read_to_string(&mut text).unwrap();

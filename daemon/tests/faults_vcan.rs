@@ -191,7 +191,7 @@ impl Robot {
         self.tick.at = clock::monotonic();
     }
 
-    /// What the controller of the interface would report.
+    /// Sends the error frame that the CAN controller of the interface would report.
     fn report(&self, class: u32, detail: u8) {
         let controller = CanSocket::open(self.interface.as_str()).unwrap();
         let error = CanErrorFrame::new_error(class, &[0, detail, 0, 0, 0, 0, 0, 0]).unwrap();
@@ -210,7 +210,7 @@ impl Robot {
         panic!("{operation:?} is not answered");
     }
 
-    /// What the motors were told since the last call: id and meaning.
+    /// Commands to the motors since the last call: id and meaning.
     fn heard(&mut self) -> Vec<(u16, Meaning)> {
         self.listen();
         std::mem::take(&mut self.heard)

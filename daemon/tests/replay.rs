@@ -28,7 +28,7 @@ const LEAD: Duration = Duration::from_micros(300);
 /// A frame, and when it was on the bus.
 type Stamped<T> = (Instant, T);
 
-/// What a log tells of one bus.
+/// The traffic of one bus in a log.
 #[derive(Debug, Clone, Default)]
 struct Track {
     commands: Vec<Stamped<Frame>>,

@@ -44,7 +44,7 @@ fn happens(event: impl FnOnce()) -> Option<Refusal> {
     None
 }
 
-/// What becomes of it: `refusal: state after state; cause`.
+/// The outcome of `event` as a text: `refusal: state after state; cause`.
 fn told<T: PartialEq + std::fmt::Debug>(
     robot: &mut Robot,
     event: Event,

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// A robot that trots hears something on every bus in this time.
 const TROT: Duration = Duration::from_millis(30);
 
-/// What one motor has heard.
+/// The commands that one motor has heard.
 #[derive(Debug, Clone, Copy, Default)]
 struct Heard {
     /// It was told to move, at any time.
@@ -25,7 +25,7 @@ struct Heard {
     stopped: bool,
 }
 
-/// What one interface has carried.
+/// The commands that one interface has carried.
 #[derive(Debug, Clone, Copy, Default)]
 struct Carried {
     /// The last command that moves.

@@ -6,7 +6,7 @@ use super::{Command, Kind, Mark, Rules, Verdict, seconds};
 use crate::robot::Wiring;
 use motord_bus::Duration;
 
-/// What a stop asks for.
+/// Demands on the stops of a log.
 #[derive(Debug, Clone, Copy)]
 pub struct Demand {
     /// Time from a stop to the first command that must be harmless: until it is noticed, and what is under way.

@@ -1,13 +1,13 @@
-//! What each motor hears after each mark, as a word: T motion, D damping, S stop, Q question; repetitions left out. Order,
-//! content and number are judged, no time.
+//! The commands that each motor hears after each mark, as a word of letters: T motion, D damping, S stop, Q question for
+//! faults. A letter that repeats is written once. Order, kind and number of the commands are judged, not their times.
 //!
-//! A safe-stop that comes when the switch has done its work does it again. What is told to end trots on until it hears of
-//! it: a signal comes at once, a request by way of systemd.
+//! A safe-stop after the dead man's switch repeats damping and stop. A daemon that is asked to end goes on trotting
+//! until the request reaches it: a signal does so at once, a request to systemd takes longer.
 
 use super::{Command, Kind, Mark, Rules, Verdict};
 use crate::robot::Wiring;
 
-/// What one motor has heard since the last mark.
+/// The commands that one motor has heard since the last mark.
 #[derive(Debug, Clone, Default)]
 struct Heard {
     word: String,

@@ -10,7 +10,7 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 use std::collections::BTreeMap;
 
-/// What a trot is made of.
+/// Demands on a trot.
 #[derive(Debug, Clone, Copy)]
 pub struct Demand {
     /// Ticks per second.

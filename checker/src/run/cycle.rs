@@ -1,4 +1,4 @@
-//! What was seen of one cycle from outside, and what its frames are judged by, however late they leave.
+//! The record of one cycle as seen from outside. Its frames are judged by it, however late they leave.
 
 use crate::codec::Meaning;
 use crate::state::{Phase, State};
@@ -8,9 +8,9 @@ use std::rc::Rc;
 /// One cycle.
 #[derive(Debug)]
 pub(super) struct Cycle {
-    /// What was published before it.
+    /// The state that was published before it.
     pub(super) before: Rc<State>,
-    /// What it published.
+    /// The state that it published.
     pub(super) state: Rc<State>,
     pub(super) begun: Instant,
     /// Since the cycle before, as far as slews may count it, s.

@@ -1,9 +1,10 @@
-//! How fast what a motor hears may change.
+//! Limits of the rates at which the commands to a motor may change.
 
 use crate::codec::Ranges;
 use crate::robot::Limits;
 
-/// What rounding to codes can add between two values, in codes: both to the nearest, and what single precision adds.
+/// The difference that rounding can add between two values, in codes: half a code for each of them, and a margin for
+/// single precision.
 const ROUNDING: f64 = 1.04;
 
 /// A value that may fall at once, but rises no faster than its slew.
@@ -23,7 +24,7 @@ impl Ceiling {
     }
 }
 
-/// What one motor heard.
+/// The last commands to one motor, and the times of their ceilings.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Slopes {
     kp: Ceiling,

@@ -1,4 +1,5 @@
-//! What must happen: a motor that hears nothing keeps its last command.
+//! Rules for stops (I10): an injected fault must stop its groups in time, because a motor that hears nothing keeps its
+//! last command.
 
 use super::cycle::Cycle;
 use crate::codec::Meaning;
@@ -10,7 +11,7 @@ const NOTICE_CYCLES: u32 = 2;
 /// Replies that were under way when a motor fell silent, and questions for its faults, delay the verdict by so many.
 const SILENCE_CYCLES: u32 = 4;
 
-/// What a fault was done to.
+/// The part of the robot that a fault was injected into.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Target {
     /// A bus, by its index.

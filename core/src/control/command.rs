@@ -33,7 +33,7 @@ impl Command {
     }
 }
 
-/// What a state says besides the motion. The default is that of motors whose states say nothing else.
+/// The part of a state besides the motion. The default is for motors whose states carry the motion only.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Status {
     /// The faults of the motor; `None` where its states have none.

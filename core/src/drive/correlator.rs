@@ -14,7 +14,7 @@ const LATEST_REPLY: Duration = Duration::from_millis(50);
 /// After so many fault requests without a report, a payload that continues the motion may be a report.
 const UNREPORTED_MAX: u32 = 3;
 
-/// What a request asks for.
+/// The content that a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Question {
     /// The state: every command but the next two. A native motor may confirm such a command without a state.
@@ -25,7 +25,7 @@ pub(super) enum Question {
     Clear,
 }
 
-/// What a payload can be by its bytes alone.
+/// The kind of a payload, as far as its bytes alone tell it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Payload {
     /// It bears the id of another motor.
@@ -40,7 +40,7 @@ pub(super) enum Payload {
     Plain,
 }
 
-/// What a payload is.
+/// The role of a payload, judged by its bytes and by the requests that were sent before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Verdict {
     /// The answer to the open request, and the time since that was sent.
@@ -258,7 +258,7 @@ mod tests {
     const SENT: Instant = Instant::from_nanos(1_000_000_000);
     const FASTEST: Duration = Duration::from_micros(200);
 
-    /// What becomes of a payload.
+    /// The verdict on a payload, and its effect on the state of the correlator.
     #[derive(Debug, Clone, Copy, PartialEq)]
     enum Outcome {
         /// The answer: closes the request.
@@ -376,7 +376,7 @@ mod tests {
         }
     }
 
-    /// What becomes of the knowledge of this motor's reports.
+    /// The value of `reports` after the payload.
     fn expected_reports(outcome: Outcome, before: Correlator, payload: Payload) -> Reports {
         let answers_fault = before.open.is_some_and(|open| open.question == Fault);
         match (outcome, payload) {

@@ -32,7 +32,7 @@ const VELOCITY_MARGIN: f32 = 15.0;
 /// Follows a position whose code wraps round. The turns are counted from accepted states only.
 #[derive(Debug)]
 struct Unwrap {
-    /// What the position code wraps by, rad.
+    /// The span of all position codes, rad: a position that leaves the range comes back this far away.
     period: f32,
     turns: f32,
     last: Option<f32>,

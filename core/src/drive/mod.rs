@@ -16,7 +16,7 @@ use correlator::{Correlator, Payload, Question, Verdict};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::{Profile, Scales};
 
-/// What a frame turned out to be.
+/// The meaning of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Received {
     /// A reply, and what it says.
@@ -79,7 +79,7 @@ enum Dialect {
 
 /// The reading half of a dialect.
 trait Decoder {
-    /// What a payload says.
+    /// The decoded form of a payload.
     type Content;
 
     /// Reads a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
@@ -136,7 +136,7 @@ impl Drive {
         Some(Frame::full(self.command_id, bytes))
     }
 
-    /// What a command asks the motor for.
+    /// The content that the motor reports in answer to a command.
     const fn question(&self, command: &Command) -> Question {
         match (command, &self.dialect) {
             (Command::GetFault, Dialect::Mit(mit)) if !mit.answers_fault_question() => Question::State,

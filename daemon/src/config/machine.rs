@@ -1,4 +1,4 @@
-//! What this machine allows the daemon, as far as a configuration can ask for it.
+//! The processors and the priority that this machine allows the daemon: a configuration can ask for both.
 
 use std::fs;
 
@@ -12,7 +12,7 @@ const PRIORITY_MAX: u8 = 98;
 /// `CAP_SYS_NICE` in the capability sets of `/proc`, `capabilities(7)`: it lifts the limit of the priority.
 const CAP_SYS_NICE: u64 = 1 << 23;
 
-/// What a process that starts here, now, would get.
+/// The resources that a process gets which starts on this machine now.
 #[derive(Debug, Clone)]
 pub struct Machine {
     /// The processors that are online and that the process may use, rising.

@@ -50,7 +50,7 @@ pub struct Loaded {
 /// Why a configuration is refused: every problem found, in the order of the file's sections. At least one.
 #[derive(Debug)]
 pub struct ConfigError {
-    /// What is wrong, and where.
+    /// The problems, each with its place in the file.
     pub problems: Vec<Problem>,
 }
 

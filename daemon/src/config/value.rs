@@ -11,7 +11,7 @@ use super::similar::suggestion;
 
 /// A type that a key can have.
 pub(super) trait Value: Sized {
-    /// What it is called, with an article.
+    /// The name of the type for messages, with an article.
     const KIND: &'static str;
 
     /// The value, when it is of this type.
@@ -37,7 +37,7 @@ fn wrong_type<T: Value>(found: &DeValue<'_>) -> Wrong {
     Wrong::Type { expected: T::KIND, found: kind(found) }
 }
 
-/// What a value of a file is called, with an article.
+/// The name of the type of a value in a file, with an article.
 pub(super) fn kind(value: &DeValue<'_>) -> &'static str {
     match value {
         DeValue::String(_) => "a text",

@@ -30,7 +30,7 @@ pub struct CycleEnd {
 }
 
 impl CycleEnd {
-    /// What of `ends` concerns clients, telemetry, and the thread that opens buses again.
+    /// Divides `ends` into the clients' part, the telemetry's part, and the part of the thread that opens buses again.
     #[must_use]
     pub fn split(ends: Ends) -> (Self, crate::telemetry::CycleEnd, Supply) {
         let Ends { setpoints, states, requests, answers, records, events, counters, supply } = ends;

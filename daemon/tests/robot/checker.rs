@@ -104,7 +104,7 @@ fn motor(settings: &MotorSettings) -> Motor {
     }
 }
 
-/// What the codes of a motor mean.
+/// The ranges of the codes of a motor.
 pub fn ranges(settings: &MotorSettings) -> Ranges {
     let scales = &settings.scales;
     Ranges {

@@ -162,7 +162,7 @@ pub struct Robot {
     sent: Vec<Sent>,
     /// Frames to the host since the last [`Robot::take_told`].
     told: Vec<Reply>,
-    /// What the log was told since the last [`Robot::take_events`].
+    /// Events for the log since the last [`Robot::take_events`].
     events: Vec<Event>,
 }
 
@@ -275,22 +275,22 @@ impl Robot {
         }
     }
 
-    /// What the motors heard since the last call.
+    /// Frames that the motors heard since the last call.
     pub fn take_sent(&mut self) -> Vec<Sent> {
         std::mem::take(&mut self.sent)
     }
 
-    /// What the motor with this id heard since the last call; what the others heard is forgotten.
+    /// Frames that the motor with this id heard since the last call. Those of the other motors are forgotten.
     pub fn take_sent_to(&mut self, id: u16) -> Vec<Sent> {
         self.take_sent().into_iter().filter(|sent| sent.id == id).collect()
     }
 
-    /// What was on the wire for the host since the last call.
+    /// Frames to the host since the last call.
     pub fn take_told(&mut self) -> Vec<Reply> {
         std::mem::take(&mut self.told)
     }
 
-    /// What the log was told since the last call.
+    /// Events for the log since the last call.
     pub fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }

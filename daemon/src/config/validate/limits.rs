@@ -29,7 +29,7 @@ const DERATING_CELSIUS: f64 = 10.0;
 pub(super) struct Capability {
     pub(super) transmission: Transmission,
     pub(super) beyond_range: BeyondRange,
-    /// What its codes stand for.
+    /// The ranges of its codes.
     pub(super) scales: Option<Scales>,
     /// N·m.
     pub(super) rated_torque: f64,
