@@ -41,19 +41,19 @@ impl Setpoint {
 
     /// Torque alone, N·m, of a motor with the native protocol.
     #[must_use]
-    pub const fn gim_torque(torque: f32) -> Self {
+    pub const fn torque_only(torque: f32) -> Self {
         Self { torque, mode: SetpointMode::Torque, ..Self::torque(0.0) }
     }
 
     /// Speed, rad/s, of a motor with the native protocol.
     #[must_use]
-    pub const fn gim_speed(velocity: f32) -> Self {
+    pub const fn speed_only(velocity: f32) -> Self {
         Self { velocity, mode: SetpointMode::Speed, ..Self::torque(0.0) }
     }
 
     /// Position, rad, of a motor with the native protocol.
     #[must_use]
-    pub const fn gim_position(position: f32) -> Self {
+    pub const fn position_only(position: f32) -> Self {
         Self { position, mode: SetpointMode::Position, ..Self::torque(0.0) }
     }
 }
