@@ -1,8 +1,8 @@
-//! What a person does about a latched stop.
+//! Instructions for the operator of a stopped group.
 
 use motord_client::Cause;
 
-/// What to do next about `cause`, in a group named `group`.
+/// The next steps of the operator after a stop with this `cause`, in a group named `group`.
 pub(crate) fn advice(cause: Option<Cause>, group: &str) -> String {
     let remedy = cause.map_or("Install motorctl and motord from one version", remedy);
     format!("{remedy}. Then: motorctl reset {group}, and enable it.")

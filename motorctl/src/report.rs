@@ -47,7 +47,7 @@ struct GroupReport {
     accepted: u32,
     /// Rejected setpoint messages by reason; only reasons that occurred.
     rejected: BTreeMap<&'static str, u32>,
-    /// What is latched; `null` when nothing is.
+    /// The latched stop; `null` when there is none.
     stop: Option<Stop>,
 }
 

@@ -1,4 +1,4 @@
-//! What `motorctl` says and how it exits when there is no daemon to talk to.
+//! Messages and exit statuses of `motorctl` when no daemon runs.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 

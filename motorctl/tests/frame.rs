@@ -11,7 +11,7 @@ struct Vector {
     protocol: String,
     direction: String,
     hex: String,
-    /// What an encoder must send in its place, where these bytes are forbidden.
+    /// The bytes that an encoder must send instead, where these bytes are forbidden.
     encoded_as: String,
     decoded: Value,
 }

@@ -1,4 +1,4 @@
-//! What operators see and do, against a running daemon with one simulated motor.
+//! The commands of an operator, against a running daemon with one simulated motor.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 

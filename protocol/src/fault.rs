@@ -18,7 +18,7 @@ pub struct Fault {
     pub bit: u32,
     /// A short name, fit for a key.
     pub name: &'static str,
-    /// What it means, as a sentence.
+    /// Its meaning, as a sentence.
     pub sentence: &'static str,
 }
 

@@ -41,7 +41,7 @@ impl Field {
         largest(self.bits)
     }
 
-    /// What one code is worth, in the unit of the quantity.
+    /// The size of one code, in the unit of the quantity.
     #[must_use]
     pub fn step(&self) -> f64 {
         (self.max - self.min) / f64::from(self.code_max())

@@ -1,4 +1,4 @@
-//! What a vendor says of each motor: defaults, of which every one must be possible to override.
+//! The vendors' data of each motor. They are defaults: a configuration must be able to override every one.
 //!
 //! Source of the GIM series: the SteadyWin selection table (steadywin-motor.com), the winding named by its voltage; other windings and
 //! drivers of the same name differ by up to a factor of two. The rotor's torque constant is not in it: it is estimated
@@ -33,7 +33,7 @@ pub struct Model {
     pub pole_pairs: u8,
     /// Voltage that the torques and velocities are for, V.
     pub rated_voltage: f32,
-    /// What the largest codes of position, rad, velocity, rad/s, and torque, N·m, stand for; `None` where the torque code
+    /// The values of the largest codes of position, rad, velocity, rad/s, and torque, N·m; `None` where the torque code
     /// is SteadyWin's current.
     pub ends: Option<[f64; 3]>,
 }

@@ -23,7 +23,7 @@ const PAYLOAD_LEN: usize = 8;
 const TYPE_NORMAL: u8 = 0;
 const TYPE_ACK: u8 = 1;
 
-/// What a frame is for.
+/// The type of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FrameType {
     /// It carries a command or a reply.
@@ -61,13 +61,13 @@ impl Frame {
         self.receiver
     }
 
-    /// What it is for.
+    /// Its type.
     #[must_use]
     pub const fn frame_type(&self) -> FrameType {
         self.frame_type
     }
 
-    /// What it carries: 8 bytes of a [`gim`](crate::gim) frame, or up to 8 of an ACK.
+    /// Its payload: 8 bytes of a [`gim`](crate::gim) frame, or up to 8 of an ACK.
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         &self.payload[..usize::from(self.len)]
@@ -259,14 +259,15 @@ impl Decoder {
         self.remove(count);
     }
 
-    /// What follows moves to the front. At least one byte of room is left: a full buffer is always a whole frame.
+    /// Drops the oldest `count` bytes; the others move to the front. At least one byte is free then: a full buffer
+    /// always holds a whole frame.
     fn remove(&mut self, count: usize) {
         self.buffer.copy_within(count..self.len, 0);
         self.len -= count;
     }
 }
 
-/// What the oldest bytes of the buffer are.
+/// The beginning of the buffer, as far as it can be judged.
 enum Front {
     /// Too few to tell.
     Unfinished,

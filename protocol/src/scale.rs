@@ -1,4 +1,4 @@
-//! What the codes of one motor mean: the ranges of position, velocity, stiffness, damping and torque.
+//! The scales of the codes of one motor: the ranges of position, velocity, stiffness, damping and torque.
 //!
 //! SteadyWin's 12-bit torque code carries the q-axis current, ±225 A; the documents' formulas turn it into torque at the
 //! output shaft by the torque constant and the gear ratio (MIT document 1.1 and 1.2, GIM document 3.2.7). The torque
@@ -91,17 +91,17 @@ fn is_positive(value: f64) -> bool {
 pub enum ScaleError {
     /// The torque constant is not a positive finite number.
     TorqueConstant {
-        /// What was given, N·m/A.
+        /// The given value, N·m/A.
         received: f64,
     },
     /// The gear ratio is not a positive finite number.
     GearRatio {
-        /// What was given.
+        /// The given value.
         received: f64,
     },
     /// The full scale is too large or too small for a single-precision float.
     FullScale {
-        /// What it would be, N·m.
+        /// The full scale that the constants give, N·m.
         received: f64,
     },
 }

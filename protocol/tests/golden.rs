@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 struct Vector {
     name: String,
     bytes: Vec<u8>,
-    /// What our encoder sends instead, where the bytes themselves are forbidden.
+    /// The bytes that our encoder sends instead, where the bytes of the vector are forbidden.
     encoded_as: Vec<u8>,
     decoded: Value,
 }

@@ -1,4 +1,4 @@
-//! What holds for every value and every byte, tried on many.
+//! Properties that hold for every value and every byte, tried on many.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 

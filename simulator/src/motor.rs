@@ -20,7 +20,7 @@ const STEPS_MAX: u64 = 4_000;
 /// The shaft turns this fast while it is calibrated, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
-/// What a drive is doing.
+/// The mode of a drive.
 ///
 /// ```text
 ///             start                  a fault
@@ -71,7 +71,7 @@ pub struct Motor {
     last_executed: Option<(Instant, Frame)>,
 }
 
-/// What is wrong between the drive and the wire.
+/// The injected faults between the drive and the wire.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Impairment {
     pub(crate) off: bool,
@@ -143,7 +143,7 @@ impl Motor {
         self.body.velocity
     }
 
-    /// What the drive gives at the output shaft, N·m.
+    /// Torque of the drive at the output shaft, N·m.
     #[must_use]
     pub fn torque(&self) -> f64 {
         self.body.torque
@@ -155,7 +155,7 @@ impl Motor {
         self.body.winding
     }
 
-    /// What the drive is doing.
+    /// Mode of the drive.
     #[must_use]
     pub fn mode(&self) -> Mode {
         self.mode

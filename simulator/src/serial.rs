@@ -128,7 +128,7 @@ mod tests {
         SerialSlave::new(SimulatedBus::new(settings, vec![motor], 0))
     }
 
-    /// What comes back within 10 ms of `received`.
+    /// The bytes that come back within 10 ms of `received`.
     fn answers(slave: &mut SerialSlave, received: &[u8]) -> Vec<u8> {
         let mut answers = Vec::new();
         let start = match slave.readiness() {

@@ -65,8 +65,8 @@ pub struct MotorSettings {
     pub dialect: Dialect,
     /// Whose MIT it speaks: `steadywin`, or another name that the simulator knows.
     pub vendor: &'static str,
-    /// What the largest codes of position, rad, velocity, rad/s, and torque, N·m, stand for. `None` is SteadyWin's: 12.5 rad,
-    /// 65 rad/s, and the torque of 225 A.
+    /// The values of the largest codes of position, rad, velocity, rad/s, and torque, N·m. `None` is SteadyWin's:
+    /// 12.5 rad, 65 rad/s, and the torque of 225 A.
     pub ends: Option<[f64; 3]>,
     /// Rotor side, N·m/A.
     pub torque_constant: f64,

@@ -95,7 +95,7 @@ impl Control {
     }
 }
 
-/// What both protocols report of the shaft, as codes.
+/// The state of the shaft as codes, which both protocols report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct State {
     pub(crate) position: u16,

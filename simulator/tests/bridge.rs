@@ -45,7 +45,7 @@ impl Robot {
         asked
     }
 
-    /// What the host has received 50 ms later.
+    /// Serves the bridge for 50 ms, and returns the frames that the host has received.
     fn listen(&mut self) -> Inbox {
         let end = clock::monotonic() + Duration::from_millis(50);
         while clock::monotonic() < end {

@@ -40,7 +40,7 @@ impl Child {
         Ok(Self { process })
     }
 
-    /// What it prints, when it was started with a pipe for it. Once.
+    /// Its standard output, when it was started with a pipe. Only the first call returns it.
     pub(crate) fn output(&mut self) -> Option<std::process::ChildStdout> {
         self.process.stdout.take()
     }

@@ -31,7 +31,7 @@ const CHANGE_MAX: f64 = 8.0;
 /// Progress is told this often, s.
 const PROGRESS_PERIOD: f64 = 0.2;
 
-/// What the controller tells its parent.
+/// A message from the controller to its parent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Message {

@@ -75,7 +75,7 @@ impl<'a> Daemon<'a> {
         start().map_err(DemoError::system("start the controller"))
     }
 
-    /// What the controller process said in the end.
+    /// The last lines of the controller process's log.
     pub(crate) fn controller_log(&self) -> String {
         self.directory.last_words(CONTROLLER_LOG)
     }

@@ -53,7 +53,7 @@ pub(crate) enum DemoError {
     /// A file or process could not be used.
     #[error("cannot {doing}: {source}")]
     System {
-        /// What was tried.
+        /// The action that failed.
         doing: &'static str,
         /// Why it failed.
         source: io::Error,
@@ -86,7 +86,7 @@ pub(crate) enum DemoError {
     /// Motors were not found, started or stopped in time.
     #[error("the group {GROUP} was not {change} within {seconds} s")]
     Slow {
-        /// What should have become of it.
+        /// The state that it did not reach.
         change: &'static str,
         /// The time it had, s.
         seconds: f64,

@@ -1,4 +1,4 @@
-//! What a demo run was like, and whether that is good enough.
+//! The result of a demo run, and the judgement whether it is good enough.
 
 use crate::demo::tracking::Tracking;
 use crate::latency;

@@ -91,7 +91,7 @@ pub(super) fn decode_reply(bytes: &[u8], asked: Asked, mut object: Object) -> Re
     Ok(object)
 }
 
-/// What a state has beside the motion.
+/// Writes the members of a state besides the motion: temperatures, status and faults.
 fn write_measured(object: &mut Object, profile: &Profile, state: &State) {
     let temperatures: Vec<_> = state.temperatures.into_iter().flatten().collect();
     if !temperatures.is_empty() {

@@ -72,7 +72,7 @@ pub(crate) struct Decode {
     direction: Option<Direction>,
     #[command(flatten)]
     constants: Constants,
-    /// What the frame answers, where its meaning depends on it.
+    /// The request that the frame answers, where the meaning of the frame depends on it.
     #[arg(long, value_enum, default_value_t = Asked::State)]
     asked: Asked,
     /// A motord configuration: decode lines of `candump -L` with the names, protocols and constants of its motors.
@@ -100,7 +100,7 @@ pub(crate) struct Encode {
     objects: Vec<String>,
 }
 
-/// What the torque codes mean.
+/// The scale of the torque codes.
 #[derive(Debug, Args)]
 struct Constants {
     /// The rotor's torque constant, N·m/A. Without it torques are raw codes only.
@@ -328,7 +328,7 @@ fn for_each_line(
     Ok(())
 }
 
-/// What was printed.
+/// The count of printed lines.
 #[derive(Default)]
 struct Report {
     refused: usize,

@@ -87,7 +87,7 @@ struct Motor {
     protocol: Protocol,
     profile: &'static Profile,
     scale: Option<Scale>,
-    /// What its next reply answers.
+    /// The content that its next reply has.
     asked: Asked,
 }
 
@@ -106,7 +106,7 @@ impl Robot {
         Ok(Self { motors })
     }
 
-    /// What a line of a log means.
+    /// Decodes a line of a log.
     pub(super) fn decode(&mut self, line: &str) -> Result<Object, Refused> {
         let LogLine { at, interface, content } = LogLine::parse(line)?;
         let Content::Frame(frame) = content else { return Err(Refused::Unsupported) };

@@ -1,4 +1,4 @@
-//! What the codes of a motor stand for, with the constants that were given, so that an object can have them.
+//! The scales of a motor, together with the constants that they were made from, so that an object can contain both.
 
 use motord_protocol::{Model, Profile, ScaleError, Scales};
 

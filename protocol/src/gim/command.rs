@@ -66,7 +66,7 @@ impl CommandCode {
     }
 }
 
-/// What a calibration finds out. The shaft turns meanwhile. Source: GIM document Table 11.
+/// A type of calibration. The shaft turns while it runs. Source: GIM document Table 11.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Calibration(
     /// The CaliType byte, as received: the table has only two.
@@ -233,10 +233,10 @@ impl Command {
     }
 }
 
-/// What fills free bytes so that MIT mode reads kp 0, kd 0 and the middle torque code.
+/// The values of unused bytes with which a motor in MIT mode reads kp 0, kd 0 and the middle torque code.
 const MIT_NEUTRAL: [u8; 8] = [0x00, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00];
 
-/// What `bytes` mean to a motor in native mode. For tools, tests and logs: a host only sends commands.
+/// Decodes a command as a motor in native mode does. For tools, tests and logs: a host only sends commands.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! What a motor measures. Source: GIM document Table 10.
+//! Indicators: the quantities that a motor measures. Source: GIM document Table 10.
 
 /// A row of Table 10.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

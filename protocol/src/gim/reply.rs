@@ -78,7 +78,7 @@ pub enum Reply {
     },
     /// To calibration.
     Calibrated {
-        /// What was calibrated.
+        /// The type of the calibration.
         calibration: Calibration,
         /// How it went.
         outcome: Outcome<()>,
@@ -130,7 +130,7 @@ impl State {
     }
 }
 
-/// What `payload` answers.
+/// Decodes a reply. `pending` settles the one byte that begins two kinds of reply.
 ///
 /// Real-time: does not allocate or block; takes constant time.
 ///

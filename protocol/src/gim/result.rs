@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// What a command yields, or why the motor refused it.
+/// The result of a command, or the reason why the motor refused it.
 pub type Outcome<T> = Result<T, Refusal>;
 
 /// Why a motor refused a command: every RES byte but 0, which is success.

@@ -16,7 +16,8 @@ const SET_ZERO: u8 = 0xFE;
 const F_CMD_CLEAR: u8 = 0xFF;
 const F_CMD_GET: u8 = 0x00;
 
-/// What a motor is asked to do: torque = kp·(position - p) + kd·(velocity - v) + torque, with p and v its own.
+/// An impedance setpoint: the motor makes kp·(position - p) + kd·(velocity - v) + torque, with its own position p and
+/// velocity v.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Impedance {
     /// Position of the output shaft, rad, within the motor's scale.
@@ -70,7 +71,7 @@ impl Command {
     }
 }
 
-/// What `bytes` mean to a motor with these scales. For tools, tests and logs: a host only sends commands.
+/// Decodes a command as a motor with these scales does. For tools, tests and logs: a host only sends commands.
 ///
 /// # Errors
 ///
@@ -121,7 +122,7 @@ impl CommandCodes {
         }
     }
 
-    /// What a motor sees in `bytes`.
+    /// Decodes a command as a motor does, without scales.
     ///
     /// # Errors
     ///
@@ -179,7 +180,7 @@ impl ControlCodes {
         })
     }
 
-    /// What the codes mean to a motor with these scales.
+    /// The setpoint that a motor with these scales reads from the codes.
     #[must_use]
     pub fn scaled(&self, scales: &Scales) -> Impedance {
         Impedance {

@@ -3,7 +3,7 @@
 use crate::fault::Faults;
 use crate::state::StateCodes;
 
-/// What the open request asked for. The same bytes can be a state or a fault, by the question.
+/// The content that the open request asks for. The same bytes can be a state or a fault: the request decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Asked {
     /// Start, stop, set zero or control: all are answered with the state.

@@ -11,7 +11,7 @@ use crate::state::StateCodes;
 const NO_STATUS: u8 = 0;
 
 impl Profile {
-    /// What `payload` answers to what was `asked`.
+    /// Decodes `payload` as the reply to a request for `asked`.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///

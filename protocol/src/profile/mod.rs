@@ -72,7 +72,7 @@ pub struct ReplyLayout {
     pub lengths: [usize; 2],
     /// The bits of the first byte that are the motor's id; the others are a status.
     pub id_mask: u8,
-    /// What a driver measures besides.
+    /// The temperatures that the reply carries after the codes.
     pub temperatures: &'static [Temperature],
 }
 

@@ -18,7 +18,7 @@ const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN, &robstride::TWIN];
 pub(crate) struct Twin {
     /// As [`MotorSettings::vendor`](crate::MotorSettings::vendor) says it.
     name: &'static str,
-    /// What a frame means to the motor.
+    /// Decodes a frame as the motor does.
     pub(crate) hear: fn([u8; 8]) -> MitCommand,
     /// The bytes of an answer, and how many they are.
     pub(crate) answer: fn(&Answer) -> ([u8; 8], usize),
@@ -30,7 +30,7 @@ pub(crate) struct Twin {
     pub(crate) raise: fn(u32, u32) -> u32,
 }
 
-/// What a motor is about to say.
+/// The content of a reply, before the vendor lays it out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Answer {
     pub(crate) asked: Asked,
@@ -42,7 +42,7 @@ pub(crate) struct Answer {
     pub(crate) temperatures: [f64; 2],
 }
 
-/// What the drive is doing, as far as a wire tells.
+/// The status of the drive, as far as a reply can carry it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Status {
     Off,
@@ -50,7 +50,7 @@ pub(crate) enum Status {
     Fault,
 }
 
-/// What the command asked for.
+/// The content that a command asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Asked {
     State,
