@@ -5,6 +5,7 @@
 
 mod circles;
 mod comments;
+mod docs;
 mod functions;
 mod imports;
 mod paths;

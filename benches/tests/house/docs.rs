@@ -1,0 +1,136 @@
+//! The documents name what there is: tests, functions and files.
+
+use crate::sources::{self, Source};
+use proc_macro2::{TokenStream, TokenTree};
+use std::collections::BTreeSet;
+
+/// A name of so many words in code marks is the name of a test, or of another function.
+const FUNCTION_MIN: usize = 4;
+
+/// A name with one of these endings is a file's.
+const ENDINGS: &[&str] = &[".rs", ".sh", ".toml", ".service", ".md", ".csv", ".conf", ".rules", ".network"];
+
+/// The beginnings of names that look like ours and are not.
+const ELSEWHERE: &[&str] = &[
+    // Linux.
+    "can_ethtool_op_get_ts_info_hwts",
+    "drivers/net/can/dev/dev.c",
+    // Other people's programs, docs/motors.md.
+    "damiao.rs",
+    "parse_motor_state_data",
+    "protocol.rs",
+    // Benchmarks, benches/README.md.
+    "cycle/host/",
+];
+
+/// Stands for any name in a path, docs/extending.md.
+const PLACEHOLDER: &str = "VENDOR";
+
+/// The functions in Rust code, also inside of macros.
+fn functions(code: TokenStream, names: &mut BTreeSet<String>) {
+    let mut follows_fn = false;
+    for token in code {
+        if let TokenTree::Ident(name) = &token
+            && follows_fn
+        {
+            names.insert(name.to_string());
+        }
+        follows_fn = token.to_string() == "fn";
+        if let TokenTree::Group(group) = token {
+            functions(group.stream(), names);
+        }
+    }
+}
+
+/// The texts in code marks of a document, without its blocks of code.
+fn marked(document: &str) -> impl Iterator<Item = &str> {
+    let prose = document.split("```").step_by(2);
+    prose.flat_map(|prose| prose.split('`').skip(1).step_by(2))
+}
+
+/// The words of a document that are Rust files, with or without code marks.
+fn rust_files(document: &str) -> impl Iterator<Item = &str> {
+    document.split(|letter: char| !is_of_path(letter)).filter(|word| word.ends_with(".rs"))
+}
+
+fn is_of_path(letter: char) -> bool {
+    letter.is_ascii_alphanumeric() || "/._-".contains(letter)
+}
+
+fn is_function(name: &str) -> bool {
+    let is_plain = |letter: char| letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '_';
+    name.chars().all(is_plain) && name.split('_').filter(|word| !word.is_empty()).count() >= FUNCTION_MIN
+}
+
+/// A path of the workspace: an absolute one is of the machine.
+fn is_path(name: &str) -> bool {
+    let has_form = name.contains('/') || ENDINGS.iter().any(|ending| name.ends_with(ending));
+    has_form && !name.starts_with('/') && name.chars().all(is_of_path)
+}
+
+/// The workspace as the documents may name it.
+struct House {
+    functions: BTreeSet<String>,
+    /// Every file, relative to the workspace.
+    files: BTreeSet<String>,
+}
+
+impl House {
+    fn new(sources: &[Source]) -> Self {
+        let mut functions = BTreeSet::new();
+        for rust in sources.iter().filter(|source| source.path.ends_with(".rs")) {
+            self::functions(rust.text.parse().unwrap(), &mut functions);
+        }
+        Self { functions, files: sources.iter().map(|source| source.path.clone()).collect() }
+    }
+
+    /// A path from the workspace, from the folder of the document, or the end of a file's path.
+    fn has(&self, path: &str, folder: &str) -> bool {
+        let path = path.trim_end_matches('/').trim_start_matches("../");
+        let is_at = |place: &str| {
+            self.files.iter().any(|file| file == place || file.starts_with(&format!("{place}/")))
+        };
+        is_at(path)
+            || is_at(&format!("{folder}/{path}"))
+            || self.files.iter().any(|file| file.ends_with(&format!("/{path}")))
+    }
+
+    /// The names in a document of which there is nothing.
+    fn missing(&self, document: &Source) -> Vec<String> {
+        let folder = document.path.rsplit_once('/').map_or("", |(folder, _)| folder);
+        let names: BTreeSet<&str> = marked(&document.text).chain(rust_files(&document.text)).collect();
+        let is_missing = |name: &&str| {
+            is_function(name) && !self.functions.contains(*name) || is_path(name) && !self.has(name, folder)
+        };
+        let is_ours = |name: &&str| {
+            !name.contains(PLACEHOLDER) && !ELSEWHERE.iter().any(|start| name.starts_with(start))
+        };
+        names.into_iter().filter(is_ours).filter(is_missing).map(str::to_owned).collect()
+    }
+}
+
+/// The change log tells of the past.
+#[test]
+fn every_test_and_file_that_a_document_names_is_there() {
+    let sources = sources::files(&[""]);
+    let house = House::new(&sources);
+    for document in &sources {
+        if document.path.ends_with(".md") && document.path != "CHANGELOG.md" {
+            assert_eq!(house.missing(document), [""; 0], "{} names what is not there", document.path);
+        }
+    }
+}
+
+#[test]
+fn a_test_and_a_file_that_are_not_there_are_seen() {
+    let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
+    let rust = "m! { #[test] fn a_lost_motor_is_stopped() {} }";
+    let house = House::new(&[source("bus/src/limit.rs", rust), source("rigs/common.sh", "")]);
+    let missing = |text: &str| house.missing(&source("rigs/README.md", text));
+    let good = "`a_lost_motor_is_stopped` (limit.rs) in `bus/src/limit.rs`, `bus/`, `common.sh`, `/dev/null`";
+    assert_eq!(missing(good), [""; 0]);
+    let bad = "`a_lost_motor_is_damped` (bounds.rs); `bus/limit.rs`, `guest.sh`, `core/src`, see mit.rs";
+    let seen = ["a_lost_motor_is_damped", "bounds.rs", "bus/limit.rs", "core/src", "guest.sh", "mit.rs"];
+    assert_eq!(missing(bad), seen);
+    assert_eq!(missing("`a_name`\n```\n`a_name_of_four_words`\n```\n"), [""; 0]);
+}
