@@ -624,7 +624,7 @@ fn a_priority_beyond_the_limit_is_an_error_only_where_real_time_is_required() {
 }
 
 #[test]
-fn a_spinning_exchange_does_not_share_the_cycles_processor() {
+fn a_spinning_ipc_thread_does_not_share_the_cycles_processor() {
     let text = damaged("mode = 'timed'", "mode = 'spin'\ncpu = 1").replace("rate-hz = 1000", "cpu = 1");
     assert!(only_error(&text).contains("exchange.cpu: the cycle uses processor 1 too"));
 }

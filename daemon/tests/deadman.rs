@@ -457,8 +457,8 @@ fn a_safe_stop_does_not_say_that_the_switch_has_stopped_what_it_cannot_reach() {
     let config = configuration(directory.path(), CAN);
     let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
     assert_eq!(output.status.code(), Some(69), "{}", text(&output));
-    let told = "not told to stop: can1 refuses frames; the dead man's switch keeps trying";
-    assert!(text(&output).contains(told), "{}", text(&output));
+    let complaint = "not told to stop: can1 refuses frames; the dead man's switch keeps trying";
+    assert!(text(&output).contains(complaint), "{}", text(&output));
 }
 
 #[test]

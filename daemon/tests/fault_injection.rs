@@ -100,7 +100,7 @@ struct Run {
     controllers: [FuzzClient; 2],
     /// Cycles between two faults, on average.
     interval: usize,
-    /// Requests that were not answered yet: all but errands to motors are at once.
+    /// Requests that were not answered yet: all but service requests to motors are answered at once.
     pending: Vec<u32>,
 }
 
@@ -338,7 +338,7 @@ mod sane {
             }
             robot.step();
             robot.take_sent();
-            robot.take_told();
+            robot.take_replies();
             robot.take_events();
             assert_eq!(robot.phase(), Phase::Active, "stopped after {cycle} cycles: {:?}", robot.cause());
         }

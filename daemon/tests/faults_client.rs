@@ -134,19 +134,19 @@ fn a_value_beyond_its_range_is_clamped_and_leaves_its_neighbours_alone() {
         else {
             panic!("it is controlled")
         };
-        let told = [position, velocity, kp, kd, torque];
+        let sent = [position, velocity, kp, kd, torque];
         let asked = [joints[1].position, 0.0, 40.0, 1.0, 0.0].map(f64::from);
         let codes = [4e-4, 0.033, 0.13, 0.002, 0.12];
         for other in (0..5).filter(|other| *other != field) {
             // A large value may make the bound on the whole torque scale the others down together, never up.
-            let excess = told[other].abs() - asked[other].abs();
+            let excess = sent[other].abs() - asked[other].abs();
             assert!(
                 excess <= codes[other],
                 "field {field} × {factor} changed field {other} to {}",
-                told[other]
+                sent[other]
             );
         }
-        assert!(told[field].abs() <= f64::from(ends[field]) + codes[field]);
+        assert!(sent[field].abs() <= f64::from(ends[field]) + codes[field]);
     }
 }
 

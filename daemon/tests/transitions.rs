@@ -45,7 +45,7 @@ fn happens(event: impl FnOnce()) -> Option<Refusal> {
 }
 
 /// The outcome of `event` as a text: `refusal: state after state; cause`.
-fn told<T: PartialEq + std::fmt::Debug>(
+fn outcome<T: PartialEq + std::fmt::Debug>(
     robot: &mut Robot,
     event: Event,
     observe: fn(&mut Robot) -> T,
@@ -73,7 +73,7 @@ fn judge<S: PartialEq + std::fmt::Debug, const STATES: usize>(
 ) {
     for (name, event, expected) in table {
         let received: [String; STATES] =
-            std::array::from_fn(|state| told(&mut begin(state), *event, observe));
+            std::array::from_fn(|state| outcome(&mut begin(state), *event, observe));
         assert_eq!(received, *expected, "{name}");
     }
 }

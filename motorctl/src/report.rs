@@ -275,13 +275,13 @@ fn joint_table(joints: &[JointReport]) -> Table {
     ]);
     for joint in joints {
         // What was never told is not 0 rad.
-        let told = |value: f32, digits| Cell::number(joint.valid.then_some(f64::from(value)), digits);
+        let known = |value: f32, digits| Cell::number(joint.valid.then_some(f64::from(value)), digits);
         table.row(vec![
             Cell::plain(&joint.name),
             Cell::new(joint.mode, mode_colour(joint.mode)),
-            told(joint.position_rad, 3),
-            told(joint.velocity_rad_s, 2),
-            told(joint.torque_nm, 2),
+            known(joint.position_rad, 3),
+            known(joint.velocity_rad_s, 2),
+            known(joint.torque_nm, 2),
             Cell::number(joint.temperature_celsius.map(f64::from), 0),
             Cell::counter(joint.age_cycles),
             Cell::counter(joint.missed),

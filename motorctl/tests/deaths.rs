@@ -147,10 +147,10 @@ fn a_killed_daemon_is_an_error_at_once_and_its_successor_is_found_without_a_rest
     first.0.wait().unwrap();
 
     let _second = daemon(&runtime);
-    let told = until("the restart", || match client.wait(Duration::from_secs(1)) {
+    let message = until("the restart", || match client.wait(Duration::from_secs(1)) {
         Err(error @ Error::Restarted) => Some(error.to_string()),
         Ok(_) | Err(_) => None,
     });
-    assert!(!told.is_empty());
+    assert!(!message.is_empty());
     until("states of the successor", || client.wait(Duration::from_secs(1)).ok());
 }

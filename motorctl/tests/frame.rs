@@ -78,10 +78,10 @@ fn objects(output: &Output) -> Vec<Value> {
     text(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-fn is_same(told: &Value, expected: &Value) -> bool {
-    match (told.as_f64(), expected.as_f64()) {
-        (Some(told), Some(expected)) => (told - expected).abs() <= 1e-12 * expected.abs().max(1.0),
-        _ => told == expected,
+fn is_same(decoded: &Value, expected: &Value) -> bool {
+    match (decoded.as_f64(), expected.as_f64()) {
+        (Some(decoded), Some(expected)) => (decoded - expected).abs() <= 1e-12 * expected.abs().max(1.0),
+        _ => decoded == expected,
     }
 }
 
@@ -94,10 +94,10 @@ fn is_commentary(key: &str) -> bool {
 #[test]
 fn decode_tells_every_key_of_every_golden_vector() {
     for vector in vectors() {
-        let told = vector.decode();
+        let decoded = vector.decode();
         for (key, expected) in vector.decoded.as_object().unwrap() {
-            let agrees = is_commentary(key) || is_same(&told[key], expected);
-            assert!(agrees, "{}: {key} is {}, expected {expected}", vector.name, told[key]);
+            let agrees = is_commentary(key) || is_same(&decoded[key], expected);
+            assert!(agrees, "{}: {key} is {}, expected {expected}", vector.name, decoded[key]);
         }
     }
 }
@@ -238,9 +238,9 @@ fn a_frame_that_is_not_in_the_documents_is_told_and_made_again() {
         ("to-host", "84000205DEADBEEF", "retrieve_configuration"),
     ] {
         let layout = ["--protocol", "gim-can", "--direction", direction];
-        let told = text(&frame("decode", &[&layout[..], &[hex]].concat(), ""));
-        assert_eq!(serde_json::from_str::<Value>(&told).unwrap()["kind"], kind);
-        assert_eq!(text(&frame("encode", &layout, &told)).trim(), hex);
+        let decoded = text(&frame("decode", &[&layout[..], &[hex]].concat(), ""));
+        assert_eq!(serde_json::from_str::<Value>(&decoded).unwrap()["kind"], kind);
+        assert_eq!(text(&frame("encode", &layout, &decoded)).trim(), hex);
     }
 }
 
@@ -296,7 +296,7 @@ fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked()
         (1436509052.254000) vcan0 300#B401000000000000\n";
     let output = decode_log(&[], ROBOT, log);
     assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let told: Vec<_> = objects(&output)
+    let decoded: Vec<_> = objects(&output)
         .iter()
         .map(|object| format!("{} {}", object["motor"].as_str().unwrap(), object["kind"].as_str().unwrap()))
         .collect();
@@ -308,7 +308,7 @@ fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked()
         "fl-knee calibration",
         "fl-knee calibration",
     ];
-    assert_eq!(told, expected);
+    assert_eq!(decoded, expected);
     let first = &objects(&output)[0];
     assert_eq!((&first["time"], &first["interface"]), (&json!(1436509052.249713), &json!("vcan0")));
     let state = &objects(&output)[3];

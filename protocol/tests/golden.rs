@@ -46,19 +46,19 @@ fn scales() -> Scales {
 }
 
 /// Every key we tell must be in the vector with this value; what else the vector has is commentary.
-fn assert_tells(vector: &Vector, told: &Value) {
+fn assert_agrees(vector: &Vector, decoded: &Value) {
     let expected: Map<_, _> = vector.decoded.as_object().unwrap().clone();
-    for (key, value) in told.as_object().unwrap() {
+    for (key, value) in decoded.as_object().unwrap() {
         let expected = &expected[key];
         let same = match (value.as_f64(), expected.as_f64()) {
-            (Some(told), Some(expected)) => (told - expected).abs() < 1e-12,
+            (Some(decoded), Some(expected)) => (decoded - expected).abs() < 1e-12,
             _ => value == expected,
         };
         assert!(same, "{}: {key} is {value}, expected {expected}", vector.name);
     }
 }
 
-fn told_mit_command(command: CommandCodes) -> Value {
+fn json_of_mit_command(command: CommandCodes) -> Value {
     match command {
         CommandCodes::GetFault { f_cmd } => json!({ "kind": "get_fault", "f_cmd": f_cmd }),
         CommandCodes::ClearFault => json!({ "kind": "clear_fault" }),
@@ -80,7 +80,7 @@ fn told_mit_command(command: CommandCodes) -> Value {
 fn every_mit_command_is_read_as_the_document_says_and_written_back() {
     for vector in vectors("mit", "to_motor") {
         let command = CommandCodes::decode(&vector.bytes).unwrap();
-        assert_tells(&vector, &told_mit_command(command));
+        assert_agrees(&vector, &json_of_mit_command(command));
         assert_eq!(command.encode()[..], vector.encoded_as, "{}", vector.name);
     }
 }
@@ -109,7 +109,7 @@ fn every_request_in_physical_values_takes_the_nearest_codes() {
     assert!(held > 10);
 }
 
-fn told_mit_reply(reply: mit::Reply) -> Value {
+fn json_of_mit_reply(reply: mit::Reply) -> Value {
     match reply {
         mit::Reply::State(state) => {
             let StateCodes { position, velocity, torque } = state.codes;
@@ -136,7 +136,7 @@ fn every_mit_reply_is_read_as_what_was_asked_and_written_back() {
             _ => Asked::State,
         };
         let reply = STEADYWIN.decode(&vector.bytes, asked, &scales()).unwrap();
-        assert_tells(&vector, &told_mit_reply(reply));
+        assert_agrees(&vector, &json_of_mit_reply(reply));
         let (written, known) = STEADYWIN.encode_over(&reply, [0; 8]);
         assert_eq!(written[..known], vector.bytes[..6], "{}", vector.name);
     }
@@ -154,9 +154,9 @@ fn kind(code: gim::CommandCode) -> String {
     name
 }
 
-fn told_gim_command(command: gim::Command) -> Value {
+fn json_of_gim_command(command: gim::Command) -> Value {
     use gim::Command;
-    let mut told = match command {
+    let mut decoded = match command {
         Command::ModifyConfiguration { conf_id, value } => {
             json!({ "conf_type": value.value_type() as u8, "conf_id": conf_id, "value": value.as_f64() })
         }
@@ -180,16 +180,16 @@ fn told_gim_command(command: gim::Command) -> Value {
         }
         _ => json!({}),
     };
-    told["kind"] = kind(command.code()).into();
-    told["cmd"] = (command.code() as u8).into();
-    told
+    decoded["kind"] = kind(command.code()).into();
+    decoded["cmd"] = (command.code() as u8).into();
+    decoded
 }
 
 #[test]
 fn every_gim_command_is_read_as_the_document_says_and_written_back() {
     for vector in vectors("gim-can", "to_motor") {
         let command = gim::decode_command(&vector.bytes).unwrap();
-        assert_tells(&vector, &told_gim_command(command));
+        assert_agrees(&vector, &json_of_gim_command(command));
         let filler = vector.bytes[..].try_into().unwrap();
         assert_eq!(command.encode_over(filler)[..], vector.bytes, "{}", vector.name);
         let padded = if vector.name.ends_with("_mit_safe") {
@@ -203,9 +203,9 @@ fn every_gim_command_is_read_as_the_document_says_and_written_back() {
     }
 }
 
-fn told_gim_reply(reply: gim::Reply) -> Value {
+fn json_of_gim_reply(reply: gim::Reply) -> Value {
     use gim::Reply;
-    let mut told = match reply {
+    let mut decoded = match reply {
         Reply::State { outcome: Ok(state), .. } => {
             let StateCodes { position, velocity, torque } = state.codes;
             json!({
@@ -228,17 +228,17 @@ fn told_gim_reply(reply: gim::Reply) -> Value {
         _ => json!({}),
     };
     let code = gim::CommandCode::from_byte(reply.code()).unwrap();
-    told["kind"] = kind(code).into();
-    told["cmd"] = reply.code().into();
-    told["res"] = reply.res().into();
-    told
+    decoded["kind"] = kind(code).into();
+    decoded["cmd"] = reply.code().into();
+    decoded["res"] = reply.res().into();
+    decoded
 }
 
 #[test]
 fn every_gim_reply_is_read_as_the_document_says_and_written_back() {
     for vector in vectors("gim-can", "to_host") {
         let reply = gim::decode_reply(&vector.bytes, Pending::Other, &scales()).unwrap();
-        assert_tells(&vector, &told_gim_reply(reply));
+        assert_agrees(&vector, &json_of_gim_reply(reply));
         assert_eq!(reply.encode_over([0; 8])[..], vector.bytes, "{}", vector.name);
     }
 }
@@ -252,17 +252,17 @@ fn every_serial_frame_is_read_as_the_document_says_and_written_back() {
             let header = json!({ "id": id, "type": frame_type, "len": len, "crc": crc });
             assert_eq!(header, vector.decoded["header"], "{}", vector.name);
 
-            let told = match (frame.frame_type(), direction) {
+            let decoded = match (frame.frame_type(), direction) {
                 (rs485::FrameType::Ack, _) => json!("ack_error"),
                 (_, "to_motor") => {
-                    told_gim_command(gim::decode_command(frame.payload()).unwrap())["kind"].take()
+                    json_of_gim_command(gim::decode_command(frame.payload()).unwrap())["kind"].take()
                 }
                 (_, _) => {
                     let reply = gim::decode_reply(frame.payload(), Pending::Other, &scales()).unwrap();
-                    told_gim_reply(reply)["kind"].take()
+                    json_of_gim_reply(reply)["kind"].take()
                 }
             };
-            assert_eq!(told, vector.decoded["kind"], "{}", vector.name);
+            assert_eq!(decoded, vector.decoded["kind"], "{}", vector.name);
 
             let mut decoder = rs485::Decoder::new();
             let found = vector.bytes.iter().filter_map(|&byte| decoder.push(byte, |_| true));

@@ -59,9 +59,9 @@ fn payload() -> impl Strategy<Value = Vec<u8>> {
     prop::collection::vec(byte, 0..=16)
 }
 
-fn is_nearest(field: Field, value: f32, told: f32) -> bool {
+fn is_nearest(field: Field, value: f32, decoded: f32) -> bool {
     let clamped = f64::from(value).clamp(field.min(), field.max());
-    (f64::from(told) - clamped).abs() <= field.step() * 0.5 + (field.max() - field.min()) * 1e-6
+    (f64::from(decoded) - clamped).abs() <= field.step() * 0.5 + (field.max() - field.min()) * 1e-6
 }
 
 proptest! {
@@ -75,15 +75,15 @@ proptest! {
             return Ok(());
         };
         prop_assert!(values.iter().all(|value| value.is_finite()));
-        let Ok(mit::Command::Control(told)) = mit::decode_command(&bytes, &scales()) else {
+        let Ok(mit::Command::Control(decoded)) = mit::decode_command(&bytes, &scales()) else {
             return Err(TestCaseError::fail("a special frame"));
         };
         let guarded = bytes[..5] == [0xFF, 0xFF, 0xFF, 0xFF, 0xFE] || bytes == [0, 1, 0, 0, 0, 0, 0, 0];
-        prop_assert!(guarded || is_nearest(scales().position, asked.position, told.position));
-        prop_assert!(is_nearest(scales().velocity, asked.velocity, told.velocity));
-        prop_assert!(guarded || is_nearest(scales().kp, asked.kp, told.kp));
-        prop_assert!(is_nearest(scales().kd, asked.kd, told.kd));
-        prop_assert!(is_nearest(scales().torque, asked.torque, told.torque));
+        prop_assert!(guarded || is_nearest(scales().position, asked.position, decoded.position));
+        prop_assert!(is_nearest(scales().velocity, asked.velocity, decoded.velocity));
+        prop_assert!(guarded || is_nearest(scales().kp, asked.kp, decoded.kp));
+        prop_assert!(is_nearest(scales().kd, asked.kd, decoded.kd));
+        prop_assert!(is_nearest(scales().torque, asked.torque, decoded.torque));
     }
 
     #[test]

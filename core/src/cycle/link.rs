@@ -184,7 +184,7 @@ impl Link {
 
     pub(super) fn answer(&mut self, ticket: u32, reply: AdminReply) {
         // The ipc thread lets at most as many requests through as there is room for answers.
-        let _room = self.answers.push((ticket, reply));
+        let _never_full = self.answers.push((ticket, reply));
     }
 
     pub(super) fn newest_setpoints(&mut self, mut offer: impl FnMut(&SetpointMessage)) {

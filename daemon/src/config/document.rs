@@ -26,13 +26,13 @@ pub(super) struct Motor {
 }
 
 /// The old name of `[ipc]`.
-const EXCHANGE: &str = "exchange";
+const OLD_IPC: &str = "exchange";
 
 impl Document {
     pub(super) fn read(root: &DeTable<'_>, findings: &mut Findings<'_>) -> Self {
         let mut root = Table::of_file(root, SECTIONS, findings);
-        root.refuse_unknown(&[EXCHANGE]);
-        let ipc = root.renamed(EXCHANGE, keys::Ipc::PATH);
+        root.refuse_unknown(&[OLD_IPC]);
+        let ipc = root.renamed(OLD_IPC, keys::Ipc::PATH);
         Self {
             daemon: root.section(keys::Daemon::PATH),
             cycle: root.section(keys::Cycle::PATH),

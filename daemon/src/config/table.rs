@@ -128,7 +128,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         for (key, _) in self.table.into_iter().flatten() {
             let name = key.get_ref().as_ref();
             if !known.contains(&name) {
-                let hint = self.home_of(name).unwrap_or_else(|| suggestion(name, known.iter().copied()));
+                let hint = self.table_of(name).unwrap_or_else(|| suggestion(name, known.iter().copied()));
                 let wrong = Wrong::UnknownKey { key: plain(name), hint };
                 self.findings.error_of_key(self.path, name, key.span().start, wrong);
             }
@@ -136,15 +136,15 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
     }
 
     /// Where a key belongs that this table does not have: in a table of the same list, or in the only one that has it.
-    fn home_of(&self, key: &str) -> Option<String> {
+    fn table_of(&self, key: &str) -> Option<String> {
         let has_it = self.known.iter().filter(|(_, keys)| keys.contains(&key));
-        let homes: Vec<_> = has_it.map(|(path, _)| *path).collect();
-        let related = homes.iter().find(|home| first(home) == first(self.path));
-        let home = related.or(homes.first().filter(|_| homes.len() == 1))?;
-        Some(if LISTS.contains(home) {
-            format!("it belongs in [[{home}]]")
+        let tables: Vec<_> = has_it.map(|(path, _)| *path).collect();
+        let related = tables.iter().find(|table| first(table) == first(self.path));
+        let table = related.or(tables.first().filter(|_| tables.len() == 1))?;
+        Some(if LISTS.contains(table) {
+            format!("it belongs in [[{table}]]")
         } else {
-            format!("it belongs in [{home}]")
+            format!("it belongs in [{table}]")
         })
     }
 

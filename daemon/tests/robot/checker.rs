@@ -73,7 +73,7 @@ impl Checker {
     pub fn judge(&mut self, robot: &mut Robot) {
         let state = published(&robot.state());
         let commands: Vec<_> = robot.take_sent().iter().map(super::Sent::command).collect();
-        self.0.judge(state, &commands, &robot.take_told());
+        self.0.judge(state, &commands, &robot.take_replies());
     }
 }
 

@@ -160,8 +160,8 @@ pub struct Robot {
     tick: Tick,
     /// Frames to motors since the last [`Robot::take_sent`].
     sent: Vec<Sent>,
-    /// Frames to the host since the last [`Robot::take_told`].
-    told: Vec<Reply>,
+    /// Frames to the host since the last [`Robot::take_replies`].
+    replies: Vec<Reply>,
     /// Events for the log since the last [`Robot::take_events`].
     events: Vec<Event>,
 }
@@ -220,7 +220,7 @@ impl Robot {
             buses: Vec::new(),
             tick,
             sent: Vec::new(),
-            told: Vec::new(),
+            replies: Vec::new(),
             events: Vec::new(),
         }
     }
@@ -256,7 +256,7 @@ impl Robot {
         for recorded in guard.take_record() {
             let (at, frame) = (recorded.at, recorded.frame);
             if recorded.direction == Direction::ToHost {
-                self.told.push(Reply { at, bus, frame });
+                self.replies.push(Reply { at, bus, frame });
                 continue;
             }
             let id = frame.id().raw();
@@ -286,8 +286,8 @@ impl Robot {
     }
 
     /// Frames to the host since the last call.
-    pub fn take_told(&mut self) -> Vec<Reply> {
-        std::mem::take(&mut self.told)
+    pub fn take_replies(&mut self) -> Vec<Reply> {
+        std::mem::take(&mut self.replies)
     }
 
     /// Events for the log since the last call.
@@ -344,7 +344,7 @@ impl Robot {
         Cause::try_from(self.group().cause).ok()
     }
 
-    /// Asks, and runs cycles until the answer is there: one for most, some for errands.
+    /// Asks, and runs cycles until the answer is there: one for most, some for service requests.
     pub fn ask(&mut self, request: AdminRequest) -> Result<AdminReply, Refusal> {
         let asked = self.client.post(request).expect("the ring has room");
         for _ in 0..4000 {
