@@ -1,4 +1,4 @@
-//! Why a command failed: a sentence for people and a status for scripts.
+//! Why a command failed: a sentence for operators and a status for scripts.
 
 use crate::demo::DemoError;
 use crate::exit_status;
@@ -22,7 +22,9 @@ pub(crate) enum Failure {
     #[error(transparent)]
     Frame(#[from] FrameFailure),
     /// A joint's zero was to be moved without confirmation.
-    #[error("this makes where {joint} stands now its zero, for good: repeat it with --yes to do it")]
+    #[error(
+        "this permanently stores the present position of {joint} as its zero: repeat the command with --yes to confirm"
+    )]
     Unconfirmed {
         /// The joint.
         joint: String,

@@ -1,4 +1,4 @@
-//! `motorctl latency`: how long things take, since the daemon started.
+//! `motorctl latency`: percentiles of all latencies since the daemon started.
 
 use crate::failure::Failure;
 use crate::json;
@@ -75,7 +75,7 @@ fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -
     if *dropped_records > 0 {
         writeln!(
             out,
-            "{dropped_records} records were lost before they were counted: the daemon is overloaded"
+            "{dropped_records} records were dropped and are not counted here: the daemon is overloaded"
         )?;
     }
     Ok(())

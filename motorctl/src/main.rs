@@ -1,4 +1,4 @@
-//! `motorctl`: the tool for people and scripts. It talks to a running motord through the client crate.
+//! `motorctl`: the tool for operators and scripts. It talks to a running motord through the client crate.
 //!
 //! Exit statuses follow sysexits(3): 64 for a wrong call, 69 when no daemon answers, 77 when it may not be reached, 1
 //! when it refused or the demo fell short.
@@ -29,7 +29,7 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(name = "motorctl", version, max_term_width = 100, after_help = EXAMPLES)]
 struct Arguments {
-    /// The daemon's instance: `instance` in its configuration.
+    /// Name of the daemon's instance: `instance` in its configuration.
     #[arg(long, global = true, value_name = "NAME", env = "MOTORD_INSTANCE", default_value = motord_client::DEFAULT_INSTANCE)]
     instance: String,
     #[command(subcommand)]
@@ -38,35 +38,35 @@ struct Arguments {
 
 const EXAMPLES: &str = "\
 Examples:
-  motorctl demo                     see 12 simulated motors trot, without a robot
-  motorctl status                   how the robot is, and what to do about a stop
-  motorctl estop                    stop every motor now
-  motorctl --instance arm watch     watch another daemon of this computer";
+  motorctl demo                     run a trot with 12 simulated motors, without a robot
+  motorctl status                   show the state of the robot, and the next steps after a stop
+  motorctl estop                    damp and stop every motor now
+  motorctl --instance arm watch     watch another daemon on this computer";
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Start a daemon with simulated motors, make them trot, and judge how well that went.
+    /// Start a daemon with simulated motors, run a trot, and check the result.
     ///
-    /// Exit status 0 means: all motors took part, the rate was within 1 % of the configured one, no reply was missed,
-    /// and no joint was more than 0.05 rad RMS from where it was sent.
+    /// Exit status 0 means: all motors took part, the cycle rate was within 1 % of the configured rate, no reply was
+    /// missed, and the tracking error of every joint was below 0.05 rad RMS.
     #[command(
         after_help = "Examples:\n  motorctl demo\n  motorctl demo --seconds 60 --json | tail -n 1 | jq .wake_latency_us"
     )]
     Demo {
-        /// How long to trot, s.
+        /// Duration of the trot, s: 2 to 3600.
         #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = demo::parse_seconds)]
         seconds: f64,
-        /// Another configuration, with a group `legs` of joints named `fl-hip`, `fl-thigh`, `fl-knee`, `fr-hip` …
+        /// Configuration of the robot: a group `legs` with joints named `fl-hip`, `fl-thigh`, `fl-knee`, `fr-hip` …
         ///
-        /// Without it config/quadruped-simulated.toml is taken when it exists here, else the same as it was when motorctl
-        /// was built.
+        /// The default is config/quadruped-simulated.toml in the current directory. Where that file does not exist, the
+        /// demo uses the copy that is built into motorctl.
         #[arg(long, value_name = "FILE")]
         config: Option<PathBuf>,
         /// Print the result as one JSON object.
         #[arg(long)]
         json: bool,
     },
-    /// Tell once how the daemon, its groups, joints and buses are.
+    /// Show the state of the daemon, its groups, joints and buses.
     #[command(
         after_help = "Examples:\n  motorctl status\n  motorctl status --json | jq '.groups[] | {name, phase, cause: .stop.cause}'"
     )]
@@ -75,7 +75,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Tell it again and again, through restarts of the daemon, until Ctrl-C.
+    /// Show the state repeatedly until Ctrl-C, also across restarts of the daemon.
     #[command(
         after_help = "Examples:\n  motorctl watch --hz 2\n  motorctl watch --json | jq -c '.joints[0].position_rad'"
     )]
@@ -87,7 +87,7 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Tell the percentiles of all latencies since the daemon started.
+    /// Show the percentiles of all latencies since the daemon started.
     #[command(
         after_help = "Examples:\n  motorctl latency\n  motorctl latency --json | jq .setpoint_age_us.p99_9"
     )]
@@ -96,38 +96,38 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Start the motors of a group; they follow the setpoints of its owner.
+    /// Start the motors of a group. They then follow the setpoints of the group's owner.
     #[command(after_help = "Example:\n  motorctl enable legs")]
     Enable(Group),
-    /// Damp the motors of a group and stop them once they are slow.
+    /// Damp the motors of a group, then stop them.
     #[command(after_help = "Example:\n  motorctl disable legs")]
     Disable(Group),
-    /// Take back the cause that stopped a group. Moves nothing.
+    /// Clear the latched cause that stopped a group. No motor moves.
     #[command(after_help = "Example:\n  motorctl reset legs && motorctl enable legs")]
     Reset(Group),
-    /// Damp and stop every motor of every group, now. Stays latched until a reset.
+    /// Damp and stop every motor of every group now. The stop stays latched until a reset.
     ///
-    /// This is software: it does not replace a switch that cuts the power.
+    /// This is a software stop. It does not replace a switch that cuts the power.
     #[command(after_help = "Example:\n  motorctl estop")]
     Estop,
-    /// Take a group from its owner, which stops its motors.
+    /// Remove the owner of a group. The motors of an active group stop.
     #[command(after_help = "Example:\n  motorctl release legs --force")]
     Release {
-        /// The group.
+        /// Name of the group.
         group: String,
-        /// Take it although the owner has not given it up.
+        /// Confirm that the owner loses the group without having released it.
         #[arg(long, required = true)]
         force: bool,
     },
-    /// Faults that motors reported.
+    /// Handle the faults that motors have reported.
     #[command(subcommand)]
     Fault(Fault),
-    /// Make the position where a stopped joint stands its zero, in the motor itself.
+    /// Store the present position of a stopped joint as its zero, in the motor itself.
     #[command(after_help = "Example:\n  motorctl zero fl-knee --yes")]
     Zero {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
-        /// Really do it.
+        /// Confirm the change.
         #[arg(long)]
         yes: bool,
     },
@@ -137,7 +137,7 @@ enum Command {
     /// Write the manual pages, for a package.
     #[command(hide = true)]
     Manual {
-        /// Where to.
+        /// The directory for the pages.
         directory: PathBuf,
     },
     #[command(hide = true)]
@@ -148,16 +148,16 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 struct Group {
-    /// The group; all of them when it is left out.
+    /// Name of the group. The default is all groups.
     group: Option<String>,
 }
 
 #[derive(Debug, Subcommand)]
 enum Fault {
-    /// Acknowledge the fault of a motor. It comes back when its cause is still there.
+    /// Clear the fault of a motor. The motor reports it again while its cause remains.
     #[command(after_help = "Example:\n  motorctl fault clear fl-knee")]
     Clear {
-        /// The joint.
+        /// Name of the joint.
         joint: String,
     },
 }
@@ -174,7 +174,7 @@ fn main() -> ExitCode {
     match run(&arguments.instance, arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
-        // Whoever sent the signal knows.
+        // The sender of the signal needs no message.
         Err(failure @ Failure::Interrupted) => ExitCode::from(failure.status()),
         Err(failure) => {
             eprintln!("motorctl: {failure}");

@@ -1,4 +1,4 @@
-//! The commands of an operator: one request each, and a word about what follows from it.
+//! The commands of an operator: one request each, and a sentence about its effect.
 
 use crate::failure::Failure;
 use motord_client::{Client, Error};
@@ -11,10 +11,10 @@ pub(crate) fn enable(instance: &str, group: Option<&str>) -> Result<(), Failure>
 
 /// `motorctl disable`: damps and stops the motors of a group.
 pub(crate) fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    for_groups(instance, group, "damped, and stopped once slow", Client::disable)
+    for_groups(instance, group, "being damped, then stopped", Client::disable)
 }
 
-/// `motorctl reset`: takes back the cause of a stop; moves nothing.
+/// `motorctl reset`: clears the cause of a stop; no motor moves.
 pub(crate) fn reset(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     for_groups(instance, group, "reset", Client::reset)
 }
@@ -22,28 +22,28 @@ pub(crate) fn reset(instance: &str, group: Option<&str>) -> Result<(), Failure> 
 /// `motorctl estop`: damps and stops every motor.
 pub(crate) fn estop(instance: &str) -> Result<(), Failure> {
     Client::connect_to_stop(instance)?.emergency_stop()?;
-    say("every motor is damped, and stopped once slow; `motorctl reset` takes the emergency stop back")
+    say("every motor is being damped, then stopped; `motorctl reset` clears the emergency stop")
 }
 
-/// `motorctl release --force`: takes a group from its owner.
+/// `motorctl release --force`: removes the owner of a group.
 pub(crate) fn release(instance: &str, group: &str) -> Result<(), Failure> {
     Client::connect(instance)?.force_release(group)?;
-    say(&format!("{group}: taken from its owner"))
+    say(&format!("{group}: has no owner any more"))
 }
 
-/// `motorctl fault clear`: acknowledges a motor's fault.
+/// `motorctl fault clear`: clears a motor's fault.
 pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.clear_fault(joint)?;
-    say(&format!("{joint}: fault acknowledged; `motorctl status` shows whether it is gone"))
+    say(&format!("{joint}: the fault was cleared; `motorctl status` shows it again if its cause remains"))
 }
 
-/// `motorctl zero`: makes the position where a stopped joint stands its zero.
+/// `motorctl zero`: stores the present position of a stopped joint as its zero.
 pub(crate) fn zero(instance: &str, joint: &str, confirmed: bool) -> Result<(), Failure> {
     if !confirmed {
         return Err(Failure::Unconfirmed { joint: joint.to_owned() });
     }
     Client::connect(instance)?.set_zero(joint)?;
-    say(&format!("{joint}: zero is where it stands now"))
+    say(&format!("{joint}: the present position is now zero"))
 }
 
 /// Without a name the request goes to every group. A refusal does not keep it from the others: a robot that is to be

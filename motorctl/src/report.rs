@@ -1,4 +1,4 @@
-//! How the robot is: what `status` and `watch` say, for scripts and for people.
+//! The state of the robot as `status` and `watch` print it, for scripts and for operators.
 
 use crate::advice::advice;
 use crate::table::{Cell, Colour, Palette, Table};
@@ -70,12 +70,12 @@ struct JointReport {
     position_rad: f32,
     velocity_rad_s: f32,
     torque_nm: f32,
-    /// `null` when the protocol does not tell.
+    /// `null` when the protocol does not report it.
     temperature_celsius: Option<f32>,
     faults: Vec<String>,
     /// Limits that acted on the applied setpoint.
     limits: Vec<&'static str>,
-    /// Position, velocity and torque were told at least once since the motor is online.
+    /// The motor has reported position, velocity and torque since it came online.
     valid: bool,
     /// Cycles since the last reply.
     age_cycles: u32,
@@ -124,7 +124,7 @@ impl Report {
         }
     }
 
-    /// Writes it for people.
+    /// Writes it as tables for an operator.
     ///
     /// # Errors
     ///
@@ -143,7 +143,7 @@ impl Report {
         for (alarm, sentence) in [
             (self.emergency_stop, "The emergency stop is latched."),
             (self.shutting_down, "The daemon is shutting down."),
-            (self.config_changed, "The configuration was changed: restart the daemon to use it."),
+            (self.config_changed, "The configuration file has changed. Restart the daemon to use it."),
         ] {
             if alarm {
                 writeln!(out, "{}", palette.paint(&Cell::new(sentence, Colour::Red)))?;
@@ -178,7 +178,7 @@ impl Stop {
         let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint));
         Self {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
-            sentence: group.cause.map_or("For a cause that this motorctl does not know.", Cause::sentence),
+            sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
             joint: joint.map(|joint| joint.name.clone()),
             advice: advice(group.cause, name),
         }
@@ -274,7 +274,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
         "limits",
     ]);
     for joint in joints {
-        // What was never told is not 0 rad.
+        // A value that was never reported is not 0 rad.
         let known = |value: f32, digits| Cell::number(joint.valid.then_some(f64::from(value)), digits);
         table.row(vec![
             Cell::plain(&joint.name),
@@ -337,7 +337,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_fault_bit_is_told_by_name_or_by_number() {
+    fn every_fault_bit_is_named_or_numbered() {
         assert_eq!(fault_names(0), Vec::<String>::new());
         assert_eq!(fault_names(0x0A), ["over-voltage", "over-temperature"]);
         assert_eq!(fault_names(0x1_0021), ["foc-frequency", "0x10020"]);

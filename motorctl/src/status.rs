@@ -1,4 +1,4 @@
-//! `motorctl status`: how the robot is, once.
+//! `motorctl status`: the state of the robot, once.
 
 use crate::failure::Failure;
 use crate::json;
@@ -8,7 +8,7 @@ use motord_client::{Client, Error};
 use std::io;
 use std::time::Duration;
 
-/// For a person, a daemon that is silent for a shorter time is no news.
+/// A shorter silence of the daemon is not reported.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(300);
 
 /// Connects a reader with that patience.

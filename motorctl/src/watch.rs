@@ -1,4 +1,4 @@
-//! `motorctl watch`: how the robot is, again and again, through restarts of the daemon.
+//! `motorctl watch`: the state of the robot, repeatedly, also across restarts of the daemon.
 
 use crate::failure::Failure;
 use crate::interrupt::Interrupt;
@@ -48,7 +48,7 @@ struct Screen {
     /// A terminal shows one table; elsewhere they follow each other.
     clears: bool,
     palette: Palette,
-    /// The daemon is away, and that has been said.
+    /// The daemon is away, and a message has said so.
     lost: bool,
 }
 
@@ -71,11 +71,11 @@ impl Screen {
         self.refresh(&text)
     }
 
-    /// Says once that the daemon is away; other words would only scroll.
+    /// Says once that the daemon is away: repeated messages would only scroll.
     fn lose(&mut self, error: &Error) -> Result<(), Failure> {
         if !std::mem::replace(&mut self.lost, true) {
             eprintln!("motorctl: {error}");
-            eprintln!("motorctl: waiting for it to come back");
+            eprintln!("motorctl: waiting for the daemon to return");
         }
         Ok(())
     }

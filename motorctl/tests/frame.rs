@@ -195,7 +195,7 @@ fn an_object_that_is_no_frame_is_refused_with_its_reason() {
         (json!({ "kind": "get_fault", "f_cmd": 1.5 }), "expected 0 to 254"),
         (
             json!({ "kind": "dynamic_control", "pos_int": 0, "pos_rad": 1.0, "vel_int": 0, "kp_int": 0, "kd_int": 0, "torque_int": 0 }),
-            "nearest to 35389",
+            "nearest to 'pos_rad' is 35389",
         ),
         (
             json!({ "kind": "dynamic_control", "pos_rad": 1.0, "vel_int": 0, "kp_int": 0, "kd_int": 0, "torque_nm": 0 }),

@@ -77,7 +77,7 @@ impl<'a> Daemon<'a> {
 
     /// The last lines of the controller process's log.
     pub(crate) fn controller_log(&self) -> String {
-        self.directory.last_words(CONTROLLER_LOG)
+        self.directory.log_end(CONTROLLER_LOG)
     }
 
     /// Looks whether it still runs.
@@ -86,7 +86,7 @@ impl<'a> Daemon<'a> {
     ///
     /// When it does not.
     pub(crate) fn check(&mut self) -> Result<(), DemoError> {
-        match self.child.ended().map_err(DemoError::system("look after motord"))? {
+        match self.child.ended().map_err(DemoError::system("check motord"))? {
             None => Ok(()),
             Some(status) => Err(DemoError::DaemonEnded { status, log: self.log() }),
         }
@@ -103,7 +103,7 @@ impl<'a> Daemon<'a> {
     }
 
     fn log(&self) -> String {
-        self.directory.last_words(DAEMON_LOG)
+        self.directory.log_end(DAEMON_LOG)
     }
 }
 

@@ -44,7 +44,7 @@ const SILENCE_MAX: Duration = Duration::from_secs(20);
 /// How often the demo looks whether everybody still runs.
 const GLANCE: Duration = Duration::from_millis(50);
 
-/// Why there was no good demo.
+/// Why the demo failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum DemoError {
     /// The daemon's executable is missing.
@@ -59,7 +59,7 @@ pub(crate) enum DemoError {
         source: io::Error,
     },
     /// The daemon ended although nobody had asked it to.
-    #[error("motord ended with {status}; its last words:\n{log}")]
+    #[error("motord ended with {status}; the end of its log:\n{log}")]
     DaemonEnded {
         /// How.
         status: ExitStatus,
@@ -67,13 +67,13 @@ pub(crate) enum DemoError {
         log: String,
     },
     /// The daemon runs, but offers no services.
-    #[error("motord was not ready after {} s; its last words:\n{log}", READY_MAX.as_secs())]
+    #[error("motord was not ready after {} s; the end of its log:\n{log}", READY_MAX.as_secs())]
     NotReady {
         /// The end of its log.
         log: String,
     },
     /// The daemon was asked to end, and failed at it.
-    #[error("motord ended with {status} when it was stopped; its last words:\n{log}")]
+    #[error("motord ended with {status} when it was stopped; the end of its log:\n{log}")]
     DaemonStop {
         /// How.
         status: ExitStatus,
@@ -92,7 +92,7 @@ pub(crate) enum DemoError {
         seconds: f64,
     },
     /// The controller failed.
-    #[error("the controller ended with {status}; its last words:\n{log}")]
+    #[error("the controller ended with {status}; the end of its log:\n{log}")]
     Controller {
         /// How.
         status: ExitStatus,
@@ -100,16 +100,16 @@ pub(crate) enum DemoError {
         log: String,
     },
     /// The controller hangs.
-    #[error("the controller said nothing for {} s", SILENCE_MAX.as_secs())]
+    #[error("the controller sent no message for {} s", SILENCE_MAX.as_secs())]
     ControllerSilent,
     /// The daemon cannot be reached.
     #[error(transparent)]
     Client(#[from] Error),
-    /// All went through, but not well enough.
-    #[error("the run was not good enough: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
+    /// The run ended, but missed a limit.
+    #[error("the demo failed: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
     Shortfalls(Vec<Shortfall>),
-    /// Ctrl-C.
-    #[error("interrupted; everything is stopped")]
+    /// A signal ended the demo, for example by Ctrl-C.
+    #[error("interrupted; the daemon and its controller are stopped")]
     Interrupted,
 }
 
@@ -188,7 +188,7 @@ fn trot(daemon: &mut Daemon<'_>, seconds: f64, interrupt: &Interrupt) -> Result<
         }
     }
     let status = controller.wait(SILENCE_MAX).map_err(DemoError::system("wait for the controller"))?;
-    // A controller fails when its daemon does: then the daemon's words are the ones to read.
+    // A controller fails when its daemon does: then the daemon's log has the cause.
     daemon.check()?;
     let tracking = tracking.filter(|_| status.success());
     tracking.ok_or_else(|| DemoError::Controller { status, log: daemon.controller_log() })

@@ -1,4 +1,4 @@
-//! One line that says how the trot goes.
+//! One line with the progress of the trot.
 
 use crate::demo::controller::Progress;
 use std::io::{self, IsTerminal, Write};
@@ -33,7 +33,7 @@ impl ProgressLine {
     fn line(&self, progress: &Progress) -> String {
         let Progress { time, cycle, missed, tracking_max } = progress;
         format!(
-            "trot {time:.1} of {:.1} s, cycle {cycle}, {missed} missed replies, tracking error at most \
+            "trot {time:.1} of {:.1} s, cycle {cycle}, {missed} missed replies, largest tracking error \
              {tracking_max:.3} rad",
             self.seconds
         )

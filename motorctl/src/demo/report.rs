@@ -23,7 +23,7 @@ pub(crate) struct Report {
     pub(crate) cycles: u64,
     /// Cycles per second that were run.
     pub(crate) rate_hz: f64,
-    /// Replies that did not come in their cycle.
+    /// Replies that did not arrive within their cycle.
     pub(crate) missed_replies: u64,
     /// Ticks that were missed.
     pub(crate) overruns: u64,
@@ -56,7 +56,7 @@ pub(crate) struct JointReport {
     pub(crate) reply_latency_us: Percentiles,
 }
 
-/// In what a run was not good enough.
+/// A limit that a run missed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub(crate) enum Shortfall {
     /// A motor did not take part.
@@ -66,10 +66,10 @@ pub(crate) enum Shortfall {
     #[error("the cycle ran at {received:.1} Hz instead of {expected:.1} Hz: is the computer overloaded?")]
     Rate { expected: f64, received: f64 },
     /// Replies are missing.
-    #[error("{0} replies did not come in their cycle")]
+    #[error("{0} replies did not arrive within their cycle")]
     MissedReplies(u64),
-    /// A joint was too far from where it was sent.
-    #[error("the tracking error is {received:.3} rad RMS, at most {expected:.3} rad is good")]
+    /// A joint was too far from its setpoint.
+    #[error("the tracking error is {received:.3} rad RMS; it must be below {expected:.3} rad RMS")]
     Tracking { expected: f64, received: f64 },
 }
 
@@ -100,7 +100,7 @@ impl Report {
         }
     }
 
-    /// In what the run was not good enough for `robot`; empty when it was.
+    /// The limits that the run missed on `robot`; empty when it was good.
     pub(crate) fn shortfalls(&self, robot: &RobotDescription) -> Vec<Shortfall> {
         let (motors, rate) = (robot.joints.len(), robot.rate_hz);
         // Asked this way round, a rate or an error that is not a number falls short.
@@ -115,7 +115,7 @@ impl Report {
         checks.into_iter().filter(|(good, _)| !good).map(|(_, shortfall)| shortfall).collect()
     }
 
-    /// Writes the run for people.
+    /// Writes the run as tables for an operator.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! The private directory of a demo: where its processes meet, and where what they say goes.
+//! The private directory of a demo: it holds the runtime files of its processes, and their logs.
 
 use crate::demo::DemoError;
 use motord_client::DEFAULT_INSTANCE;
@@ -12,8 +12,8 @@ use tempfile::TempDir;
 const CONFIG: &str = "config/quadruped-simulated.toml";
 /// The same, for an installed motorctl.
 const BUILT_IN_CONFIG: &str = include_str!("../../../config/quadruped-simulated.toml");
-/// Last words of a process that are shown when it failed, lines.
-const LAST_WORDS: usize = 20;
+/// Lines of a log that are shown when its process failed.
+const LOG_END_LINES: usize = 20;
 
 /// A directory that goes with its owner, and the configuration that is used in it.
 #[derive(Debug)]
@@ -42,7 +42,7 @@ impl WorkDirectory {
     ///
     /// When the directory cannot be made, or the configuration cannot be read.
     pub(crate) fn new(config: Option<&Path>) -> Result<Self, DemoError> {
-        let directory = temporary_directory().map_err(DemoError::system("make a private directory"))?;
+        let directory = temporary_directory().map_err(DemoError::system("create a private directory"))?;
         let config = match config {
             Some(config) => config.to_owned(),
             None if Path::new(CONFIG).is_file() => PathBuf::from(CONFIG),
@@ -73,7 +73,7 @@ impl WorkDirectory {
         &self.instance
     }
 
-    /// A new file for what the process `name` says.
+    /// A new file for the log `name`.
     ///
     /// # Errors
     ///
@@ -82,12 +82,12 @@ impl WorkDirectory {
         File::create(self.directory.path().join(name))
     }
 
-    /// The end of what the process `name` said.
-    pub(crate) fn last_words(&self, name: &str) -> String {
+    /// The last lines of the log `name`.
+    pub(crate) fn log_end(&self, name: &str) -> String {
         let log = fs::read(self.directory.path().join(name)).unwrap_or_default();
         let log = String::from_utf8_lossy(&log);
         let lines: Vec<&str> = log.lines().collect();
-        lines[lines.len().saturating_sub(LAST_WORDS)..].join("\n")
+        lines[lines.len().saturating_sub(LOG_END_LINES)..].join("\n")
     }
 }
 

@@ -27,19 +27,19 @@ use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// The two ways.
+/// The two directions of conversion.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Frame {
-    /// Decode frames, one JSON object a line.
+    /// Decode frames into JSON objects, one per line.
     ///
-    /// A frame that cannot be read gives {"kind":"reject","reason":…} and, in the end, exit status 65.
+    /// A frame that cannot be decoded prints {"kind":"reject","reason":…}. The exit status is then 65.
     #[command(override_usage = DECODE_USAGE, after_help = DECODE_EXAMPLES)]
     Decode(Decode),
-    /// Encode JSON objects as `decode` prints them, one frame in hexadecimal a line.
+    /// Encode JSON objects, in the format of `decode`, into hexadecimal frames, one per line.
     ///
     /// Quantities are physical values (pos_rad, vel_rad_s, kp, kd, torque_nm) or raw codes (pos_int, vel_int, kp_int,
-    /// kd_int, torque_int); where both are given they must agree. An object that is no frame, has an unknown key or
-    /// contradicts itself gives {"kind":"reject","reason":…} and, in the end, exit status 65.
+    /// kd_int, torque_int). If an object has both, they must agree. An object that is not a frame, has an unknown key or
+    /// contradicts itself prints {"kind":"reject","reason":…}. The exit status is then 65.
     #[command(after_help = ENCODE_EXAMPLES)]
     Encode(Encode),
 }
@@ -65,20 +65,21 @@ Examples:
 
 #[derive(Debug, Args)]
 pub(crate) struct Decode {
-    /// With --config, in place of what it says of every motor: for logs of motors that were set to another one then.
+    /// Protocol of the frames. With --config it replaces the configured protocol of every motor.
     #[arg(long, value_enum, required_unless_present = "config")]
     protocol: Option<Protocol>,
+    /// Direction of the frames.
     #[arg(long, value_enum, required_unless_present = "config")]
     direction: Option<Direction>,
     #[command(flatten)]
     constants: Constants,
-    /// The request that the frame answers, where the meaning of the frame depends on it.
+    /// The command that a reply answers. The meaning of some replies depends on it.
     #[arg(long, value_enum, default_value_t = Asked::State)]
     asked: Asked,
-    /// A motord configuration: decode lines of `candump -L` with the names, protocols and constants of its motors.
+    /// Configuration of motord. Decodes lines of `candump -L` with the names, protocols and constants of its motors.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["direction", "asked", "torque_constant"])]
     config: Option<PathBuf>,
-    /// Frames in hexadecimal, with or without spaces and an id before `#`; `-` reads them from standard input, one a
+    /// Frames in hexadecimal. Spaces, and an id before `#`, are allowed. `-` reads frames from standard input, one per
     /// line.
     #[arg(required = true, value_name = "HEX")]
     frames: Vec<String>,
@@ -86,16 +87,18 @@ pub(crate) struct Decode {
 
 #[derive(Debug, Args)]
 pub(crate) struct Encode {
+    /// Protocol of the frames.
     #[arg(long, value_enum)]
     protocol: Protocol,
+    /// Direction of the frames.
     #[arg(long, value_enum)]
     direction: Direction,
     #[command(flatten)]
     constants: Constants,
-    /// Fill the free bytes of native commands such that a motor in MIT mode takes them for no torque.
+    /// Fill the unused bytes of native commands so that a motor in MIT mode reads zero torque from them.
     #[arg(long)]
     mit_safe: bool,
-    /// JSON objects; `-`, or none, reads them from standard input.
+    /// JSON objects. `-` reads them from standard input.
     #[arg(value_name = "OBJECT", default_value = "-")]
     objects: Vec<String>,
 }
@@ -103,14 +106,14 @@ pub(crate) struct Encode {
 /// The scale of the torque codes.
 #[derive(Debug, Args)]
 struct Constants {
-    /// The rotor's torque constant, N·m/A. Without it torques are raw codes only.
+    /// Torque constant of the rotor, N·m/A. Without it, or a model, torques are raw codes only.
     #[arg(long, value_name = "X", requires = "gear_ratio")]
     torque_constant: Option<f64>,
     /// Rotor turns per turn of the output shaft.
     #[arg(long, value_name = "Y", requires = "torque_constant")]
     gear_ratio: Option<f64>,
-    /// Whose MIT it is: a profile (steadywin and others) or, so that codes get their physical values, a model
-    /// (GIM8108-8).
+    /// Vendor profile of the MIT protocol (steadywin and others), or a motor model (GIM8108-8). A model also gives codes
+    /// their physical values.
     #[arg(long, value_name = "NAME", default_value = "steadywin")]
     profile: Facts,
 }
@@ -132,7 +135,7 @@ impl FromStr for Facts {
         let model = Profile::of_model(name).map(|(profile, model)| Self { profile, model: Some(model) });
         model.ok_or_else(|| {
             let names: Vec<_> = PROFILES.iter().map(|profile| profile.name).collect();
-            format!("neither a model nor one of the profiles {}", names.join(", "))
+            format!("expected a motor model, or one of the profiles {}", names.join(", "))
         })
     }
 }
@@ -149,10 +152,10 @@ enum Protocol {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Direction {
-    /// Commands.
+    /// Commands from the host to a motor.
     #[value(alias = "to_motor")]
     ToMotor,
-    /// Replies.
+    /// Replies from a motor to the host.
     #[value(alias = "to_host")]
     ToHost,
 }
@@ -160,15 +163,15 @@ enum Direction {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
 enum Asked {
-    /// Any command not listed here.
+    /// Any command that is not in this list.
     State,
-    /// The MIT reply holds the fault number.
+    /// Get fault: the MIT reply holds the fault number.
     #[value(alias = "get-fault")]
     GetFault,
-    /// The MIT reply holds nothing.
+    /// Clear fault: the MIT reply holds no data.
     #[value(alias = "clear-fault")]
     ClearFault,
-    /// A native reply that begins with B4 is no indicator.
+    /// Calibration: a native reply that begins with B4 is its result, not an indicator.
     Calibration,
 }
 
@@ -220,8 +223,8 @@ impl Reading {
 /// Why the command did not do all it was asked to.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum FrameFailure {
-    /// Some frames were refused. Each has told its reason in the output.
-    #[error("{refused} of {total} refused")]
+    /// Some frames were refused. The output holds the reason of each.
+    #[error("{refused} of {total} inputs were rejected")]
     Refused {
         /// How many.
         refused: usize,

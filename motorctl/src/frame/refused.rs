@@ -12,11 +12,11 @@ pub(super) enum Refused {
     Serial(#[from] FrameError),
     #[error(transparent)]
     Scale(#[from] ScaleError),
-    #[error("'{received}' is not hexadecimal, two digits a byte")]
+    #[error("'{received}' is not hexadecimal with two digits per byte")]
     Hex { received: String },
     #[error("not a JSON object: {0}")]
     Json(serde_json::Error),
-    #[error("kind '{received}' is no frame of this protocol and direction")]
+    #[error("kind '{received}' does not exist in this protocol and direction")]
     Kind { received: String },
     #[error("'{key}' is missing")]
     Missing { key: &'static str },
@@ -24,7 +24,7 @@ pub(super) enum Refused {
     Type { key: &'static str, expected: &'static str, received: String },
     #[error("'{key}' is {received}, expected {least} to {most}")]
     Range { key: &'static str, least: i64, most: i64, received: String },
-    #[error("'{raw}' is {code}, but '{physical}' is nearest to {nearest}")]
+    #[error("'{raw}' is {code}, but the code nearest to '{physical}' is {nearest}")]
     Disagree { raw: &'static str, code: u16, physical: &'static str, nearest: u16 },
     #[error("'{key}' is {received}, but the frame has {expected}")]
     Contradiction { key: String, received: String, expected: String },
@@ -34,12 +34,12 @@ pub(super) enum Refused {
     NoScale { physical: &'static str },
     #[error("'null_bytes' has {received} bytes, expected {least} to {most}")]
     NullBytes { least: usize, most: usize, received: usize },
-    #[error("the values of this command leave no room to make it safe for a motor in MIT mode")]
+    #[error("the values of this command occupy bytes that must be neutral for a motor in MIT mode")]
     NotMitSafe,
     #[error(transparent)]
     LogLine(#[from] InvalidLine),
-    #[error("no data frame with an 11-bit id and at most 8 bytes")]
+    #[error("unsupported frame: expected a data frame with an 11-bit id and at most 8 bytes")]
     Unsupported,
-    #[error("no motor on {interface} has or answers to id {id:03X}")]
+    #[error("unexpected id {id:03X}: no motor on {interface} receives or sends it")]
     UnexpectedId { interface: String, id: u16 },
 }
