@@ -2,7 +2,7 @@
 
 use crate::sources;
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// Each crate, its imports of ours and of iceoryx2, and the imports of its tests.
@@ -134,4 +134,47 @@ fn every_crate_keeps_the_lints_of_the_workspace() {
         let manifest = std::fs::read_to_string(text(&package["manifest_path"])).unwrap();
         assert!(manifest.contains("[lints]\nworkspace = true\n"), "{} has lints of its own", package["name"]);
     }
+}
+
+/// The cells of each row of the table in a document whose head begins with these cells.
+fn rows<'a>(document: &'a str, head: &str) -> Vec<Vec<&'a str>> {
+    let table = document.lines().skip_while(|line| !line.starts_with(head)).skip(2);
+    let cells = |line: &'a str| line.trim_matches('|').split('|').map(str::trim).collect();
+    table.take_while(|line| line.starts_with('|')).map(cells).collect()
+}
+
+/// The imports that a document's tables state, by crate. The first table names the crate of each folder, the second has
+/// folders: their crates count, and iceoryx2; other words of a cell explain.
+fn stated(document: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let crates = rows(document, "| folder | crate |");
+    let crate_of = |folder: &str| match folder {
+        "iceoryx2" => Some(folder.to_owned()),
+        _ => {
+            let row = crates.iter().find(|row| row[0].trim_matches('`').trim_end_matches('/') == folder);
+            row.map(|row| row[1].trim_matches('`').to_owned())
+        }
+    };
+    let imports = |cell: &str| cell.split([',', ' ']).filter_map(crate_of).collect();
+    let rows = rows(document, "| crate | may import |");
+    let row = |row: Vec<&str>| (crate_of(row[0]).unwrap_or_else(|| panic!("{row:?}")), imports(row[1]));
+    rows.into_iter().filter(|row| row[1] != "anything").map(row).collect()
+}
+
+#[test]
+fn the_table_of_the_architecture_is_the_table_of_this_test() {
+    let document = std::fs::read_to_string(sources::root().join("ARCHITECTURE.md")).unwrap();
+    let names = |row: &[&str]| row.iter().map(ToString::to_string).collect::<BTreeSet<_>>();
+    let table: BTreeMap<_, _> = IMPORTS.iter().map(|row| (row.0.to_owned(), names(row.1))).collect();
+    assert_eq!(stated(&document), table);
+}
+
+#[test]
+fn an_import_that_only_a_document_states_is_seen() {
+    let document = "| folder | crate | job |\n|---|---|---|\n| `bus/` | `motord-bus` | |\n| `client/` | `motord-client` | |\n\n\
+        | crate | may import | never |\n|---|---|---|\n| bus | | client |\n| client | bus without ports, iceoryx2 | |\n\
+        | benches | anything | |\n\nText.\n";
+    let stated = stated(document);
+    assert_eq!(stated["motord-bus"], BTreeSet::new());
+    assert_eq!(stated["motord-client"], BTreeSet::from(["iceoryx2".to_owned(), "motord-bus".to_owned()]));
+    assert_eq!(stated.len(), 2);
 }
