@@ -25,7 +25,7 @@ pub enum Error {
         runtime: PathBuf,
     },
     /// The daemon lives but publishes no states. Calls work again once it does.
-    #[error("motord published no state for {silent_for:?}: it is stopped or overloaded, look at its log")]
+    #[error("motord published no state for {silent_for:?}: it is stopped or overloaded; see its log")]
     Silent {
         /// Time since its last state.
         silent_for: Duration,
@@ -42,8 +42,8 @@ pub enum Error {
     Restarted,
     /// Client and daemon do not have the same layouts.
     #[error(
-        "this client (motord {client}) does not speak what the daemon's service {service:?} speaks ({daemon}): \
-         install both from one version, and restart every process of the older one"
+        "this client (motord {client}) and the daemon have different layouts of the service {service:?} ({daemon}): \
+         install the same version of both, and restart every process of the older version"
     )]
     Version {
         /// Which service.
@@ -59,7 +59,7 @@ pub enum Error {
         /// The path that may not be used.
         path: PathBuf,
     },
-    /// The daemon said no.
+    /// The daemon refused the operation.
     #[error("motord refused to {operation}: {}{about}", refusal.sentence())]
     Refused {
         /// The operation that was asked for.
@@ -74,7 +74,7 @@ pub enum Error {
     UnknownGroup {
         /// The name.
         name: String,
-        /// Those that there are.
+        /// The names that exist.
         known: String,
     },
     /// There is no joint of this name.
@@ -82,7 +82,7 @@ pub enum Error {
     UnknownJoint {
         /// The name.
         name: String,
-        /// Those that there are.
+        /// The names that exist.
         known: String,
     },
     /// A group needs exactly one setpoint for each of its joints.
@@ -96,15 +96,19 @@ pub enum Error {
         received: usize,
     },
     /// The daemon did not answer a request in time. Whether it was carried out is unknown.
-    #[error("motord did not answer {operation} within {waited:?}: look at the states for what became of it")]
+    #[error(
+        "motord did not answer {operation} within {waited:?}: the states show whether it was carried out"
+    )]
     NoAnswer {
         /// The operation that was asked for.
         operation: Operation,
         /// The time given.
         waited: Duration,
     },
-    /// The daemon's answer makes no sense to this client.
-    #[error("motord's answer to {operation} is not understood: install client and daemon from one version")]
+    /// This client cannot decode the daemon's answer.
+    #[error(
+        "motord's answer to {operation} is not understood: install the same version of client and daemon"
+    )]
     NotUnderstood {
         /// The operation that was asked for.
         operation: Operation,

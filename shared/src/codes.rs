@@ -101,7 +101,7 @@ codes! {
         StartFailed = 18 "start-failed" "A motor did not start in time.",
         OwnerLost = 20 "owner-lost" "The group was taken from its owner while it was active.",
         Suspended = 21 "suspended" "The computer was suspended.",
-        RangeEnd = 22 "range-end" "A motor came to the end of the positions its protocol can tell.",
+        RangeEnd = 22 "range-end" "A motor reached the end of the position range that it can report.",
     }
 }
 
@@ -109,14 +109,14 @@ codes! {
     /// The operation of an administrative request.
     Operation {
         Claim = 1 "claim" "Become the owner of a group.",
-        Release = 2 "release" "Give a group up.",
-        ForceRelease = 3 "force-release" "Take a group from its owner.",
+        Release = 2 "release" "Release a group.",
+        ForceRelease = 3 "force-release" "Remove the owner of a group.",
         Enable = 4 "enable" "Start the motors of a group and follow its owner's setpoints.",
         Disable = 5 "disable" "Damp and stop the motors of a group.",
-        Reset = 6 "reset" "Take back the latched cause of a stop.",
-        EmergencyStop = 7 "emergency-stop" "Damp and stop every motor, now.",
-        SetZero = 8 "set-zero" "Make a stopped motor's present position its zero.",
-        ClearFault = 9 "clear-fault" "Acknowledge a motor's fault.",
+        Reset = 6 "reset" "Clear the latched cause of a stop.",
+        EmergencyStop = 7 "emergency-stop" "Damp and stop every motor now.",
+        SetZero = 8 "set-zero" "Store the present position of a stopped motor as its zero.",
+        ClearFault = 9 "clear-fault" "Clear the fault of a motor.",
         Describe = 10 "describe" "Give names and limits of joints, groups and buses, as JSON.",
         Telemetry = 11 "telemetry" "Give counters and latency percentiles, as JSON.",
     }
@@ -129,7 +129,7 @@ codes! {
         UnknownGroup = 2 "unknown-group" "There is no such group.",
         UnknownJoint = 3 "unknown-joint" "There is no such joint.",
         Owned = 4 "owned" "Another process owns this group.",
-        NotOwner = 5 "not-owner" "The lease is not, or no longer, the one that owns this group.",
+        NotOwner = 5 "not-owner" "The lease does not own this group, or no longer owns it.",
         NoOwner = 6 "no-owner" "Nobody owns this group: a controller must claim it and send setpoints first.",
         Latched = 7 "latched" "The group was stopped for a cause that is still latched: reset it first.",
         EmergencyStopActive = 8 "emergency-stop-active" "The emergency stop is latched: reset it first.",
@@ -137,9 +137,9 @@ codes! {
         MotorFault = 10 "motor-fault" "A motor of the group reports a fault: clear it first.",
         StateStale = 11 "state-stale" "The state of a motor of the group is not fresh.",
         NoSetpoint = 12 "no-setpoint" "The owner sends no valid setpoints.",
-        SetpointTooFar = 13 "setpoint-too-far" "A position setpoint is too far from where its joint is: enabling would jump.",
-        NotDisarmed = 14 "not-disarmed" "This needs the group stopped.",
-        NotNeutral = 15 "not-neutral" "A reset needs every motor of the group stopped.",
+        SetpointTooFar = 13 "setpoint-too-far" "A position setpoint is too far from its joint: the joint would jump when it is enabled.",
+        NotDisarmed = 14 "not-disarmed" "The group must be stopped first.",
+        NotNeutral = 15 "not-neutral" "Every motor of the group must be stopped before a reset.",
         BusDown = 16 "bus-down" "A bus of the group is not working.",
         Busy = 17 "busy" "Too many requests are under way: try again.",
         ShuttingDown = 18 "shutting-down" "The daemon is shutting down.",
@@ -147,7 +147,7 @@ codes! {
         Malformed = 21 "malformed" "The request is not well formed.",
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
-        Moving = 24 "moving" "The joint still turns, or nobody knows whether it does.",
+        Moving = 24 "moving" "The joint moves, or its velocity is not known.",
     }
 }
 
@@ -224,8 +224,8 @@ codes! {
         Sequence = 2 "sequence" "The sequence number did not rise, or rose by more than 2^32.",
         FromFuture = 3 "from-future" "Its time lies in the future.",
         Stale = 4 "stale" "It was older than the setpoint timeout when it came.",
-        JointCount = 5 "joint-count" "It had not exactly the joints of the group.",
-        Mode = 6 "mode" "A joint's mode is unknown, or not one its motor has.",
+        JointCount = 5 "joint-count" "It did not have exactly the joints of the group.",
+        Mode = 6 "mode" "A joint's mode is unknown, or its motor does not support it.",
         Negative = 7 "negative" "A stiffness or damping was negative.",
     }
 }

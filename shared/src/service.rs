@@ -115,7 +115,7 @@ pub enum Obstacle {
     Missing,
     /// The other side has another layout or another version of iceoryx2.
     #[error(
-        "the other side has another version of it: install daemon and clients of one version, and restart both"
+        "daemon and client have different versions of it: install the same version of both, and restart both"
     )]
     Version,
     /// Its files may not be opened.
