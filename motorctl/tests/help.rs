@@ -2,6 +2,7 @@
 //!
 //! Method: the examples are read from the printed help and run by a shell, in a directory with what they name: a
 //! `robot.toml`, a robot with a controller, a second robot `arm`, a `candump`. The robots are simulated.
+//! `motord-sim` alone is run only up to its CAN interfaces, which are not there.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -185,6 +186,23 @@ fn every_example_of_motord_works() {
     let examples = examples("motord", &[]);
     assert!(examples.len() >= 3, "{examples:?}");
     examples.iter().for_each(|example| place.example(example));
+}
+
+/// A test has no CAN interface, and must send nothing on one that it finds: the interface of its configuration is not there.
+/// `motord-sim` says so after it took the arguments and the configuration.
+#[test]
+fn every_example_of_motord_sim_is_accepted_up_to_the_missing_interface() {
+    const EXIT_UNAVAILABLE: i32 = 69;
+    let place = Place::new();
+    place.shell("sed -i s/can0/nocan0/ motord.toml");
+    let examples = examples("motord-sim", &[]);
+    assert!(!examples.is_empty());
+    for example in examples {
+        let output = place.shell(&example.replace("/etc/motord/motord.toml", "motord.toml"));
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(EXIT_UNAVAILABLE), "{example}: {said}");
+        assert!(said.contains("nocan0"), "{example}: {said}");
+    }
 }
 
 #[test]

@@ -20,7 +20,7 @@ use std::process::ExitCode;
 #[command(
     name = "motord-sim",
     version,
-    after_help = "Lines: TARGET FAULT [ARGUMENT], where TARGET is a motor or a bus of the configuration:\n  fl-hip off\n  fl-hip delayed 2ms\n  fl-hip intermittent 50%\n  front-left bus-off\n  front-left ok\n\nExit status: 64 usage, 69 an interface is unavailable, 78 the configuration is refused."
+    after_help = "Example:\n  motord-sim --config /etc/motord/motord.toml\n\nLines: TARGET FAULT [ARGUMENT], where TARGET is a motor or a bus of the configuration:\n  fl-hip off\n  fl-hip delayed 2ms\n  fl-hip intermittent 50%\n  front-left bus-off\n  front-left ok\n\nExit status: 64 usage, 69 an interface is unavailable, 78 the configuration is refused."
 )]
 struct Arguments {
     /// The configuration. Its buses of type socketcan are served.
