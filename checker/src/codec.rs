@@ -53,18 +53,29 @@ pub struct Reply {
     pub id_mask: u8,
     /// Bytes of a reply to a command.
     pub length: usize,
+    /// From this byte on a report on faults has nothing but zeros. `None` for a motor that is never asked for one: it would
+    /// take the question for a control frame.
+    #[serde(rename = "report-zeros-from")]
+    pub report: Option<usize>,
 }
 
 impl Reply {
     /// SteadyWin: the whole first byte is the id, and six bytes are all (MIT document 1.1).
-    pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6 };
+    pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6, report: Some(3) };
 
-    /// Position, rad, and velocity, rad/s, that the reply of motor `id` tells. `None` when it is none, or a report on faults:
-    /// nothing but zeros after the third byte (MIT document 1.1).
+    /// Damiao: four bits of the id under an error code, and two temperatures at the end (DM_CAN.py). Every reply has the error.
+    pub const DAMIAO: Self = Self { id_mask: 0x0F, length: 8, report: None };
+
+    /// RobStride: the id, and a temperature of two bytes at the end. A report has 17 bits of faults behind the id
+    /// (SampleProgram, RS00 manual).
+    pub const ROBSTRIDE: Self = Self { id_mask: 0xFF, length: 8, report: Some(4) };
+
+    /// Position, rad, and velocity, rad/s, that the reply of motor `id` tells. `None` when it is none, or a report on faults.
     #[must_use]
     pub fn read(self, payload: &[u8], id: u8, ranges: &Ranges) -> Option<[f64; 2]> {
         let [first, high, low, fast, slow, ..] = *payload else { return None };
-        let report = payload[3..].iter().all(|byte| *byte == 0);
+        let is_zero = |from: usize| payload[from..].iter().all(|byte| *byte == 0);
+        let report = self.report.is_some_and(is_zero);
         if payload.len() != self.length || first & self.id_mask != id & self.id_mask || report {
             return None;
         }
@@ -225,7 +236,7 @@ mod tests {
 
     #[test]
     fn a_reply_of_another_motor_or_length_and_a_report_on_faults_tell_no_state() {
-        let damiao = Reply { id_mask: 0x0F, length: 8 };
+        let damiao = Reply::DAMIAO;
         let read = |reply: Reply, payload: &[u8]| reply.read(payload, 1, &RANGES);
         assert!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0]).is_some());
         assert!(read(damiao, &[0x11, 0x80, 0, 0x80, 8, 0, 25, 25]).is_some());
@@ -233,5 +244,7 @@ mod tests {
         assert_eq!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0, 25, 25]), None);
         assert_eq!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0, 0, 0]), None);
         assert_eq!(read(damiao, &[0x12, 0x80, 0, 0x80, 8, 0, 25, 25]), None);
+        assert!(read(Reply::ROBSTRIDE, &[1, 0x80, 0, 0x80, 8, 0, 1, 0]).is_some());
+        assert_eq!(read(Reply::ROBSTRIDE, &[1, 0, 0, 1, 0, 0, 0, 0]), None, "fault 16");
     }
 }

@@ -181,6 +181,9 @@ fn command(wiring: &Wiring, line: &str) -> Result<Option<Command>, String> {
         // A kind depends on no range, so one serves for every motor.
         let bytes = frame.payload().try_into().ok();
         let meaning = bytes.map(|bytes| Meaning::of(bytes, &Ranges::steadywin(1.0)));
+        if meaning == Some(Meaning::GetFault) && !wiring.motors[motor].answers_question {
+            return Err(format!("a question that is a command to this motor: {line}"));
+        }
         let text = format!("{interface} {frame:?}");
         return Ok(Some(Command { at, motor, kind: Kind::of(meaning), meaning, text }));
     }

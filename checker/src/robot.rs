@@ -106,6 +106,8 @@ pub struct Wired {
     pub id: u16,
     /// Id of the replies.
     pub reply_id: u16,
+    /// It answers the question for its faults. Another motor takes the question for a control frame.
+    pub answers_question: bool,
 }
 
 /// The keys of the configuration that matter here. What else the file holds is the daemon's business.
@@ -128,6 +130,17 @@ struct MotorTable {
     bus: String,
     id: u16,
     host_id: Option<u16>,
+    model: Option<String>,
+}
+
+/// By the name of a motor's model: what the daemon's configuration adds to its id for the id of its replies
+/// (docs/configuration.md), and whether it answers the question for its faults (docs/motors.md).
+fn vendor(model: Option<&str>) -> (u16, bool) {
+    match model.unwrap_or_default() {
+        damiao if damiao.starts_with("DM-") => (0x10, false),
+        robstride if robstride.starts_with("RS") => (0x40, true),
+        _ => (0x100, true),
+    }
 }
 
 impl Wiring {
@@ -151,12 +164,13 @@ impl Wiring {
         let wire = |motor: MotorTable| {
             let bus = buses.iter().find(|bus| bus.name == motor.bus);
             let interface = bus.map(|bus| bus.interface.clone());
+            let (reply_offset, answers_question) = vendor(motor.model.as_deref());
             Ok(Wired {
                 interface: interface.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?,
                 name: motor.name,
                 id: motor.id,
-                // The default of the daemon's configuration (docs/configuration.md).
-                reply_id: motor.host_id.unwrap_or(0x100 + motor.id),
+                reply_id: motor.host_id.unwrap_or(reply_offset + motor.id),
+                answers_question,
             })
         };
         Ok(Self { motors: motors.into_iter().map(wire).collect::<Result<_, String>>()? })

@@ -284,6 +284,8 @@ impl Checker {
         let bytes = frame.payload().try_into().expect("every command has eight bytes");
         assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
         let meaning = Meaning::of(bytes, &motors[motor].ranges);
+        let answers = motors[motor].reply.report.is_some();
+        assert!(answers || meaning != Meaning::GetFault, "I1: a question that is a command to the motor");
         cycle.frames[bus] += 1;
         let most = 1 + motors.iter().filter(|motor| motor.bus == bus).count();
         assert!(cycle.frames[bus] <= most, "I5: more than {most} frames");

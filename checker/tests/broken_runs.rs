@@ -20,7 +20,8 @@ const SET_ZERO: u64 = 0xFFFF_FFFF_FFFF_FFFE;
 const CLEAR_FAULT: u64 = 0xFFFF_FFFF_FFFF_FFFB;
 const GET_FAULT: u64 = 0xFFFF_FFFF_FFFF_00FB;
 
-fn robot() -> Robot {
+/// A robot of one motor with replies of this kind.
+fn robot(reply: Reply) -> Robot {
     let limits = Limits {
         position: [-1.0, 1.0],
         velocity: 20.0,
@@ -37,7 +38,7 @@ fn robot() -> Robot {
         id: 1,
         reply_id: 0x101,
         ranges: Ranges::steadywin(20.0),
-        reply: Reply::STEADYWIN,
+        reply,
         direction: 1.0,
         offset: 0.0,
         damping_kd: 0.2,
@@ -68,6 +69,10 @@ struct Next {
 
 impl Script {
     fn new() -> Self {
+        Self::of(robot(Reply::STEADYWIN))
+    }
+
+    fn of(robot: Robot) -> Self {
         let joint = Joint {
             position: 0.000_19,
             velocity: 0.015_87,
@@ -90,7 +95,7 @@ impl Script {
             groups: vec![group],
             buses: vec![Bus { given_up: false, sent: 0, counters: [0; 8] }],
         };
-        Self { checker: Checker::new(robot(), state.begun), state }
+        Self { checker: Checker::new(robot, state.begun), state }
     }
 
     /// The next cycle: this command, and a good reply to it.
@@ -201,6 +206,14 @@ fn i1_commands_that_nobody_asked_for() {
         let mut robot = Script::new();
         robot.cycle(Phase::Disarmed, Mode::Idle, STOP);
         robot.follow(NEUTRAL);
+    });
+}
+
+#[test]
+fn i1_a_question_to_a_motor_that_takes_it_for_a_command() {
+    refuses("I1: a question", || {
+        let reply = Reply { report: None, ..Reply::STEADYWIN };
+        Script::of(robot(reply)).cycle(Phase::Disarmed, Mode::Idle, GET_FAULT);
     });
 }
 

@@ -369,6 +369,27 @@ fn a_trot_is_one_control_frame_to_every_motor_in_nearly_every_cycle() {
 }
 
 #[test]
+fn each_vendors_replies_have_their_ids_and_a_motor_that_would_obey_a_question_is_not_asked() {
+    let mut text = String::from("[[bus]]\nname = \"leg\"\ninterface = \"vcan0\"\n");
+    for (id, model) in [(1, "GIM8108-8"), (2, "DM-J8009-2EC"), (3, "RS00")] {
+        writeln!(text, "[[motor]]\nname = \"{model}\"\nbus = \"leg\"\nid = {id}\nmodel = \"{model}\"")
+            .unwrap();
+    }
+    let wiring = Wiring::parse(&text).unwrap();
+    let with = |frame: &str| {
+        let demand = trot::Demand { rate: 1000.0, seconds: 10.0, share: 0.95 };
+        let log = format!("(1000.000000) vcan0 {frame}\n");
+        judge(&mut Trot::new(&wiring, demand), &wiring, &[], &log).complaints.join("\n")
+    };
+    for reply in ["101#018000800800", "012#0280008008001919", "043#03800080080000FA"] {
+        assert!(!with(reply).contains("no motor has this id"), "{reply}");
+    }
+    assert!(with("102#028000800800").contains("no motor has this id"));
+    let is_refused = |id: u16| with(&format!("{id:03X}#{QUESTION}")).contains("a question that is a command");
+    assert_eq!([1, 2, 3].map(is_refused), [false, true, false]);
+}
+
+#[test]
 fn the_replies_of_motors_are_not_judged_and_a_strange_id_is() {
     let rig = trot();
     let with = |frame: &str| (rig.judge)(&[], &(candump(&rig.lines) + "(1001.500000) vcan1 " + frame + "\n"));

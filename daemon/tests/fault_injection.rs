@@ -1,7 +1,8 @@
 //! Goal: whatever buses, motors, controllers and the clock do, the invariants of `checker/src/run.rs` hold in every cycle;
 //! and when they stop doing it, the robot can be armed again within a second.
-//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. `MOTORD_SEEDS` sets how many,
-//! `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
+//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups; every third seed runs the
+//! robot of three vendors' motors instead, with four buses and twelve motors. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS`
+//! how long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
 
 mod robot;
 
@@ -12,6 +13,7 @@ use robot::Robot;
 use robot::checker::Checker;
 use robot::fuzz_client::FuzzClient;
 use robot::random::Random;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Runs of a plain `cargo test`.
 const SEEDS: u64 = 300;
@@ -23,9 +25,17 @@ const ARMABLE_CYCLES: u32 = 1000;
 /// Buses that the cycle has given up are opened again this often.
 const REOPEN_CYCLES: u64 = 100;
 
+/// Times that are strict as on a robot.
+const SAFETY: &str = "[safety]\nsetpoint-timeout-ms = 20\ndamp-seconds = 0.3\n";
+
+/// This seed runs the robot of three vendors' motors.
+const fn is_mixed(seed: u64) -> bool {
+    seed % 3 == 2
+}
+
 /// Two groups that share both buses, and every policy once.
 fn settings() -> Settings {
-    let mut text = String::from("[safety]\nsetpoint-timeout-ms = 20\ndamp-seconds = 0.3\n");
+    let mut text = String::from(SAFETY);
     for bus in ["left", "right"] {
         text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
     }
@@ -37,6 +47,26 @@ fn settings() -> Settings {
     text += "[[group]]\nname = \"legs\"\njoints = [\"left-hip\", \"left-thigh\", \"right-hip\"]\n";
     text += "[[group]]\nname = \"arms\"\njoints = [\"left-knee\", \"right-thigh\", \"right-knee\"]\nsafe-stop = \"hold\"\n";
     robot::settings(&text)
+}
+
+/// The buses and motors of the shipped mixed robot. Two groups share all its buses and vendors. A motor that restarts or is
+/// zeroed anywhere stands within its limits, so that it can be armed again.
+fn mixed_settings() -> Settings {
+    let file = include_str!("../../config/mixed-simulated.toml");
+    let from = file.find("[[bus]]").expect("the robot has buses");
+    let to = file.find("[[group]]").expect("the robot has a group");
+    let legs = ["fl", "fr", "rl", "rr"];
+    let joints =
+        |names: &[&str]| legs.map(|leg| names.iter().map(|name| format!("{leg}-{name}")).collect::<Vec<_>>());
+    let text = format!(
+        "{SAFETY}{}[[group]]\nname = \"legs\"\njoints = {:?}\n[[group]]\nname = \"knees\"\njoints = {:?}\nsafe-stop = \"hold\"\n",
+        &file[from..to],
+        joints(&["hip", "thigh"]).concat(),
+        joints(&["knee"]).concat(),
+    );
+    let mut settings = robot::settings(&text);
+    settings.motors.iter_mut().for_each(|motor| motor.limits.position = [-3.0, 3.0]);
+    settings
 }
 
 const BUS_FAULTS: [&str; 13] = [
@@ -66,15 +96,29 @@ const MOTOR_FAULTS: [&str; 14] = [
     "duplicate",
     "reorder",
     "short",
-    "fault 0x02",
-    "fault 0x40",
+    "fault over-voltage",
+    "fault over-current",
     "power-cycle",
 ];
+
+/// A fault as the motor's simulated twin is told it: a drive raises a number of its vendor's list (docs/motors.md).
+fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
+    match (fault, vendor) {
+        ("fault over-voltage", "steadywin") => "fault 0x02",
+        ("fault over-current", "steadywin") => "fault 0x40",
+        ("fault over-voltage", _) => "fault 0x08",
+        ("fault over-current", "damiao") => "fault 0x0A",
+        ("fault over-current", _) => "fault 0x10000",
+        _ => fault,
+    }
+}
 
 #[test]
 fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
     let seconds = robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(SECONDS);
+    let mixed = AtomicU64::new(0);
     robot::for_each_seed("fault_injection", SEEDS, |seed| {
+        mixed.fetch_add(u64::from(is_mixed(seed)), Relaxed);
         let mut run = Run::new(seed);
         for _ in 0..seconds * 1000 {
             run.step_with_faults();
@@ -82,6 +126,7 @@ fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_ar
         run.lift_all();
         run.must_be_armable();
     });
+    println!("fault_injection: {} of the seeds had motors of three vendors", mixed.into_inner());
 }
 
 /// Goal: a robot whose controllers are sane is never stopped for nothing.
@@ -107,7 +152,8 @@ struct Run {
 impl Run {
     fn new(seed: u64) -> Self {
         // A limp joint comes to rest in a part of a second, as one with a leg on it does.
-        let robot = Robot::built(settings(), seed, |_, motors| {
+        let settings = if is_mixed(seed) { mixed_settings() } else { settings() };
+        let robot = Robot::built(settings, seed, |_, motors| {
             motors.iter_mut().for_each(|motor| motor.coulomb_friction = 1.0);
         });
         let mut checker = Checker::new(&robot);
@@ -179,7 +225,8 @@ impl Run {
             self.disturb_bus(bus, fault);
         } else {
             let motor = self.random.below(self.robot.settings.motors.len());
-            let fault = *self.random.pick(&MOTOR_FAULTS);
+            let vendor = self.robot.settings.motors[motor].profile.name;
+            let fault = of_vendor(*self.random.pick(&MOTOR_FAULTS), vendor);
             self.disturb_motor(motor, fault);
         }
     }

@@ -116,12 +116,10 @@ pub fn ranges(settings: &MotorSettings) -> Ranges {
     }
 }
 
-/// Damiao: an error code and the id in the first byte, two temperatures at the end (DM_CAN.py). RobStride: the id, one
-/// temperature of two bytes at the end (SampleProgram).
 fn reply(settings: &MotorSettings) -> Reply {
     match settings.profile.name {
-        "damiao" => Reply { id_mask: 0x0F, length: 8 },
-        "robstride" => Reply { id_mask: 0xFF, length: 8 },
+        "damiao" => Reply::DAMIAO,
+        "robstride" => Reply::ROBSTRIDE,
         _ => Reply::STEADYWIN,
     }
 }
