@@ -275,7 +275,7 @@ pub struct AdminRequest {
     pub joint: u32,
     /// Process id of the asker. Others that are refused because of it get to know it.
     pub pid: u32,
-    /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none.
+    /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none. An emergency stop ignores it.
     pub argument: f64,
 }
 
@@ -284,13 +284,13 @@ impl AdminRequest {
     ///
     /// # Errors
     /// The refusal and its detail: [`Refusal::UnknownOperation`], or [`Refusal::Malformed`] when the argument is not in the
-    /// range of the operation.
+    /// range of the operation. An emergency stop is never refused for its argument.
     pub fn operation(&self) -> Result<Operation, (Refusal, u32)> {
         let unknown = |_| (Refusal::UnknownOperation, self.operation);
         let operation = Operation::try_from(self.operation).map_err(unknown)?;
         let is_sound = match operation.argument() {
             Some(range) => range.contains(&self.argument),
-            None => self.argument.to_bits() == 0,
+            None => operation == Operation::EmergencyStop || self.argument.to_bits() == 0,
         };
         if is_sound { Ok(operation) } else { Err((Refusal::Malformed, 0)) }
     }
@@ -355,6 +355,15 @@ const _: () = {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_emergency_stop_is_never_refused_for_its_argument() {
+        for argument in [0.0, -0.0, 1.0, f64::NAN, f64::INFINITY] {
+            let stop =
+                AdminRequest { operation: Operation::EmergencyStop.code(), argument, ..Default::default() };
+            assert_eq!(stop.operation(), Ok(Operation::EmergencyStop), "{argument}");
+        }
+    }
 
     #[test]
     fn a_request_with_an_argument_that_its_operation_does_not_take_is_malformed() {
