@@ -28,11 +28,6 @@ pub struct Transaction {
 }
 
 impl Transaction {
-    /// MIT: 8 bytes of command, 6 of reply (MIT document 1.1, 1.2).
-    pub const MIT: Self = Self { command: 8, reply: 6 };
-    /// Native GIM over CAN: 8 bytes each (GIM document, table 2).
-    pub const GIM: Self = Self { command: 8, reply: 8 };
-
     /// Bits on a CAN bus without stuff bits.
     #[must_use]
     pub const fn unstuffed_bits(self) -> u32 {
@@ -66,23 +61,27 @@ pub fn utilisation(bits: u32, rate_hz: f64, bitrate: u32) -> f64 {
 mod tests {
     use super::*;
 
+    /// As with a motor in MIT mode.
+    const SHORT_REPLY: Transaction = Transaction { command: 8, reply: 6 };
+    const LONG_REPLY: Transaction = Transaction { command: 8, reply: 8 };
+
     #[test]
     fn frame_lengths_are_those_of_the_published_formula() {
         assert_eq!((unstuffed_bits(8), worst_case_bits(8)), (111, 135));
         assert_eq!((unstuffed_bits(6), worst_case_bits(6)), (95, 115));
-        assert_eq!((Transaction::MIT.unstuffed_bits(), Transaction::MIT.worst_case_bits()), (206, 250));
-        assert_eq!((Transaction::GIM.unstuffed_bits(), Transaction::GIM.worst_case_bits()), (222, 270));
+        assert_eq!((SHORT_REPLY.unstuffed_bits(), SHORT_REPLY.worst_case_bits()), (206, 250));
+        assert_eq!((LONG_REPLY.unstuffed_bits(), LONG_REPLY.worst_case_bits()), (222, 270));
     }
 
     #[test]
     fn three_motors_at_one_kilohertz_take_three_quarters_of_a_bus() {
-        let worst = utilisation(3 * Transaction::MIT.worst_case_bits(), 1000.0, 1_000_000);
-        let unstuffed = utilisation(3 * Transaction::MIT.unstuffed_bits(), 1000.0, 1_000_000);
+        let worst = utilisation(3 * SHORT_REPLY.worst_case_bits(), 1000.0, 1_000_000);
+        let unstuffed = utilisation(3 * SHORT_REPLY.unstuffed_bits(), 1000.0, 1_000_000);
         assert!((worst - 0.75).abs() < 1e-12 && (unstuffed - 0.618).abs() < 1e-12);
     }
 
     #[test]
-    fn a_gim_frame_on_rs485_takes_130_microseconds() {
+    fn a_frame_on_rs485_takes_130_microseconds() {
         assert_eq!(wire_time(SERIAL_FRAME_BITS, 921_600), Duration::from_nanos(130_209));
     }
 }

@@ -5,9 +5,10 @@
 //! cannot be faster than.
 
 use motord_bus::Duration;
-use motord_bus::arithmetic::{SERIAL_FRAME_BITS, Transaction, utilisation, wire_time};
+use motord_bus::arithmetic::{SERIAL_FRAME_BITS, utilisation, wire_time};
 
-use crate::settings::{BusKind, BusSettings, MotorProtocol, MotorSettings, Settings};
+use crate::drive;
+use crate::settings::{BusKind, BusSettings, MotorSettings, Settings};
 
 /// Above this fraction of the worst case a bus has too little left for retransmissions and faults: worth a warning.
 pub const WORST_CASE_SOUND: f64 = 0.8;
@@ -68,16 +69,11 @@ struct TransactionBits {
 
 impl TransactionBits {
     fn of(motor: &MotorSettings, bus: &BusKind) -> Self {
-        let transaction = match (bus, motor.protocol) {
+        if matches!(bus, BusKind::Serial { .. }) {
             // A serial line stuffs nothing.
-            (BusKind::Serial { .. }, _) => {
-                return Self { worst_case: 2 * SERIAL_FRAME_BITS, unstuffed: 2 * SERIAL_FRAME_BITS };
-            }
-            (_, MotorProtocol::Mit) => {
-                Transaction { reply: motor.profile.reply.lengths[0] as u32, ..Transaction::MIT }
-            }
-            (_, MotorProtocol::Gim) => Transaction::GIM,
-        };
+            return Self { worst_case: 2 * SERIAL_FRAME_BITS, unstuffed: 2 * SERIAL_FRAME_BITS };
+        }
+        let transaction = drive::transaction(motor);
         Self { worst_case: transaction.worst_case_bits(), unstuffed: transaction.unstuffed_bits() }
     }
 }

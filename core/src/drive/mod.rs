@@ -13,6 +13,7 @@ use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Setpoint};
 use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 use correlator::{Correlator, Payload, Question, Verdict};
+use motord_bus::arithmetic::Transaction;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::{Profile, Scales};
 
@@ -46,6 +47,15 @@ pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &S
             answers_fault_question: true,
             state_confirms_stop: false,
         },
+    }
+}
+
+/// The payloads of a command to this motor and of its reply, bytes. Source: MIT document 1.1 and 1.2, GIM document table 2; the
+/// length of a vendor's MIT reply is a fact of its profile.
+pub(crate) const fn transaction(motor: &MotorSettings) -> Transaction {
+    match motor.protocol {
+        MotorProtocol::Mit => Transaction { command: 8, reply: motor.profile.reply.lengths[0] as u32 },
+        MotorProtocol::Gim => Transaction { command: 8, reply: 8 },
     }
 }
 
