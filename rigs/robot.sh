@@ -33,6 +33,7 @@ fi
 #
 #   RIG_FEATURES=       features of cargo that the programs are built with
 #   RIG_EXAMPLE=        an example of the client that is built, too
+#   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
 run_inside() {
     local script target=${CARGO_TARGET_DIR:-target}
     script=$(realpath "$1")
@@ -53,14 +54,14 @@ run_inside() {
         cp "$target/release/examples/$RIG_EXAMPLE" "$RIG_PLACE"
     fi
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
-    quadruped "$@" <config/quadruped-simulated.toml >"$RIG_PLACE/robot.toml"
+    on_vcan daemon.instance="\"$MOTORD_INSTANCE\"" "$@" <"${RIG_ROBOT:-config/quadruped-simulated.toml}" >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
 }
 
-# quadruped [SECTION.KEY=[VALUE]...]: the simulated quadruped with its buses on vcan0 to vcan3 and these settings; one
+# on_vcan [SECTION.KEY=[VALUE]...]: a simulated robot with its buses on vcan0 to vcan3 and these settings; one
 # without a value has its default. The file's times are those of a machine that stalls now and then.
-quadruped() {
+on_vcan() {
     awk -v settings="$*" '
         BEGIN {
             for (n = split(settings, setting, " "); n; n--) {
