@@ -226,7 +226,8 @@ impl Run {
         } else {
             let motor = self.random.below(self.robot.settings.motors.len());
             let vendor = self.robot.settings.motors[motor].profile.name;
-            let fault = of_vendor(*self.random.pick(&MOTOR_FAULTS), vendor);
+            let fault = *self.random.pick(&MOTOR_FAULTS);
+            let fault = of_vendor(fault, vendor);
             self.disturb_motor(motor, fault);
         }
     }
