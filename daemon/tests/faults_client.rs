@@ -4,6 +4,8 @@
 mod robot;
 
 use motord_bus::Duration;
+use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
+use motord_shared::message::FLAG_EMERGENCY_STOP;
 use motord_shared::{
     AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMessage,
 };
@@ -286,13 +288,27 @@ fn of_many_messages_in_a_cycle_the_newest_is_used() {
     assert_eq!(group.sequence, robot.message(&joints).sequence - 1);
 }
 
+/// The requests that all clients together may have under way.
+const AT_ONCE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
+
+#[test]
+fn an_emergency_stop_behind_every_other_request_that_clients_may_have_acts_in_the_next_cycle() {
+    let (mut robot, joints) = active();
+    for _ in 1..AT_ONCE {
+        robot.post(AdminRequest { operation: u32::MAX, ..Default::default() });
+    }
+    robot.post(AdminRequest { operation: Operation::EmergencyStop.code(), ..Default::default() });
+    robot.follow(&joints);
+    assert_ne!(robot.state().flags & FLAG_EMERGENCY_STOP, 0);
+}
+
 #[test]
 fn any_number_of_senseless_requests_is_answered_a_few_in_each_cycle() {
     let (mut robot, joints) = active();
     let mut answers = 0;
     for cycle in 0..200_u32 {
-        for code in 0..40 {
-            let operation = if code < 20 { 1000 + code } else { cycle.wrapping_mul(2_654_435_761) };
+        for code in 0..80 {
+            let operation = if code < 40 { 1000 + code } else { cycle.wrapping_mul(2_654_435_761) };
             robot.post(AdminRequest {
                 operation,
                 group: u32::MAX - 1,
@@ -307,10 +323,10 @@ fn any_number_of_senseless_requests_is_answered_a_few_in_each_cycle() {
             assert_ne!(reply.refusal, 0, "none of them makes sense");
             in_this_cycle += 1;
         }
-        assert!(in_this_cycle <= 32);
+        assert!(in_this_cycle <= AT_ONCE);
         answers += in_this_cycle;
     }
-    assert_eq!((answers, robot.phase()), (200 * 32, Phase::Active));
+    assert_eq!((answers, robot.phase()), (200 * AT_ONCE, Phase::Active));
 }
 
 /// Asks to enable, and tells why not.

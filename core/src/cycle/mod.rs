@@ -27,11 +27,11 @@ use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
 use channel::{Batch, BusChannel};
 use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
-use motord_shared::limits::{ADMINS_MAX, BUSES_MAX};
+use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
 
-/// Most requests answered in one cycle. Every client may have one under way, so an emergency stop does not wait behind
+/// Most requests answered in one cycle: all that the clients may have under way, so an emergency stop does not wait behind
 /// those of others.
-const REQUESTS_PER_CYCLE: usize = ADMINS_MAX;
+const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 /// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
 const CALLS_PER_BUS: usize = 3;
 /// Most reads of the open buses instead of one sleep, should the clock not move.
