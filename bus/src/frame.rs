@@ -56,6 +56,7 @@ impl Frame {
 
     /// The bytes: as many as the DLC says.
     #[must_use]
+    #[inline]
     pub fn payload(&self) -> &[u8] {
         &self.data[..usize::from(self.len)]
     }

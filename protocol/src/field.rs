@@ -10,12 +10,16 @@ pub struct Field {
     bits: u32,
     min: f64,
     max: f64,
+    /// `max - min`.
+    span: f64,
+    /// The largest code.
+    code_max: f64,
 }
 
 impl Field {
     /// `bits` (at most 16) for the values `min` to `max`.
     pub(crate) const fn new(bits: u32, min: f64, max: f64) -> Self {
-        Self { bits, min, max }
+        Self { bits, min, max, span: max - min, code_max: largest(bits) as f64 }
     }
 
     /// `bits` (at most 16) for the values `-max` to `max`.
@@ -52,9 +56,20 @@ impl Field {
     /// For an error-feedback quantiser, which carries what rounding takes away. `None` for NaN and infinity.
     #[must_use]
     pub fn quantise(&self, value: f64) -> Option<f64> {
-        let code_max = f64::from(self.code_max());
-        let clamped = value.clamp(self.min, self.max);
-        value.is_finite().then(|| ((clamped - self.min) * code_max / (self.max - self.min)).min(code_max))
+        value.is_finite().then(|| self.quantise_finite(value))
+    }
+
+    /// As [`quantise`](Self::quantise), of a value that is finite.
+    #[inline]
+    pub(crate) fn quantise_finite(&self, value: f64) -> f64 {
+        let above = value.max(self.min).min(self.max) - self.min;
+        (above * self.code_max / self.span).min(self.code_max)
+    }
+
+    /// As [`encode`](Self::encode), of a value that is finite.
+    #[inline]
+    pub(crate) fn encode_finite(&self, value: f32) -> u16 {
+        (self.quantise_finite(f64::from(value)) + 0.5) as u16
     }
 
     /// The nearest code, after clamping; of two equally near codes the upper. `None` for NaN and infinity.
@@ -68,23 +83,25 @@ impl Field {
     #[must_use]
     pub fn decode(&self, code: u16) -> f64 {
         let code = f64::from(code.min(self.code_max()));
-        code * (self.max - self.min) / f64::from(self.code_max()) + self.min
+        code * self.span / self.code_max + self.min
     }
 
     /// The same codes for values `factors` times as large.
     pub(crate) fn scaled(self, factors: [f64; 2]) -> Self {
         let [a, b] = factors;
-        Self { min: self.min * a * b, max: self.max * a * b, ..self }
+        Self::new(self.bits, self.min * a * b, self.max * a * b)
     }
 }
 
 /// Puts `codes` of these widths, in bits, side by side, the first in the most significant bits. A code wider than its
 /// field saturates: it never reaches into its neighbour.
+#[inline(always)]
 pub(crate) fn pack<const N: usize>(widths: [u32; N], codes: [u16; N]) -> u64 {
     widths.iter().zip(codes).fold(0, |word, (bits, code)| word << bits | u64::from(code.min(largest(*bits))))
 }
 
 /// Takes apart what [`pack`] put together.
+#[inline(always)]
 pub(crate) fn unpack<const N: usize>(widths: [u32; N], mut word: u64) -> [u16; N] {
     let mut codes = [0; N];
     for (bits, code) in widths.iter().zip(&mut codes).rev() {

@@ -9,6 +9,7 @@ pub(super) type Refused = (Refusal, u32);
 #[derive(Debug)]
 pub(super) struct Answers {
     answers: [Option<(u32, AdminReply)>; Answers::CAPACITY],
+    len: usize,
 }
 
 impl Answers {
@@ -16,17 +17,20 @@ impl Answers {
     const CAPACITY: usize = motord_shared::limits::JOINTS_MAX;
 
     pub(super) const fn new() -> Self {
-        Self { answers: [None; Self::CAPACITY] }
+        Self { answers: [None; Self::CAPACITY], len: 0 }
     }
 
     pub(super) fn push(&mut self, ticket: u32, outcome: Result<(), Refused>) {
-        if let Some(free) = self.answers.iter_mut().find(|answer| answer.is_none()) {
+        if let Some(free) = self.answers.get_mut(self.len) {
             *free = Some((ticket, reply(outcome.map(|()| 0))));
+            self.len += 1;
         }
     }
 
+    /// The newest of them: each bears its ticket, so their order means nothing.
     pub(super) fn pop(&mut self) -> Option<(u32, AdminReply)> {
-        self.answers.iter_mut().find_map(Option::take)
+        self.len = self.len.checked_sub(1)?;
+        self.answers[self.len].take()
     }
 }
 

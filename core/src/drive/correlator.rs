@@ -4,7 +4,7 @@
 //! one (docs/adr/0005). So a motor has at most one open request, and a reply is judged by what is open, by its shape as the
 //! [decoder](super::Decoder) reads it, and by its time.
 //!
-//! Pure: a transition takes (state, payload, time) and returns (state, verdict). Constant time; no allocation, no call of
+//! Pure: a transition changes nothing but its state, and depends on nothing else. Constant time; no allocation, no call of
 //! the system.
 
 use motord_bus::{Duration, Instant};
@@ -178,10 +178,10 @@ impl Correlator {
     }
 
     /// A payload arrived at `at`.
-    pub(super) fn receive(self, payload: Payload, at: Instant) -> (Self, Verdict) {
+    pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Verdict {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match payload {
-            Payload::OtherId => (self, Verdict::UnexpectedId),
+            Payload::OtherId => Verdict::UnexpectedId,
             Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
             _ => match self.open {
                 Some(open) if at >= open.sent_at + self.fastest_reply => self.judge(open, payload, at),
@@ -191,9 +191,9 @@ impl Correlator {
     }
 
     /// The payload may answer the open request.
-    fn judge(mut self, open: Request, payload: Payload, at: Instant) -> (Self, Verdict) {
+    fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Verdict {
         match (open.question, payload) {
-            (_, Payload::Unreadable) | (Question::State, Payload::Report) => (self, Verdict::Malformed),
+            (_, Payload::Unreadable) | (Question::State, Payload::Report) => Verdict::Malformed,
             (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
                 self.late()
             }
@@ -206,7 +206,7 @@ impl Correlator {
     }
 
     /// The payload can be an answer to the open request, and is if the last replies came in order.
-    fn answer(mut self, open: Request, at: Instant) -> (Self, Verdict) {
+    fn answer(&mut self, open: Request, at: Instant) -> Verdict {
         let is_fault = open.question == Question::Fault;
         if at < self.distrusted_until {
             self.open = self.open.filter(|_| !is_fault);
@@ -216,26 +216,27 @@ impl Correlator {
         if is_fault && self.reports != Reports::Seen {
             self.reports = Reports::Unseen(0);
         }
-        (self, Verdict::Answer(open.question, at.since(open.sent_at)))
+        Verdict::Answer(open.question, at.since(open.sent_at))
     }
 
-    fn late_report(mut self) -> (Self, Verdict) {
+    const fn late_report(&mut self) -> Verdict {
         self.reports = Reports::Seen;
-        (self.late().0, Verdict::LateReport)
+        let _late = self.late();
+        Verdict::LateReport
     }
 
-    const fn late(mut self) -> (Self, Verdict) {
+    const fn late(&mut self) -> Verdict {
         self.distrusted_until = Instant::ZERO;
         self.owed = self.owed.saturating_sub(1);
-        (self, Verdict::Late)
+        Verdict::Late
     }
 
-    const fn unasked(mut self) -> (Self, Verdict) {
+    const fn unasked(&mut self) -> Verdict {
         if self.owed > 0 {
             return self.late();
         }
         self.distrusted_until = Instant::ZERO;
-        (self, Verdict::Duplicate)
+        Verdict::Duplicate
     }
 
     /// An answer to a fault request that is no report beyond doubt is more likely a late state.
@@ -254,6 +255,12 @@ mod tests {
     use super::*;
     use Payload::{Continuation, OtherId, Plain, Report, Unreadable};
     use Question::{Clear, Fault, State};
+
+    /// The state and the verdict after a payload.
+    fn received(mut state: Correlator, payload: Payload, at: Instant) -> (Correlator, Verdict) {
+        let verdict = state.receive(payload, at);
+        (state, verdict)
+    }
 
     const SENT: Instant = Instant::from_nanos(1_000_000_000);
     const FASTEST: Duration = Duration::from_micros(200);
@@ -399,12 +406,12 @@ mod tests {
                 let (mut state, verdict) = expected(outcome, before, at);
                 state.reports = expected_reports(outcome, before, payload);
                 assert_eq!(
-                    before.receive(payload, at),
+                    received(before, payload, at),
                     (state, verdict),
                     "{before:?}, {payload:?}, {time:?}"
                 );
             }
-            assert_eq!(before.receive(OtherId, at), (before, Verdict::UnexpectedId));
+            assert_eq!(received(before, OtherId, at), (before, Verdict::UnexpectedId));
         }
     }
 
@@ -427,8 +434,8 @@ mod tests {
         let state = asked.request(State, SENT + Duration::from_millis(1));
         assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
         let just_before = SENT + LATEST_REPLY - Duration::from_nanos(1);
-        assert_eq!(state.receive(Plain, just_before).1, Verdict::Late);
-        assert!(matches!(state.receive(Plain, SENT + LATEST_REPLY).1, Verdict::Answer(State, _)));
+        assert_eq!(received(state, Plain, just_before).1, Verdict::Late);
+        assert!(matches!(received(state, Plain, SENT + LATEST_REPLY).1, Verdict::Answer(State, _)));
         let trusted =
             Correlator::new(FASTEST, false).request(State, SENT).request(State, SENT + LATEST_REPLY);
         assert_eq!(trusted.distrusted_until, Instant::ZERO);

@@ -123,13 +123,18 @@ impl Mit {
         // native command, should this motor have left MIT mode unseen (protocol note 1.3).
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
         let Impedance { velocity, kp, kd, torque, .. } = *wanted;
-        let mut codes =
-            ControlCodes::nearest(&mit::Impedance { position, velocity, kp, kd, torque }, &self.scales)
-                .ok()?;
-        if let Some(feedback) = &mut self.feedback {
-            codes.torque = feedback.quantise(torque, &self.scales);
+        if !torque.is_finite() {
+            return None;
         }
-        Some(codes.pack())
+        let wanted = mit::Impedance { position, velocity, kp, kd, torque };
+        let codes = match &mut self.feedback {
+            Some(feedback) => {
+                let torque = feedback.quantise(torque, &self.scales);
+                ControlCodes::nearest_with_torque(&wanted, torque, &self.scales)
+            }
+            None => ControlCodes::nearest(&wanted, &self.scales),
+        };
+        codes.ok().map(ControlCodes::pack)
     }
 
     /// The motor can have reached `state` since its last accepted state. No such state is known after a long silence.

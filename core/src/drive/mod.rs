@@ -178,8 +178,7 @@ impl Drive {
 
 fn receive(correlator: &mut Correlator, decoder: &mut impl Decoder, payload: &[u8], at: Instant) -> Received {
     let Reading { kind, content } = decoder.read(payload, at, correlator.question());
-    let (next, verdict) = correlator.receive(kind, at);
-    *correlator = next;
+    let verdict = correlator.receive(kind, at);
     match (verdict, content) {
         (Verdict::Answer(question, latency), Some(content)) => {
             Received::Reply(decoder.accept(content, question, at, latency))

@@ -1,7 +1,7 @@
 //! Host to motor. Source: MIT document 1.1.
 
 use crate::error::{DecodeError, EncodeError, Quantity};
-use crate::field::{self, Field};
+use crate::field;
 use crate::scale::Scales;
 
 /// The control frame, bits from the most significant on: position, velocity, kp, kd, torque. Eight bytes.
@@ -30,6 +30,18 @@ pub struct Impedance {
     pub kd: f32,
     /// Torque added at the output shaft, N·m, within the motor's scale.
     pub torque: f32,
+}
+
+impl Impedance {
+    /// The first of position, velocity, kp and kd that is NaN or infinite; kd when none of the others is.
+    fn first_not_finite(&self) -> Quantity {
+        match self {
+            Self { position, .. } if !position.is_finite() => Quantity::Position,
+            Self { velocity, .. } if !velocity.is_finite() => Quantity::Velocity,
+            Self { kp, .. } if !kp.is_finite() => Quantity::Kp,
+            _ => Quantity::Kd,
+        }
+    }
 }
 
 /// A command of the MIT protocol, by meaning.
@@ -168,15 +180,34 @@ impl ControlCodes {
     ///
     /// When a value is NaN or infinite.
     pub fn nearest(impedance: &Impedance, scales: &Scales) -> Result<Self, EncodeError> {
-        let code = |quantity, field: Field, value: f32| {
-            field.encode(f64::from(value)).ok_or(EncodeError::NotFinite { field: quantity })
-        };
+        let torque = scales.torque.encode(f64::from(impedance.torque));
+        let torque = torque.ok_or(EncodeError::NotFinite { field: Quantity::Torque })?;
+        Self::nearest_with_torque(impedance, torque, scales)
+    }
+
+    /// The nearest codes, after clamping, with a torque code that was chosen elsewhere.
+    ///
+    /// Real-time: does not allocate or block; takes constant time.
+    ///
+    /// # Errors
+    ///
+    /// When another value than the torque is NaN or infinite.
+    pub fn nearest_with_torque(
+        impedance: &Impedance,
+        torque: u16,
+        scales: &Scales,
+    ) -> Result<Self, EncodeError> {
+        let Impedance { position, velocity, kp, kd, .. } = *impedance;
+        // The sum of four single-precision numbers cannot overflow in double precision.
+        if !(f64::from(position) + f64::from(velocity) + f64::from(kp) + f64::from(kd)).is_finite() {
+            return Err(EncodeError::NotFinite { field: impedance.first_not_finite() });
+        }
         Ok(Self {
-            position: code(Quantity::Position, scales.position, impedance.position)?,
-            velocity: code(Quantity::Velocity, scales.velocity, impedance.velocity)?,
-            kp: code(Quantity::Kp, scales.kp, impedance.kp)?,
-            kd: code(Quantity::Kd, scales.kd, impedance.kd)?,
-            torque: code(Quantity::Torque, scales.torque, impedance.torque)?,
+            position: scales.position.encode_finite(position),
+            velocity: scales.velocity.encode_finite(velocity),
+            kp: scales.kp.encode_finite(kp),
+            kd: scales.kd.encode_finite(kd),
+            torque,
         })
     }
 

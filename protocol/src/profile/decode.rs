@@ -48,13 +48,17 @@ impl Profile {
         let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, self.reply.lengths)) };
         let codes = StateCodes::unpack([a, b, c, d, e]);
         let [position, velocity, torque] = codes.scaled(scales);
-        let temperature =
-            |index: usize| self.reply.temperatures.get(index).and_then(|place| place.read(payload));
+        let temperatures = match self.reply.temperatures {
+            [] => [None; 2],
+            [first, others @ ..] => {
+                [first.read(payload), others.first().and_then(|place| place.read(payload))]
+            }
+        };
         let status = match self.faults {
             FaultReport::InEveryReply(status) => Some(first >> status.shift),
             FaultReport::Asked(_) => None,
         };
-        let (id, temperatures) = (first & self.reply.id_mask, [temperature(0), temperature(1)]);
+        let id = first & self.reply.id_mask;
         Ok(State { id, position, velocity, torque, codes, temperatures, status })
     }
 
