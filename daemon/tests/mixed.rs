@@ -51,3 +51,17 @@ fn a_fault_of_each_vendors_motor_is_reported_in_the_same_words() {
         assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{vendor_name}");
     }
 }
+
+/// No document names bit 20, and as the shape of a report it is unexpected: after a healthy motor's first reports, too.
+#[test]
+fn a_fault_that_no_document_names_is_reported_by_a_motor_that_was_healthy_before() {
+    let mut robot = mixed();
+    robot.activate();
+    (0..1000).for_each(|_| robot.step());
+    let joint = (0..12).find(|&joint| vendor(&robot, joint) == "robstride").expect("one of each");
+    let name = robot.settings.motors[joint].name.clone();
+    robot.disturb(&format!("{name} fault 0x100000"));
+    (0..600).for_each(|_| robot.step());
+    assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code());
+    assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::of_unknown_code(20).0);
+}

@@ -13,6 +13,8 @@ use motord_bus::{Duration, Instant};
 const LATEST_REPLY: Duration = Duration::from_millis(50);
 /// After so many fault requests without a report, a payload that continues the motion may be a report.
 const UNREPORTED_MAX: u32 = 3;
+/// After so many, a motor that sent a report beyond doubt may send others, too: its fault may set bits that no document names.
+const DOUBTED_AFTER: u32 = 10;
 
 /// The content that a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,8 +71,19 @@ struct Request {
 enum Reports {
     /// None beyond doubt has come; so many fault requests in a row had no answer in their cycle.
     Unseen(u32),
-    /// One beyond doubt has come. This motor sends no others.
-    Seen,
+    /// One beyond doubt has come, and after it so many fault requests in a row had no answer in their cycle. This motor
+    /// sends no others, unless that goes on.
+    Seen(u32),
+}
+
+impl Reports {
+    /// Another fault request had no answer in its cycle.
+    const fn unreported(self) -> Self {
+        match self {
+            Self::Seen(unreported) if unreported + 1 < DOUBTED_AFTER => Self::Seen(unreported + 1),
+            Self::Seen(unreported) | Self::Unseen(unreported) => Self::Unseen(unreported.saturating_add(1)),
+        }
+    }
 }
 
 /// The state of the correlation: four parts that move side by side.
@@ -90,7 +103,9 @@ enum Reports {
 ///                       ▲                                          │
 ///                       └── the next reply, which is dropped ◀─────┘
 ///
-///   reports          Unseen(n) ── a report beyond doubt ──▶ Seen
+///   reports          Unseen(n) ── a report beyond doubt ──▶ Seen(0)
+///                       ▲                                   │
+///                       └─────── n = DOUBTED_AFTER ── Seen(n)
 ///                      n + 1: request while Fault is open;  0: a fault request was answered
 /// ```
 ///
@@ -133,7 +148,7 @@ impl Correlator {
             owed: 0,
             owed_since: Instant::ZERO,
             distrusted_until: Instant::ZERO,
-            reports: if reports_are_certain { Reports::Seen } else { Reports::Unseen(0) },
+            reports: if reports_are_certain { Reports::Seen(0) } else { Reports::Unseen(0) },
         }
     }
 
@@ -163,9 +178,7 @@ impl Correlator {
         }
         if let Some(Request { question: Question::Fault, sent_at }) = self.open {
             self.distrusted_until = sent_at + LATEST_REPLY;
-            if let Reports::Unseen(unreported) = &mut self.reports {
-                *unreported = unreported.saturating_add(1);
-            }
+            self.reports = self.reports.unreported();
         }
         self.open = Some(Request { question, sent_at: now });
         self
@@ -198,7 +211,7 @@ impl Correlator {
                 self.late()
             }
             (Question::Fault, Payload::Report) => {
-                self.reports = Reports::Seen;
+                self.reports = Reports::Seen(0);
                 self.answer(open, at)
             }
             _ => self.answer(open, at),
@@ -213,14 +226,14 @@ impl Correlator {
             return self.unasked();
         }
         self.open = None;
-        if is_fault && self.reports != Reports::Seen {
+        if is_fault && matches!(self.reports, Reports::Unseen(_)) {
             self.reports = Reports::Unseen(0);
         }
         Verdict::Answer(open.question, at.since(open.sent_at))
     }
 
     const fn late_report(&mut self) -> Verdict {
-        self.reports = Reports::Seen;
+        self.reports = Reports::Seen(0);
         let _late = self.late();
         Verdict::LateReport
     }
@@ -242,7 +255,7 @@ impl Correlator {
     /// An answer to a fault request that is no report beyond doubt is more likely a late state.
     const fn is_rather_a_state(&self, payload: Payload) -> bool {
         match self.reports {
-            Reports::Seen => true,
+            Reports::Seen(_) => true,
             Reports::Unseen(unreported) => {
                 matches!(payload, Payload::Continuation) && (self.owed > 0 || unreported < UNREPORTED_MAX)
             }
@@ -293,7 +306,7 @@ mod tests {
 
     const FEW: Reports = Reports::Unseen(UNREPORTED_MAX - 1);
     const MANY: Reports = Reports::Unseen(UNREPORTED_MAX);
-    const SEEN: Reports = Reports::Seen;
+    const SEEN: Reports = Reports::Seen(0);
 
     /// Which states and times, as (open, reports, owed, distrusted, time), where `ANY…` is every one; then what becomes of each
     /// kind of payload.
@@ -439,6 +452,21 @@ mod tests {
         let trusted =
             Correlator::new(FASTEST, false).request(State, SENT).request(State, SENT + LATEST_REPLY);
         assert_eq!(trusted.distrusted_until, Instant::ZERO);
+    }
+
+    #[test]
+    fn a_motor_whose_reports_lose_their_shape_is_believed_after_ten_requests() {
+        let after = |requests: u32| {
+            let seen = Correlator { reports: SEEN, ..Correlator::new(FASTEST, false) };
+            (0..requests).fold(seen, |state, _| state.request(Fault, SENT))
+        };
+        let reports = |requests| after(requests).reports;
+        assert_eq!(reports(DOUBTED_AFTER), Reports::Seen(DOUBTED_AFTER - 1));
+        assert_eq!(reports(DOUBTED_AFTER + 1), Reports::Unseen(DOUBTED_AFTER));
+        let later = SENT + LATEST_REPLY;
+        let verdict = |requests| received(after(requests), Plain, later).1;
+        assert_eq!(verdict(DOUBTED_AFTER), Verdict::Late);
+        assert!(matches!(verdict(DOUBTED_AFTER + 1), Verdict::Answer(Fault, _)));
     }
 
     #[test]
