@@ -2,7 +2,7 @@
 
 use crate::sources::{self, Source};
 use proc_macro2::{TokenStream, TokenTree};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A name of so many words in code marks is the name of a test, or of another function.
 const FUNCTION_MIN: usize = 4;
@@ -68,18 +68,31 @@ fn is_path(name: &str) -> bool {
     has_form && !name.starts_with('/') && name.chars().all(is_of_path)
 }
 
+/// The functions of a document that have a Rust file beside them: "`function` (file.rs)".
+fn placed(document: &str) -> impl Iterator<Item = (&str, &str)> {
+    document.split('`').zip(document.split('`').skip(1)).filter_map(|(name, after)| {
+        let (file, _) = after.strip_prefix(" (")?.split_once(')')?;
+        (is_function(name) && file.ends_with(".rs")).then_some((name, file))
+    })
+}
+
 /// The workspace as the documents may name it.
 struct House {
-    functions: BTreeSet<String>,
+    /// Every function, with the files that have one of this name.
+    functions: BTreeMap<String, BTreeSet<String>>,
     /// Every file, relative to the workspace.
     files: BTreeSet<String>,
 }
 
 impl House {
     fn new(sources: &[Source]) -> Self {
-        let mut functions = BTreeSet::new();
+        let mut functions: BTreeMap<_, BTreeSet<_>> = BTreeMap::new();
         for rust in sources.iter().filter(|source| source.path.ends_with(".rs")) {
-            self::functions(rust.text.parse().unwrap(), &mut functions);
+            let mut names = BTreeSet::new();
+            self::functions(rust.text.parse().unwrap(), &mut names);
+            for name in names {
+                functions.entry(name).or_default().insert(rust.path.clone());
+            }
         }
         Self { functions, files: sources.iter().map(|source| source.path.clone()).collect() }
     }
@@ -100,12 +113,22 @@ impl House {
         let folder = document.path.rsplit_once('/').map_or("", |(folder, _)| folder);
         let names: BTreeSet<&str> = marked(&document.text).chain(rust_files(&document.text)).collect();
         let is_missing = |name: &&str| {
-            is_function(name) && !self.functions.contains(*name) || is_path(name) && !self.has(name, folder)
+            is_function(name) && !self.functions.contains_key(*name)
+                || is_path(name) && !self.has(name, folder)
         };
         let is_ours = |name: &&str| {
             !name.contains(PLACEHOLDER) && !ELSEWHERE.iter().any(|start| name.starts_with(start))
         };
         names.into_iter().filter(is_ours).filter(is_missing).map(str::to_owned).collect()
+    }
+
+    /// The functions in a document that are in another file than the one beside them.
+    fn misplaced<'a>(&self, document: &'a str) -> Vec<(&'a str, &'a str)> {
+        let is_in = |name: &str, file: &str| {
+            let mut files = self.functions.get(name).into_iter().flatten();
+            files.any(|path| path == file || path.ends_with(&format!("/{file}")))
+        };
+        placed(document).filter(|(name, file)| !is_in(name, file)).collect()
     }
 }
 
@@ -117,6 +140,7 @@ fn every_test_and_file_that_a_document_names_is_there() {
     for document in &sources {
         if document.path.ends_with(".md") && document.path != "CHANGELOG.md" {
             assert_eq!(house.missing(document), [""; 0], "{} names what is not there", document.path);
+            assert_eq!(house.misplaced(&document.text), [], "{}: in another file", document.path);
         }
     }
 }
@@ -132,5 +156,8 @@ fn a_test_and_a_file_that_are_not_there_are_seen() {
     let bad = "`a_lost_motor_is_damped` (bounds.rs); `bus/limit.rs`, `guest.sh`, `core/src`, see mit.rs";
     let seen = ["a_lost_motor_is_damped", "bounds.rs", "bus/limit.rs", "core/src", "guest.sh", "mit.rs"];
     assert_eq!(missing(bad), seen);
+    assert_eq!(house.misplaced(good), []);
+    let elsewhere = "`a_lost_motor_is_stopped` (bus.rs)";
+    assert_eq!(house.misplaced(elsewhere), [("a_lost_motor_is_stopped", "bus.rs")]);
     assert_eq!(missing("`a_name`\n```\n`a_name_of_four_words`\n```\n"), [""; 0]);
 }
