@@ -5,7 +5,7 @@
 //! | setpoints, by group | ipc | cycle | the newest replaces the one before |
 //! | states | cycle | ipc | the newest replaces the one before |
 //! | requests | ipc | cycle | refused: busy |
-//! | answers | cycle | ipc | as many as requests, so never |
+//! | answers | cycle | ipc | as many as requests under way, so never |
 //! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
@@ -21,7 +21,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use triple_buffer::TripleBuffer;
 
-/// Most requests under way.
+/// Most requests under way: those whose answers the other threads have not taken yet, whether or not anybody waits for them.
 pub const REQUESTS_MAX: usize = 256;
 /// Two seconds of a 1 kHz cycle.
 const RECORDS: usize = 2048;
@@ -183,7 +183,7 @@ impl Link {
     }
 
     pub(super) fn answer(&mut self, ticket: u32, reply: AdminReply) {
-        // The ipc thread lets at most as many requests through as there is room for answers.
+        // The ipc thread counts each request until it takes its answer, and lets at most so many through.
         let _never_full = self.answers.push((ticket, reply));
     }
 

@@ -4,21 +4,27 @@
 //! stands still, setpoints grow old and the cycle damps the robot.
 
 pub mod description;
+mod pending;
 
 use crate::telemetry::Questions;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
 use motord_core::settings::{IpcMode, IpcSettings};
-use motord_shared::limits::GROUPS_MAX;
+use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
 use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
+use pending::Pending;
 use rtrb::{Consumer, Producer};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 /// Requests taken from clients each time the thread wakes.
 const REQUESTS_PER_WAKE: usize = 64;
+/// So many places on the way to the cycle are left to emergency stops.
+const STOPS: usize = ADMINS_MAX;
+/// Most requests that telemetry has yet to answer.
+const QUESTIONS_MAX: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 
 /// The cycle's other end, as far as clients are concerned.
 pub struct CycleEnd {
@@ -48,8 +54,10 @@ pub struct IpcThread {
     period: Duration,
     mode: IpcMode,
     lead: Duration,
-    waiting: Vec<(u32, Request)>,
-    next_ticket: u32,
+    /// Requests that the cycle has not answered yet.
+    requested: Pending<Request>,
+    /// Requests that telemetry has not answered yet.
+    questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
     tick: Instant,
 }
@@ -73,8 +81,8 @@ impl IpcThread {
             period,
             mode: settings.mode,
             lead: settings.lead,
-            waiting: Vec::with_capacity(REQUESTS_MAX),
-            next_ticket: 0,
+            requested: Pending::new(REQUESTS_MAX),
+            questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
             tick: Instant::ZERO,
         }
@@ -139,9 +147,11 @@ impl IpcThread {
         self.count(published.is_err());
     }
 
-    /// Requests whose asker gave up are dropped: iceoryx2 takes no further request of a client while so many are kept.
+    /// Requests whose asker gave up are dropped: iceoryx2 takes no further request of a client while so many are kept. Each
+    /// counts until its answer comes.
     fn take_requests(&mut self) {
-        self.waiting.retain(|(_, request)| request.is_awaited());
+        self.requested.drop_unless(Request::is_awaited);
+        self.questioned.drop_unless(Request::is_awaited);
         for _ in 0..REQUESTS_PER_WAKE {
             match self.ports.next_request() {
                 Ok(Some(request)) => self.serve(request),
@@ -160,36 +170,26 @@ impl IpcThread {
             Ok(Operation::Describe) => {
                 self.answer(request, AdminReply::default(), self.description.as_bytes());
             }
-            _ if self.waiting.len() >= REQUESTS_MAX => self.refuse(request, Refusal::Busy),
-            Ok(Operation::Telemetry) => {
-                let ticket = self.await_answer(request);
-                self.questions.ask(ticket);
-            }
-            _ => {
-                let ticket = self.await_answer(request);
-                if self.cycle.requests.push((ticket, payload)).is_err() {
-                    self.take_waiting(ticket)
-                        .into_iter()
-                        .for_each(|request| self.refuse(request, Refusal::Busy));
+            Ok(Operation::Telemetry) => match self.questioned.keep(request, 0) {
+                Ok(ticket) => self.questions.ask(ticket),
+                Err(request) => self.refuse(request, Refusal::Busy),
+            },
+            operation => {
+                let spare = if operation == Ok(Operation::EmergencyStop) { 0 } else { STOPS };
+                match self.requested.keep(request, spare) {
+                    Ok(ticket) => {
+                        // The ring takes as many as are kept.
+                        let _never_full = self.cycle.requests.push((ticket, payload));
+                    }
+                    Err(request) => self.refuse(request, Refusal::Busy),
                 }
             }
         }
     }
 
-    fn await_answer(&mut self, request: Request) -> u32 {
-        self.next_ticket = self.next_ticket.wrapping_add(1);
-        self.waiting.push((self.next_ticket, request));
-        self.next_ticket
-    }
-
-    fn take_waiting(&mut self, ticket: u32) -> Option<Request> {
-        let place = self.waiting.iter().position(|(waiting, _)| *waiting == ticket)?;
-        Some(self.waiting.swap_remove(place).1)
-    }
-
     fn give_answers(&mut self) {
         while let Ok((ticket, reply)) = self.cycle.answers.pop() {
-            let Some(request) = self.take_waiting(ticket) else { continue };
+            let Some(request) = self.requested.take(ticket) else { continue };
             // The owner's first setpoint may come before the state that tells of its lease.
             if let Some(lease) = Lease::from_raw(reply.lease) {
                 self.leases[lease.group()] = Some(lease);
@@ -197,7 +197,7 @@ impl IpcThread {
             self.answer(request, reply, b"");
         }
         while let Some((ticket, text)) = self.questions.answer() {
-            if let Some(request) = self.take_waiting(ticket) {
+            if let Some(request) = self.questioned.take(ticket) {
                 self.answer(request, AdminReply::default(), text.as_bytes());
             }
         }
@@ -216,5 +216,66 @@ impl IpcThread {
         if failed {
             self.cycle.counters.ipc_errors.fetch_add(1, Ordering::Relaxed);
         }
+    }
+}
+
+#[cfg(test)]
+#[expect(clippy::unwrap_used, reason = "a test may panic")]
+mod tests {
+    use super::*;
+    use crate::telemetry;
+    use motord_shared::Instance;
+    use motord_shared::ports::{ClientPorts, Question};
+
+    /// The thread, with a cycle and a telemetry thread that answer nothing.
+    fn unanswered(place: &std::path::Path, test: impl FnOnce(&mut IpcThread, &ClientPorts)) {
+        let instance = Instance::below(place, "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let (_cycle, ends) = motord_core::cycle::link(1);
+        let (end, _telemetry, _supply) = CycleEnd::split(ends);
+        let (questions, _answers) = telemetry::questions();
+        let settings = IpcSettings { mode: IpcMode::Timed, lead: Duration::ZERO, cpu: None, priority: None };
+        let ports = DaemonPorts::open(&lock).unwrap();
+        let mut thread =
+            IpcThread::new(ports, end, questions, "{}".into(), &settings, Duration::from_millis(1));
+        let client = ClientPorts::open_to_stop(instance.attach().unwrap().unwrap()).unwrap();
+        test(&mut thread, &client);
+    }
+
+    fn ask(thread: &mut IpcThread, client: &ClientPorts, operation: Operation) -> Question {
+        let question =
+            client.ask(AdminRequest { operation: operation.code(), ..Default::default() }).unwrap();
+        thread.turn();
+        question
+    }
+
+    fn refusal(question: &Question) -> Option<u32> {
+        question.answer().unwrap().map(|(reply, _)| reply.refusal)
+    }
+
+    #[test]
+    fn a_client_that_gives_up_over_and_over_leaves_places_to_an_emergency_stop() {
+        let place = tempfile::tempdir().unwrap();
+        unanswered(place.path(), |thread, client| {
+            for _ in 0..2 * REQUESTS_MAX {
+                let _given_up = refusal(&ask(thread, client, Operation::Enable));
+            }
+            let refused = ask(thread, client, Operation::Enable);
+            assert_eq!(refusal(&refused), Some(Refusal::Busy.code()));
+            assert_eq!(refusal(&ask(thread, client, Operation::EmergencyStop)), None);
+        });
+    }
+
+    #[test]
+    fn questions_of_clients_that_gave_up_are_bounded_and_hinder_no_request() {
+        let place = tempfile::tempdir().unwrap();
+        unanswered(place.path(), |thread, client| {
+            for _ in 0..2 * QUESTIONS_MAX {
+                let _given_up = refusal(&ask(thread, client, Operation::Telemetry));
+            }
+            let refused = ask(thread, client, Operation::Telemetry);
+            assert_eq!(refusal(&refused), Some(Refusal::Busy.code()));
+            assert_eq!(refusal(&ask(thread, client, Operation::Enable)), None);
+        });
     }
 }

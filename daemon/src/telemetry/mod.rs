@@ -47,7 +47,8 @@ pub struct Questions {
 }
 
 impl Questions {
-    /// Asks; the answer will bear the same ticket. Without a telemetry thread it never comes.
+    /// Asks; the answer will bear the same ticket. Without a telemetry thread it never comes. The asker bounds how many
+    /// questions are open.
     pub fn ask(&self, ticket: u32) {
         let _lost = self.questions.send(ticket);
     }
