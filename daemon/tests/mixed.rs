@@ -65,3 +65,18 @@ fn a_fault_that_no_document_names_is_reported_by_a_motor_that_was_healthy_before
     assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code());
     assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::of_unknown_code(20).0);
 }
+
+/// A drive that lost its supply for a moment boots disabled, without a fault, and answers every command.
+#[test]
+fn a_motor_that_says_it_is_off_while_it_should_follow_stops_its_group() {
+    let mut robot =
+        Robot::built(robot::settings(include_str!("../../config/mixed-simulated.toml")), 3, |_, motors| {
+            motors.iter_mut().for_each(|motor| motor.boot_time = motord_bus::Duration::from_millis(3));
+        });
+    let joints = robot.activate();
+    let joint = (0..12).find(|&joint| vendor(&robot, joint) == "damiao").expect("one of each");
+    let name = robot.settings.motors[joint].name.clone();
+    robot.disturb(&format!("{name} power-cycle"));
+    (0..30).for_each(|_| robot.follow(&joints));
+    assert_eq!(robot.cause(), Some(motord_shared::Cause::MotorOff));
+}

@@ -33,6 +33,7 @@ fn remedy(cause: Cause) -> &'static str {
         Cause::Shutdown => "Start the daemon again",
         Cause::StartFailed => "Check the motor's power, and that it uses the configured protocol",
         Cause::Suspended => "Disable suspension of the computer",
+        Cause::MotorOff => "Check the motor's supply: it may have started anew",
         Cause::RangeEnd => "Turn the joint by hand to the middle of its range",
     }
 }

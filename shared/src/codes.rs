@@ -102,6 +102,7 @@ codes! {
         OwnerLost = 20 "owner-lost" "The group was taken from its owner while it was active.",
         Suspended = 21 "suspended" "The computer was suspended.",
         RangeEnd = 22 "range-end" "A motor reached the end of the position range that it can report.",
+        MotorOff = 23 "motor-off" "A motor said that it is off while it should follow setpoints.",
     }
 }
 

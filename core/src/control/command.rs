@@ -38,8 +38,8 @@ impl Command {
 pub struct Status {
     /// The faults of the motor; `None` where its states have none.
     pub faults: Option<Faults>,
-    /// It says that it is enabled: no stop has been executed yet.
-    pub runs: bool,
+    /// It says that it is enabled, or that it is not; `None` where its states say nothing of it.
+    pub runs: Option<bool>,
 }
 
 /// A reply of one motor.

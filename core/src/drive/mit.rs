@@ -152,8 +152,7 @@ impl Mit {
         self.last = Some((state, at));
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
-        let status =
-            Status { faults: self.profile.faults_of(&state), runs: !self.profile.confirms_stop(&state) };
+        let status = Status { faults: self.profile.faults_of(&state), runs: self.profile.is_on(&state) };
         Reported::State(self.transmission.to_joint(&motor), latency, status)
     }
 }

@@ -71,12 +71,12 @@ impl Profile {
         }
     }
 
-    /// `state`, which answers a stop, shows that the motor has stopped: where states have a status, that it is not on.
+    /// The motor is enabled, by the status of `state`; `None` where states have none.
     #[must_use]
-    pub fn confirms_stop(&self, state: &State) -> bool {
+    pub fn is_on(&self, state: &State) -> Option<bool> {
         match self.faults {
-            FaultReport::InEveryReply(status) => state.status != Some(status.on),
-            FaultReport::Asked(_) => true,
+            FaultReport::InEveryReply(status) => Some(state.status? == status.on),
+            FaultReport::Asked(_) => None,
         }
     }
 

@@ -28,6 +28,8 @@ use service::ZERO_TOLERANCE;
 
 /// A motor that has been silent for this many cycles is asked for its faults instead.
 const SILENT_CYCLES: u32 = 5;
+/// So many states in a row that say "off" stop the group of a motor that should follow setpoints.
+const OFF_STATES_MAX: u32 = 5;
 
 /// One motor and its joint.
 #[derive(Debug)]
@@ -50,6 +52,8 @@ pub(super) struct Motor {
     refused: bool,
     /// It was started, and has not confirmed a stop since.
     may_run: bool,
+    /// Its states in a row that said "off" while it should follow setpoints.
+    off_states: u32,
     replies: Replies,
     plausibility: Plausibility,
 }
@@ -69,6 +73,7 @@ impl Motor {
             poll_at: Instant::ZERO,
             refused: false,
             may_run: false,
+            off_states: 0,
             replies: Replies::default(),
             plausibility: Plausibility::default(),
         }
@@ -206,13 +211,13 @@ impl Motor {
         reported: Measured<Joint>,
         at: Instant,
         latency: Duration,
-        runs: bool,
+        runs: Option<bool>,
         cx: &mut Context,
     ) -> Result<(), Cause> {
         match self.judge(reported, at) {
             Verdict::Sound(measured) => {
                 self.take_state(measured, at, latency, runs, cx);
-                Ok(())
+                if self.off_states < OFF_STATES_MAX { Ok(()) } else { Err(Cause::MotorOff) }
             }
             Verdict::Stop(measured, cause) => {
                 self.take_state(measured, at, latency, runs, cx);
@@ -242,12 +247,12 @@ impl Motor {
         measured: Measured<Joint>,
         at: Instant,
         latency: Duration,
-        runs: bool,
+        runs: Option<bool>,
         cx: &mut Context,
     ) {
         self.measured = Some(measured);
         self.measured_at = at;
-        let confirms = self.settings.capabilities.state_confirms_stop && !runs;
+        let confirms = self.settings.capabilities.state_confirms_stop && runs != Some(true);
         self.may_run &= !(self.replies.asked_stop && confirms);
         self.replies.state(latency);
         match &mut self.mode {
@@ -255,9 +260,11 @@ impl Motor {
                 self.mode = if self.fault.is_none() { Mode::Idle } else { Mode::FAULT };
                 self.changed(cx);
             }
-            Mode::Starting(start) => start.answered(true),
+            Mode::Starting(start) => start.answered(runs != Some(false)),
             _ => {}
         }
+        let is_off = self.mode == Mode::Active && runs == Some(false);
+        self.off_states = if is_off { self.off_states.saturating_add(1) } else { 0 };
         self.confirm_zero(cx);
     }
 

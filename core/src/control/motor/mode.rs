@@ -63,7 +63,7 @@ pub(super) enum Start {
     Commanded,
     /// It answered the start command.
     Answered,
-    /// It reported its state in answer to a neutral command after that.
+    /// It reported its state in answer to a neutral command after that, and did not say that it is off.
     Ready,
 }
 
@@ -130,11 +130,11 @@ impl Start {
         }
     }
 
-    /// The motor answered, with its state or without.
-    pub(super) const fn answered(&mut self, with_state: bool) {
+    /// The motor answered: `is_on` with a state that does not say "off".
+    pub(super) const fn answered(&mut self, is_on: bool) {
         *self = match *self {
             Self::Commanded => Self::Answered,
-            Self::Answered if with_state => Self::Ready,
+            Self::Answered if is_on => Self::Ready,
             start => start,
         };
     }
