@@ -158,8 +158,9 @@ impl Stopper {
         }
     }
 
-    /// Begins, and returns when every bus is served, at most [`PATIENCE`] after the damping. Does not allocate. Blocks in
-    /// the clock, and where [`round`](Self::round) does.
+    /// Begins, and returns when every bus is served, at most [`PATIENCE`] after the damping. The buses that are not served by
+    /// then get one more round, to stop their motors. Does not allocate. Blocks in the clock, and where
+    /// [`round`](Self::round) does.
     pub fn run(&mut self, clock: &mut impl Clock, outlets: &mut [impl Outlet]) {
         let begin = clock.now();
         self.begin(begin);
@@ -167,6 +168,15 @@ impl Stopper {
         while let Some(due) = self.due().filter(|due| *due < end) {
             clock.sleep_until(due);
             self.round(clock.now(), outlets);
+        }
+        self.stop_owed(clock.now(), outlets);
+    }
+
+    /// A bus that takes a part of every round never comes to its stops, but that part of its motors can be stopped.
+    fn stop_owed(&self, now: Instant, outlets: &mut [impl Outlet]) {
+        let owed = self.buses.iter().zip(outlets).filter(|(bus, _)| bus.due().is_some());
+        for (bus, outlet) in owed {
+            let _refused = outlet.send_round(now, &bus.frames.stop);
         }
     }
 }
@@ -270,6 +280,29 @@ mod tests {
             self.taken.extend(frames.iter().map(|frame| (now, *frame)));
             None
         }
+    }
+
+    /// A bus that takes all but the last frame of every round.
+    #[derive(Default)]
+    struct Narrow(Vec<Frame>);
+
+    impl Outlet for Narrow {
+        fn send_round(&mut self, _now: Instant, frames: &[Frame]) -> Option<Refusal> {
+            self.0.extend(&frames[..frames.len() - 1]);
+            Some(Refusal::Full)
+        }
+    }
+
+    #[test]
+    fn a_run_that_gives_up_on_a_bus_tries_to_stop_its_motors_once() {
+        let BusFrames { damp, stop } = frames();
+        let (damp, stop) = (damp[0], stop[0]);
+        let two_motors = BusFrames { damp: vec![damp; 2], stop: vec![stop; 2] };
+        let mut outlets = [Narrow::default()];
+        Stopper::new([two_motors], Duration::from_millis(100)).run(&mut Virtual(BEGIN), &mut outlets);
+        let (last, before) = outlets[0].0.split_last().unwrap();
+        assert_eq!(*last, stop);
+        assert!(before.iter().all(|frame| *frame == damp));
     }
 
     #[test]
