@@ -192,6 +192,8 @@ pub struct Capabilities {
     pub impedance: bool,
     /// The motor reports positions within ± this value only, motor side, rad. `None`: its positions do not end.
     pub position_end: Option<f32>,
+    /// The motor reports speeds within ± this value only, rad/s; a faster one is clamped. `None`: its speeds do not end.
+    pub velocity_end: Option<f32>,
     /// The motor answers a question for its faults. Else every state has them.
     pub answers_fault_question: bool,
     /// A state that answers a stop confirms the stop, unless it says that the motor runs. Else the motor confirms a stop by a message of its own.

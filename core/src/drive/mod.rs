@@ -38,12 +38,14 @@ pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &S
         MotorProtocol::Mit => Capabilities {
             impedance: true,
             position_end: Some(scales.position.max() as f32),
+            velocity_end: Some(scales.velocity.max() as f32),
             answers_fault_question: profile.is_asked_for_faults(),
             state_confirms_stop: true,
         },
         MotorProtocol::Gim => Capabilities {
             impedance: false,
             position_end: None,
+            velocity_end: None,
             answers_fault_question: true,
             state_confirms_stop: false,
         },

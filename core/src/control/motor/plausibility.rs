@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | a step longer than the motor's top speed allows | 3 replies in a row | implausible |
 //! | speed, while the position stands still to the code | 50 ms | encoder-stuck |
-//! | 1.2 times the joint's speed limit | 5 ms | overspeed |
+//! | 1.2 times the joint's speed limit, or the end of the speeds that the motor can report | 5 ms | overspeed |
 //! | too far from the position it is pulled to | 50 ms | following-error |
 //! | at the temperature limit | 1 s | over-temperature |
 //! | the end of the positions that the motor can report | at once | range-end |
@@ -24,6 +24,9 @@ const STEPS_MAX: u32 = 3;
 const STUCK_VELOCITY: f32 = 0.5;
 const STUCK_TIME: Duration = Duration::from_millis(50);
 const OVERSPEED_FACTOR: f32 = 1.2;
+/// A reported speed beyond this part of its code's end may be a clamped one. No speed limit reaches so far: the configuration
+/// keeps limits 0.5 % away from the end.
+const CLAMPED_FROM: f32 = 0.998;
 const OVERSPEED_TIME: Duration = Duration::from_millis(5);
 const FOLLOWING_TIME: Duration = Duration::from_millis(50);
 const HOT_TIME: Duration = Duration::from_secs(1);
@@ -144,7 +147,7 @@ impl Plausibility {
         let still =
             before.is_some_and(|(before, _)| before.position.to_bits() == reported.position.to_bits());
         let stuck = still && reported.velocity.abs() > STUCK_VELOCITY;
-        let fast = reported.velocity.abs() > OVERSPEED_FACTOR * limits.velocity;
+        let fast = reported.velocity.abs() > overspeed(limits.velocity, settings.capabilities.velocity_end);
         let far = active && is_far(reported, pulled_to, limits);
         let hot = reported.temperature.is_some_and(|temperature| temperature >= limits.temperature);
         if self.stuck.lasts(stuck, at, STUCK_TIME) {
@@ -178,6 +181,12 @@ impl Plausibility {
     }
 }
 
+/// The speed from which on a joint with this limit is too fast, where the motor reports speeds up to `end` only, rad/s.
+fn overspeed(limit: f32, end: Option<f32>) -> f32 {
+    let factored = OVERSPEED_FACTOR * limit;
+    end.map_or(factored, |end| factored.min(CLAMPED_FROM * end))
+}
+
 fn is_far(reported: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
     let Some((most, target)) = limits.following_error.zip(pulled_to) else { return false };
     (target - reported.position).abs() > most
@@ -189,4 +198,19 @@ fn is_at_range_end(reported: &Measured<Joint>, pulled_to: Option<f32>, settings:
     let position = settings.transmission.position_to_motor(reported.position);
     let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
     position.abs() > end - END_MARGIN && !free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_speed_at_the_end_of_its_code_is_overspeed_and_one_at_the_highest_limit_is_not() {
+        // RS00: the code ends at 33 rad/s, and so high a limit is the default.
+        let (end, limit) = (33.0, 0.995 * 33.0);
+        let threshold = overspeed(limit, Some(end));
+        assert!(limit < threshold && threshold < end, "{threshold}");
+        assert!((overspeed(20.0, Some(end)) - 24.0).abs() < 1e-4);
+        assert!((overspeed(limit, None) - 1.2 * limit).abs() < 1e-4);
+    }
 }
