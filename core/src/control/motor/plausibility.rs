@@ -165,7 +165,8 @@ impl Plausibility {
         (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
     }
 
-    /// One odd value is garbage; a row of them is the truth.
+    /// One step is garbage; a row of them is the truth. A value that no motor can have never is: frost, read without a sign,
+    /// is extreme heat.
     fn believable_temperature(
         &mut self,
         reported: &Measured<Joint>,
@@ -174,8 +175,10 @@ impl Plausibility {
         const ODD_MAX: u32 = 10;
         let temperature = reported.temperature?;
         let last = before.and_then(|(before, _)| before.temperature);
-        let stepped = last.is_some_and(|last| (temperature - last).abs() > TEMPERATURE_STEP);
-        let odd = !TEMPERATURES.contains(&temperature) || stepped;
+        if !TEMPERATURES.contains(&temperature) {
+            return last;
+        }
+        let odd = last.is_some_and(|last| (temperature - last).abs() > TEMPERATURE_STEP);
         self.odd_temperatures = if odd { self.odd_temperatures.saturating_add(1) } else { 0 };
         if odd && self.odd_temperatures < ODD_MAX { last } else { Some(temperature) }
     }
@@ -212,5 +215,20 @@ mod tests {
         assert!(limit < threshold && threshold < end, "{threshold}");
         assert!((overspeed(20.0, Some(end)) - 24.0).abs() < 1e-4);
         assert!((overspeed(limit, None) - 1.2 * limit).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_temperature_that_no_motor_can_have_is_never_believed() {
+        // Five degrees of frost, read without a sign: Damiao's 0xFB, RobStride's 0xFFCE.
+        for celsius in [251.0, 6548.6] {
+            let reported = Measured::new(0.0, 0.0, 0.0, Some(celsius));
+            let warm = Measured::new(0.0, 0.0, 0.0, Some(1.0));
+            let mut plausibility = Plausibility::default();
+            for _ in 0..100 {
+                assert_eq!(plausibility.believable_temperature(&reported, None), None);
+                let before = Some((&warm, Instant::ZERO));
+                assert_eq!(plausibility.believable_temperature(&reported, before), Some(1.0));
+            }
+        }
     }
 }
