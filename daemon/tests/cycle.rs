@@ -424,3 +424,19 @@ fn a_lost_motor_is_told_to_stop_in_the_next_cycle() {
         "it may hear and not be heard"
     );
 }
+
+#[test]
+#[should_panic(expected = "\"knee\" is in no group")]
+fn no_cycle_is_made_with_a_motor_that_no_group_stops() {
+    let mut settings = robot::three_motors();
+    settings.groups[0].motors.pop();
+    let _never = Robot::new(settings, 1);
+}
+
+#[test]
+#[should_panic(expected = "\"hip\" is in more than one group")]
+fn no_cycle_is_made_with_a_motor_in_two_groups() {
+    let mut settings = robot::three_motors();
+    settings.groups.push(settings.groups[0].clone());
+    let _never = Robot::new(settings, 1);
+}

@@ -81,6 +81,10 @@ pub struct Control {
 impl Control {
     /// Everything stopped, nothing owned. Allocates; nothing after it does. `boot_id` makes the leases of this daemon
     /// different from those of the one before.
+    ///
+    /// # Panics
+    ///
+    /// When a motor of the settings is in no group, or in more than one: nobody could say when it stops.
     #[must_use]
     pub fn new(settings: &Settings, boot_id: u64) -> Self {
         let groups = settings.groups.iter().enumerate();
@@ -310,11 +314,15 @@ impl Control {
 }
 
 fn places(settings: &Settings) -> Vec<Place> {
-    let mut places = vec![Place { group: 0, place: 0 }; settings.motors.len()];
+    let mut places = vec![None; settings.motors.len()];
     for (group, members) in settings.groups.iter().enumerate() {
         for (place, &joint) in members.motors.iter().enumerate() {
-            places[joint] = Place { group, place };
+            let other = places[joint].replace(Place { group, place });
+            assert!(other.is_none(), "{:?} is in more than one group", settings.motors[joint].name);
         }
     }
-    places
+    for (motor, place) in settings.motors.iter().zip(&places) {
+        assert!(place.is_some(), "{:?} is in no group", motor.name);
+    }
+    places.into_iter().flatten().collect()
 }

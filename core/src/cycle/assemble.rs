@@ -14,7 +14,7 @@ use motord_bus::Bus;
 ///
 /// # Panics
 ///
-/// When there are not as many buses as in the settings.
+/// When there are not as many buses as in the settings, or a motor is not in exactly one group.
 #[must_use]
 pub fn assemble<C: Clock>(
     settings: &Settings,
