@@ -220,7 +220,6 @@ impl IpcThread {
 }
 
 #[cfg(test)]
-#[expect(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
     use crate::telemetry;
