@@ -71,11 +71,12 @@ impl Profile {
         }
     }
 
-    /// The motor is enabled, by the status of `state`; `None` where states have none.
+    /// The motor is enabled, by the status of `state`; `None` where states have none. A status that is in no document does not
+    /// say that it is off: it may be on.
     #[must_use]
     pub fn is_on(&self, state: &State) -> Option<bool> {
         match self.faults {
-            FaultReport::InEveryReply(status) => Some(state.status? == status.on),
+            FaultReport::InEveryReply(status) => Some(!status.is_off(state.status?)),
             FaultReport::Asked(_) => None,
         }
     }
@@ -193,6 +194,21 @@ mod tests {
                 assert_eq!(&written[..known], payload, "{}", profile.name);
                 assert!(matches!(reply, Reply::State(state) if state.codes == codes));
             }
+        }
+    }
+
+    /// Damiao's codes 2 to 7 and 15 are in no document.
+    #[test]
+    fn a_status_that_is_in_no_document_does_not_say_that_the_motor_is_off() {
+        let is_on = |profile: &Profile, code: u8| {
+            let state =
+                profile.decode_state(&[code << 4 | 1, 0x80, 0, 0x80, 0x08, 0, 25, 25], &scales()).unwrap();
+            profile.is_on(&state)
+        };
+        for code in 0..=0x0F {
+            let is_off = code == 0x0 || (0x8..=0xE).contains(&code);
+            assert_eq!(is_on(&crate::profile::DAMIAO, code), Some(!is_off), "{code:#x}");
+            assert_eq!(is_on(&STEADYWIN, code), None);
         }
     }
 

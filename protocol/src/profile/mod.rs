@@ -142,6 +142,12 @@ impl FaultReply {
 }
 
 impl Status {
+    /// A motor that reports `code` is not enabled: it says so, or names a fault, which disables it.
+    #[must_use]
+    pub fn is_off(&self, code: u8) -> bool {
+        code == self.off || self.words.iter().any(|(known, _)| *known == code)
+    }
+
     /// The faults of this `code`.
     #[must_use]
     pub fn faults(&self, code: u8) -> Faults {
