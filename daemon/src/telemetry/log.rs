@@ -64,8 +64,8 @@ impl Log {
             Event::Silent { motor } => tracing::error!(
                 cycle,
                 motor = self.motors[motor].name,
-                "has never answered: check its power and wiring, its id (ConfID 0x12) and host id (ConfID 0x13), the bit \
-                 rate (0x18), and that it speaks the configured protocol (0x1C: 1 is MIT)"
+                "has never answered: check its power and wiring, its id and host id, the bit rate, and that it speaks the \
+                 configured protocol"
             ),
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
             Event::Group { group, phase } => {
