@@ -336,6 +336,22 @@ fn warnings(text: &str) -> Vec<String> {
     judge(text).expect("may be run").warnings.iter().map(ToString::to_string).collect()
 }
 
+/// The message about a limit names the highest usable one, at the motor; at the joint it is a sum that rounds.
+#[test]
+fn the_highest_position_limit_that_is_recommended_is_accepted_with_every_offset() {
+    for tenths in -125..=125 {
+        let offset = f64::from(tenths) / 10.0;
+        let (low, high) = (offset - 12.4375, offset + 12.4375);
+        let text = damaged(
+            "damping-kd = 2.0\n[motor.limits]\nposition-rad = [-1.2, 1.2]",
+            &format!("offset-rad = {offset}\n[motor.limits]\nposition-rad = [{low}, {high}]"),
+        );
+        if let Err(error) = judge(&text) {
+            panic!("{offset}: {error}");
+        }
+    }
+}
+
 #[test]
 fn the_configuration_that_the_tests_damage_is_good() {
     assert_eq!(warnings(GOOD), [""; 0]);

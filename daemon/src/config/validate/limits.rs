@@ -12,6 +12,8 @@ use crate::config::problem::Wrong;
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
 const MARGIN: f64 = 0.005;
+/// A limit this fraction beyond what is usable is taken for a sum that was rounded: offset and limit become `f32`.
+const ROUNDING: f64 = 1e-5;
 /// Largest position of a motor whose position code wraps round, rad.
 const UNWRAPPED_POSITION: f64 = 1000.0;
 /// Largest default position, rad at the motor: its behaviour at the end of the scale is not known.
@@ -115,7 +117,7 @@ impl Scale {
         let &Self { end, usable } = self;
         match at_motor.abs() {
             size if size > end => Err(Wrong::BeyondScale { value, end, usable, degrees }),
-            size if size > usable => Err(Wrong::NoMargin { value, end, usable }),
+            size if size > usable * (1.0 + ROUNDING) => Err(Wrong::NoMargin { value, end, usable }),
             _ => Ok(()),
         }
     }
