@@ -1,5 +1,5 @@
 //! Every event in every state: what becomes of a group, and of a motor. The drawings are above `Group` and `Motor` in
-//! `daemon/src/control`.
+//! `core/src/control`.
 
 mod robot;
 

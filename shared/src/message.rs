@@ -125,7 +125,7 @@ pub struct BusState {
     pub unexpected_id: u32,
     /// Replies that nobody had asked for, among them second answers to one request.
     pub duplicate: u32,
-    /// Frames that no SteadyWin motor sends, or that do not decode.
+    /// Frames with the id of a motor that motors of its vendor do not send, or that do not decode.
     pub malformed: u32,
     /// Error frames.
     pub errors: u32,

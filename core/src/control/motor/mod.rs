@@ -1,4 +1,5 @@
-//! One motor, as far as it can be known: its drive reports position, speed and torque, and its faults when asked.
+//! One motor, as far as it can be known: its drive reports position, speed and torque, and its faults with every state or
+//! when asked.
 //! The modes are drawn in [`mode`].
 
 mod follow;
