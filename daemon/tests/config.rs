@@ -352,6 +352,21 @@ fn the_highest_position_limit_that_is_recommended_is_accepted_with_every_offset(
     }
 }
 
+/// Their codes are torques, so a current's constant would change nothing.
+#[test]
+fn a_constant_that_a_motors_codes_do_not_depend_on_is_refused() {
+    for (key, value) in [("torque-constant-nm-per-a", 0.1), ("gear-ratio", 8.0)] {
+        for model in ["DM-J4310-2EC", "RS00"] {
+            let text = damaged(
+                "id = 2\nprotocol = 'mit'\nmodel = 'GIM8108-8'",
+                &format!("id = 2\nprotocol = 'mit'\nmodel = '{model}'\n{key} = {value} #!"),
+            );
+            let error = only_error(&text);
+            assert!(error.contains(&format!(": motor.{key}: has no effect on")), "{error}");
+        }
+    }
+}
+
 #[test]
 fn the_configuration_that_the_tests_damage_is_good() {
     assert_eq!(warnings(GOOD), [""; 0]);

@@ -145,9 +145,9 @@ sections! {
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0),
-            "Of the rotor (ConfID 0x03). Data sheets often give it at the output, larger by the gear ratio.";
+            "SteadyWin only. Of the rotor (ConfID 0x03). Data sheets often give it at the output, larger by the gear ratio.";
         "gear-ratio" gear_ratio: Option<f64>, "" = follows("of the model").within(1.0, 200.0),
-            "Rotor turns per turn of the output shaft.";
+            "SteadyWin only. Rotor turns per turn of the output shaft.";
         "rated-torque-nm" rated_torque_nm: Option<f64>, "N·m" = follows("of the model").within(0.01, 1000.0),
             "Torque that the motor can give continuously; at most `peak-torque-nm`. More is given until the winding is warm by a model (I²t); then the torque falls to this.";
         // The windings of this series are small against their housings.

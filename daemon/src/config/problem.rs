@@ -161,6 +161,8 @@ pub enum Wrong {
     NoGim { motors: &'static str },
     #[error("unknown model {model:?}; {hint}")]
     UnknownModel { model: String, hint: String },
+    #[error("has no effect on a {model}, whose torque code is in N·m and not a current; remove it")]
+    NoCurrentCode { model: &'static str },
     #[error("id {id} is used by {other:?} on the same bus; give every motor of a bus its own")]
     DuplicateId { id: u8, other: String },
     #[error(

@@ -47,6 +47,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
     let keys = &item.keys;
     let name = findings.name(&keys.name);
     let (profile, model) = model(&keys.model, findings).unzip();
+    judge_constants(keys, model, findings);
     let scales = scales(keys, model);
     let capability = capability(keys, model, scales, findings);
     let limits = limits::limits(&item.limits, &capability, findings);
@@ -139,6 +140,16 @@ fn model(
         findings.error(entry.at, Wrong::UnknownModel { model: plain(name), hint });
     }
     model
+}
+
+/// The constants of a current that are written for a motor whose codes are torques: they would do nothing.
+fn judge_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
+    let Some(Model { name, ends: Some(_), .. }) = model else { return };
+    for entry in [&keys.torque_constant_nm_per_a, &keys.gear_ratio] {
+        if entry.is_written {
+            findings.error(entry.at, Wrong::NoCurrentCode { model: name });
+        }
+    }
 }
 
 fn scales(keys: &keys::Motor, model: Option<&Model>) -> Option<Scales> {
