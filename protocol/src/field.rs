@@ -97,16 +97,20 @@ impl Field {
 /// field saturates: it never reaches into its neighbour.
 #[inline(always)]
 pub(crate) fn pack<const N: usize>(widths: [u32; N], codes: [u16; N]) -> u64 {
-    widths.iter().zip(codes).fold(0, |word, (bits, code)| word << bits | u64::from(code.min(largest(*bits))))
+    let mut word = 0;
+    for field in 0..N {
+        word = word << widths[field] | u64::from(codes[field].min(largest(widths[field])));
+    }
+    word
 }
 
 /// Takes apart what [`pack`] put together.
 #[inline(always)]
 pub(crate) fn unpack<const N: usize>(widths: [u32; N], mut word: u64) -> [u16; N] {
     let mut codes = [0; N];
-    for (bits, code) in widths.iter().zip(&mut codes).rev() {
-        *code = word as u16 & largest(*bits);
-        word >>= bits;
+    for field in (0..N).rev() {
+        codes[field] = word as u16 & largest(widths[field]);
+        word >>= widths[field];
     }
     codes
 }

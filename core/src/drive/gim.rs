@@ -6,8 +6,8 @@
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
+use super::Decoder;
 use super::correlator::{Payload, Question};
-use super::{Decoder, Reading};
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use motord_bus::{Duration, Instant};
@@ -101,16 +101,17 @@ impl Gim {
 }
 
 impl Decoder for Gim {
-    type Content = Reply;
-
-    fn read(&self, payload: &[u8], _at: Instant, _open: Option<Question>) -> Reading<Reply> {
+    fn classify(&self, payload: &[u8], _at: Instant, _open: Option<Question>) -> Payload {
         match gim::decode_reply(payload, Pending::Other, &self.scales) {
-            Ok(reply) if reply.answers(&self.asked) => Reading { kind: Payload::Plain, content: Some(reply) },
-            Ok(_) | Err(_) => Reading::without_content(Payload::Unreadable),
+            Ok(reply) if reply.answers(&self.asked) => Payload::Plain,
+            Ok(_) | Err(_) => Payload::Unreadable,
         }
     }
 
-    fn accept(&mut self, reply: Reply, _question: Question, _at: Instant, latency: Duration) -> Reported {
+    fn accept(&mut self, payload: &[u8], _question: Question, _at: Instant, latency: Duration) -> Reported {
+        let Ok(reply) = gim::decode_reply(payload, Pending::Other, &self.scales) else {
+            return Reported::Refused;
+        };
         match reply {
             Reply::State { outcome: Ok(state), .. } => {
                 let temperature = Some(f32::from(state.temperature_celsius));

@@ -2,8 +2,8 @@
 //!
 //! Real-time: after [`Mit::new`] nothing here allocates, blocks or loops.
 
+use super::Decoder;
 use super::correlator::{Payload, Question};
-use super::{Decoder, Reading};
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
@@ -148,45 +148,45 @@ impl Mit {
     }
 
     /// Takes `state` as the newest, and gives it for the joint.
-    fn state(&mut self, state: State, at: Instant, latency: Duration) -> Reported {
-        self.last = Some((state, at));
+    fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
+        self.last = Some((*state, at));
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
-        let status = Status { faults: self.profile.faults_of(&state), runs: self.profile.is_on(&state) };
+        let status = Status { faults: self.profile.faults_of(state), runs: self.profile.is_on(state) };
         Reported::State(self.transmission.to_joint(&motor), latency, status)
     }
 }
 
 impl Decoder for Mit {
-    /// A reply read as a state, or as a fault report where that is asked for.
-    type Content = Reply;
-
-    fn read(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Reading<Reply> {
+    fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
         if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
-            return Reading::without_content(Payload::OtherId);
+            return Payload::OtherId;
+        }
+        if self.profile.is_fault_report(payload) {
+            return Payload::Report;
+        }
+        if !self.profile.fits_state(payload) {
+            return Payload::Unreadable;
         }
         let asks_fault = open == Some(Question::Fault);
-        let is_report = self.profile.is_fault_report(payload);
-        let faults = match is_report || asks_fault {
-            true => self.profile.decode(payload, Asked::Fault, &self.scales).ok(),
-            false => None,
-        };
-        let state = self.profile.decode_state(payload, &self.scales).ok();
-        let kind = match &state {
-            _ if is_report => Payload::Report,
-            Some(state) if asks_fault && self.continues(state, at) => Payload::Continuation,
-            Some(_) => Payload::Plain,
-            None => return Reading::without_content(Payload::Unreadable),
-        };
-        Reading { kind, content: faults.or(state.map(Reply::State)) }
+        let state = || self.profile.decode_state(payload, &self.scales);
+        match asks_fault && state().is_ok_and(|state| self.continues(&state, at)) {
+            true => Payload::Continuation,
+            false => Payload::Plain,
+        }
     }
 
-    fn accept(&mut self, reply: Reply, question: Question, at: Instant, latency: Duration) -> Reported {
-        match (question, reply) {
-            (Question::State, Reply::State(state)) => self.state(state, at, latency),
-            (Question::Fault, Reply::Fault { faults, .. }) => Reported::Fault(faults),
-            (Question::Clear, _) => Reported::Cleared,
-            (Question::State | Question::Fault, _) => Reported::Alive,
+    fn accept(&mut self, payload: &[u8], question: Question, at: Instant, latency: Duration) -> Reported {
+        match question {
+            Question::State => match self.profile.decode_state(payload, &self.scales) {
+                Ok(state) => self.state(&state, at, latency),
+                Err(_) => Reported::Alive,
+            },
+            Question::Fault => match self.profile.decode(payload, Asked::Fault, &self.scales) {
+                Ok(Reply::Fault { faults, .. }) => Reported::Fault(faults),
+                _ => Reported::Alive,
+            },
+            Question::Clear => Reported::Cleared,
         }
     }
 }

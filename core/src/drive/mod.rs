@@ -91,35 +91,13 @@ enum Dialect {
 
 /// The reading half of a dialect.
 trait Decoder {
-    /// The decoded form of a payload.
-    type Content;
+    /// The kind of a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
+    /// out to be late. A continuation of the motion is told apart from a plain reply only where it matters: to a fault
+    /// request.
+    fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload;
 
-    /// Reads a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
-    /// out to be late.
-    /// A continuation of the motion is told apart only where it matters, from a plain reply to a fault request.
-    fn read(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Reading<Self::Content>;
-
-    /// Takes what was read as the answer to `question`, `latency` after that was sent.
-    fn accept(
-        &mut self,
-        content: Self::Content,
-        question: Question,
-        at: Instant,
-        latency: Duration,
-    ) -> Reported;
-}
-
-/// A payload as a decoder reads it, without regard to what came before.
-struct Reading<C> {
-    kind: Payload,
-    /// `None` where `kind` is another motor's id, or unreadable.
-    content: Option<C>,
-}
-
-impl<C> Reading<C> {
-    const fn without_content(kind: Payload) -> Self {
-        Self { kind, content: None }
-    }
+    /// Takes a payload of a known kind as the answer to `question`, `latency` after that was sent.
+    fn accept(&mut self, payload: &[u8], question: Question, at: Instant, latency: Duration) -> Reported;
 }
 
 impl Drive {
@@ -179,18 +157,13 @@ impl Drive {
 }
 
 fn receive(correlator: &mut Correlator, decoder: &mut impl Decoder, payload: &[u8], at: Instant) -> Received {
-    let Reading { kind, content } = decoder.read(payload, at, correlator.question());
-    let verdict = correlator.receive(kind, at);
-    match (verdict, content) {
-        (Verdict::Answer(question, latency), Some(content)) => {
-            Received::Reply(decoder.accept(content, question, at, latency))
-        }
-        (Verdict::LateReport, Some(content)) => {
-            Received::Reply(decoder.accept(content, Question::Fault, at, Duration::ZERO))
-        }
-        (Verdict::Late, _) => Received::Reply(Reported::Late),
-        (Verdict::Duplicate, _) => Received::Duplicate,
-        (Verdict::UnexpectedId, _) => Received::UnexpectedId,
-        (Verdict::Malformed, _) | (_, None) => Received::Malformed,
+    let kind = decoder.classify(payload, at, correlator.question());
+    match correlator.receive(kind, at) {
+        Verdict::Answer(question, latency) => Received::Reply(decoder.accept(payload, question, at, latency)),
+        Verdict::LateReport => Received::Reply(decoder.accept(payload, Question::Fault, at, Duration::ZERO)),
+        Verdict::Late => Received::Reply(Reported::Late),
+        Verdict::Duplicate => Received::Duplicate,
+        Verdict::UnexpectedId => Received::UnexpectedId,
+        Verdict::Malformed => Received::Malformed,
     }
 }

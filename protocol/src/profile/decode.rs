@@ -36,6 +36,14 @@ impl Profile {
         }
     }
 
+    /// `payload` is as long as a reply with a state.
+    #[must_use]
+    #[inline]
+    pub fn fits_state(&self, payload: &[u8]) -> bool {
+        let [least, most] = self.reply.lengths;
+        (least..=most).contains(&payload.len())
+    }
+
     /// The state in `payload`, whatever was asked.
     ///
     /// Real-time: does not allocate or block; takes constant time.
