@@ -612,15 +612,15 @@ fn five_motors_do_not_fit_a_bus_at_one_kilohertz() {
 
 /// GIM8108-8: 0x100 + id. DM-J4340-2EC: 0x10 + id, beside which 0x100 + id is a command to the motor itself.
 #[test]
-fn a_wrong_reply_id_is_answered_with_the_usual_one_of_its_vendor() {
-    for (model, usual) in [("GIM8108-8", "0x102"), ("DM-J4340-2EC", "0x012")] {
+fn a_wrong_reply_id_is_answered_with_the_default_of_its_vendor() {
+    for (model, default) in [("GIM8108-8", "0x102"), ("DM-J4340-2EC", "0x012")] {
         let text = format!(
             "[[bus]]\nname = 'leg'\ntype = 'simulated'\n[[motor]]\nname = 'knee'\nbus = 'leg'\nid = 2\nhost-id = 2\n\
              protocol = 'mit'\nmodel = '{model}'\n[motor.limits]\nposition-rad = [-1, 1]\nvelocity-rad-s = 5\n\
              torque-nm = 5\ntorque-slew-nm-per-s = 50\n"
         );
         let error = judge(&text).expect_err("it is a command id").to_string();
-        assert!(error.contains(&format!("the usual one of this motor is {usual}")), "{error}");
+        assert!(error.contains(&format!("the default of this motor is {default}")), "{error}");
     }
 }
 

@@ -230,15 +230,15 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         if motor.is_serial {
             continue;
         }
-        let (host_id, usual) = (motor.host_id.raw(), motor.ids.reply_offset + u16::from(motor.id));
+        let (host_id, default) = (motor.host_id.raw(), motor.ids.reply_offset + u16::from(motor.id));
         let commands = on_bus(motor.bus).map(|(_, other)| u16::from(other.id));
         let is_heard = on_bus(motor.bus).any(|(_, other)| other.ids.hears(other.id, host_id));
         if let Some((other, _)) = before.find(|(_, other)| other.host_id == motor.host_id) {
-            findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), usual });
+            findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });
         } else if is_heard {
-            findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, usual });
+            findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, default });
         } else if let Some(command) = commands.filter(|&command| command > host_id).max() {
-            findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, usual });
+            findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
         }
     }
 }
