@@ -1,0 +1,143 @@
+//! The stopper serves every bus, whatever the others do.
+
+#![expect(clippy::disallowed_types, reason = "the buses of a test share a log")]
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_bus::{Duration, Frame, FrameId, Instant, Readiness, Ready, Refusal};
+use motord_core::clock::Clock;
+use motord_core::stopper::{BusFrames, Outlet, PATIENCE, Stopper};
+use std::sync::{Arc, Mutex};
+
+/// Writes its name down when it is sent to, and in capitals when it is looked for.
+struct Missing {
+    name: char,
+    log: Arc<Mutex<String>>,
+    is_there: bool,
+}
+
+impl Outlet for Missing {
+    fn send_round(&mut self, _now: Instant, _frames: &[Frame]) -> Option<Refusal> {
+        self.log.lock().unwrap().push(self.name);
+        (!self.is_there).then_some(Refusal::Gone)
+    }
+
+    fn find(&mut self) -> bool {
+        self.log.lock().unwrap().push(self.name.to_ascii_uppercase());
+        self.is_there = self.name == 'c';
+        self.is_there
+    }
+}
+
+const BEGIN: Instant = Instant::from_nanos(1);
+
+fn frames() -> BusFrames {
+    let frame = |last| Frame::full(FrameId::new(1).unwrap(), [0, 0, 0, 0, 0, 0, 0, last]);
+    BusFrames { damp: vec![frame(0)], stop: vec![frame(1)] }
+}
+
+fn missing(names: [char; 3]) -> (Stopper, [Missing; 3], Arc<Mutex<String>>) {
+    let log: Arc<Mutex<String>> = Arc::default();
+    let outlets = names.map(|name| Missing { name, log: Arc::clone(&log), is_there: name == 'b' });
+    let mut stopper = Stopper::new(names.map(|_| frames()), Duration::from_millis(100));
+    stopper.begin(BEGIN);
+    (stopper, outlets, log)
+}
+
+#[test]
+fn every_bus_is_sent_to_before_one_is_looked_for_and_those_take_turns() {
+    let (mut stopper, mut outlets, log) = missing(['a', 'b', 'c']);
+    for millis in [0, 10, 20, 50] {
+        stopper.round(BEGIN + Duration::from_millis(millis), &mut outlets);
+    }
+    assert_eq!(*log.lock().unwrap(), "abcA abcCc abc abcA".replace(' ', ""));
+}
+
+#[test]
+fn interfaces_that_stay_away_are_each_looked_for_ten_times_a_second() {
+    let (mut stopper, mut outlets, log) = missing(['a', 'd', 'e']);
+    let end = BEGIN + Duration::from_secs(10);
+    while let Some(due) = stopper.due().filter(|due| *due < end) {
+        stopper.round(due, &mut outlets);
+    }
+    for name in ['A', 'D', 'E'] {
+        let searches = log.lock().unwrap().matches(name).count();
+        assert!((99..=103).contains(&searches), "{name}: {searches}");
+    }
+}
+
+/// Time that passes only while somebody sleeps.
+struct Virtual(Instant);
+
+impl Clock for Virtual {
+    fn now(&self) -> Instant {
+        self.0
+    }
+
+    fn suspended(&self) -> Duration {
+        Duration::ZERO
+    }
+
+    fn sleep_until(&mut self, instant: Instant) {
+        self.0 = self.0.max(instant);
+    }
+
+    fn wait(&mut self, _readiness: &[Readiness<'_>], _until: Instant) -> Ready {
+        unreachable!("a stopper reads no answers")
+    }
+}
+
+/// A bus that refuses frames from time to time, and writes down when it took which.
+struct Jammed {
+    refuses: fn(Instant) -> bool,
+    taken: Vec<(Instant, Frame)>,
+}
+
+impl Outlet for Jammed {
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        if (self.refuses)(now) {
+            return Some(Refusal::Full);
+        }
+        self.taken.extend(frames.iter().map(|frame| (now, *frame)));
+        None
+    }
+}
+
+/// A bus that takes all but the last frame of every round.
+#[derive(Default)]
+struct Narrow(Vec<Frame>);
+
+impl Outlet for Narrow {
+    fn send_round(&mut self, _now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        self.0.extend(&frames[..frames.len() - 1]);
+        Some(Refusal::Full)
+    }
+}
+
+#[test]
+fn a_run_that_gives_up_on_a_bus_tries_to_stop_its_motors_once() {
+    let BusFrames { damp, stop } = frames();
+    let (damp, stop) = (damp[0], stop[0]);
+    let two_motors = BusFrames { damp: vec![damp; 2], stop: vec![stop; 2] };
+    let mut outlets = [Narrow::default()];
+    Stopper::new([two_motors], Duration::from_millis(100)).run(&mut Virtual(BEGIN), &mut outlets);
+    let (last, before) = outlets[0].0.split_last().unwrap();
+    assert_eq!(*last, stop);
+    assert!(before.iter().all(|frame| *frame == damp));
+}
+
+#[test]
+fn a_run_serves_a_bus_that_was_jammed_and_gives_up_on_one_that_stays_so() {
+    let outlet = |refuses| Jammed { refuses, taken: Vec::new() };
+    let late = |now: Instant| now < BEGIN + Duration::from_millis(500);
+    let mut outlets = [outlet(|_| false), outlet(late), outlet(|_| true)];
+    let mut stopper = Stopper::new([(); 3].map(|()| frames()), Duration::from_millis(100));
+    let mut clock = Virtual(BEGIN);
+    stopper.run(&mut clock, &mut outlets);
+    assert_eq!(stopper.owed().collect::<Vec<_>>(), [2]);
+    assert!(clock.0 < BEGIN + Duration::from_millis(100) + PATIENCE);
+    let whole = [[frames().damp[0]; 10].as_slice(), &[frames().stop[0]; 3]].concat();
+    for (outlet, begin) in outlets.iter().zip([0, 500]) {
+        assert!(outlet.taken.iter().map(|(_, frame)| *frame).eq(whole.iter().copied()));
+        assert_eq!(outlet.taken[0].0, BEGIN + Duration::from_millis(begin));
+    }
+}
