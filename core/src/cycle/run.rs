@@ -29,7 +29,7 @@ pub enum Order {
 
 impl<C: Clock> Cycle<C> {
     /// Runs cycles until `order` is to stop, then those that stop the robot. Returns when every group has been disarmed for
-    /// [`LAST_CYCLES`], and every motor that was started has answered its stop or had [`STOP_TIME`] for it.
+    /// `LAST_CYCLES`, and every motor that was started has answered its stop or had `STOP_TIME` for it.
     ///
     /// Real-time: allocates nothing; blocks only in the clock; `order` is asked once per cycle and must not block.
     pub fn run_until(&mut self, order: impl Fn() -> Order) {

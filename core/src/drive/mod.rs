@@ -1,6 +1,6 @@
 //! One drive on the wire: commands become frames, and payloads become replies.
 //!
-//! A dialect ([`mit`], [`gim`]) encodes the commands of one protocol and reads its payloads. The [`correlator`] decides which
+//! A dialect (`mit`, `gim`) encodes the commands of one protocol and reads its payloads. The `correlator` decides which
 //! request a payload answers. Only a reply that it accepts changes what the dialect remembers.
 //!
 //! Real-time: after [`Drive::new`] nothing here allocates, blocks, loops or calls the system.

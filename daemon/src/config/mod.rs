@@ -4,7 +4,7 @@
 //! whole (`validate`). One run reports every problem ([`Problem`]), not only the first. Only errors of the TOML syntax
 //! are alone. Nothing is opened but the file: a configuration is judged without a bus.
 //!
-//! `keys` is the one table of all keys. `docs/configuration.md` is written from it ([`reference`]).
+//! `keys` is the one table of all keys. `docs/configuration.md` is written from it ([`reference()`]).
 
 mod document;
 mod entry;

@@ -16,7 +16,7 @@ pub fn feed_watchdog() {
     send(&[NotifyState::Watchdog]);
 }
 
-/// Reports that the process stops its motors and then ends. That takes at most `damp` and [`STOP_MARGIN`], which may be
+/// Reports that the process stops its motors and then ends. That takes at most `damp` and `STOP_MARGIN`, which may be
 /// longer than `TimeoutStopSec=` of the unit: asks for that time.
 pub fn stopping(damp: Duration) {
     let micros = u32::try_from((damp + STOP_MARGIN).as_micros()).unwrap_or(u32::MAX);

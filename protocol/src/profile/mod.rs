@@ -1,7 +1,7 @@
 //! Vendor facts as data: one [`Profile`] says all that a host must know of one vendor's MIT-speaking motors.
 //!
 //! The codec, the drive, the configuration and `motorctl frame` read the table [`PROFILES`]; none of them knows a vendor.
-//! To add one: write a file like [`steadywin`]'s, list it in [`PROFILES`], give it a twin in the simulator and golden
+//! To add one: write a file like `steadywin.rs`, list it in [`PROFILES`], give it a twin in the simulator and golden
 //! frames in `tests/golden/`.
 //!
 //! Frame layout common to all of them, "the common frame": a command has position 16, velocity 12, kp 12, kd 12 and
