@@ -512,17 +512,23 @@ const _: () = {
     must_be_shared_by_threads::<Claim>();
 };
 
+/// A daemon that serves but publishes nothing, a client that has read its last state, and the client's claim.
+fn silent_daemon(place: &TempDir) -> (Running, Client, Claim) {
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(place);
+    client.set_silence(4 * PATIENCE);
+    let claim = client.claim("leg").unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
+    (daemon, client, claim)
+}
+
 /// Goal: a thread that waits for a state keeps no other thread from sending or from an emergency stop.
 /// Method: the daemon serves but publishes nothing, so that one thread sleeps in `wait` until the others are done.
 #[test]
 fn a_thread_that_waits_for_a_state_keeps_nobody_from_sending_or_stopping() {
     let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
-    client.set_silence(4 * PATIENCE);
-    let mut claim = client.claim("leg").unwrap();
-    daemon.silent.store(true, Ordering::Relaxed);
-    until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
+    let (daemon, client, mut claim) = silent_daemon(&place);
     std::thread::scope(|scope| {
         let waiting = scope.spawn(|| client.wait(3 * PATIENCE));
         std::thread::sleep(Duration::from_millis(50));
@@ -540,12 +546,7 @@ fn a_thread_that_waits_for_a_state_keeps_nobody_from_sending_or_stopping() {
 #[test]
 fn a_thread_that_spins_keeps_nobody_from_sending_or_stopping() {
     let place = place();
-    let daemon = Running::start(place.path(), 1);
-    let client = connect(&place);
-    client.set_silence(4 * PATIENCE);
-    let mut claim = client.claim("leg").unwrap();
-    daemon.silent.store(true, Ordering::Relaxed);
-    until("the last state", || client.wait(Duration::from_millis(50)).is_err().then_some(()));
+    let (daemon, client, mut claim) = silent_daemon(&place);
     std::thread::scope(|scope| {
         let spinning = scope.spawn(|| client.spin(3 * PATIENCE));
         for _ in 0..20 {

@@ -139,16 +139,15 @@ pub(super) struct Correlator {
 }
 
 impl Correlator {
-    /// Nothing was asked yet. No reply comes sooner than `fastest_reply` after its request. `reports_are_certain`: by its
-    /// vendor's word this motor sends no fault report that is not one beyond doubt.
-    pub(super) const fn new(fastest_reply: Duration, reports_are_certain: bool) -> Self {
+    /// Nothing was asked yet. No reply comes sooner than `fastest_reply` after its request.
+    pub(super) const fn new(fastest_reply: Duration) -> Self {
         Self {
             fastest_reply,
             open: None,
             owed: 0,
             owed_since: Instant::ZERO,
             distrusted_until: Instant::ZERO,
-            reports: if reports_are_certain { Reports::Seen(0) } else { Reports::Unseen(0) },
+            reports: Reports::Unseen(0),
         }
     }
 
@@ -356,7 +355,7 @@ mod tests {
                 owed,
                 distrusted_until,
                 owed_since: SENT,
-                ..Correlator::new(FASTEST, false)
+                ..Correlator::new(FASTEST)
             };
             (state, time)
         })
@@ -430,7 +429,7 @@ mod tests {
 
     #[test]
     fn a_request_makes_the_open_one_owed_for_as_long_as_its_reply_may_come() {
-        let open = Correlator::new(FASTEST, false).request(State, SENT);
+        let open = Correlator::new(FASTEST).request(State, SENT);
         assert_eq!((open.owed, open.is_open()), (0, true));
         let in_time = open.request(State, SENT + LATEST_REPLY);
         assert_eq!((in_time.owed, in_time.owed_since), (1, SENT + LATEST_REPLY));
@@ -443,21 +442,20 @@ mod tests {
 
     #[test]
     fn a_request_after_an_unanswered_fault_request_is_distrusted_until_that_is_fifty_milliseconds_old() {
-        let asked = Correlator::new(FASTEST, false).request(Fault, SENT);
+        let asked = Correlator::new(FASTEST).request(Fault, SENT);
         let state = asked.request(State, SENT + Duration::from_millis(1));
         assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
         let just_before = SENT + LATEST_REPLY - Duration::from_nanos(1);
         assert_eq!(received(state, Plain, just_before).1, Verdict::Late);
         assert!(matches!(received(state, Plain, SENT + LATEST_REPLY).1, Verdict::Answer(State, _)));
-        let trusted =
-            Correlator::new(FASTEST, false).request(State, SENT).request(State, SENT + LATEST_REPLY);
+        let trusted = Correlator::new(FASTEST).request(State, SENT).request(State, SENT + LATEST_REPLY);
         assert_eq!(trusted.distrusted_until, Instant::ZERO);
     }
 
     #[test]
     fn a_motor_whose_reports_lose_their_shape_is_believed_after_ten_requests() {
         let after = |requests: u32| {
-            let seen = Correlator { reports: SEEN, ..Correlator::new(FASTEST, false) };
+            let seen = Correlator { reports: SEEN, ..Correlator::new(FASTEST) };
             (0..requests).fold(seen, |state, _| state.request(Fault, SENT))
         };
         let reports = |requests| after(requests).reports;
@@ -471,7 +469,7 @@ mod tests {
 
     #[test]
     fn a_request_that_was_not_sent_leaves_nothing_open() {
-        let before = Correlator::new(FASTEST, false);
+        let before = Correlator::new(FASTEST);
         assert_eq!(before.request(Fault, SENT).withdraw(), before);
     }
 }

@@ -111,9 +111,7 @@ impl Drive {
             MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
             MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.scales, transmission)),
         };
-        let certain = settings.protocol == MotorProtocol::Mit && settings.profile.is_report_certain();
-        let correlator = Correlator::new(fastest_reply, certain);
-        Self { command_id, dialect, correlator }
+        Self { command_id, dialect, correlator: Correlator::new(fastest_reply) }
     }
 
     /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`]. Opens a request. Constant time.

@@ -109,8 +109,6 @@ pub struct FaultReply {
     /// The bits that are zero in every such answer (first byte first), and cannot all be zero in a state: as a state they
     /// would be full speed and full torque backward. An answer of this shape is a fault report beyond doubt.
     pub zeros: [u8; 8],
-    /// Every fault report has that shape. Where bytes behind the number "mean nothing", it may not.
-    pub is_certain: bool,
     /// The bits of the number, in our words.
     pub words: &'static [(u32, Faults)],
 }
@@ -179,12 +177,6 @@ impl Profile {
     #[must_use]
     pub const fn is_asked_for_faults(&self) -> bool {
         matches!(self.faults, FaultReport::Asked(_))
-    }
-
-    /// Every fault report has a shape that no state has.
-    #[must_use]
-    pub const fn is_report_certain(&self) -> bool {
-        matches!(self.faults, FaultReport::Asked(FaultReply { is_certain: true, .. }))
     }
 
     /// `payload` is a fault report beyond doubt: no state has its shape. Bytes that it lacks count as zero, but it has at

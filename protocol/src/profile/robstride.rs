@@ -29,7 +29,6 @@ pub const ROBSTRIDE: Profile = Profile {
         lengths: [5, 8],
         // No fault above bit 16 is known, and the sample's report has nothing behind its number. No hardware confirms it.
         zeros: [0, 0, 0, 0xFE, 0xFF, 0xFF, 0xFF, 0xFF],
-        is_certain: false,
         words: &[
             (1 << 0, Faults::OVER_TEMPERATURE),
             (1 << 1, Faults::DRIVER_CHIP),

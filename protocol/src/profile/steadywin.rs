@@ -22,7 +22,6 @@ pub const STEADYWIN: Profile = Profile {
         lengths: [6, 8],
         // "Meaningless": the vendor's drivers leave them zero, a document does not promise it.
         zeros: [0, 0, 0, 0xFF, 0xFF, 0xFF, 0, 0],
-        is_certain: false,
         words: &[
             (0x01, Faults::FOC_FREQUENCY),
             (0x02, Faults::OVER_VOLTAGE),
