@@ -20,11 +20,11 @@ impl<C: Clock> Cycle<C> {
         state.joint_count = fill(joints, control.joint_states());
         state.group_count = fill(groups, control.group_states());
         state.bus_count = fill(buses, channels.iter().map(BusChannel::report));
-        for (group, wrong_lease) in groups.iter_mut().zip(&counters.wrong_lease) {
+        for (group, wrong_lease) in used(groups, state.group_count).zip(&counters.wrong_lease) {
             let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];
             *counter = counter.wrapping_add(wrong_lease.load(Ordering::Relaxed));
         }
-        for (bus, filtered) in buses.iter_mut().zip(&counters.unexpected_ids) {
+        for (bus, filtered) in used(buses, state.bus_count).zip(&counters.unexpected_ids) {
             bus.unexpected_id = bus.unexpected_id.wrapping_add(filtered.load(Ordering::Relaxed));
         }
         let config_changed = counters.config_changed.load(Ordering::Relaxed);
@@ -51,4 +51,9 @@ impl<C: Clock> Cycle<C> {
 /// Writes `states` into the first entries, and returns how many they are.
 fn fill<T>(entries: &mut [T], states: impl Iterator<Item = T>) -> u32 {
     entries.iter_mut().zip(states).map(|(entry, state)| *entry = state).count() as u32
+}
+
+/// The first `count` entries.
+fn used<T>(entries: &mut [T], count: u32) -> impl Iterator<Item = &mut T> {
+    entries.iter_mut().take(count as usize)
 }
