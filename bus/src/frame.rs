@@ -80,10 +80,15 @@ pub struct Arrival {
 }
 
 /// A frame or a report from a bus. Only [`Content::Frame`] ever reaches a motor decoder.
+///
+/// A serial line names the receiver only: on a serial bus the id is that of the motor whose request is answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// A data frame with an 11-bit id and at most 8 bytes.
     Frame(Frame),
+    /// The motor with this id could not read its request, and will not answer it: an ACK frame on a serial line (GIM document,
+    /// table 3).
+    Refused(FrameId),
     /// A frame of a kind that motord does not support.
     Unsupported(Unsupported),
     /// A report of the controller on itself or on the bus.

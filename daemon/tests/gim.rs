@@ -2,6 +2,9 @@
 
 mod robot;
 
+use motord_bus::{Duration, Instant};
+use motord_core::control::{Command, Reported};
+use motord_core::drive::{Drive, Received};
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
 use robot::Robot;
 
@@ -76,6 +79,16 @@ fn gim_motors_are_damped_when_their_owner_dies() {
     assert_eq!(robot.phase(), Phase::Disarmed);
     robot.steps(3);
     assert_eq!(robot.cycle.unstopped().count(), 0, "they answered their stops");
+}
+
+#[test]
+fn a_request_that_the_motor_cannot_read_is_refused_once_and_waits_no_longer() {
+    let robot = arm();
+    let mut drive = Drive::new(&robot.settings.motors[0], Duration::ZERO, false);
+    drive.request(&Command::Start, Instant::ZERO);
+    assert_eq!(drive.refuse(), Received::Reply(Reported::Refused));
+    assert!(!drive.is_open());
+    assert_eq!(drive.refuse(), Received::Malformed, "nothing was asked");
 }
 
 #[test]

@@ -42,7 +42,7 @@ impl Bridge {
             match arrival.content {
                 Content::Frame(answer) => self.interface.send(now, &[answer]),
                 Content::Error(report) => self.interface.report(&report),
-                Content::Unsupported(_) => continue,
+                Content::Unsupported(_) | Content::Refused(_) => continue,
             };
         }
     }

@@ -168,35 +168,38 @@ impl BusChannel {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 
-    /// Reads at most one inbox full, and gives every frame to the motor that it is from. Bounded by the inbox times the
-    /// motors of the bus; at most one system call.
-    pub(super) fn receive(&mut self, now: Instant, mut judge: impl FnMut(usize, &[u8], Instant) -> Received) {
+    /// Reads at most one inbox full, and gives every frame to the motor that it is from: its payload, or `None` for a request
+    /// that the motor refused. Bounded by the inbox times the motors of the bus; at most one system call.
+    pub(super) fn receive(
+        &mut self,
+        now: Instant,
+        mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
+    ) {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
         let Self { inbox, routes, counters, condition, replied_at, .. } = self;
         for arrival in inbox.arrivals() {
             count(&mut counters.received);
-            match arrival.content {
-                Content::Frame(frame) => {
-                    let route = routes.iter().find(|(id, _)| *id == frame.id());
-                    let received = route.map_or(Received::UnexpectedId, |&(_, motor)| {
-                        judge(motor, frame.payload(), arrival.at)
-                    });
-                    match received {
-                        Received::Reply(_) => *replied_at = arrival.at,
-                        Received::Duplicate => count(&mut counters.duplicate),
-                        Received::UnexpectedId => count(&mut counters.unexpected_id),
-                        Received::Malformed => count(&mut counters.malformed),
-                    }
-                }
-                Content::Unsupported(_) => count(&mut counters.malformed),
+            let mut deliver = |id: FrameId, payload| {
+                let route = routes.iter().find(|(routed, _)| *routed == id);
+                route.map_or(Received::UnexpectedId, |&(_, motor)| judge(motor, payload, arrival.at))
+            };
+            let received = match &arrival.content {
+                Content::Frame(frame) => deliver(frame.id(), Some(frame.payload())),
+                Content::Refused(id) => deliver(*id, None),
+                Content::Unsupported(_) => Received::Malformed,
                 Content::Error(error) => {
                     count(&mut counters.errors);
-                    if let Some(state) = error.state() {
-                        *condition = condition_of(state);
-                    }
+                    *condition = error.state().map_or(*condition, condition_of);
+                    continue;
                 }
+            };
+            match received {
+                Received::Reply(_) => *replied_at = arrival.at,
+                Received::Duplicate => count(&mut counters.duplicate),
+                Received::UnexpectedId => count(&mut counters.unexpected_id),
+                Received::Malformed => count(&mut counters.malformed),
             }
         }
     }

@@ -321,7 +321,11 @@ impl<C: Clock> Cycle<C> {
             }
             read += 1;
             channel.receive(now, |motor, payload, at| {
-                let received = drives[motor].receive(payload, at);
+                let drive = &mut drives[motor];
+                let received = match payload {
+                    Some(payload) => drive.receive(payload, at),
+                    None => drive.refuse(),
+                };
                 match received {
                     Received::Reply(reported) => control.receive(motor, reported, at),
                     Received::Duplicate => control.receive_duplicate(motor),

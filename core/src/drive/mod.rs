@@ -135,8 +135,17 @@ impl Drive {
     }
 
     /// The frame of the open request was not sent after all.
-    pub fn withdraw(&mut self) {
+    pub const fn withdraw(&mut self) {
         self.correlator = self.correlator.withdraw();
+    }
+
+    /// The motor could not read the open request, and will not answer it. Constant time.
+    pub fn refuse(&mut self) -> Received {
+        if !self.is_open() {
+            return Received::Malformed;
+        }
+        self.withdraw();
+        Received::Reply(Reported::Refused)
     }
 
     /// A reply is awaited.
