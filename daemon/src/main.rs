@@ -1,6 +1,7 @@
 //! `motord`: the daemon's command line.
 
 use clap::{CommandFactory, Parser, Subcommand};
+use motord::commands::init::{InitError, Options};
 use motord::commands::safe_stop::{SafeStopError, safe_stop};
 use motord::deadman::interfaces::open_interface;
 use motord::deadman::{self, DeadmanError};
@@ -16,7 +17,7 @@ use std::process::ExitCode;
 #[command(
     name = "motord",
     version = VERSION,
-    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable, 75 already running,\n77 no permission, 78 the configuration is refused."
+    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
     #[command(subcommand)]
@@ -52,6 +53,13 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Write a first configuration: for N equal legs, or for an arm. Asks on a terminal what the options do not say.
+    ///
+    /// The limits in it are cautious. The rate is the highest for which the buses have time.
+    #[command(
+        after_help = "Examples:\n  motord init --file motord.toml\n  motord init --legs 4 --model GIM8108-8 --buses can0,can1,can2,can3 --file motord.toml\n  motord init --legs 2 --simulated --yes\n  motord init --legs 1 --joints shoulder,elbow,wrist --protocol gim --buses can0 --yes"
+    )]
+    Init(Options),
     /// Write the manual pages, for a package.
     #[command(hide = true)]
     Manual {
@@ -84,6 +92,7 @@ fn main() -> ExitCode {
             let status = motord::commands::check::check(&config, json, &mut std::io::stdout().lock());
             ExitCode::from(status.unwrap_or(EXIT_IO))
         }
+        Command::Init(init) => ended(init.run(), InitError::exit_status, &mut std::io::stderr()),
         Command::Manual { directory } => {
             let written = clap_mangen::generate_to(Arguments::command(), directory);
             ended(written, |_| EXIT_IO, &mut std::io::stderr())

@@ -38,6 +38,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     // It judges the frames of every vendor, with a codec of its own.
     "checker/src",
     "core/src/drive",
+    "daemon/src/commands/init",
     "daemon/src/config",
     "motorctl/src/frame",
     "protocol/src",

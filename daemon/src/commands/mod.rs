@@ -1,5 +1,6 @@
 //! The commands of `motord`, a file each.
 
 pub mod check;
+pub mod init;
 pub mod run;
 pub mod safe_stop;

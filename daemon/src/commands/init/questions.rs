@@ -1,0 +1,77 @@
+//! The questions of `motord init`, on a terminal.
+
+use super::{Draft, InitError, MotorPlace};
+use dialoguer::{Error, Input};
+use motord_core::settings::MotorProtocol;
+use motord_protocol::Profile;
+
+/// Asks for everything; an empty answer takes the value of `defaults`. The questions go to standard error.
+///
+/// # Errors
+///
+/// When there is no terminal, or the questions are broken off.
+pub(super) fn ask(defaults: Draft) -> Result<Draft, InitError> {
+    let Draft { legs, joints, model, protocol, place } = defaults;
+    let legs = answer("Legs (1 for an arm), 1 to 8", legs)?;
+    let joints = list(&answer("Joints of each leg", joints.join(" "))?);
+    let model = ask_model(model)?;
+    let protocol = ask_protocol(protocol, &model)?;
+    let place = parse_place(&answer("CAN interfaces or serial devices, or `simulated`", shown(&place))?);
+    Ok(Draft { legs, joints, model, protocol, place })
+}
+
+fn ask_model(default: String) -> Result<String, InitError> {
+    let known = |model: &String| match Profile::of_model(model) {
+        Some(_) => Ok(()),
+        None => Err("not known: docs/configuration.md lists the models"),
+    };
+    let asked = Input::new().with_prompt("Model of the motors").default(default).validate_with(known);
+    asked.interact_text().map_err(unanswered)
+}
+
+/// A vendor whose motors have one protocol is not asked about.
+fn ask_protocol(default: MotorProtocol, model: &str) -> Result<MotorProtocol, InitError> {
+    if Profile::of_model(model).is_none_or(|(profile, _)| profile.name != "steadywin") {
+        return Ok(MotorProtocol::Mit);
+    }
+    let is_known = |text: &String| parse_protocol(text).map(|_| ()).ok_or("`mit` or `gim`");
+    let question = "Protocol that they are set to, mit or gim (native)";
+    let asked = Input::new().with_prompt(question).default(default.name().into()).validate_with(is_known);
+    let text: String = asked.interact_text().map_err(unanswered)?;
+    Ok(parse_protocol(&text).unwrap_or(default))
+}
+
+fn parse_protocol(text: &str) -> Option<MotorProtocol> {
+    [MotorProtocol::Mit, MotorProtocol::Gim].into_iter().find(|protocol| protocol.name() == text)
+}
+
+/// Buses from a text: their names with spaces or commas between them, or `simulated`.
+fn parse_place(text: &str) -> MotorPlace {
+    match list(text) {
+        names if names == ["simulated"] => MotorPlace::Simulated,
+        names => MotorPlace::Buses(names),
+    }
+}
+
+fn shown(place: &MotorPlace) -> String {
+    match place {
+        MotorPlace::Simulated => "simulated".into(),
+        MotorPlace::Buses(names) => names.join(" "),
+    }
+}
+
+fn list(text: &str) -> Vec<String> {
+    text.split([' ', ',']).filter(|name| !name.is_empty()).map(str::to_owned).collect()
+}
+
+fn answer<T>(question: &str, default: T) -> Result<T, InitError>
+where
+    T: Clone + ToString + std::str::FromStr,
+    T::Err: ToString,
+{
+    Input::new().with_prompt(question).default(default).interact_text().map_err(unanswered)
+}
+
+fn unanswered(Error::IO(error): Error) -> InitError {
+    InitError::Unanswered(error)
+}

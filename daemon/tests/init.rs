@@ -1,0 +1,111 @@
+//! `motord init`: every configuration that it writes can be run, and nothing is overwritten.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord::config;
+use nix::pty::openpty;
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn init(arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+    command.arg("init").args(arguments).stdin(Stdio::null()).output().unwrap()
+}
+
+fn written(file: &Path, arguments: &[&str]) -> config::Loaded {
+    let file_name = file.to_str().unwrap();
+    let output = init(&[arguments, &["--file", file_name]].concat());
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    config::load(file).unwrap_or_else(|error| panic!("{arguments:?}: {error}"))
+}
+
+#[test]
+fn every_configuration_that_is_written_passes_check() {
+    let directory = tempfile::tempdir().unwrap();
+    let models = ["GIM8108-8", "GIM3505-8", "GIM10015-9", "DM-J4310-2EC", "RS00"];
+    for legs in 1..=8 {
+        for (index, model) in models.into_iter().enumerate() {
+            let file = directory.path().join(format!("{legs}-{index}.toml"));
+            let legs = legs.to_string();
+            let loaded = written(&file, &["--legs", &legs, "--model", model, "--simulated"]);
+            assert_eq!(loaded.settings.motors.len(), 3 * legs.parse::<usize>().unwrap());
+        }
+    }
+}
+
+#[test]
+fn the_rate_is_the_highest_for_which_the_buses_have_time() {
+    let directory = tempfile::tempdir().unwrap();
+    for (buses, rate_hz) in [("can0,can1,can2,can3", 1000.0), ("can0,can1", 500.0), ("can0", 250.0)] {
+        let file = directory.path().join(format!("{rate_hz}.toml"));
+        let loaded = written(&file, &["--legs", "4", "--buses", buses, "--yes"]);
+        assert_eq!(loaded.settings.cycle.rate_hz, rate_hz, "{buses}");
+    }
+    let output = init(&["--legs", "4", "--buses", "can0", "--rate-hz", "1000", "--yes"]);
+    assert_eq!(output.status.code(), Some(78));
+    let complaint = String::from_utf8(output.stderr).unwrap();
+    assert!(complaint.contains("of this bus at worst"), "{complaint}");
+}
+
+#[test]
+fn an_existing_file_is_replaced_only_when_that_is_asked_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("motord.toml");
+    fs::write(&file, "mine").unwrap();
+    let name = file.to_str().unwrap();
+    let output = init(&["--yes", "--file", name]);
+    assert_eq!(output.status.code(), Some(73));
+    assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+    assert!(init(&["--yes", "--file", name, "--force"]).status.success());
+    config::load(&file).unwrap();
+}
+
+#[test]
+fn an_answer_that_cannot_be_used_is_named() {
+    for (arguments, complaint) in [
+        (&["--model", "GIM9999"][..], "no model is called"),
+        (&["--legs", "0"], "1 to 8 legs"),
+        (&["--legs", "1", "--buses", "can0,can1"], "more buses than legs"),
+        (&["--joints", "Hip!"], "cannot be a name"),
+        (&["--buses", "a\"/b"], "cannot be an interface"),
+        (&["--model", "RS00", "--protocol", "gim"], "native protocol is not spoken"),
+        (&["--rate-hz", "nan"], "cycle.rate-hz"),
+    ] {
+        let output = init(&[arguments, &["--yes"]].concat());
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(!output.status.success() && said.contains(complaint), "{arguments:?}: {said}");
+        assert!(output.stdout.is_empty(), "{arguments:?} wrote something");
+    }
+}
+
+#[test]
+fn on_a_terminal_it_asks_and_an_empty_answer_is_the_default() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("motord.toml");
+    let terminal = openpty(None, None).unwrap();
+    let near = || Stdio::from(terminal.slave.try_clone().unwrap());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+    command.args(["init", "--file", file.to_str().unwrap()]).env("TERM", "xterm");
+    let mut asked = command.stdin(near()).stdout(Stdio::null()).stderr(near()).spawn().unwrap();
+    drop(terminal.slave);
+    let mut master = File::from(terminal.master);
+    // Legs, joints, model, protocol, buses.
+    for answer in ["2", "", "GIM6010-8", "", "simulated"] {
+        wait_for(&mut master, ": ");
+        master.write_all(format!("{answer}\r").as_bytes()).unwrap();
+        wait_for(&mut master, "\n");
+    }
+    assert!(asked.wait().unwrap().success());
+    let loaded = config::load(&file).unwrap();
+    assert_eq!((loaded.settings.motors.len(), loaded.settings.buses.len()), (6, 2));
+}
+
+fn wait_for(terminal: &mut File, text: &str) {
+    let (mut seen, mut byte) = (String::new(), [0]);
+    while !seen.ends_with(text) {
+        terminal.read_exact(&mut byte).unwrap();
+        seen.push(char::from(byte[0]));
+    }
+}
