@@ -194,6 +194,12 @@ impl SimulatedBus {
             Fault::Report(state) => self.report(controller_report(state)),
             Fault::Unsupported(unsupported) => self.arrive(self.now, Content::Unsupported(unsupported)),
             Fault::Overflow(frames) => self.lost = self.lost.saturating_add(frames),
+            Fault::Echo
+            | Fault::Glue(_)
+            | Fault::Loss(_)
+            | Fault::Corruption(_)
+            | Fault::Silent
+            | Fault::Blocked => return Err(InjectError::OnlySerial),
             _ => return Err(InjectError::NotForBuses),
         }
         Ok(())

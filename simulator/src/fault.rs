@@ -47,7 +47,7 @@ pub enum Fault {
     NoAck,
     /// `down`: the interface is down.
     Down,
-    /// `gone`: the interface is unplugged.
+    /// `gone`: the interface is unplugged. `ok` plugs a serial port in again, perhaps under another name.
     Gone,
     /// `flood 8000`: so many frames a second with ids of no motor.
     Flood(u32),
@@ -57,6 +57,18 @@ pub enum Fault {
     Unsupported(Unsupported),
     /// `overflow 5`: so many received frames were lost.
     Overflow(u32),
+    /// `echo`: the RS485 adapter gives the host back what it sends.
+    Echo,
+    /// `glue 16ms`: the adapter collects bytes for this time, and hands them over at once.
+    Glue(Duration),
+    /// `loss 1%`: that fraction of the bytes is lost in each direction, 0 to 1.
+    Loss(f64),
+    /// `corrupt 1%`: that fraction of the bytes is changed in each direction, 0 to 1.
+    Corruption(f64),
+    /// `silent`: no byte passes, in either direction.
+    Silent,
+    /// `blocked`: the port takes no byte of the host (`EAGAIN`).
+    Blocked,
 }
 
 /// A fault and the name of its bus or motor, as in `front-left bus-off`.
@@ -127,10 +139,12 @@ enum Form {
 }
 
 /// All verbs; the documentation of [`Fault`] says what they do.
-const VERBS: [(&str, Form); 30] = {
+const VERBS: [(&str, Form); 36] = {
     use Form::{Bare, Either, With};
     let slow = Fault::Slow(Duration::from_millis(10));
     let delayed = Fault::Delayed(Duration::from_millis(2));
+    // The latency timer of common USB adapters.
+    let glue = Fault::Glue(Duration::from_millis(16));
     [
         ("ok", Bare(Fault::Ok)),
         ("on", Bare(Fault::Ok)),
@@ -186,6 +200,12 @@ const VERBS: [(&str, Form); 30] = {
         ("remote", Bare(Fault::Unsupported(Unsupported::Remote))),
         ("fd", Bare(Fault::Unsupported(Unsupported::Fd))),
         ("overflow", With { example: "5", read: |text| text.parse().ok().map(Fault::Overflow) }),
+        ("echo", Bare(Fault::Echo)),
+        ("glue", Either { otherwise: glue, example: "16ms", read: |text| duration(text).map(Fault::Glue) }),
+        ("loss", With { example: "1%", read: |text| percentage(text).map(Fault::Loss) }),
+        ("corrupt", With { example: "1%", read: |text| percentage(text).map(Fault::Corruption) }),
+        ("silent", Bare(Fault::Silent)),
+        ("blocked", Bare(Fault::Blocked)),
     ]
 };
 
@@ -243,15 +263,21 @@ pub enum InjectError {
     NotForMotors,
     /// A fault of motors, asked for a bus.
     NotForBuses,
+    /// A fault of serial ports, asked for another bus.
+    OnlySerial,
+    /// The port could not be plugged in again: the `errno` of the pseudo terminal.
+    Unplugged(i32),
 }
 
 impl core::fmt::Display for InjectError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.write_str(match self {
-            Self::NoSuchTarget => "no bus or motor of this name",
-            Self::NotForMotors => "only a bus can have this fault",
-            Self::NotForBuses => "only a motor can have this fault",
-        })
+        match self {
+            Self::NoSuchTarget => f.write_str("no bus or motor of this name"),
+            Self::NotForMotors => f.write_str("only a bus can have this fault"),
+            Self::NotForBuses => f.write_str("only a motor can have this fault"),
+            Self::OnlySerial => f.write_str("only a serial port can have this fault"),
+            Self::Unplugged(errno) => write!(f, "no pseudo terminal: os error {errno}"),
+        }
     }
 }
 
@@ -278,9 +304,13 @@ mod tests {
             ("fl-hip flood 100", Fault::Flood(100)),
             ("fl-hip passive", Fault::Report(ControllerState::Passive)),
             ("fl-hip remote", Fault::Unsupported(Unsupported::Remote)),
+            ("arm echo", Fault::Echo),
+            ("arm glue 1ms", Fault::Glue(Duration::from_millis(1))),
+            ("arm corrupt 0.5%", Fault::Corruption(0.005)),
         ];
         for (line, fault) in cases {
-            assert_eq!(line.parse(), Ok(FaultVerb { target: "fl-hip".into(), fault }), "{line}");
+            let target = line.split_whitespace().next().unwrap().into();
+            assert_eq!(line.parse(), Ok(FaultVerb { target, fault }), "{line}");
         }
     }
 

@@ -43,8 +43,11 @@ mod bus;
 mod contention;
 mod fault;
 mod length;
+mod line;
 mod motor;
 mod plant;
+#[cfg(feature = "bridge")]
+mod port;
 mod random;
 mod record;
 mod serial;
@@ -61,6 +64,8 @@ pub use fault::{Fault, FaultVerb, InjectError, VerbError};
 pub use length::frame_bits;
 pub use motor::{Mode, Motor};
 pub use plant::{Plant, PlantBus, couple};
+#[cfg(feature = "bridge")]
+pub use port::SerialPort;
 pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{

@@ -281,7 +281,8 @@ impl Motor {
         }
     }
 
-    fn is_addressed(&self, at: Instant, id: FrameId) -> bool {
+    /// The motor hears frames with this `id`.
+    pub(crate) fn is_addressed(&self, at: Instant, id: FrameId) -> bool {
         let listens = self.kind == BusKind::Serial || self.configuration.listens_at(self.bitrate);
         listens
             && !self.impairment.off

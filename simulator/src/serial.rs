@@ -1,6 +1,8 @@
 //! The RS485 and RS232 framing of the vendor, from the motors' side: bytes in, bytes out (GIM document, table 3).
 
-use crate::SimulatedBus;
+use crate::line::Line;
+use crate::motor::Motor;
+use crate::{Fault, FaultVerb, InjectError, SimulatedBus};
 use motord_bus::{Bus, Content, Frame, FrameId, Inbox, Instant, Readiness};
 
 /// Id of the receiver, type, payload length, XOR of the three.
@@ -14,9 +16,13 @@ const ACK: u8 = 1;
 /// A request with a damaged header, or with a length other than 8, is answered with an ACK frame by the motor whose
 /// id it bears. The document sends ACK frames only for faults, and leaves their payload open (here: none). The bytes that
 /// follow are searched for the next valid header, without a further ACK.
+///
+/// The line between port and motors can have faults: [`Fault::Echo`], [`Fault::Glue`], [`Fault::Loss`],
+/// [`Fault::Corruption`] and [`Fault::Silent`].
 #[derive(Debug, Clone)]
 pub struct SerialSlave {
     bus: SimulatedBus,
+    line: Line,
     window: [u8; HEADER + PAYLOAD],
     len: usize,
     searching: bool,
@@ -31,11 +37,18 @@ enum Start {
 }
 
 impl SerialSlave {
-    /// Puts `bus`, one of kind [`BusKind::Serial`](crate::BusKind::Serial), behind a port.
+    /// Puts `bus`, one of kind [`BusKind::Serial`](crate::BusKind::Serial), behind a port. `seed`
+    /// determines which bytes a bad line loses or changes.
     #[must_use]
-    pub fn new(bus: SimulatedBus) -> Self {
+    pub fn new(bus: SimulatedBus, seed: u64) -> Self {
         let window = [0; HEADER + PAYLOAD];
-        Self { bus, window, len: 0, searching: false, inbox: Inbox::new() }
+        Self { bus, line: Line::new(seed), window, len: 0, searching: false, inbox: Inbox::new() }
+    }
+
+    /// The name of the bus, which fault verbs address it by.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.bus.name()
     }
 
     /// The bus, for its motors and for faults.
@@ -46,28 +59,52 @@ impl SerialSlave {
     /// The time of the next answer, if nothing else is received.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
-        self.bus.readiness()
+        match (self.line.handover(), self.bus.readiness()) {
+            (Instant::FAR_FUTURE, readiness) => readiness,
+            (handover, Readiness::At(at)) => Readiness::At(handover.min(at)),
+            (handover, Readiness::Readable(_) | Readiness::Never) => Readiness::At(handover),
+        }
     }
 
-    /// Takes received bytes. Appends the bytes that the motors have sent by `now` to `answers`.
+    /// Applies `verb` to the line, to the bus or to one of its motors. `ok` to the bus ends the line's faults, too.
+    ///
+    /// # Errors
+    ///
+    /// As [`SimulatedBus::inject`].
+    pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        if verb.target == self.bus.name() {
+            if verb.fault == Fault::Ok {
+                self.line.recover();
+            } else if self.line.suffer(verb.fault) {
+                return Ok(());
+            }
+        }
+        self.bus.inject(now, verb)
+    }
+
+    /// Takes the bytes that the host has sent. Appends the bytes that it can read at `now` to `answers`.
     pub fn transact(&mut self, now: Instant, received: &[u8], answers: &mut Vec<u8>) {
+        self.line.echo(now, received);
         for byte in received {
-            self.window[self.len] = *byte;
-            self.len += 1;
-            self.parse(now, answers);
+            if let Some(byte) = self.line.carry(*byte) {
+                self.window[self.len] = byte;
+                self.len += 1;
+                self.parse(now);
+            }
         }
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         for arrival in self.inbox.arrivals() {
             if let Content::Frame(frame) = arrival.content {
-                answers.extend_from_slice(&header(frame.id(), NORMAL, frame.payload().len()));
-                answers.extend_from_slice(frame.payload());
+                self.line.bring(now, &header(frame.id(), NORMAL, frame.payload().len()));
+                self.line.bring(now, frame.payload());
             }
         }
+        self.line.hand_over(now, answers);
     }
 
     /// Leaves room for at least one byte in the window.
-    fn parse(&mut self, now: Instant, answers: &mut Vec<u8>) {
+    fn parse(&mut self, now: Instant) {
         loop {
             match self.start() {
                 Start::Incomplete => return,
@@ -78,7 +115,7 @@ impl SerialSlave {
                 }
                 Start::Damage => {
                     if !core::mem::replace(&mut self.searching, true) {
-                        self.complain(answers);
+                        self.complain(now);
                     }
                     self.window.copy_within(1..self.len, 0);
                     self.len -= 1;
@@ -100,10 +137,11 @@ impl SerialSlave {
         FrameId::new(self.window[0].into()).unwrap_or(FrameId::MAX)
     }
 
-    fn complain(&self, answers: &mut Vec<u8>) {
-        let motor = self.bus.motors().iter().find(|motor| motor.address() == self.addressee());
-        if let Some(motor) = motor {
-            answers.extend_from_slice(&header(motor.host_address(), ACK, 0));
+    fn complain(&mut self, now: Instant) {
+        let (motors, addressee) = (self.bus.motors(), self.addressee());
+        let motor = motors.iter().find(|motor| motor.is_addressed(now, addressee));
+        if let Some(host) = motor.map(Motor::host_address) {
+            self.line.bring(now, &header(host, ACK, 0));
         }
     }
 }
@@ -125,7 +163,7 @@ mod tests {
     fn slave() -> SerialSlave {
         let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
         let motor = MotorSettings { host_id: 0, ..MotorSettings::default() };
-        SerialSlave::new(SimulatedBus::new(settings, vec![motor], 0))
+        SerialSlave::new(SimulatedBus::new(settings, vec![motor], 0), 0)
     }
 
     /// The bytes that come back within 10 ms of `received`.
@@ -181,5 +219,69 @@ mod tests {
         let other = [0x02, 0x00, 0x08, 0x0A, 0xB1, 0, 0, 0, 0, 0, 0, 0];
         assert!(answers(&mut slave(), &other).is_empty());
         assert_eq!(answers(&mut slave(), &[0x01, 0x00, 0x07, 0x06]), [0x00, 0x01, 0x00, 0x01]);
+    }
+
+    fn inject(slave: &mut SerialSlave, what: &str) {
+        let verb = format!("can0 {what}").parse().unwrap();
+        slave.inject(Instant::ZERO, &verb).unwrap();
+    }
+
+    #[test]
+    fn an_echoing_adapter_gives_the_request_back_before_the_answer() {
+        let mut echoing = slave();
+        inject(&mut echoing, "echo");
+        assert_eq!(answers(&mut echoing, &GET_VERSION), [GET_VERSION, VERSION].concat());
+        let mut mended = slave();
+        inject(&mut mended, "echo");
+        inject(&mut mended, "ok");
+        assert_eq!(answers(&mut mended, &GET_VERSION), VERSION);
+    }
+
+    #[test]
+    fn glued_answers_come_in_one_piece_when_the_adapter_hands_over() {
+        let mut slave = slave();
+        inject(&mut slave, "glue 16ms");
+        let mut read = Vec::new();
+        for millisecond in 0..16 {
+            let request = if millisecond % 5 == 0 { &GET_VERSION[..] } else { &[] };
+            slave.transact(Instant::from_nanos(millisecond * 1_000_000), request, &mut read);
+            assert!(read.is_empty(), "{millisecond} ms");
+        }
+        slave.transact(Instant::from_nanos(17_000_000), &[], &mut read);
+        assert_eq!(read, [VERSION; 4].concat());
+    }
+
+    #[test]
+    fn a_bad_line_loses_and_changes_the_share_that_it_was_told_and_the_same_bytes_again() {
+        let damage = |verb: &str, seed| {
+            let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
+            let mut slave = SerialSlave::new(SimulatedBus::new(settings, Vec::new(), 0), seed);
+            inject(&mut slave, "echo");
+            inject(&mut slave, verb);
+            answers(&mut slave, &[0xA5; 10_000])
+        };
+        let lost = 10_000 - damage("loss 10%", 1).len();
+        assert!((800..1_200).contains(&lost), "{lost}");
+        let changed = damage("corrupt 10%", 1).iter().filter(|byte| **byte != 0xA5).count();
+        assert!((800..1_200).contains(&changed), "{changed}");
+        assert_eq!(damage("corrupt 10%", 1), damage("corrupt 10%", 1));
+        assert_ne!(damage("corrupt 10%", 1), damage("corrupt 10%", 2));
+    }
+
+    #[test]
+    fn a_silent_line_moves_no_motor_and_brings_no_byte() {
+        let mut slave = slave();
+        inject(&mut slave, "silent");
+        inject(&mut slave, "echo");
+        let start = [0x01, 0x00, 0x08, 0x09, 0x91, 0, 0, 0, 0, 0, 0, 0];
+        assert!(answers(&mut slave, &start).is_empty());
+        assert_eq!(slave.bus().motors()[0].mode(), crate::Mode::Stopped);
+    }
+
+    #[test]
+    fn a_motor_that_is_unplugged_complains_of_no_header() {
+        let mut slave = slave();
+        slave.inject(Instant::ZERO, &"motor off".parse().unwrap()).unwrap();
+        assert!(answers(&mut slave, &[0x01, 0x00, 0x07, 0x06]).is_empty());
     }
 }

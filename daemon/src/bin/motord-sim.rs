@@ -1,4 +1,4 @@
-//! `motord-sim`: a configuration's motors, simulated, on its CAN interfaces.
+//! `motord-sim`: a configuration's motors, simulated, on its CAN interfaces and on pseudo terminals.
 
 use clap::Parser;
 use motord::buses;
@@ -6,31 +6,64 @@ use motord::config::{self, ConfigError};
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
 use motord_core::settings::{BusKind, Settings};
-use motord_simulator::{Bridge, FaultVerb, InjectError, SimulatedBus, VerbError};
+use motord_simulator::{Bridge, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, VerbError};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Puts the motors of a configuration, simulated, on its CAN interfaces: `motord` drives them as if they were real.
+/// Puts the motors of a configuration, simulated, on its CAN interfaces, and those of its serial buses on pseudo
+/// terminals: `motord` drives them as if they were real.
 ///
-/// Faults are read from standard input, one a line, and each is answered by a line: `ok`, or `error:` and why.
+/// At the start it prints a line for each serial bus, its name and the device to open instead of the configured one, and
+/// then `ready`. Faults are read from standard input, one a line, and each is answered by a line: `ok`, or `error:` and why.
+/// A serial bus that is plugged in again tells its device once more before its `ok`.
 #[derive(Debug, Parser)]
 #[command(
     name = "motord-sim",
     version,
-    after_help = "Example:\n  motord-sim --config /etc/motord/motord.toml\n\nLines: TARGET FAULT [ARGUMENT], where TARGET is a motor or a bus of the configuration:\n  fl-hip off\n  fl-hip delayed 2ms\n  fl-hip intermittent 50%\n  front-left bus-off\n  front-left ok\n\nExit status: 64 usage, 69 an interface is unavailable, 78 the configuration is refused."
+    after_help = AFTER_HELP
 )]
 struct Arguments {
-    /// The configuration. Its buses of type socketcan are served.
+    /// The configuration. Its buses of type socketcan and serial are served.
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// Bit rate of the simulated wire, instead of the configuration's. The kernel takes its own time on top: on a slow
     /// machine or a real wire, a high rate brings the answers when they would come without it.
     #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(1..))]
     wire_bitrate: Option<u32>,
+    /// Makes a symbolic link to each pseudo terminal in this directory, named as the configured device: `ttyUSB0` of
+    /// `/dev/ttyUSB0`. A configuration whose devices are in this directory finds the simulated motors by itself.
+    #[arg(long, value_name = "DIR")]
+    link: Option<PathBuf>,
+    /// Determines everything random: jitter, losses, corruption.
+    #[arg(long, value_name = "NUMBER", default_value_t = 0)]
+    seed: u64,
 }
+
+const AFTER_HELP: &str = "\
+Example:
+  motord-sim --config /etc/motord/motord.toml
+
+Lines: TARGET FAULT [ARGUMENT], where TARGET is a motor or a bus of the configuration:
+  fl-hip off
+  fl-hip delayed 2ms
+  fl-hip intermittent 50%
+  front-left bus-off
+  front-left ok
+
+Lines for a serial bus:
+  gripper echo
+  gripper glue 16ms
+  gripper loss 1%
+  gripper corrupt 1%
+  gripper silent
+  gripper blocked
+  gripper gone
+  gripper ok
+
+Exit status: 64 usage, 69 an interface is unavailable, 78 the configuration is refused.";
 
 const EXIT_USAGE: u8 = 64;
 const EXIT_UNAVAILABLE: u8 = 69;
@@ -40,19 +73,21 @@ const EXIT_CONFIG: u8 = 78;
 enum Failure {
     #[error(transparent)]
     Config(#[from] ConfigError),
-    #[error("no bus of this configuration is of type socketcan")]
+    #[error("no bus of this configuration is of type socketcan or serial")]
     NoBus,
     #[error(transparent)]
     Name(#[from] InvalidName),
     #[error(transparent)]
     Open(#[from] OpenError),
+    #[error("no pseudo terminal for {bus}: {error}")]
+    Terminal { bus: String, error: std::io::Error },
 }
 
 impl Failure {
     fn exit_status(&self) -> u8 {
         match self {
             Self::Config(_) | Self::NoBus | Self::Name(_) => EXIT_CONFIG,
-            Self::Open(_) => EXIT_UNAVAILABLE,
+            Self::Open(_) | Self::Terminal { .. } => EXIT_UNAVAILABLE,
         }
     }
 }
@@ -65,27 +100,28 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let Err(failure) = run(&arguments.config, arguments.wire_bitrate);
+    let Err(failure) = run(&arguments);
     let _unread = writeln!(std::io::stderr(), "motord-sim: {failure}");
     ExitCode::from(failure.exit_status())
 }
 
 /// Serves until the process is ended.
-fn run(file: &Path, wire_bitrate: Option<u32>) -> Result<Infallible, Failure> {
+fn run(arguments: &Arguments) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
-    let settings = config::load(file)?.settings;
-    let mut bridges = open(&settings, wire_bitrate)?;
+    let settings = config::load(&arguments.config)?.settings;
+    let mut lines = open(&settings, arguments)?;
     let mut commands = Commands::new();
+    lines.iter().for_each(tell);
     say("ready");
     loop {
         let now = clock::monotonic();
-        bridges.iter_mut().for_each(|bridge| bridge.serve(now));
+        lines.iter_mut().for_each(|line| line.serve(now));
         let readiness: Vec<Readiness<'_>> =
-            bridges.iter().map(Bridge::readiness).chain([commands.readiness()]).collect();
-        let until = bridges.iter().map(Bridge::due).min().unwrap_or(now).min(now + IDLE);
-        if wait(&readiness, now, until).contains(bridges.len()) {
-            for line in commands.read() {
-                match obey(&mut bridges, clock::monotonic(), &line) {
+            lines.iter().map(Line::readiness).chain([commands.readiness()]).collect();
+        let until = lines.iter().map(Line::due).min().unwrap_or(now).min(now + IDLE);
+        if wait(&readiness, now, until).contains(lines.len()) {
+            for command in commands.read() {
+                match obey(&mut lines, clock::monotonic(), &command) {
                     Ok(()) => say("ok"),
                     Err(reason) => say(&format!("error: {reason}")),
                 }
@@ -94,21 +130,84 @@ fn run(file: &Path, wire_bitrate: Option<u32>) -> Result<Infallible, Failure> {
     }
 }
 
+/// A bus on its way to other processes.
+enum Line {
+    Can(Bridge),
+    Serial(SerialPort),
+}
+
+impl Line {
+    fn serve(&mut self, now: Instant) {
+        match self {
+            Self::Can(bridge) => bridge.serve(now),
+            Self::Serial(port) => port.serve(now),
+        }
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        match self {
+            Self::Can(bridge) => bridge.readiness(),
+            Self::Serial(port) => port.readiness(),
+        }
+    }
+
+    fn due(&self) -> Instant {
+        match self {
+            Self::Can(bridge) => bridge.due(),
+            Self::Serial(port) => port.due(),
+        }
+    }
+
+    fn device(&self) -> Option<&Path> {
+        match self {
+            Self::Can(_) => None,
+            Self::Serial(port) => port.path(),
+        }
+    }
+
+    fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        match self {
+            Self::Can(bridge) => bridge.inject(now, verb),
+            Self::Serial(port) => port.inject(now, verb),
+        }
+    }
+}
+
+/// The device of a serial bus that is plugged in.
+fn tell(line: &Line) {
+    if let (Line::Serial(port), Some(device)) = (line, line.device()) {
+        say(&format!("{}: {}", port.name(), device.display()));
+    }
+}
+
 /// Whoever stopped listening still has motors.
 fn say(line: &str) {
     let _unread = writeln!(std::io::stdout(), "{line}");
 }
 
-fn open(settings: &Settings, wire_bitrate: Option<u32>) -> Result<Vec<Bridge>, Failure> {
-    let mut bridges = Vec::new();
+fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure> {
+    let mut lines = Vec::new();
     for (index, bus) in settings.buses.iter().enumerate() {
-        let BusKind::SocketCan { interface, bitrate } = &bus.kind else { continue };
+        let seed = arguments.seed.wrapping_add(index as u64);
         let (mut wire, motors) = buses::physics(settings, index);
-        wire.bitrate = wire_bitrate.unwrap_or(*bitrate);
-        let simulated = SimulatedBus::new(wire, motors, index as u64);
-        bridges.push(Bridge::open(simulated, interface.parse()?, *bitrate)?);
+        match &bus.kind {
+            BusKind::SocketCan { interface, bitrate } => {
+                wire.bitrate = arguments.wire_bitrate.unwrap_or(*bitrate);
+                let simulated = SimulatedBus::new(wire, motors, seed);
+                lines.push(Line::Can(Bridge::open(simulated, interface.parse()?, *bitrate)?));
+            }
+            BusKind::Serial { device, .. } => {
+                let slave = SerialSlave::new(SimulatedBus::new(wire, motors, seed), seed);
+                let file_name = Path::new(device).file_name().unwrap_or_default();
+                let link = arguments.link.as_ref().map(|folder| folder.join(file_name));
+                let port = SerialPort::open(slave, link);
+                let port = port.map_err(|error| Failure::Terminal { bus: bus.name.clone(), error })?;
+                lines.push(Line::Serial(port));
+            }
+            BusKind::Simulated { .. } => {}
+        }
     }
-    if bridges.is_empty() { Err(Failure::NoBus) } else { Ok(bridges) }
+    if lines.is_empty() { Err(Failure::NoBus) } else { Ok(lines) }
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -119,13 +218,18 @@ enum Refused {
     Inject(#[from] InjectError),
 }
 
-fn obey(bridges: &mut [Bridge], now: Instant, line: &str) -> Result<(), Refused> {
-    let verb: FaultVerb = line.parse()?;
-    for bridge in bridges {
-        match bridge.inject(now, &verb) {
-            Err(InjectError::NoSuchTarget) => {}
-            result => return Ok(result?),
+fn obey(lines: &mut [Line], now: Instant, command: &str) -> Result<(), Refused> {
+    let verb: FaultVerb = command.parse()?;
+    for line in lines {
+        let device = line.device().map(Path::to_owned);
+        match line.inject(now, &verb) {
+            Err(InjectError::NoSuchTarget) => continue,
+            result => result?,
         }
+        if line.device() != device.as_deref() {
+            tell(line);
+        }
+        return Ok(());
     }
     Err(InjectError::NoSuchTarget.into())
 }

@@ -2,22 +2,25 @@
 //!
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
 
-use motord_core::settings::{MotorProtocol, MotorSettings, Settings};
+use motord_core::settings::{BusKind, MotorProtocol, MotorSettings, Settings};
 use motord_protocol::Model;
 use motord_simulator::{self as simulator, Dialect, SimulatedBus};
 
 /// The current of the largest torque code, A (MIT document 1.1).
 const CURRENT_MAX: f64 = 225.0;
 
-/// The simulated twin of a bus, with its motors. `bus` is its index in `settings`; its type does not matter. Everything
-/// that the configuration does not say is the simulator's default.
+/// The simulated twin of a bus, with its motors. `bus` is its index in `settings`: a serial line if it is
+/// one, else CAN. Everything that the configuration does not say is the simulator's default.
 #[must_use]
 pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<simulator::MotorSettings>) {
     let motors = settings.motors.iter().filter(|motor| motor.bus == bus).map(twin).collect();
     let bus = &settings.buses[bus];
-    let twin =
-        simulator::BusSettings { name: bus.name.clone(), bitrate: bus.kind.bitrate(), ..Default::default() };
-    (twin, motors)
+    let kind = match bus.kind {
+        BusKind::Serial { .. } => simulator::BusKind::Serial,
+        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => simulator::BusKind::Can,
+    };
+    let (name, bitrate) = (bus.name.clone(), bus.kind.bitrate());
+    (simulator::BusSettings { name, kind, bitrate, ..Default::default() }, motors)
 }
 
 /// The simulated bus of a configuration, with its motors at rest. `seed` decides everything that is random in it.

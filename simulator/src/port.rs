@@ -1,0 +1,157 @@
+//! Simulated motors on a pseudo terminal, for a host in another process.
+
+use crate::{Fault, FaultVerb, InjectError, SerialSlave};
+use motord_bus::{Instant, Readiness};
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::pty::openpty;
+use nix::sys::termios::{FlowArg, SetArg, cfmakeraw, tcflow, tcgetattr, tcsetattr};
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::{Path, PathBuf};
+
+/// Bytes that one call of [`SerialPort::serve`] reads.
+const BYTES_MAX: usize = 4096;
+
+/// The motors of a [`SerialSlave`] on a pseudo terminal. A host opens, closes and opens it again as it likes: its settings and the
+/// motors stay.
+///
+/// Faults of the port, on top of those of the line: [`Fault::Gone`] unplugs it, so that the host's descriptor hangs up, and
+/// [`Fault::Blocked`] lets it take no bytes. [`Fault::Ok`] ends both; the pseudo terminal may have another name then.
+#[derive(Debug)]
+pub struct SerialPort {
+    slave: SerialSlave,
+    terminal: Option<Terminal>,
+    /// A symbolic link that always leads to the pseudo terminal.
+    link: Option<PathBuf>,
+    answers: Vec<u8>,
+}
+
+#[derive(Debug)]
+struct Terminal {
+    motors_end: OwnedFd,
+    /// Kept open: the motors' end would hang up without it whenever the host closes its own.
+    host_end: OwnedFd,
+    path: PathBuf,
+}
+
+impl SerialPort {
+    /// Opens a pseudo terminal for the motors of `slave`. `link` becomes a symbolic link to it; it may replace an older symbolic
+    /// link, and nothing else.
+    ///
+    /// # Errors
+    ///
+    /// The kernel gives no pseudo terminal, or the link cannot be made.
+    pub fn open(slave: SerialSlave, link: Option<PathBuf>) -> Result<Self, std::io::Error> {
+        let mut port = Self { slave, terminal: None, link, answers: Vec::new() };
+        port.plug()?;
+        Ok(port)
+    }
+
+    /// The device that the host opens; none while it is unplugged.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.terminal.as_ref().map(|terminal| terminal.path.as_path())
+    }
+
+    /// The name that fault verbs address it by.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.slave.name()
+    }
+
+    /// Moves the bytes that are there by `now`, in both directions. Answers that the host does not read in time are lost, as
+    /// in a full buffer.
+    pub fn serve(&mut self, now: Instant) {
+        let mut received = [0; BYTES_MAX];
+        let count = match &self.terminal {
+            Some(terminal) => nix::unistd::read(&terminal.motors_end, &mut received).unwrap_or(0),
+            None => 0,
+        };
+        self.answers.clear();
+        self.slave.transact(now, &received[..count], &mut self.answers);
+        if let Some(terminal) = &self.terminal
+            && !self.answers.is_empty()
+        {
+            let _lost = nix::unistd::write(&terminal.motors_end, &self.answers);
+        }
+    }
+
+    /// Becomes ready when bytes arrive.
+    #[must_use]
+    pub fn readiness(&self) -> Readiness<'_> {
+        let readable = |terminal| Readiness::Readable(Terminal::motors_end(terminal));
+        self.terminal.as_ref().map_or(Readiness::Never, readable)
+    }
+
+    /// The earliest time of an answer, if no byte arrives before.
+    #[must_use]
+    pub fn due(&self) -> Instant {
+        match self.slave.readiness() {
+            Readiness::At(instant) => instant,
+            Readiness::Readable(_) | Readiness::Never => Instant::FAR_FUTURE,
+        }
+    }
+
+    /// Applies `verb` to the port, to its bus or to one of its motors.
+    ///
+    /// # Errors
+    ///
+    /// As [`SimulatedBus::inject`](crate::SimulatedBus::inject); and the kernel may refuse.
+    pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        if verb.target != self.name() {
+            return self.slave.inject(now, verb);
+        }
+        match verb.fault {
+            Fault::Gone => self.terminal = None,
+            Fault::Blocked => self.flow(FlowArg::TCOOFF)?,
+            Fault::Ok => {
+                if self.terminal.is_none() {
+                    self.plug().map_err(|error| InjectError::Unplugged(error.raw_os_error().unwrap_or(0)))?;
+                }
+                self.flow(FlowArg::TCOON)?;
+                self.slave.inject(now, verb)?;
+            }
+            _ => self.slave.inject(now, verb)?,
+        }
+        Ok(())
+    }
+
+    fn flow(&self, flow: FlowArg) -> Result<(), InjectError> {
+        let Some(terminal) = &self.terminal else { return Err(InjectError::Unplugged(Errno::ENODEV as i32)) };
+        tcflow(&terminal.host_end, flow).map_err(|errno| InjectError::Unplugged(errno as i32))
+    }
+
+    fn plug(&mut self) -> Result<(), std::io::Error> {
+        let terminal = Terminal::open()?;
+        if let Some(link) = &self.link {
+            relink(link, &terminal.path)?;
+        }
+        self.terminal = Some(terminal);
+        Ok(())
+    }
+}
+
+impl Terminal {
+    /// Raw: no byte means anything to the kernel.
+    fn open() -> Result<Self, Errno> {
+        let ends = openpty(None, None)?;
+        let mut settings = tcgetattr(&ends.slave)?;
+        cfmakeraw(&mut settings);
+        tcsetattr(&ends.slave, SetArg::TCSANOW, &settings)?;
+        fcntl(&ends.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
+        let path = nix::unistd::ttyname(&ends.slave)?;
+        Ok(Self { motors_end: ends.master, host_end: ends.slave, path })
+    }
+
+    fn motors_end(&self) -> std::os::fd::BorrowedFd<'_> {
+        self.motors_end.as_fd()
+    }
+}
+
+/// Refuses to replace what is not a symbolic link: it could be the device of a real adapter.
+fn relink(link: &Path, to: &Path) -> Result<(), std::io::Error> {
+    if link.symlink_metadata().is_ok_and(|metadata| metadata.is_symlink()) {
+        std::fs::remove_file(link)?;
+    }
+    std::os::unix::fs::symlink(to, link)
+}
