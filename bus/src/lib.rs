@@ -8,6 +8,7 @@
 //! - [`frame`]: classic CAN frames, and a controller's report on itself.
 //! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
 //! - [`candump`]: the logs of CAN traffic.
+//! - [`serial`]: RS485 and RS232.
 //!
 //! The feature `linux`, on by default, adds all that makes system calls:
 //!
@@ -25,6 +26,7 @@ pub mod frame;
 #[cfg(feature = "linux")]
 mod kernel;
 mod readiness;
+pub mod serial;
 #[cfg(feature = "linux")]
 pub mod socketcan;
 pub mod time;

@@ -12,7 +12,6 @@
 //! - [`mit`]: impedance control over CAN, 8 bytes there and 6 to 8 back.
 //! - [`profile`]: what differs from vendor to vendor in it, as data.
 //! - [`gim`]: the native commands over CAN, 8 bytes both ways.
-//! - [`rs485`]: the native commands over RS485 and RS232: the same 8 bytes behind a header.
 //! - [`field`] and [`scale`]: how a quantity becomes a code, and what the codes of a motor are worth.
 //! - [`state`]: the codes of position, velocity and torque that every protocol reports.
 //! - [`fault`]: faults in words that all vendors share.
@@ -32,7 +31,6 @@ pub mod gim;
 pub mod mit;
 pub mod model;
 pub mod profile;
-pub mod rs485;
 pub mod scale;
 pub mod state;
 

@@ -7,7 +7,7 @@
 use motord_protocol::gim::{self, ConfigurationKey, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance};
 use motord_protocol::profile::STEADYWIN;
-use motord_protocol::{Scales, StateCodes, rs485};
+use motord_protocol::{Scales, StateCodes};
 use serde_json::{Map, Value, json};
 
 struct Vector {
@@ -243,31 +243,19 @@ fn every_gim_reply_is_read_as_the_document_says_and_written_back() {
     }
 }
 
+/// The header is held against the vectors where it is read, in `motord-bus`.
 #[test]
-fn every_serial_frame_is_read_as_the_document_says_and_written_back() {
+fn every_payload_on_a_serial_line_is_read_as_the_document_says() {
+    const HEADER: usize = 4;
     for direction in ["to_motor", "to_host"] {
-        for vector in vectors("gim-rs485", direction) {
-            let frame = rs485::Frame::decode(&vector.bytes).unwrap();
-            let [id, frame_type, len, crc] = frame.header();
-            let header = json!({ "id": id, "type": frame_type, "len": len, "crc": crc });
-            assert_eq!(header, vector.decoded["header"], "{}", vector.name);
-
-            let decoded = match (frame.frame_type(), direction) {
-                (rs485::FrameType::Ack, _) => json!("ack_error"),
-                (_, "to_motor") => {
-                    json_of_gim_command(gim::decode_command(frame.payload()).unwrap())["kind"].take()
-                }
-                (_, _) => {
-                    let reply = gim::decode_reply(frame.payload(), Pending::Other, &scales()).unwrap();
-                    json_of_gim_reply(reply)["kind"].take()
-                }
+        let normal = |vector: &Vector| vector.decoded["kind"] != "ack_error";
+        for vector in vectors("gim-rs485", direction).into_iter().filter(normal) {
+            let payload = &vector.bytes[HEADER..];
+            let mut decoded = match direction {
+                "to_motor" => json_of_gim_command(gim::decode_command(payload).unwrap()),
+                _ => json_of_gim_reply(gim::decode_reply(payload, Pending::Other, &scales()).unwrap()),
             };
-            assert_eq!(decoded, vector.decoded["kind"], "{}", vector.name);
-
-            let mut decoder = rs485::Decoder::new();
-            let found = vector.bytes.iter().filter_map(|&byte| decoder.push(byte, |_| true));
-            assert!(found.eq([frame]), "{}", vector.name);
-            assert_eq!(frame.write(&mut [0; rs485::FRAME_LEN_MAX]), vector.bytes, "{}", vector.name);
+            assert_eq!(decoded["kind"].take(), vector.decoded["kind"], "{}", vector.name);
         }
     }
 }

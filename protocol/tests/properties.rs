@@ -5,7 +5,7 @@
 use motord_protocol::gim::{self, ExecutionTime, Finite, Pending};
 use motord_protocol::mit::{self, Asked, CommandCodes, ControlCodes, Impedance};
 use motord_protocol::profile::PROFILES;
-use motord_protocol::{Field, Scales, rs485};
+use motord_protocol::{Field, Scales};
 use proptest::prelude::*;
 
 fn scales() -> Scales {
@@ -119,7 +119,6 @@ proptest! {
             }
         }
         let _ = mit::decode_command(&bytes, &scales());
-        let _ = rs485::Frame::decode(&bytes);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Why a frame cannot be read or made.
 
 use motord_bus::candump::InvalidLine;
-use motord_protocol::{DecodeError, ScaleError, rs485::FrameError};
+use motord_bus::serial::framing::FrameError;
+use motord_protocol::{DecodeError, ScaleError};
 
 /// Why a frame cannot be read or made.
 #[derive(Debug, thiserror::Error)]

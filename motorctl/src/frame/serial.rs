@@ -3,8 +3,8 @@
 use crate::frame::object::Object;
 use crate::frame::refused::Refused;
 use crate::frame::{Asked, Direction, gim, hex};
+use motord_bus::serial::framing::{FRAME_LEN_MAX, FrameType, SerialFrame};
 use motord_protocol::DecodeError;
-use motord_protocol::rs485::{FRAME_LEN_MAX, Frame, FrameType};
 use serde_json::json;
 
 /// The kind of a frame that says that a request could not be read.
@@ -17,7 +17,7 @@ pub(super) fn decode(
     asked: Asked,
     mut object: Object,
 ) -> Result<Object, Refused> {
-    let frame = Frame::decode(bytes)?;
+    let frame = SerialFrame::decode(bytes)?;
     let payload = frame.payload();
     match (frame.frame_type(), direction) {
         (FrameType::Ack, _) => object.insert("kind", ACK),
@@ -43,9 +43,9 @@ pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> R
         Direction::ToHost => gim::encode_reply(object)?,
     };
     let frame = if is_ack {
-        Frame::ack(receiver, &payload)
+        SerialFrame::ack(receiver, &payload)
     } else {
-        payload[..].try_into().ok().map(|payload| Frame::normal(receiver, payload))
+        payload[..].try_into().ok().map(|payload| SerialFrame::normal(receiver, payload))
     };
     let frame = frame.ok_or(DecodeError::Length { least: 0, most: 8, received: payload.len() })?;
     Ok(frame.write(&mut [0; FRAME_LEN_MAX]).to_vec())

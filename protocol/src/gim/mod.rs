@@ -1,5 +1,5 @@
 //! The native protocol: one frame of 8 bytes asks, one of 8 bytes answers. Over CAN as it is, over serial lines behind
-//! the header of [`rs485`](crate::rs485).
+//! a header of four bytes that is no matter of this crate.
 //!
 //! Readings of the GIM document, section 3.2 if not said otherwise:
 //! - Integers and floats are little endian. The formulas of 3.2.3 and 3.2.14 that use DATA2 twice are misprints.

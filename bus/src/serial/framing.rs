@@ -1,4 +1,4 @@
-//! Native frames on a serial line, RS485 or RS232: a header of four bytes, then the payload.
+//! Frames on a serial line, RS485 or RS232: a header of four bytes, then the payload.
 //!
 //! | byte | meaning |
 //! |---|---|
@@ -34,14 +34,14 @@ pub enum FrameType {
 
 /// A frame on a serial line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct Frame {
+pub struct SerialFrame {
     receiver: u8,
     frame_type: FrameType,
     len: u8,
     payload: [u8; PAYLOAD_LEN],
 }
 
-impl Frame {
+impl SerialFrame {
     /// A command or a reply for `receiver`.
     #[must_use]
     pub const fn normal(receiver: u8, payload: [u8; 8]) -> Self {
@@ -67,7 +67,7 @@ impl Frame {
         self.frame_type
     }
 
-    /// Its payload: 8 bytes of a [`gim`](crate::gim) frame, or up to 8 of an ACK.
+    /// Its payload: 8 bytes, or up to 8 of an ACK.
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         &self.payload[..usize::from(self.len)]
@@ -132,14 +132,14 @@ impl Header {
         Ok(Self { receiver, frame_type, len })
     }
 
-    fn with_payload(self, bytes: &[u8]) -> Option<Frame> {
+    fn with_payload(self, bytes: &[u8]) -> Option<SerialFrame> {
         let Self { receiver, frame_type, len } = self;
         let mut payload = [0; PAYLOAD_LEN];
         if bytes.len() != usize::from(len) {
             return None;
         }
         payload.get_mut(..bytes.len())?.copy_from_slice(bytes);
-        Some(Frame { receiver, frame_type, len, payload })
+        Some(SerialFrame { receiver, frame_type, len, payload })
     }
 }
 
@@ -228,7 +228,7 @@ impl Decoder {
     /// Takes the next byte, and returns the frame that it completes and that `accept` says is waited for.
     ///
     /// Real-time: does not allocate or block; tries at most 12 positions.
-    pub fn push(&mut self, byte: u8, accept: impl Fn(&Frame) -> bool) -> Option<Frame> {
+    pub fn push(&mut self, byte: u8, accept: impl Fn(&SerialFrame) -> bool) -> Option<SerialFrame> {
         self.buffer[self.len] = byte;
         self.len += 1;
         loop {
@@ -274,7 +274,7 @@ enum Front {
     /// No header.
     Damaged,
     /// A whole frame.
-    Frame(Frame),
+    Frame(SerialFrame),
 }
 
 #[cfg(test)]
@@ -282,7 +282,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn bytes(frame: &Frame) -> ([u8; FRAME_LEN_MAX], usize) {
+    fn bytes(frame: &SerialFrame) -> ([u8; FRAME_LEN_MAX], usize) {
         let mut buffer = [0; FRAME_LEN_MAX];
         let len = frame.write(&mut buffer).len();
         (buffer, len)
@@ -290,12 +290,15 @@ mod tests {
 
     #[test]
     fn every_truncated_and_oversized_frame_is_refused() {
-        let (whole, _) = bytes(&Frame::normal(1, [0x91, 0, 0, 0, 0, 0, 0, 0]));
+        let (whole, _) = bytes(&SerialFrame::normal(1, [0x91, 0, 0, 0, 0, 0, 0, 0]));
         let mut long = [0; 32];
         long[..whole.len()].copy_from_slice(&whole);
         for received in (0..12).chain(13..=32) {
             let expected = if received < HEADER_LEN { HEADER_LEN } else { 12 };
-            assert_eq!(Frame::decode(&long[..received]), Err(FrameError::Length { expected, received }));
+            assert_eq!(
+                SerialFrame::decode(&long[..received]),
+                Err(FrameError::Length { expected, received })
+            );
         }
     }
 
@@ -308,25 +311,25 @@ mod tests {
             ([1, 0, 0, 1], FrameError::PayloadLength { received: 0 }),
             ([1, 1, 9, 9], FrameError::PayloadLength { received: 9 }),
         ] {
-            assert_eq!(Frame::decode(&header), Err(refused));
+            assert_eq!(SerialFrame::decode(&header), Err(refused));
         }
     }
 
     #[test]
     fn an_ack_carries_zero_to_eight_bytes() {
         for len in 0..=8 {
-            let frame = Frame::ack(3, &[0xEE; 8][..len]).unwrap();
+            let frame = SerialFrame::ack(3, &[0xEE; 8][..len]).unwrap();
             let (buffer, written) = bytes(&frame);
-            assert_eq!(Frame::decode(&buffer[..written]), Ok(frame));
+            assert_eq!(SerialFrame::decode(&buffer[..written]), Ok(frame));
         }
-        assert_eq!(Frame::ack(3, &[0; 9]), None);
-        assert_eq!(Frame::ack(3, &[0; 300]), None);
+        assert_eq!(SerialFrame::ack(3, &[0; 9]), None);
+        assert_eq!(SerialFrame::ack(3, &[0; 300]), None);
     }
 
     #[test]
     fn a_frame_with_a_lost_byte_costs_no_other_frame() {
-        let first = Frame::normal(0, [0x93, 0, 0x30, 0x32, 0x73, 0x8E, 0xB8, 0x70]);
-        let second = Frame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
+        let first = SerialFrame::normal(0, [0x93, 0, 0x30, 0x32, 0x73, 0x8E, 0xB8, 0x70]);
+        let second = SerialFrame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
         for lost in 0..FRAME_LEN_MAX {
             let mut decoder = Decoder::new();
             let damaged = bytes(&first).0.into_iter().enumerate().filter(|(at, _)| *at != lost);
@@ -338,7 +341,7 @@ mod tests {
 
     #[test]
     fn a_new_request_does_not_wait_for_half_an_old_reply() {
-        let frame = Frame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
+        let frame = SerialFrame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
         let mut decoder = Decoder::new();
         let half = bytes(&frame).0.into_iter().take(7);
         assert_eq!(half.filter_map(|byte| decoder.push(byte, |_| true)).count(), 0);
@@ -354,7 +357,7 @@ mod tests {
             receiver in any::<u8>(),
             payload in any::<[u8; 8]>(),
         ) {
-            let awaited = Frame::normal(receiver, payload);
+            let awaited = SerialFrame::normal(receiver, payload);
             let mut decoder = Decoder::new();
             let stream = noise.iter().copied().chain(bytes(&awaited).0);
             let found = stream.map(|byte| decoder.push(byte, |frame| *frame == awaited)).last();
@@ -369,8 +372,8 @@ mod tests {
             let mut decoder = Decoder::new();
             for (receiver, payload, ack) in frames {
                 let frame = match ack {
-                    Some(len) => Frame::ack(receiver, &payload[..len]).unwrap(),
-                    None => Frame::normal(receiver, payload),
+                    Some(len) => SerialFrame::ack(receiver, &payload[..len]).unwrap(),
+                    None => SerialFrame::normal(receiver, payload),
                 };
                 let (buffer, len) = bytes(&frame);
                 let mut found = buffer[..len].iter().filter_map(|&byte| decoder.push(byte, |_| true));
