@@ -5,9 +5,9 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use motord::buses::{self, Buses};
-use motord::config::{self, Machine};
 use motord::threads::Daemon;
 use motord_client::{Claim, Client, Group, Rejection, Setpoint, State};
+use motord_configuration::{self as config, Machine};
 use motord_shared::instance::Instance;
 use motord_simulator::{BusSettings, Direction, SharedBus, SimulatedBus};
 use std::path::Path;

@@ -1,6 +1,5 @@
 //! The daemon that owns every motor of a legged robot: the shell around `motord-core`.
 //!
-//! - [`config`]: the configuration file, checked. Text stops here.
 //! - [`commands`]: `run`, `check`, `safe-stop`.
 //! - [`buses`]: opens the buses of a configuration, and opens them again.
 //! - [`ipc`]: clients, through shared memory.
@@ -10,7 +9,6 @@
 
 pub mod buses;
 pub mod commands;
-pub mod config;
 pub mod deadman;
 pub mod host;
 pub mod ipc;

@@ -1,8 +1,8 @@
 //! Why the daemon does not run, or why it ended by itself.
 
 use crate::buses::BusError;
-use crate::config::ConfigError;
 use motord_bus::socketcan::LockError;
+use motord_configuration::ConfigError;
 use motord_shared::instance::InstanceError;
 use motord_shared::service::ServiceError;
 use std::io;

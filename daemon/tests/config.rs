@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use motord::commands::check::{EXIT_CONFIG, check};
-use motord::config::{ConfigError, Loaded, Machine, load, parse, reference};
+use motord_configuration::{ConfigError, Loaded, Machine, load, parse, reference};
 use motord_core::settings::{IpcMode, SafeStop};
 use proptest::prelude::*;
 use tempfile::TempDir;

@@ -3,13 +3,13 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord::commands::safe_stop::safe_stop;
-use motord::config;
 use motord::deadman::channel::{Answer, Channel, Listener, Refusal, Request};
 use motord::deadman::heartbeat::{Heartbeat, Pulse};
 use motord::deadman::registrar::Registrar;
 use motord::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
 use motord::deadman::server::Server;
 use motord_bus::{Frame, Instant, Refusal as BusRefusal, clock};
+use motord_configuration as config;
 use motord_core::stopper::Outlet;
 use motord_shared::instance::Instance;
 use nix::sys::signal::{Signal, kill};

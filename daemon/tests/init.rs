@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord::config;
+use motord_configuration as config;
 use nix::pty::openpty;
 use std::fs::{self, File};
 use std::io::{Read, Write};

@@ -1,8 +1,8 @@
 //! The help of `motord-sim` is true.
 
 use motord::buses;
-use motord::config;
 use motord_bus::clock;
+use motord_configuration as config;
 use motord_simulator::{BusKind, BusSettings, FaultVerb, SerialPort, SerialSlave, SimulatedBus};
 use std::path::Path;
 use std::process::Command;

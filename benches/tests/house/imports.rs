@@ -12,9 +12,17 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-bus", &[], &["motord-bus"]),
     ("motord-simulator", &["motord-bus"], &["motord-bus", "motord-simulator"]),
     ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &["motord-simulator"]),
+    ("motord-configuration", &["motord-core", "motord-protocol", "motord-bus", "motord-shared"], &[]),
     (
         "motord",
-        &["motord-core", "motord-shared", "motord-protocol", "motord-bus", "motord-simulator"],
+        &[
+            "motord-configuration",
+            "motord-core",
+            "motord-shared",
+            "motord-protocol",
+            "motord-bus",
+            "motord-simulator",
+        ],
         &["motord-checker"],
     ),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),

@@ -23,13 +23,12 @@ const CORE: Rows = &[
 /// `threads` wires the rooms together, `commands` is what a person starts.
 const DAEMON: Rows = &[
     ("buses", &[]),
-    ("commands", &["buses", "config", "deadman", "host", "run_error", "threads"]),
-    ("config", &[]),
-    ("deadman", &["config", "host"]),
+    ("commands", &["buses", "deadman", "host", "run_error", "threads"]),
+    ("deadman", &["host"]),
     ("host", &[]),
     ("ipc", &["telemetry"]),
-    ("run_error", &["buses", "config"]),
-    ("telemetry", &["config", "host"]),
+    ("run_error", &["buses"]),
+    ("telemetry", &["host"]),
     ("threads", &["buses", "deadman", "host", "ipc", "run_error", "telemetry"]),
 ];
 
@@ -39,7 +38,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "checker/src",
     "core/src/drive",
     "daemon/src/commands/init",
-    "daemon/src/config",
+    "configuration/src",
     "motorctl/src/frame",
     "protocol/src",
     "simulator/src",

@@ -2,9 +2,9 @@
 
 use clap::Parser;
 use motord::buses;
-use motord::config::{self, ConfigError};
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
+use motord_configuration::{self as config, ConfigError};
 use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{Bridge, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, VerbError};
 use std::convert::Infallible;

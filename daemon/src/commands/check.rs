@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::config::{self, ConfigError, Loaded};
+use motord_configuration::{self as config, ConfigError, Loaded};
 use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusSettings, Settings};
 

@@ -1,12 +1,12 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
 use crate::buses;
-use crate::config;
 use crate::host::rt;
 use crate::host::systemd;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
 use motord_bus::Duration;
+use motord_configuration as config;
 use motord_shared::instance::Instance;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;

@@ -1,12 +1,12 @@
 //! `motord safe-stop`: damps and stops every motor once, when neither the daemon nor its dead man's switch did.
 
-use crate::config::{self, ConfigError};
 use crate::deadman::channel::{Answer, Channel, Request};
 use crate::deadman::interfaces::{Interface, Interfaces, Open};
 use crate::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use crate::host::clock::Monotonic;
 use motord_bus::socketcan::{InterfaceLock, LockError};
 use motord_bus::{Duration, clock};
+use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
 use motord_shared::instance::Instance;
 use std::io;

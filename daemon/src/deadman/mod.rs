@@ -23,11 +23,11 @@ pub mod safe_frames;
 pub mod server;
 pub mod switch;
 
-use crate::config::{self, ConfigError};
 use crate::host::rt::{self, SchedulingRequest};
 use crate::host::systemd;
 use channel::Listener;
 use motord_bus::{Duration, clock};
+use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
 use motord_shared::instance::{Instance, InstanceError};
 use server::Server;

@@ -7,11 +7,11 @@ mod distributions;
 mod log;
 mod unexpected;
 
-use crate::config;
 use crate::host::systemd;
 use distributions::Distributions;
 use log::Log;
 use motord_bus::Duration;
+use motord_configuration as config;
 use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
 use motord_core::settings::Settings;

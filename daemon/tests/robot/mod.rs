@@ -10,11 +10,11 @@ pub mod fuzz_client;
 pub mod random;
 
 use motord::buses;
-use motord::config::{self, Machine};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
 pub use motord_checker::codec::Meaning;
 use motord_checker::run::Command;
 pub use motord_checker::run::Reply;
+use motord_configuration::{self as config, Machine};
 use motord_core::clock::Clock;
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};

@@ -7,7 +7,7 @@ mod questions;
 pub use draft::{Draft, MotorPlace};
 pub use options::Options;
 
-use crate::config::{self, ConfigError, Machine};
+use motord_configuration::{self as config, ConfigError, Machine};
 use motord_core::settings::Settings;
 use std::fs::OpenOptions;
 use std::io::{self, Write};

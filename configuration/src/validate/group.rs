@@ -4,11 +4,11 @@ use motord_core::settings::{GroupSettings, SafeStop};
 use motord_shared::limits::GROUPS_MAX;
 
 use super::motor::Item;
-use crate::config::entry::{self, At};
-use crate::config::findings::Findings;
-use crate::config::keys::Group;
-use crate::config::problem::Wrong;
-use crate::config::value::Listed;
+use crate::entry::{self, At};
+use crate::findings::Findings;
+use crate::keys::Group;
+use crate::problem::Wrong;
+use crate::value::Listed;
 
 /// The group of all joints, when the file has no group.
 const ALL: &str = "all";

@@ -12,12 +12,12 @@ use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
 use super::micros;
-use crate::config::document::Motor;
-use crate::config::entry::{self, Entry, degrees};
-use crate::config::findings::Findings;
-use crate::config::keys;
-use crate::config::problem::{Wrong, plain};
-use crate::config::similar::suggestion;
+use crate::document::Motor;
+use crate::entry::{self, Entry, degrees};
+use crate::findings::Findings;
+use crate::keys;
+use crate::problem::{Wrong, plain};
+use crate::similar::suggestion;
 
 pub(super) type Item = entry::Item<Motor>;
 type BusItem = entry::Item<keys::Bus>;

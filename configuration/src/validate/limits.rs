@@ -4,10 +4,10 @@ use motord_core::joint::Transmission;
 use motord_core::settings::{BeyondRange, LimitSettings};
 use motord_protocol::{Field, Scales};
 
-use crate::config::entry::{At, Entry, degrees};
-use crate::config::findings::Findings;
-use crate::config::keys::Limits;
-use crate::config::problem::Wrong;
+use crate::entry::{At, Entry, degrees};
+use crate::findings::Findings;
+use crate::keys::Limits;
+use crate::problem::Wrong;
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.

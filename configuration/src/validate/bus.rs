@@ -6,12 +6,12 @@ use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 
-use crate::config::entry::{Entry, Item};
-use crate::config::findings::Findings;
-use crate::config::fnv1a;
-use crate::config::keys::Bus;
-use crate::config::problem::Wrong;
-use crate::config::value::{BusType, Choice};
+use crate::entry::{Entry, Item};
+use crate::findings::Findings;
+use crate::fnv1a;
+use crate::keys::Bus;
+use crate::problem::Wrong;
+use crate::value::{BusType, Choice};
 
 /// Where the kernel lists its network interfaces.
 const INTERFACES: &str = "/sys/class/net";

@@ -115,7 +115,7 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
 /// The bytes of a regular file of bounded size that not everyone may write.
 fn read(path: &Path) -> Result<Vec<u8>, Wrong> {
     // Without O_NONBLOCK the open would wait for a writer if this is a FIFO.
-    let file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
+    let file = OpenOptions::new().read(true).custom_flags(nix::libc::O_NONBLOCK).open(path)?;
     admit(&file)?;
     let mut bytes = Vec::new();
     file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
