@@ -55,6 +55,32 @@ impl CommandCode {
         Self::UpdateFirmware,
     ];
 
+    /// The command's name in Table 4, in lower case.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ResetConfiguration => "reset configuration",
+            Self::RefreshConfiguration => "refresh configuration",
+            Self::ModifyConfiguration => "modify configuration",
+            Self::RetrieveConfiguration => "retrieve configuration",
+            Self::StartMotor => "start motor",
+            Self::StopMotor => "stop motor",
+            Self::TorqueControl => "torque control",
+            Self::SpeedControl => "speed control",
+            Self::PositionControl => "position control",
+            Self::PtsControl => "PTS control",
+            Self::StopControl => "stop control",
+            Self::ModifyParameter => "modify parameter",
+            Self::RetrieveParameter => "retrieve parameter",
+            Self::GetVersion => "get version",
+            Self::GetFault => "get fault",
+            Self::AcknowledgeFault => "acknowledge fault",
+            Self::RetrieveIndicator => "retrieve indicator",
+            Self::Calibration => "calibration",
+            Self::UpdateFirmware => "update firmware",
+        }
+    }
+
     /// The code with this value.
     ///
     /// # Errors

@@ -1,0 +1,47 @@
+//! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and any clock.
+//!
+//! A [`Link`] sends a request and waits for its answer. [`Native`] and [`Mit`] are the commands of the two protocols with types,
+//! [`scan`] finds the motors of a bus without moving one, [`apply`] writes a configuration and reads back every item.
+//!
+//! Rules of every transaction:
+//! - One request is open. Frames that arrived before it are dropped.
+//! - An answer repeats the command and the number of the request ([`Reply::answers`](motord_protocol::gim::Reply::answers)),
+//!   and bears the motor's host id where that is known. A frame that equals the request is its echo, never an answer.
+//! - A request is repeated only where repeating does no harm: reads, and stops.
+//! - A write is always read back, also when its answer was lost.
+//! - A refusal keeps the vendor's word and number; numbers without a word are kept.
+//!
+//! Not for the real-time path: calls block for as long as a motor may take, and allocate.
+//!
+//! ```
+//! use motord_bus::Instant;
+//! use motord_commissioning::{Link, Native, VirtualTime};
+//! use motord_simulator::{BusSettings, Dialect, MotorSettings, SimulatedBus};
+//!
+//! let knee = MotorSettings { id: 3, host_id: 0x103, dialect: Dialect::Gim, ..Default::default() };
+//! let bus = SimulatedBus::new(BusSettings::default(), vec![knee], 1);
+//! let mut link = Link::can(bus, VirtualTime::new(Instant::ZERO));
+//! let mut motor = Native::new(&mut link, 3, None);
+//! assert_eq!(motor.version()?, 0x0001_0203);
+//! # Ok::<(), motord_commissioning::Error>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+mod apply;
+mod error;
+mod link;
+mod mit;
+mod native;
+mod scan;
+mod time;
+
+pub use apply::{Apply, Change, Event, Failed, changes};
+pub use error::Error;
+pub use link::{Heard, Link, Wire};
+pub use mit::Mit;
+pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor};
+pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, scan};
+#[cfg(feature = "linux")]
+pub use time::MachineTime;
+pub use time::{Timer, VirtualTime};

@@ -1,0 +1,117 @@
+//! The MIT commands, with types. Source: MIT document, and those of the profiles.
+
+use crate::error::Error;
+use crate::link::{Heard, Link};
+use motord_bus::{Duration, FrameId};
+use motord_protocol::mit::{Asked, Command, Impedance, Reply, State};
+use motord_protocol::profile::STEADYWIN;
+use motord_protocol::{Faults, Profile, Scales};
+
+/// Tries of a request that may be repeated.
+const ATTEMPTS: usize = 3;
+/// Relatives of these motors are silent for 1 to 1.5 s after set zero, while they write their flash memory.
+const ZEROING_MAX: Duration = Duration::from_secs(3);
+
+/// A motor in MIT mode, on CAN.
+pub struct Mit<'l> {
+    link: &'l mut Link,
+    id: u8,
+    host_id: Option<FrameId>,
+    profile: &'static Profile,
+    scales: Scales,
+}
+
+impl<'l> Mit<'l> {
+    /// SteadyWin's motor `id` on `link`. Without `host_id` an answer may bear any id.
+    pub fn new(link: &'l mut Link, id: u8, host_id: Option<FrameId>, scales: Scales) -> Self {
+        Self { link, id, host_id, profile: &STEADYWIN, scales }
+    }
+
+    /// The same motor of another vendor.
+    #[must_use]
+    pub fn with_profile(self, profile: &'static Profile) -> Self {
+        Self { profile, ..self }
+    }
+
+    /// Leaves the running state, and reports the motion.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Silent`] or [`Error::Bus`], as all that follow.
+    pub fn stop(&mut self) -> Result<State, Error> {
+        self.state("stop", &Command::Stop, ATTEMPTS)
+    }
+
+    /// Enters the running state. The caller has sent neutral control frames before: a relative of these motors executes the last
+    /// one that it stored.
+    pub fn start(&mut self) -> Result<State, Error> {
+        self.state("start", &Command::Start, 1)
+    }
+
+    /// Acts as `impedance` from now on.
+    pub fn control(&mut self, impedance: Impedance) -> Result<State, Error> {
+        self.state("dynamic control", &Command::Control(impedance), 1)
+    }
+
+    /// Makes the present position zero, and waits until the motor reports again: at zero, as a rule. Only for a stopped motor.
+    pub fn set_zero(&mut self) -> Result<State, Error> {
+        let _answer = self.ask(&Command::SetZero, Asked::State)?;
+        let deadline = self.link.now() + ZEROING_MAX;
+        loop {
+            match self.stop() {
+                Err(Error::Silent { .. }) if self.link.now() < deadline => {}
+                state => return state,
+            }
+        }
+    }
+
+    /// The faults that the motor reports. Only for motors that are known to understand the question: others take it for a control
+    /// frame of full stiffness.
+    pub fn fault(&mut self) -> Result<Faults, Error> {
+        if !self.profile.is_asked_for_faults() {
+            let state = self.stop()?;
+            return Ok(self.profile.faults_of(&state).unwrap_or(Faults::NONE));
+        }
+        for _ in 0..ATTEMPTS {
+            if let Some(Reply::Fault { faults, .. }) = self.ask(&Command::GetFault, Asked::Fault)? {
+                return Ok(faults);
+            }
+        }
+        Err(self.silent("get fault"))
+    }
+
+    /// Forgets the fault. Only [`fault`](Self::fault) tells whether it is gone.
+    pub fn clear_fault(&mut self) -> Result<(), Error> {
+        match self.ask(&Command::ClearFault, Asked::Clear)? {
+            Some(_) => Ok(()),
+            None => Err(self.silent("clear fault")),
+        }
+    }
+
+    fn state(&mut self, name: &'static str, command: &Command, attempts: usize) -> Result<State, Error> {
+        for _ in 0..attempts {
+            if let Some(Reply::State(state)) = self.ask(command, Asked::State)? {
+                return Ok(state);
+            }
+        }
+        Err(self.silent(name))
+    }
+
+    fn ask(&mut self, command: &Command, asked: Asked) -> Result<Option<Reply>, Error> {
+        let reason = "a value of the command is not a finite number";
+        let payload = command.encode(&self.scales).map_err(|_| Error::Protocol { id: self.id, reason })?;
+        let (id, host_id, profile, scales) = (self.id, self.host_id, self.profile, self.scales);
+        let patience = self.link.patience();
+        self.link.ask(id, payload, patience, |heard| match heard {
+            Heard::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
+                let payload = frame.payload();
+                profile.is_from(id, payload).then(|| profile.decode(payload, asked, &scales).ok()).flatten()
+            }
+            Heard::Frame(_) | Heard::NotRead | Heard::Collision => None,
+        })
+    }
+
+    fn silent(&self, request: &'static str) -> Error {
+        Error::Silent { id: self.id, request }
+    }
+}

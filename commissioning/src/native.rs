@@ -1,0 +1,478 @@
+//! The native commands, with types. Source: GIM document 3.2.
+
+use crate::error::Error;
+use crate::link::{Heard, Link, Wire};
+use crate::mit::Mit;
+use motord_bus::{Duration, FrameId};
+use motord_protocol::gim::{
+    Calibration, Command, ConfigurationItem, ConfigurationKey, ExecutionTime, Finite, Outcome, Pending,
+    Refusal, Reply, State, Value, decode_reply,
+};
+use motord_protocol::{FaultBits, Scales};
+
+/// Values of the bytes that a command leaves free. Two purposes:
+/// - a motor in MIT mode reads kp 0, kd 0 and the middle torque code, where the command's own values allow it;
+/// - no success equals its request: where its reply has the result (byte 1, 2 or 3), the request is not 0.
+const FILLER: [u8; 8] = [0x00, 0x5A, 0x80, 0x10, 0x00, 0x00, 0x08, 0x00];
+
+/// Tries of a request that may be repeated.
+const ATTEMPTS: usize = 3;
+/// The longest calibration. The document gives no time.
+pub const CALIBRATION_MAX: Duration = Duration::from_secs(60);
+/// Between two reports of progress.
+const PROGRESS: Duration = Duration::from_millis(500);
+/// A motor whose link was just changed may answer a moment later.
+const SETTLE: Duration = Duration::from_millis(100);
+
+/// A motor in native mode. One that is in MIT mode takes most of these frames for control frames without torque; the writes
+/// and the control commands it takes for a torque: make sure of the mode first ([`identify`](crate::identify)).
+pub struct Native<'l> {
+    link: &'l mut Link,
+    id: u8,
+    host_id: Option<FrameId>,
+    scales: Scales,
+}
+
+/// Where a motor answers after its configuration was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NextMotor {
+    /// Its id.
+    pub id: u8,
+    /// The id its answers bear; `None` when it is not known.
+    pub host_id: Option<FrameId>,
+}
+
+/// How a write was confirmed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Confirmation {
+    /// It reads back as it was written.
+    ReadBack(Value),
+    /// The motor answers in MIT now.
+    AnswersInMit,
+    /// The motor has another bit rate than this bus now. Only after the bus was changed, too, it can be read back.
+    Unreachable,
+}
+
+impl<'l> Native<'l> {
+    /// Motor `id` on `link`. Without `host_id` an answer may bear any id.
+    pub fn new(link: &'l mut Link, id: u8, host_id: Option<FrameId>) -> Self {
+        // Torques are fractions of the full scale until the motor's own scale is known.
+        Self { link, id, host_id, scales: Scales::fixed(12.5, 65.0, 1.0) }
+    }
+
+    /// The bytes of `command`, as every transaction sends them.
+    #[must_use]
+    pub fn request(command: &Command) -> [u8; 8] {
+        command.encode_over(FILLER)
+    }
+
+    /// The motor's address.
+    #[must_use]
+    pub fn address(&self) -> NextMotor {
+        NextMotor { id: self.id, host_id: self.host_id }
+    }
+
+    /// The bus.
+    pub fn link(&mut self) -> &mut Link {
+        self.link
+    }
+
+    /// Reads the torque constant and the gear ratio, by which torques in replies are understood from now on. Returns both.
+    ///
+    /// # Errors
+    ///
+    /// As [`configuration`](Self::configuration); [`Error::Protocol`] when no torque can have this scale.
+    pub fn read_scales(&mut self) -> Result<[f64; 2], Error> {
+        let constant = self.configuration(ConfigurationItem::TORQUE_CONSTANT)?.as_f64();
+        let ratio = self.configuration(ConfigurationItem::GEAR_RATIO)?.as_f64();
+        let reason = "its torque constant or its gear ratio is not a positive number";
+        self.scales =
+            Scales::by_current(constant, ratio).map_err(|_| Error::Protocol { id: self.id, reason })?;
+        Ok([constant, ratio])
+    }
+
+    /// The firmware's version (3.2.14).
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Silent`], [`Error::Refused`], [`Error::NotRead`], [`Error::Bus`], as all that follow.
+    pub fn version(&mut self) -> Result<u32, Error> {
+        match self.transact(&Command::GetVersion)? {
+            Reply::Version(outcome) => self.checked(&Command::GetVersion, outcome),
+            _ => Err(self.silent(&Command::GetVersion)),
+        }
+    }
+
+    /// The fault number (3.2.15). A motor with a fault answers this.
+    pub fn fault(&mut self) -> Result<FaultBits, Error> {
+        match self.transact(&Command::GetFault)? {
+            Reply::Fault(outcome) => self.checked(&Command::GetFault, outcome),
+            _ => Err(self.silent(&Command::GetFault)),
+        }
+    }
+
+    /// Forgets the fault (3.2.16). One whose cause remains comes back.
+    pub fn acknowledge_fault(&mut self) -> Result<(), Error> {
+        self.done(&Command::AcknowledgeFault)
+    }
+
+    /// Enters the running state (3.2.5).
+    pub fn start(&mut self) -> Result<(), Error> {
+        self.done(&Command::StartMotor)
+    }
+
+    /// Leaves the running state (3.2.6).
+    pub fn stop(&mut self) -> Result<(), Error> {
+        self.done(&Command::StopMotor)
+    }
+
+    /// Breaks off the control command that is being executed (3.2.11).
+    pub fn stop_control(&mut self) -> Result<(), Error> {
+        self.done(&Command::StopControl)
+    }
+
+    /// Applies all modified items (3.2.2).
+    pub fn refresh(&mut self) -> Result<(), Error> {
+        self.done(&Command::RefreshConfiguration)
+    }
+
+    /// Gives every item its default (3.2.1). The motor may have another id, host id, bit rate and protocol then.
+    pub fn reset_configuration(&mut self) -> Result<(), Error> {
+        self.done(&Command::ResetConfiguration)
+    }
+
+    /// Holds `torque`, N·m at the output shaft (3.2.7). Never repeated.
+    pub fn torque(&mut self, torque: Finite, duration: ExecutionTime) -> Result<State, Error> {
+        self.control(&Command::TorqueControl { torque, duration })
+    }
+
+    /// Holds `speed_rpm`, rpm of the output shaft (3.2.8). Never repeated.
+    pub fn speed(&mut self, speed_rpm: Finite, duration: ExecutionTime) -> Result<State, Error> {
+        self.control(&Command::SpeedControl { speed_rpm, duration })
+    }
+
+    /// Goes to `position`, rad of the output shaft (3.2.9). Never repeated.
+    pub fn position(&mut self, position: Finite, duration: ExecutionTime) -> Result<State, Error> {
+        self.control(&Command::PositionControl { position, duration })
+    }
+
+    /// Reads an indicator, in the unit of Table 10 (3.2.17).
+    pub fn indicator(&mut self, ind_id: u8) -> Result<f32, Error> {
+        let command = Command::RetrieveIndicator { ind_id };
+        match self.transact(&command)? {
+            Reply::Indicator { outcome, .. } => self.checked(&command, outcome).map(Finite::get),
+            _ => Err(self.silent(&command)),
+        }
+    }
+
+    /// Reads a parameter of the running loops (3.2.13).
+    pub fn parameter(&mut self, para_id: u8) -> Result<u32, Error> {
+        let command = Command::RetrieveParameter { para_id };
+        match self.transact(&command)? {
+            Reply::Parameter { outcome, .. } => self.checked(&command, outcome),
+            _ => Err(self.silent(&command)),
+        }
+    }
+
+    /// Writes a parameter, and reads it back (3.2.12).
+    ///
+    /// # Errors
+    ///
+    /// As the others; [`Error::ParameterNotKept`].
+    pub fn set_parameter(&mut self, para_id: u8, value: u32) -> Result<(), Error> {
+        let command = Command::ModifyParameter { para_id, value };
+        match self.transact(&command) {
+            Ok(Reply::ParameterModified { outcome, .. }) => self.checked(&command, outcome)?,
+            Ok(_) | Err(Error::Silent { .. }) => {}
+            Err(error) => return Err(error),
+        }
+        match self.parameter(para_id)? {
+            read if read == value => Ok(()),
+            read => Err(Error::ParameterNotKept { id: self.id, item: para_id, written: value, read }),
+        }
+    }
+
+    /// Reads a configuration item (3.2.4).
+    pub fn configuration(&mut self, key: ConfigurationKey) -> Result<Value, Error> {
+        let command = Command::RetrieveConfiguration(key);
+        match self.transact(&command)? {
+            Reply::Configuration { outcome, .. } => self.checked(&command, outcome),
+            _ => Err(self.silent(&command)),
+        }
+    }
+
+    /// Writes a configuration item (3.2.3), and makes sure of it: a new id, host id, protocol or bit rate is effective at once, so
+    /// the item is read back where the motor answers now. This handle follows the motor there.
+    ///
+    /// # Errors
+    ///
+    /// As the others; [`Error::NotKept`] when it reads back as another value.
+    pub fn set_configuration(
+        &mut self,
+        item: &'static ConfigurationItem,
+        value: Value,
+    ) -> Result<Confirmation, Error> {
+        let (key, command) = (item.key(), Command::ModifyConfiguration { conf_id: item.conf_id, value });
+        let before = self.host_id;
+        if key == ConfigurationItem::HOST_ID {
+            // The answer may bear the old id or the new one.
+            self.host_id = None;
+        }
+        let reply = self.transact(&command);
+        self.host_id = before;
+        match reply {
+            Ok(Reply::ConfigurationModified { outcome, .. }) => self.checked(&command, outcome)?,
+            // The answer may have been lost, or sent under the new id or rate: reading back decides.
+            Ok(_) | Err(Error::Silent { .. }) => {}
+            Err(error) => return Err(error),
+        }
+        self.follow(key, value);
+        self.confirm(item, value)
+    }
+
+    /// Calibrates; the shaft turns (3.2.18). Waits for the answer up to [`CALIBRATION_MAX`]. `progress` is given the time so far,
+    /// and breaks it off by returning `false`: the motor is stopped then.
+    ///
+    /// # Errors
+    ///
+    /// As the others; [`Error::Interrupted`].
+    pub fn calibrate(
+        &mut self,
+        calibration: Calibration,
+        progress: &mut dyn FnMut(Duration) -> bool,
+    ) -> Result<(), Error> {
+        let command = Command::Calibration(calibration);
+        let begun = self.link.now();
+        let mut answer = self.attempt(&command, PROGRESS)?;
+        while answer.is_none() {
+            let elapsed = self.link.now().since(begun);
+            if !progress(elapsed) {
+                self.stop()?;
+                return Err(Error::Interrupted);
+            }
+            if elapsed >= CALIBRATION_MAX {
+                return Err(self.silent(&command));
+            }
+            let reader = self.reader(&command);
+            answer = self.link.hear(PROGRESS, reader)?;
+        }
+        match answer {
+            Some(Answer::Reply(Reply::Calibrated { outcome, .. })) => self.checked(&command, outcome),
+            Some(Answer::NotRead) => Err(self.not_read(&command)),
+            _ => Err(self.silent(&command)),
+        }
+    }
+
+    /// Leaves the bus and waits for new firmware (3.2.19). There is no answer: makes sure that the motor is silent.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Protocol`] when it still answers; [`Error::Bus`].
+    pub fn enter_firmware_mode(&mut self) -> Result<(), Error> {
+        let _silence = self.attempt(&Command::UpdateFirmware, self.link.patience())?;
+        match self.transact(&Command::GetFault) {
+            Err(Error::Silent { .. }) => Ok(()),
+            Err(error) => Err(error),
+            Ok(_) => Err(Error::Protocol {
+                id: self.id,
+                reason: "it still answers: it did not enter firmware mode",
+            }),
+        }
+    }
+
+    /// Whether a motor answers here in native mode, by its own id: a read that changes nothing.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Bus`].
+    pub fn is_there(&mut self) -> Result<bool, Error> {
+        match self.configuration(ConfigurationItem::CAN_ID) {
+            Ok(Value::Integer(id)) => Ok(id & 0xFF == i32::from(self.id)),
+            Err(error @ Error::Bus(_)) => Err(error),
+            Ok(_) | Err(_) => Ok(false),
+        }
+    }
+
+    fn done(&mut self, command: &Command) -> Result<(), Error> {
+        match self.transact(command)? {
+            Reply::Done { outcome, .. } => self.checked(command, outcome),
+            _ => Err(self.silent(command)),
+        }
+    }
+
+    fn control(&mut self, command: &Command) -> Result<State, Error> {
+        match self.transact(command)? {
+            Reply::State { outcome, .. } => self.checked(command, outcome),
+            _ => Err(self.silent(command)),
+        }
+    }
+
+    /// The motor is where `key` says now.
+    fn follow(&mut self, key: ConfigurationKey, value: Value) {
+        let Value::Integer(value) = value else { return };
+        match key {
+            ConfigurationItem::CAN_ID => self.id = value as u8,
+            ConfigurationItem::HOST_ID => self.host_id = u16::try_from(value).ok().and_then(FrameId::new),
+            _ => return,
+        }
+        self.link.pause(SETTLE);
+    }
+
+    fn confirm(&mut self, item: &'static ConfigurationItem, written: Value) -> Result<Confirmation, Error> {
+        let key = item.key();
+        let is_can = self.link.wire() == Wire::Can;
+        if is_can && key == ConfigurationItem::PROTOCOL && written != Value::Integer(0) {
+            self.link.pause(SETTLE);
+            let scales = self.scales;
+            Mit::new(self.link, self.id, self.host_id, scales).stop()?;
+            return Ok(Confirmation::AnswersInMit);
+        }
+        let read = match self.configuration(key) {
+            Err(Error::Silent { .. }) if is_can && item.name == "can-baud-rate" => {
+                return Ok(Confirmation::Unreachable);
+            }
+            read => read?,
+        };
+        if same(key, written, read) {
+            return Ok(Confirmation::ReadBack(read));
+        }
+        Err(Error::NotKept { id: self.id, item: item.name, written, read })
+    }
+
+    /// Sends `command` until an answer comes, up to three times where that does no harm.
+    fn transact(&mut self, command: &Command) -> Result<Reply, Error> {
+        let attempts = if may_repeat(command) { ATTEMPTS } else { 1 };
+        let mut failure = self.silent(command);
+        for _ in 0..attempts {
+            match self.attempt(command, self.link.patience())? {
+                Some(Answer::Reply(reply)) => return Ok(reply),
+                Some(Answer::NotRead) => failure = self.not_read(command),
+                None => {}
+            }
+        }
+        Err(failure)
+    }
+
+    fn attempt(&mut self, command: &Command, patience: Duration) -> Result<Option<Answer>, Error> {
+        let reader = self.reader(command);
+        self.link.ask(self.id, Self::request(command), patience, reader)
+    }
+
+    /// Recognises the answer to `command`.
+    fn reader(&self, command: &Command) -> impl FnMut(Heard) -> Option<Answer> + use<> {
+        let (command, scales) = (*command, self.scales);
+        let host_id = self.host_id.filter(|_| self.link.wire() == Wire::Can);
+        let pending = match command {
+            Command::Calibration(_) => Pending::Calibration,
+            _ => Pending::Other,
+        };
+        move |heard| match heard {
+            Heard::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
+                let reply = decode_reply(frame.payload(), pending, &scales).ok()?;
+                reply.answers(&command).then_some(Answer::Reply(reply))
+            }
+            Heard::NotRead => Some(Answer::NotRead),
+            Heard::Frame(_) | Heard::Collision => None,
+        }
+    }
+
+    fn checked<T>(&self, command: &Command, outcome: Outcome<T>) -> Result<T, Error> {
+        outcome.map_err(|refusal: Refusal| Error::Refused {
+            id: self.id,
+            request: command.code().name(),
+            refusal,
+        })
+    }
+
+    fn silent(&self, command: &Command) -> Error {
+        Error::Silent { id: self.id, request: command.code().name() }
+    }
+
+    fn not_read(&self, command: &Command) -> Error {
+        Error::NotRead { id: self.id, request: command.code().name() }
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Answer {
+    Reply(Reply),
+    NotRead,
+}
+
+/// Reads change nothing. A stop, a refresh or the same value once more has no further effect.
+fn may_repeat(command: &Command) -> bool {
+    match command {
+        Command::RetrieveConfiguration(_)
+        | Command::RetrieveParameter { .. }
+        | Command::RetrieveIndicator { .. }
+        | Command::GetVersion
+        | Command::GetFault
+        | Command::StopMotor
+        | Command::StopControl
+        | Command::RefreshConfiguration => true,
+        Command::ResetConfiguration
+        | Command::ModifyConfiguration { .. }
+        | Command::ModifyParameter { .. }
+        | Command::StartMotor
+        | Command::TorqueControl { .. }
+        | Command::SpeedControl { .. }
+        | Command::PositionControl { .. }
+        | Command::PtsControl
+        | Command::AcknowledgeFault
+        | Command::Calibration(_)
+        | Command::UpdateFirmware => false,
+    }
+}
+
+/// Floats bit by bit; of a position within a turn the 16 bits that mean something.
+pub(crate) fn same(key: ConfigurationKey, a: Value, b: Value) -> bool {
+    match (a, b) {
+        (Value::Integer(a), Value::Integer(b)) if key.is_position() => a & 0xFFFF == b & 0xFFFF,
+        (Value::Integer(a), Value::Integer(b)) => a == b,
+        (Value::Float(a), Value::Float(b)) => a.get().to_bits() == b.get().to_bits(),
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_protocol::gim::{CommandCode, decode_command};
+    use motord_protocol::mit::ControlCodes;
+
+    /// The result is at 1, but at 2 where a number of the request is repeated, and at 3 where two are (GIM document 3.2).
+    #[test]
+    fn no_success_equals_its_request() {
+        for code in CommandCode::ALL {
+            let command = decode_command(&[code as u8, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+            let request = command.encode_over(FILLER);
+            let result = match code as u8 {
+                0x83 | 0x84 => request[3],
+                0xA1 | 0xA2 | 0xB4 | 0xB5 => request[2],
+                // A zero torque has no free byte there: these are told apart by the bytes behind.
+                0x93..=0x95 => continue,
+                _ => request[1],
+            };
+            assert_ne!(result, 0, "{code:?}");
+        }
+    }
+
+    #[test]
+    fn a_request_without_values_asks_a_motor_in_mit_mode_for_no_torque() {
+        for code in CommandCode::ALL {
+            let command = decode_command(&[code as u8, 1, 3, 0, 0, 0, 0, 0]).unwrap();
+            let codes = ControlCodes::unpack(command.encode_over(FILLER));
+            let has_values = matches!(code as u8, 0x83 | 0x93..=0x95 | 0xA1);
+            assert_eq!((codes.kp, codes.kd, codes.torque) == (0, 0, 0x800), !has_values, "{code:?}");
+        }
+    }
+
+    #[test]
+    fn nothing_that_moves_or_changes_a_motor_is_repeated() {
+        for code in CommandCode::ALL {
+            let command = decode_command(&[code as u8, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+            let harmless = [0x82, 0x84, 0x92, 0x97, 0xA2, 0xB1, 0xB2, 0xB4].contains(&(code as u8));
+            assert_eq!(may_repeat(&command), harmless, "{code:?}");
+        }
+    }
+}

@@ -1,0 +1,301 @@
+//! Finding motors without moving one.
+//!
+//! On CAN an id is first asked by an MIT stop frame, seven times 0xFF, then 0xFD: a motor in MIT mode stops and reports its
+//! motion, one in native mode refuses an unknown command, and no other driver that is sold under the same names has a command
+//! of these bytes. Only an id that stayed silent is then asked for its own id, by the native read 0x84, which a motor in MIT mode
+//! takes for a control frame without stiffness, damping and torque. Serial lines are always native.
+//!
+//! Never sent: 0xB1 (in another driver family it sets the zero position), 0xB2 unless asked for (there it sets a speed limit),
+//! an MIT question for faults (other firmware takes it for full stiffness), the ids 0 and 255 (broadcast there).
+
+use crate::error::Error;
+use crate::link::{Heard, Link, Wire};
+use crate::native::Native;
+use motord_bus::{Duration, Frame, FrameId};
+use motord_protocol::gim::{
+    Command, ConfigurationItem, Outcome, Pending, Refusal, Reply, Value, decode_reply,
+};
+use motord_protocol::{Scales, mit};
+use std::ops::RangeInclusive;
+
+/// How to scan.
+#[derive(Debug, Clone)]
+pub struct Scan {
+    /// The ids to ask, within 1 to 254.
+    pub ids: RangeInclusive<u8>,
+    /// Listen for so long before the first frame is sent.
+    pub listen: Duration,
+    /// Collect the answers to each frame for so long, so that two motors with one id are both heard.
+    pub window: Duration,
+    /// Ask silent ids for their fault, too (0xB2): a motor with a fault may answer nothing else. Only for a bus whose drivers are
+    /// all known to be of this family.
+    pub in_fault: bool,
+}
+
+impl Default for Scan {
+    fn default() -> Self {
+        let (listen, window) = (Duration::from_millis(300), Duration::from_millis(6));
+        Self { ids: 1..=0xFE, listen, window, in_fault: false }
+    }
+}
+
+/// A motor that answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Found {
+    /// The id it was asked by.
+    pub id: u8,
+    /// The id its answers bear; `None` when a serial motor does not tell it.
+    pub host_id: Option<FrameId>,
+    /// The kind of driver, as far as its answer tells.
+    pub family: Family,
+    /// It refuses requests: as a rule it has a fault.
+    pub refusal: Option<Refusal>,
+}
+
+/// The kind of driver, as far as an answer tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Family {
+    /// The native protocol of the GIM document (SDC101, SDC102, SDC103).
+    Native,
+    /// MIT with answers of six bytes: SteadyWin's (MIT document 1.2), or a relative.
+    Mit,
+    /// MIT with longer answers: other vendors, and SteadyWin drivers of other families.
+    OtherMit {
+        /// Bytes of an answer.
+        length: u8,
+    },
+    /// An answer that is in no document known here.
+    Unknown {
+        /// The answer.
+        answer: Frame,
+    },
+}
+
+impl Family {
+    /// A sentence: the driver, and what its answer cannot tell.
+    #[must_use]
+    pub const fn describe(self) -> &'static str {
+        match self {
+            Self::Native => "native protocol, drivers SDC101 to SDC103",
+            Self::Mit => {
+                "MIT, six bytes: drivers SDC101 to SDC103 or a relative; model, torque constant, gear ratio, bit rate and \
+                 faults cannot be read in MIT"
+            }
+            Self::OtherMit { .. } => {
+                "MIT of another vendor or driver family; vendor, ranges and model cannot be read: take them from its label"
+            }
+            Self::Unknown { .. } => "answers, but not as any driver known here: send it nothing else",
+        }
+    }
+}
+
+/// Frames that nobody asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unprompted {
+    /// A heartbeat of a CANSimple driver (SDC104, ODrive): it takes frames with 32 ids for commands, which are not asked.
+    CanSimple {
+        /// Its node id: it owns the ids from 32 times it on.
+        node: u8,
+    },
+    /// A fault report of a driver with the "custom" protocol (GDZ, GDS): it repeats it every 200 ms.
+    CustomFault {
+        /// Its id.
+        id: FrameId,
+    },
+}
+
+impl Unprompted {
+    fn of(frame: &Frame) -> Option<Self> {
+        let id = frame.id();
+        match frame.payload() {
+            [0xAE, _, _, _, _, _, _, _] => Some(Self::CustomFault { id }),
+            [_, _, _, _, _, _, _, _] if id.raw() & 0x1F == 0x01 => {
+                Some(Self::CanSimple { node: (id.raw() >> 5) as u8 })
+            }
+            _ => None,
+        }
+    }
+
+    /// Motor `id` must not be asked: its frames are commands to this driver.
+    fn owns(self, id: u8) -> bool {
+        match self {
+            Self::CanSimple { node } => u16::from(id) >> 5 == u16::from(node),
+            Self::CustomFault { id: own } => own.raw() == u16::from(id),
+        }
+    }
+}
+
+/// How far a scan is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// The id that was asked last.
+    pub id: u8,
+    /// Motors so far.
+    pub found: usize,
+}
+
+/// The result of a scan.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Report {
+    /// The motors, by id. Two entries of one id are two motors with one id.
+    pub found: Vec<Found>,
+    /// Drivers that talk without being asked.
+    pub unprompted: Vec<Unprompted>,
+    /// Ids whose answers destroyed each other: several motors with one id and one host id.
+    pub collisions: Vec<u8>,
+    /// Ids that were not asked, because they are commands to a driver that was heard.
+    pub skipped: Vec<u8>,
+}
+
+/// Asks every id. `progress` hears after each, and ends the scan by returning `false`.
+///
+/// # Errors
+///
+/// [`Error::InUse`] before anything is sent, when frames arrive that nobody asked for; [`Error::Bus`]; [`Error::Interrupted`].
+pub fn scan(
+    link: &mut Link,
+    scan: &Scan,
+    progress: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Report, Error> {
+    let mut report = Report { unprompted: listen(link, scan.listen)?, ..Report::default() };
+    for id in scan.ids.clone().filter(|id| (1..=0xFE).contains(id)) {
+        if report.unprompted.iter().any(|driver| driver.owns(id)) {
+            report.skipped.push(id);
+            continue;
+        }
+        let (found, collided) = ask(link, id, scan)?;
+        report.found.extend(found);
+        report.collisions.extend(collided.then_some(id));
+        if !progress(Progress { id, found: report.found.len() }) {
+            return Err(Error::Interrupted);
+        }
+    }
+    Ok(report)
+}
+
+/// The motor with this id, by the same frames as a scan. `None` when nobody answers.
+///
+/// # Errors
+///
+/// [`Error::Bus`]; [`Error::Protocol`] when several motors answer.
+pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
+    let window = link.patience();
+    let scan = Scan { window, ..Scan::default() };
+    for _ in 0..2 {
+        let (found, collided) = ask(link, id, &scan)?;
+        match *found {
+            [] if !collided => {}
+            [found] if !collided => return Ok(Some(found)),
+            _ => {
+                let reason =
+                    "several motors answer to this id: connect them one at a time, and give each its own id";
+                return Err(Error::Protocol { id, reason });
+            }
+        }
+    }
+    Ok(None)
+}
+
+fn listen(link: &mut Link, time: Duration) -> Result<Vec<Unprompted>, Error> {
+    let (mut drivers, mut others) = (Vec::new(), Vec::new());
+    let everything = |heard| {
+        if let Heard::Frame(frame) = heard {
+            match Unprompted::of(&frame) {
+                Some(driver) if drivers.contains(&driver) => {}
+                Some(driver) => drivers.push(driver),
+                None => others.push(frame.id()),
+            }
+        }
+        None::<()>
+    };
+    let _end = link.hear(time, everything)?;
+    match others.first() {
+        Some(&id) => Err(Error::InUse { id, count: others.len() }),
+        None => Ok(drivers),
+    }
+}
+
+/// All motors that answer to `id`, and whether answers collided.
+fn ask(link: &mut Link, id: u8, scan: &Scan) -> Result<(Vec<Found>, bool), Error> {
+    let scales = Scales::fixed(12.5, 65.0, 1.0);
+    let Ok(stop) = mit::Command::Stop.encode(&scales) else { return Ok((Vec::new(), false)) };
+    let own_id = Command::RetrieveConfiguration(ConfigurationItem::CAN_ID);
+    let mut collided = false;
+    let mut questions = Vec::new();
+    if link.wire() == Wire::Can {
+        questions.push(stop);
+    }
+    questions.push(Native::request(&own_id));
+    if scan.in_fault {
+        questions.push(Native::request(&Command::GetFault));
+    }
+    for question in questions {
+        let mut answers = Vec::new();
+        let _end = link.ask(id, question, scan.window.max(window_of(link)), |heard| {
+            match heard {
+                Heard::Frame(frame) => answers.push(frame),
+                Heard::Collision => collided = true,
+                Heard::NotRead => {}
+            }
+            None::<()>
+        })?;
+        if !answers.is_empty() {
+            let found = answers.into_iter().map(|answer| judge(link, id, answer)).collect();
+            return Ok((found, collided));
+        }
+    }
+    Ok((Vec::new(), collided))
+}
+
+/// A serial adapter may hold an answer back for longer than a scan of CAN waits.
+fn window_of(link: &Link) -> Duration {
+    match link.wire() {
+        Wire::Can => Duration::ZERO,
+        Wire::Serial => link.patience() / 2,
+    }
+}
+
+fn judge(link: &mut Link, id: u8, answer: Frame) -> Found {
+    let host_id = Some(answer.id());
+    let (family, refusal) = classify(id, &answer);
+    let found = Found { id, host_id, family, refusal };
+    if link.wire() == Wire::Can {
+        return found;
+    }
+    let host_id = match Native::new(link, id, None).configuration(ConfigurationItem::HOST_ID) {
+        Ok(Value::Integer(raw)) => u16::try_from(raw).ok().and_then(FrameId::new),
+        Ok(_) | Err(_) => None,
+    };
+    Found { host_id, ..found }
+}
+
+/// Who answers so.
+fn classify(id: u8, answer: &Frame) -> (Family, Option<Refusal>) {
+    let payload = answer.payload();
+    let native = |outcome: Outcome<()>| (Family::Native, outcome.err());
+    match *payload {
+        // The answer to the stop frame, which is no native command: result 0x02, or another in a fault.
+        [0xFF, res, ..] if payload.len() == 8 && res != 0 => {
+            native(Refusal::check(res).or_else(|refusal| match refusal {
+                Refusal::UnknownCommand => Ok(()),
+                refusal => Err(refusal),
+            }))
+        }
+        [0x84 | 0xB2, ..] if payload.len() == 8 => {
+            let scales = Scales::fixed(12.5, 65.0, 1.0);
+            match decode_reply(payload, Pending::Other, &scales) {
+                Ok(Reply::Configuration { key: ConfigurationItem::CAN_ID, outcome }) => {
+                    native(outcome.map(drop))
+                }
+                Ok(Reply::Fault(outcome)) => native(outcome.map(drop)),
+                _ => (Family::Unknown { answer: *answer }, None),
+            }
+        }
+        [first, _, _, _, _, _] if first == id => (Family::Mit, None),
+        // Damiao has four bits of the id under a status; the others have the whole id.
+        [first, _, _, _, _, _, _, ..] if (first ^ id) & 0x0F == 0 => {
+            (Family::OtherMit { length: payload.len() as u8 }, None)
+        }
+        _ => (Family::Unknown { answer: *answer }, None),
+    }
+}

@@ -1,0 +1,517 @@
+//! Transactions with simulated motors, on virtual time: native on CAN, MIT on CAN, native on a serial line.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord_bus::{Duration, Instant};
+use motord_checker::codec::{Meaning, Ranges};
+use motord_commissioning::{
+    Apply, Confirmation, Error, Event, Failed, Family, Link, Mit, Native, Progress, Scan, VirtualTime,
+    changes, identify, scan,
+};
+use motord_protocol::gim::{
+    Access, CONFIGURATION, Calibration, ConfigurationItem, ExecutionTime, Finite, INDICATORS, PARAMETERS,
+    Refusal, Value,
+};
+use motord_protocol::{Faults, Scales};
+use motord_simulator::{
+    Behaviour, BusKind, BusSettings, Dialect, Direction, FaultVerb, InFault, Mode, MotorSettings, SharedBus,
+    SimulatedBus,
+};
+
+const START: Instant = Instant::from_nanos(1_000_000_000);
+const SECOND: ExecutionTime = ExecutionTime::from_millis(1000).unwrap();
+
+fn motor(name: &str, id: u16, dialect: Dialect) -> MotorSettings {
+    MotorSettings { name: name.into(), id, host_id: 0x100 + id, dialect, ..MotorSettings::default() }
+}
+
+fn bus(kind: BusKind, motors: Vec<MotorSettings>) -> SharedBus {
+    let bitrate = if kind == BusKind::Can { 1_000_000 } else { 921_600 };
+    let settings = BusSettings { kind, bitrate, record: 100_000, ..BusSettings::default() };
+    SharedBus::new(SimulatedBus::new(settings, motors, 7))
+}
+
+fn link(bus: &SharedBus, kind: BusKind) -> Link {
+    match kind {
+        BusKind::Can => Link::can(bus.clone(), VirtualTime::new(START)),
+        BusKind::Serial => Link::serial(bus.clone(), VirtualTime::new(START)),
+    }
+}
+
+/// One native motor, on both kinds of wire.
+fn on_both_wires(test: impl Fn(&SharedBus, &mut Link)) {
+    for kind in [BusKind::Can, BusKind::Serial] {
+        let bus = bus(kind, vec![motor("knee", 3, Dialect::Gim)]);
+        let mut link = link(&bus, kind);
+        test(&bus, &mut link);
+    }
+}
+
+fn mode(bus: &SharedBus) -> Mode {
+    bus.lock().motors()[0].mode()
+}
+
+fn inject(bus: &SharedBus, link: &Link, verb: &str) {
+    let verb: FaultVerb = verb.parse().unwrap();
+    bus.lock().inject(link.now(), &verb).unwrap();
+}
+
+#[test]
+fn every_item_parameter_and_indicator_of_the_tables_is_read_on_both_wires() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        for item in &CONFIGURATION {
+            let value = knee.configuration(item.key()).unwrap();
+            assert_eq!(value.value_type(), item.value_type, "{}", item.name);
+        }
+        for parameter in &PARAMETERS {
+            knee.parameter(parameter.id).unwrap();
+        }
+        for indicator in &INDICATORS {
+            assert!(knee.indicator(indicator.id).unwrap().is_finite(), "{}", indicator.name);
+        }
+        assert_eq!(knee.version().unwrap(), 0x0001_0203);
+    });
+}
+
+#[test]
+fn every_writable_item_and_parameter_is_written_and_reads_back_on_both_wires() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        // The items that change the link have tests of their own.
+        let is_link = |name: &str| ["can-id", "host-id", "can-protocol", "can-baud-rate"].contains(&name);
+        let writable = |item: &&ConfigurationItem| item.access == Access::ReadWrite && !is_link(item.name);
+        for item in CONFIGURATION.iter().filter(writable) {
+            let item = item.key().item().unwrap();
+            let value = match knee.configuration(item.key()).unwrap() {
+                Value::Integer(value) => Value::Integer(value + 1),
+                Value::Float(value) => Value::Float(Finite::new(value.get() * 1.5 + 0.25).unwrap()),
+            };
+            assert_eq!(
+                knee.set_configuration(item, value),
+                Ok(Confirmation::ReadBack(value)),
+                "{}",
+                item.name
+            );
+        }
+        for parameter in &PARAMETERS {
+            knee.set_parameter(parameter.id, 77).unwrap();
+            assert_eq!(knee.parameter(parameter.id), Ok(77));
+        }
+        knee.refresh().unwrap();
+    });
+}
+
+#[test]
+fn a_refusal_is_told_in_the_words_of_the_document() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        let item = ConfigurationItem::POWER_OFF_POSITION.item().unwrap();
+        let refused = knee.set_configuration(item, Value::Integer(5)).unwrap_err();
+        assert!(matches!(refused, Error::Refused { refusal: Refusal::ReadOnly, .. }), "{refused:?}");
+        let said = refused.to_string();
+        assert_eq!(said, "motor 3, modify configuration: the motor refused: read-only register (RES 0x04)");
+        assert!(matches!(
+            knee.indicator(0x40),
+            Err(Error::Refused { refusal: Refusal::UnknownRegister, .. })
+        ));
+        // Before it was started a motor refuses control.
+        let torque = knee.torque(Finite::new(1.0).unwrap(), SECOND);
+        assert!(matches!(torque, Err(Error::Refused { refusal: Refusal::Failure, .. })), "{torque:?}");
+    });
+}
+
+#[test]
+fn a_motor_starts_follows_and_stops_on_both_wires() {
+    on_both_wires(|bus, link| {
+        let mut knee = Native::new(link, 3, None);
+        assert_eq!(knee.read_scales().unwrap()[1], 8.0);
+        knee.start().unwrap();
+        assert_eq!(mode(bus), Mode::Running);
+        let finite = |value| Finite::new(value).unwrap();
+        knee.torque(finite(0.5), SECOND).unwrap();
+        knee.link().pause(Duration::from_millis(50));
+        assert!(bus.lock().motors()[0].velocity() > 0.0);
+        knee.speed(finite(-30.0), SECOND).unwrap();
+        knee.link().pause(Duration::from_millis(200));
+        let state = knee.position(finite(0.2), SECOND).unwrap();
+        assert!((state.velocity + 3.1).abs() < 0.2, "{state:?}");
+        knee.stop_control().unwrap();
+        assert_eq!(mode(bus), Mode::Running);
+        knee.stop().unwrap();
+        assert_eq!(mode(bus), Mode::Stopped);
+    });
+}
+
+#[test]
+fn a_fault_is_read_and_cleared_even_when_the_motor_answers_nothing_else() {
+    on_both_wires(|bus, link| {
+        inject(bus, link, "knee fault 2");
+        let mut knee = Native::new(link, 3, None);
+        assert!(matches!(knee.version(), Err(Error::Silent { .. })));
+        assert_eq!(knee.fault().unwrap().faults(), Faults::OVER_VOLTAGE);
+        knee.acknowledge_fault().unwrap();
+        assert!(knee.fault().unwrap().faults().is_none());
+        assert!(knee.version().is_ok());
+    });
+}
+
+#[test]
+fn a_motor_whose_id_and_host_id_change_is_read_back_where_it_answers_now() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        let host = ConfigurationItem::HOST_ID.item().unwrap();
+        let own = ConfigurationItem::CAN_ID.item().unwrap();
+        let written = |raw| Ok(Confirmation::ReadBack(Value::Integer(raw)));
+        assert_eq!(knee.set_configuration(host, Value::Integer(0x42)), written(0x42));
+        assert_eq!(knee.set_configuration(own, Value::Integer(9)), written(9));
+        assert_eq!(knee.address().id, 9);
+        assert_eq!(knee.address().host_id.unwrap().raw(), 0x42);
+        assert!(knee.is_there().unwrap());
+        assert!(!Native::new(link, 3, None).is_there().unwrap());
+    });
+}
+
+#[test]
+fn a_motor_is_changed_to_mit_over_can_and_back_over_its_serial_port() {
+    let item = ConfigurationItem::PROTOCOL.item().unwrap();
+    let can = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut over_can = link(&can, BusKind::Can);
+    let mut knee = Native::new(&mut over_can, 3, None);
+    assert_eq!(knee.set_configuration(item, Value::Integer(1)), Ok(Confirmation::AnswersInMit));
+    assert_eq!(identify(&mut over_can, 3).unwrap().unwrap().family, Family::Mit);
+
+    let serial = bus(BusKind::Serial, vec![motor("knee", 3, Dialect::Mit)]);
+    let mut over_serial = link(&serial, BusKind::Serial);
+    let mut knee = Native::new(&mut over_serial, 3, None);
+    assert_eq!(knee.configuration(item.key()), Ok(Value::Integer(1)));
+    let back = Confirmation::ReadBack(Value::Integer(0));
+    assert_eq!(knee.set_configuration(item, Value::Integer(0)), Ok(back));
+}
+
+#[test]
+fn a_motor_with_another_bit_rate_is_told_to_be_out_of_reach() {
+    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut link = link(&bus, BusKind::Can);
+    let rate = ConfigurationItem::by_name("can-baud-rate").unwrap();
+    let written = Native::new(&mut link, 3, None).set_configuration(rate, Value::Integer(5));
+    assert_eq!(written, Ok(Confirmation::Unreachable));
+}
+
+#[test]
+fn a_calibration_is_waited_for_with_progress_and_can_be_broken_off() {
+    on_both_wires(|bus, link| {
+        let mut seen = Vec::new();
+        let mut knee = Native::new(link, 3, None);
+        knee.calibrate(Calibration::ENCODER, &mut |elapsed| {
+            seen.push(elapsed);
+            true
+        })
+        .unwrap();
+        assert!(seen.len() >= 9 && seen[8] >= Duration::from_secs(4), "{seen:?}");
+        let broken_off = knee.calibrate(Calibration::PHASE_ORDER, &mut |_| false);
+        assert_eq!(broken_off, Err(Error::Interrupted));
+        assert_eq!(mode(bus), Mode::Stopped);
+    });
+}
+
+#[test]
+fn firmware_mode_is_confirmed_by_silence() {
+    on_both_wires(|bus, link| {
+        Native::new(link, 3, None).enter_firmware_mode().unwrap();
+        assert_eq!(mode(bus), Mode::Firmware);
+    });
+}
+
+#[test]
+fn lost_answers_are_asked_for_again_only_where_that_is_harmless() {
+    on_both_wires(|bus, link| {
+        inject(bus, link, "knee intermittent 60%");
+        let mut knee = Native::new(link, 3, None);
+        let reads = (0..50).filter(|_| knee.version().is_ok()).count();
+        assert!((30..50).contains(&reads), "{reads}");
+        let starts = (0..50).filter(|_| knee.start().is_ok()).count();
+        assert!((8..35).contains(&starts), "{starts}");
+    });
+}
+
+#[test]
+fn a_write_whose_answer_is_lost_is_confirmed_by_reading_back() {
+    on_both_wires(|bus, link| {
+        inject(bus, link, "knee intermittent 50%");
+        let item = ConfigurationItem::by_name("rated-current").unwrap();
+        let mut confirmed = 0;
+        for value in 0..40 {
+            let value = Value::Integer(value);
+            match Native::new(link, 3, None).set_configuration(item, value) {
+                Ok(confirmation) => {
+                    assert_eq!(confirmation, Confirmation::ReadBack(value));
+                    confirmed += 1;
+                }
+                Err(error) => assert!(matches!(error, Error::Silent { .. }), "{error}"),
+            }
+        }
+        assert!(confirmed > 30, "{confirmed}");
+    });
+}
+
+#[test]
+fn a_motor_in_mit_stops_starts_zeroes_and_tells_its_fault() {
+    let hip = MotorSettings { initial_position: 0.7, ..motor("hip", 4, Dialect::Mit) };
+    let bus = bus(BusKind::Can, vec![hip]);
+    let mut link = link(&bus, BusKind::Can);
+    let scales = Scales::by_current(0.125, 8.0).unwrap();
+    let mut hip = Mit::new(&mut link, 4, None, scales);
+    assert!((hip.stop().unwrap().position - 0.7).abs() < 1e-3);
+    assert!(hip.set_zero().unwrap().position.abs() < 1e-3);
+    hip.start().unwrap();
+    assert_eq!(mode(&bus), Mode::Running);
+    assert!(hip.fault().unwrap().is_none());
+    inject(&bus, &link, "hip fault 8");
+    let mut hip = Mit::new(&mut link, 4, None, scales);
+    assert!(matches!(hip.stop(), Err(Error::Silent { .. })));
+    assert_eq!(hip.fault(), Ok(Faults::OVER_TEMPERATURE));
+    hip.clear_fault().unwrap();
+    assert!(hip.fault().unwrap().is_none());
+}
+
+/// Motors on four CAN buses and on a serial line, half of them in MIT.
+fn robot() -> Vec<(BusKind, SharedBus)> {
+    let dialect = |id: u16| if id.is_multiple_of(2) { Dialect::Mit } else { Dialect::Gim };
+    let of = |kind, ids: [u16; 3]| {
+        let motors = ids.map(|id| motor(&format!("m{id}"), id, dialect(id)));
+        (kind, bus(kind, motors.into()))
+    };
+    vec![
+        of(BusKind::Can, [1, 2, 3]),
+        of(BusKind::Can, [4, 5, 6]),
+        of(BusKind::Can, [1, 90, 0xFE]),
+        of(BusKind::Can, [10, 11, 12]),
+        of(BusKind::Serial, [7, 8, 9]),
+    ]
+}
+
+/// Judged by the checker's codec as a motor in MIT mode hears it, and by the first byte as a native one does.
+fn assert_harmless(bytes: [u8; 8]) {
+    let ranges = Ranges::steadywin(225.0);
+    let hex = u64::from_be_bytes(bytes);
+    match Meaning::of(bytes, &ranges) {
+        Meaning::Stop => {}
+        Meaning::Control { kp, kd, torque, .. } => {
+            assert_eq!((kp, kd), (0.0, 0.0), "{hex:016X}");
+            assert!(torque.abs() <= ranges.codes().torque, "{hex:016X}: {torque}");
+        }
+        other => panic!("{hex:016X} is {other:?}"),
+    }
+    // GIM document, Table 4: retrieve configuration; 0xFF is none of its commands.
+    assert!([0x84, 0xFF].contains(&bytes[0]), "{hex:016X}");
+}
+
+#[test]
+fn a_scan_finds_every_motor_in_its_mode_and_sends_nothing_that_moves_one() {
+    for (kind, bus) in robot() {
+        let mut link = link(&bus, kind);
+        let mut steps = 0;
+        let report = scan(&mut link, &Scan::default(), &mut |Progress { .. }| {
+            steps += 1;
+            true
+        });
+        let report = report.unwrap();
+        let expected: Vec<_> =
+            bus.lock().motors().iter().map(|motor| motor.name()[1..].parse().unwrap()).collect();
+        assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<u8>>(), expected);
+        for found in &report.found {
+            let in_mit = kind == BusKind::Can && found.id % 2 == 0;
+            assert_eq!(found.family, if in_mit { Family::Mit } else { Family::Native }, "{found:?}");
+            assert_eq!(found.host_id.unwrap().raw(), 0x100 + u16::from(found.id), "{found:?}");
+        }
+        assert_eq!(steps, 254);
+        let mut frames = 0;
+        for recorded in bus.lock().take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
+            assert_harmless(recorded.frame.payload().try_into().unwrap());
+            frames += 1;
+        }
+        assert!(frames >= 254);
+        assert!(bus.lock().motors().iter().all(|motor| motor.last_executed().is_none()));
+    }
+}
+
+#[test]
+fn two_motors_with_one_id_are_both_heard_or_their_collision_is() {
+    let twin = |host_id, initial_position| {
+        let name = format!("m{host_id:x}");
+        MotorSettings { name, host_id, initial_position, ..motor("", 1, Dialect::Mit) }
+    };
+    let ids = Scan { ids: 1..=2, ..Scan::default() };
+    let apart = bus(BusKind::Can, vec![twin(0x101, 0.1), twin(0x102, 0.2)]);
+    let mut over_can = link(&apart, BusKind::Can);
+    let report = scan(&mut over_can, &ids, &mut |_| true).unwrap();
+    assert_eq!(report.found.len(), 2);
+    let refused = identify(&mut over_can, 1).unwrap_err();
+    assert!(refused.to_string().contains("several motors"), "{refused}");
+
+    let mut same = [twin(0x101, 0.1), twin(0x101, 0.2)];
+    same[1].name = "other".into();
+    let report = scan(&mut link(&bus(BusKind::Can, same.into()), BusKind::Can), &ids, &mut |_| true).unwrap();
+    assert_eq!(report.collisions, [1]);
+}
+
+#[test]
+fn a_motor_with_a_fault_that_is_silent_is_found_when_the_scan_may_ask_for_faults() {
+    for (in_fault, behaviour, found) in
+        [(false, InFault::Silent, 0), (true, InFault::Silent, 1), (false, InFault::Refuses, 1)]
+    {
+        let behaviour = Behaviour { in_fault: behaviour, ..Behaviour::default() };
+        let knee = MotorSettings { behaviour, ..motor("knee", 3, Dialect::Gim) };
+        let bus = bus(BusKind::Can, vec![knee]);
+        let mut link = link(&bus, BusKind::Can);
+        inject(&bus, &link, "knee fault 2");
+        let scan_settings = Scan { ids: 1..=5, in_fault, ..Scan::default() };
+        let report = scan(&mut link, &scan_settings, &mut |_| true).unwrap();
+        assert_eq!(report.found.len(), found, "{in_fault} {behaviour:?}");
+        assert!(report.found.iter().all(|found| found.family == Family::Native));
+    }
+}
+
+#[test]
+fn nothing_is_sent_on_a_bus_where_somebody_else_talks() {
+    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut link = link(&bus, BusKind::Can);
+    inject(&bus, &link, "can0 flood 1000");
+    let refused = scan(&mut link, &Scan::default(), &mut |_| true);
+    assert!(matches!(refused, Err(Error::InUse { .. })), "{refused:?}");
+    let to_motor = bus.lock().take_record().filter(|frame| frame.direction == Direction::ToMotor).count();
+    assert_eq!(to_motor, 0);
+}
+
+#[test]
+fn ids_that_are_commands_to_a_driver_with_a_heartbeat_are_not_asked() {
+    use motord_bus::{Content, Frame, FrameId};
+    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Gim)]);
+    let mut link = link(&bus, BusKind::Can);
+    let heartbeat = Frame::full(FrameId::new(0x001).unwrap(), [0; 8]);
+    bus.lock().deliver(START + Duration::from_millis(100), Content::Frame(heartbeat));
+    let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
+    assert_eq!(report.skipped, (1..32).collect::<Vec<u8>>());
+    assert_eq!(report.found.len(), 1);
+}
+
+/// Goal: a dump, a reset of the configuration, and an application of the dump leave no difference.
+#[test]
+fn a_configuration_survives_a_factory_reset_by_dump_and_apply_on_both_wires() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        let item = ConfigurationItem::by_name("rated-current").unwrap();
+        knee.set_configuration(item, Value::Integer(33)).unwrap();
+        let dump = dump(&mut knee);
+        knee.reset_configuration().unwrap();
+        assert!(!knee.is_there().unwrap(), "the factory's id is 1");
+
+        let mut fresh = Native::new(link, 1, None);
+        let present = self::dump(&mut fresh);
+        let changes = changes(&present, &dump);
+        assert!(changes.iter().any(|change| change.item.name == "can-id"), "{changes:?}");
+        let mut journal = Vec::new();
+        let apply = Apply { changes: &changes };
+        apply
+            .run(&mut fresh, &mut |event| -> Result<(), ()> {
+                journal.push(event);
+                Ok(())
+            })
+            .unwrap();
+        assert_eq!(journal.len(), 2 * changes.len() + 1);
+        let after = self::dump(&mut Native::new(link, 3, None));
+        assert_eq!(motord_commissioning::changes(&after, &dump), []);
+    });
+}
+
+fn dump(motor: &mut Native<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
+    let items = CONFIGURATION.iter().map(|item| item.key().item().unwrap());
+    items.map(|item| (item, motor.configuration(item.key()).unwrap())).collect()
+}
+
+#[test]
+fn nothing_is_written_after_a_refusal_and_the_journal_tells_how_far_it_came() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        let before = dump(&mut knee);
+        let wanted: Vec<_> = before
+            .iter()
+            .map(|&(item, value)| match item.name {
+                "pole-pairs" | "under-voltage" => (item, Value::Integer(13)),
+                // No gear has a ratio of 0: the simulated motor refuses it.
+                "gear-ratio" => (item, Value::Integer(0)),
+                _ => (item, value),
+            })
+            .collect();
+        let changes = changes(&before, &wanted);
+        let mut journal = Vec::new();
+        let apply = Apply { changes: &changes };
+        let failed = apply
+            .run(&mut knee, &mut |event| -> Result<(), ()> {
+                journal.push(event);
+                Ok(())
+            })
+            .unwrap_err();
+        let Failed::Motor { source, written, count } = failed else { panic!("{failed:?}") };
+        assert!(matches!(source, Error::Refused { refusal: Refusal::DataFormat, .. }), "{source}");
+        assert_eq!((written, count), (1, 3));
+        assert!(matches!(journal.last(), Some(Event::Writing(change)) if change.item.name == "gear-ratio"));
+        let after = dump(&mut knee);
+        let differing: Vec<_> =
+            motord_commissioning::changes(&before, &after).iter().map(|c| c.item.name).collect();
+        assert_eq!(differing, ["pole-pairs"]);
+    });
+}
+
+#[test]
+fn a_journal_that_cannot_be_written_ends_an_application_before_the_write() {
+    on_both_wires(|_, link| {
+        let mut knee = Native::new(link, 3, None);
+        let before = dump(&mut knee);
+        let wanted: Vec<_> = before.iter().map(|&(item, _)| (item, Value::Integer(13))).collect();
+        let changes: Vec<_> =
+            changes(&before, &wanted).into_iter().filter(|change| change.item.name == "pole-pairs").collect();
+        let failed = Apply { changes: &changes }.run(&mut knee, &mut |_| Err("full"));
+        assert!(matches!(failed, Err(Failed::Journal("full"))), "{failed:?}");
+        assert_eq!(dump(&mut knee), before);
+    });
+}
+
+/// A reply that equals the request is nobody's answer: an adapter echoes, and stale bytes may be anything.
+#[test]
+fn an_echo_is_never_an_answer() {
+    use motord_bus::{Bus, Content, Frame, Inbox, Readiness, Sent};
+    /// Gives back every frame, and has no motors.
+    #[derive(Default)]
+    struct Echo(Vec<Frame>);
+    impl Bus for Echo {
+        fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+            self.0.extend_from_slice(frames);
+            Sent::all(frames.len())
+        }
+        fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+            for frame in self.0.drain(..) {
+                inbox.push(motord_bus::Arrival { at: now, content: Content::Frame(frame) }).unwrap();
+            }
+        }
+        fn readiness(&self) -> Readiness<'_> {
+            if self.0.is_empty() { Readiness::Never } else { Readiness::At(START) }
+        }
+    }
+    for mut link in [
+        Link::can(Echo::default(), VirtualTime::new(START)),
+        Link::serial(Echo::default(), VirtualTime::new(START)),
+    ] {
+        assert_eq!(identify(&mut link, 1), Ok(None));
+        let mut motor = Native::new(&mut link, 1, None);
+        assert!(matches!(motor.start(), Err(Error::Silent { .. })));
+        assert!(matches!(motor.stop(), Err(Error::Silent { .. })));
+        assert!(matches!(motor.version(), Err(Error::Silent { .. })));
+        assert!(matches!(motor.reset_configuration(), Err(Error::Silent { .. })));
+        assert!(matches!(
+            motor.torque(Finite::default(), ExecutionTime::default()),
+            Err(Error::Silent { .. })
+        ));
+    }
+}
