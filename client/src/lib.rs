@@ -83,7 +83,7 @@ pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error};
 pub use motord_shared::description::{
-    GroupDescription, JointDescription, Percentiles, RobotDescription, Telemetry,
+    GroupDescription, GroupHistory, JointDescription, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::instance::{DEFAULT_INSTANCE, InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};

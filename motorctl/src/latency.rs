@@ -50,6 +50,8 @@ fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
         .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
         .collect();
     let mut object = json!(telemetry);
+    // Owners and stops belong to `status`.
+    object.as_object_mut().and_then(|object| object.remove("groups"));
     object["instance"] = json!(robot.instance);
     object["joints"] = json!(joints);
     object

@@ -25,6 +25,9 @@ pub struct RobotDescription {
     pub groups: Vec<GroupDescription>,
     /// Names of the buses.
     pub buses: Vec<String>,
+    /// Half the longest wire time of a command and its reply, stuffing bits included, s, in the order of `buses`: a frame
+    /// takes at most so long on average. 0 for a bus without motors.
+    pub frame_times: Vec<f64>,
 }
 
 /// A joint and its limits, joint side.
@@ -85,6 +88,31 @@ pub struct Telemetry {
     pub cycle_us: Percentiles,
     /// Reply latency by joint, in the order of the description.
     pub joints: Vec<Percentiles>,
+    /// Owners and stops, in the order of the description.
+    pub groups: Vec<GroupHistory>,
+}
+
+/// The owner of a group and the beginnings of its phase and stop. Up to 50 ms old: `GroupState` tells whether the group has
+/// an owner and a latched cause now.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GroupHistory {
+    /// The owner; the last one where nobody owns the group.
+    pub owner: Option<Process>,
+    /// Number of the cycle in which the phase began; 0 before the first change.
+    pub phase_cycle: u64,
+    /// Number of the cycle in which the latched cause stopped the group.
+    pub stop_cycle: Option<u64>,
+}
+
+/// A process, as it named itself.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Process {
+    /// Its id.
+    pub pid: u32,
+    /// The first 15 bytes of its program's name, any characters; empty when the kernel did not tell it.
+    pub program: String,
 }
 
 /// A latency distribution, µs.

@@ -6,5 +6,6 @@ pub(crate) mod kernel;
 pub mod log;
 #[cfg(feature = "panic-on-request")]
 pub(crate) mod panics;
+pub mod process;
 pub mod rt;
 pub mod systemd;

@@ -1,5 +1,6 @@
 //! The description of the robot that clients get, made of the configuration.
 
+use motord_core::plan::BusPlan;
 use motord_core::settings::Settings;
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 
@@ -31,5 +32,11 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         joints: joints.collect(),
         groups: groups.collect(),
         buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
+        frame_times: BusPlan::of(settings).iter().map(frame_time).collect(),
     }
+}
+
+/// Half of the longest command and reply, s.
+fn frame_time(plan: &BusPlan) -> f64 {
+    plan.transaction_worst.as_secs_f64() / 2.0
 }

@@ -4,11 +4,13 @@
 //! Nothing waits for it. Records and events that it is too slow for are dropped and counted.
 
 mod distributions;
+mod groups;
 mod log;
 mod unexpected;
 
 use crate::host::systemd;
 use distributions::Distributions;
+use groups::Groups;
 use log::Log;
 use motord_bus::Duration;
 use motord_configuration as config;
@@ -84,6 +86,7 @@ pub struct Recorder {
     broken: Option<Sender<usize>>,
     off: Vec<usize>,
     distributions: Distributions,
+    groups: Groups,
     log: Log,
     unexpected_ids: UnexpectedCounts,
     watched_cycle: u64,
@@ -97,6 +100,7 @@ impl Recorder {
             cycle,
             answers,
             distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
+            groups: Groups::new(settings.groups.len()),
             log: Log::new(settings),
             unexpected_ids: UnexpectedCounts::new(settings),
             ipc_thread: None,
@@ -156,6 +160,7 @@ impl Recorder {
             if let Event::Bus { bus, condition } = event {
                 self.watch_bus(bus, condition);
             }
+            self.groups.record(cycle, event);
             self.log.log(cycle, event);
         }
         self.unexpected_ids.store(&self.cycle.counters);
@@ -164,6 +169,7 @@ impl Recorder {
     fn answer(&mut self, ticket: u32) {
         self.turn();
         let mut telemetry = self.distributions.telemetry();
+        telemetry.groups = self.groups.history();
         telemetry.dropped_records = self.cycle.counters.dropped.load(Ordering::Relaxed);
         let text = serde_json::to_string(&telemetry).expect("numbers and lists of them are JSON");
         let _gone = self.answers.answers.send((ticket, text));

@@ -1,0 +1,23 @@
+//! Other processes of this machine.
+
+/// The name of the program that process `pid` runs: its first 15 bytes, as `comm` of proc(5). Any process may choose its
+/// name. Reads a file of the kernel, which does not block.
+#[must_use]
+pub fn program(pid: u32) -> Option<String> {
+    let name = std::fs::read(format!("/proc/{pid}/comm")).ok()?;
+    Some(String::from_utf8_lossy(&name).trim_end_matches('\n').to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_has_its_program_and_no_process_has_none() {
+        let own = std::env::current_exe().unwrap();
+        let own = own.file_name().unwrap().to_str().unwrap();
+        // Threads of a test have names of their own; the process keeps the program's.
+        assert!(own.starts_with(&program(std::process::id()).unwrap()), "{own}");
+        assert_eq!(program(0), None);
+    }
+}
