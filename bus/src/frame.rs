@@ -8,6 +8,12 @@ use crate::time::Instant;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct FrameId(u16);
 
+impl From<u8> for FrameId {
+    fn from(id: u8) -> Self {
+        Self(id.into())
+    }
+}
+
 impl FrameId {
     /// The largest id, 0x7FF.
     pub const MAX: Self = Self(0x7FF);
@@ -106,6 +112,8 @@ pub enum Unsupported {
     Fd,
     /// A length no classic frame has, or a raw DLC of 9 to 15.
     Length,
+    /// Bytes on a serial line that are part of no reply to the open request. Reported once for those of one read.
+    Unmatched,
 }
 
 /// An error message frame of Linux: the class bits of its id, and its 8 bytes (`linux/can/error.h`).

@@ -1,6 +1,6 @@
-//! `sendmmsg` and `recvmmsg`. All `unsafe` of this crate is in this file.
+//! `sendmmsg` and `recvmmsg`, and requests to serial ports. All `unsafe` of this crate is in this file.
 //!
-//! The safe wrappers of nix 0.31 do not serve: `MultiHeaders` cannot be sent to another thread, and its `recvmmsg` does not
+//! The safe wrappers of nix 0.31 do not serve: it has none for serial ports, `MultiHeaders` cannot be sent to another thread, and its `recvmmsg` does not
 //! restore the length of the control buffers that the call before has shortened, so receive stamps would be cut off.
 
 use core::cell::Cell;
@@ -140,6 +140,65 @@ impl Message {
     pub(crate) fn control(&self) -> &[u8] {
         &self.control.0[..self.control_bytes]
     }
+}
+
+/// How many bytes that were written to a serial port have not left it (`TIOCOUTQ`). Always 0 for a pseudo terminal. Never
+/// blocks; one system call.
+///
+/// # Errors
+///
+/// Those of the driver; `EIO` of an unplugged adapter.
+pub(crate) fn unsent(port: BorrowedFd<'_>) -> Result<usize, Errno> {
+    let mut bytes: libc::c_int = 0;
+    // SAFETY: `TIOCOUTQ` writes one int to the address given, which is that of a live one.
+    let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCOUTQ, &raw mut bytes) };
+    Errno::result(result).map(|_| usize::try_from(bytes).unwrap_or(0))
+}
+
+/// `struct serial_struct` of `linux/serial.h`.
+#[derive(Default)]
+#[repr(C)]
+struct SerialStruct {
+    kind: i32,
+    line: i32,
+    port: u32,
+    irq: i32,
+    flags: i32,
+    xmit_fifo_size: i32,
+    custom_divisor: i32,
+    baud_base: i32,
+    close_delay: u16,
+    io_type: u8,
+    reserved: u8,
+    hub6: i32,
+    closing_wait: u16,
+    closing_wait2: u16,
+    iomem_base: usize,
+    iomem_reg_shift: u16,
+    port_high: u32,
+    iomap_base: usize,
+}
+
+/// `ASYNC_LOW_LATENCY` of `linux/tty_flags.h`.
+const LOW_LATENCY: i32 = 1 << 13;
+
+/// Asks the driver to deliver bytes at once (`ASYNC_LOW_LATENCY`); an FTDI adapter else waits up to 16 ms for more of them.
+///
+/// # Errors
+///
+/// `ENOTTY` of a driver that has no such mode.
+pub(crate) fn set_low_latency(port: BorrowedFd<'_>) -> Result<(), Errno> {
+    let mut serial = SerialStruct::default();
+    // SAFETY: `TIOCGSERIAL` writes one `serial_struct` to the address given, which is that of a live one.
+    let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCGSERIAL, &raw mut serial) };
+    Errno::result(result)?;
+    if serial.flags & LOW_LATENCY != 0 {
+        return Ok(());
+    }
+    serial.flags |= LOW_LATENCY;
+    // SAFETY: `TIOCSSERIAL` reads one `serial_struct` from the address given, which is that of a live one.
+    let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCSSERIAL, &raw const serial) };
+    Errno::result(result).map(drop)
 }
 
 #[cfg(test)]

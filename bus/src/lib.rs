@@ -43,7 +43,8 @@ pub use wait::wait;
 ///
 /// Every method is called from the real-time thread: none allocates, blocks, or runs an unbounded loop.
 pub trait Bus: Send {
-    /// Sends `frames` in this order. At most one system call. Frames that are not accepted are dropped, never kept for
+    /// Sends `frames` in this order. At most one system call; a serial line takes one more after a request that was not
+    /// answered. Frames that are not accepted are dropped, never kept for
     /// later: a late torque is worse than none.
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent;
 

@@ -214,9 +214,11 @@ impl Decoder {
         Self { buffer: [0; FRAME_LEN_MAX], len: 0, skipped: 0 }
     }
 
-    /// Forgets what was received of a frame, as before a new request.
-    pub fn reset(&mut self) {
-        self.skip(self.len);
+    /// Forgets what was received of a frame, as before a new request. Returns how many bytes that were.
+    pub fn reset(&mut self) -> usize {
+        let forgotten = self.len;
+        self.skip(forgotten);
+        forgotten
     }
 
     /// How many bytes were part of no accepted frame, since the start; wraps around.

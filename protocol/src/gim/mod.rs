@@ -30,6 +30,6 @@ pub use configuration::{
 };
 pub use indicator::{INDICATORS, Indicator};
 pub use parameter::{PARAMETERS, Parameter};
-pub use reply::{Pending, Reply, State, decode_reply};
+pub use reply::{Pending, Reply, State, decode_reply, repeats};
 pub use result::{Outcome, Refusal};
 pub use value::{ExecutionTime, Finite, Value, ValueType};

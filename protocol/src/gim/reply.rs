@@ -186,6 +186,28 @@ fn res<T>(outcome: Outcome<T>) -> u8 {
     outcome.err().map_or(0, Refusal::code)
 }
 
+/// Whether the payload `reply` can answer the payload `request`, judged by the bytes that a reply repeats: the command, and the
+/// numbers of 3.2.3, 3.2.4, 3.2.12, 3.2.13, 3.2.17 and 3.2.18. For a serial line, where nothing else tells noise from a
+/// reply; [`Reply::answers`] judges the meaning.
+///
+/// Real-time: does not allocate or block; takes constant time.
+#[must_use]
+pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
+    use CommandCode as Code;
+    let (Ok([asked, numbers @ ..]), Ok([code, repeated @ ..])) = (eight(request), eight(reply)) else {
+        return false;
+    };
+    let count = match Code::from_byte(asked) {
+        Ok(Code::ModifyConfiguration | Code::RetrieveConfiguration) => 2,
+        Ok(Code::ModifyParameter | Code::RetrieveParameter | Code::RetrieveIndicator | Code::Calibration) => {
+            1
+        }
+        Ok(_) | Err(_) => 0,
+    };
+    let is_calibration = asked == Code::Calibration as u8 && code == Code::RetrieveIndicator as u8;
+    (asked == code || is_calibration) && numbers[..count] == repeated[..count]
+}
+
 impl Reply {
     /// The reply can be the answer to `command`: the command byte and the numbers in it are repeated.
     #[must_use]
@@ -287,6 +309,28 @@ mod tests {
 
     fn scales() -> Scales {
         Scales::by_current(0.1, 8.0).unwrap()
+    }
+
+    /// How many numbers of each request its reply repeats: 3.2.3, 3.2.4, 3.2.12, 3.2.13, 3.2.17, 3.2.18.
+    #[test]
+    fn a_reply_repeats_its_command_and_the_numbers_of_the_document() {
+        for code in 0..=u8::MAX {
+            let repeated = match code {
+                0x83 | 0x84 => 2,
+                0xA1 | 0xA2 | 0xB4 | 0xB5 => 1,
+                _ => 0,
+            };
+            let request = [code, 1, 2, 3, 4, 5, 6, 7];
+            assert!(!repeats(&request, &[code.wrapping_add(2), 1, 2, 3, 4, 5, 6, 7]), "{code:#X}");
+            for at in 1..8 {
+                let mut reply = request;
+                reply[at] ^= 0x80;
+                assert_eq!(repeats(&request, &reply), at > repeated, "{code:#X}, byte {at}");
+            }
+            assert!(!repeats(&request, &request[..7]) && !repeats(&request[..7], &request));
+        }
+        assert!(repeats(&[0xB5, 1, 0, 0, 0, 0, 0, 0], &[0xB4, 1, 0, 0, 0, 0, 0, 0]), "as printed");
+        assert!(!repeats(&[0xB5, 1, 0, 0, 0, 0, 0, 0], &[0xB4, 2, 0, 0, 0, 0, 0, 0]));
     }
 
     #[test]

@@ -1,0 +1,148 @@
+//! A serial line as a [`Bus`].
+
+use std::os::fd::AsFd;
+
+use nix::errno::Errno;
+
+use super::line::{Line, Request};
+use super::port::{OpenError, Port, Use};
+use super::{Address, Settings};
+use crate::frame::{Arrival, Frame, Inbox};
+use crate::time::Instant;
+use crate::{Bus, Readiness, Refusal, Sent};
+
+/// Bytes of one read: more than a line at 921 600 bit/s carries in a cycle of 1 ms.
+const READ_BYTES: usize = 256;
+/// Most arrivals of one read: a reply or a refusal, and the report of other bytes.
+const ARRIVALS: usize = 2;
+
+/// A serial line.
+pub struct SerialBus {
+    port: Port,
+    line: Line,
+    buffer: [u8; READ_BYTES],
+    /// The adapter was unplugged, or took a part of a frame: whatever follows would complete that one.
+    is_gone: bool,
+}
+
+impl SerialBus {
+    /// Opens and configures the port. Off the real-time thread: it allocates, and takes milliseconds. After
+    /// [`Refusal::Gone`], close it and open it again.
+    ///
+    /// # Errors
+    ///
+    /// Why the port cannot be used.
+    pub fn open(settings: &Settings) -> Result<Self, OpenError> {
+        let port = Port::open(&settings.device, settings.baud, Use::Exclusive)?;
+        Ok(Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_gone: false })
+    }
+
+    /// Sends a request, if the line is free. One system call, and one more after a request that was not answered: its bytes may
+    /// wait for an adapter that takes none, and another frame behind them would be late.
+    fn ask(&mut self, now: Instant, frame: &Frame) -> Result<(), Refusal> {
+        if self.is_gone {
+            return Err(Refusal::Gone);
+        }
+        if self.line.is_busy(now) {
+            return Err(Refusal::Full);
+        }
+        let request = self.line.request(frame).ok_or(Refusal::Error(libc::EINVAL))?;
+        if self.line.is_unanswered() && self.port.unsent().map_err(refusal)? > 0 {
+            return Err(Refusal::Full);
+        }
+        write(&self.port, &request)?;
+        self.line.sent(request, now);
+        Ok(())
+    }
+}
+
+impl Bus for SerialBus {
+    /// Sends the first frame at most, and refuses the others with [`Refusal::Full`]. One system call, or two after a request
+    /// that was not answered.
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        let Some(frame) = frames.first() else { return Sent::all(0) };
+        let asked = self.ask(now, frame);
+        self.is_gone |= asked == Err(Refusal::Gone);
+        match asked {
+            Ok(()) => Sent { accepted: 1, refusal: (frames.len() > 1).then_some(Refusal::Full) },
+            Err(refusal) => Sent { accepted: 0, refusal: Some(refusal) },
+        }
+    }
+
+    /// One `read`. The kernel does not stamp the bytes of a serial port: an arrival bears the time of the read.
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        if self.is_gone || inbox.free() < ARRIVALS {
+            return;
+        }
+        let count = match self.port.read(&mut self.buffer) {
+            Ok(count) => count,
+            Err(Errno::EAGAIN | Errno::EINTR) => return,
+            Err(_) => 0,
+        };
+        self.is_gone = count == 0;
+        let Self { line, buffer, .. } = self;
+        let replies = buffer[..count].iter().filter_map(|byte| line.push(*byte)).last();
+        let arrivals = [replies.or_else(|| line.refusal()), line.unmatched()];
+        for content in arrivals.into_iter().flatten() {
+            inbox.push(Arrival { at: now, content }).expect("there is space for them");
+        }
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        if self.is_gone { Readiness::Never } else { Readiness::Readable(self.port.as_fd()) }
+    }
+}
+
+/// Sends to the motors of a line beside the process that owns it, and reads nothing: for the stop of motors whose daemon has died.
+#[derive(Debug)]
+pub struct SerialSender(Port);
+
+impl SerialSender {
+    /// Opens the port as its owner does, but for the lock. Allocates, and takes milliseconds.
+    ///
+    /// # Errors
+    ///
+    /// Why the port cannot be used.
+    pub fn open(device: &str, baud: u32) -> Result<Self, OpenError> {
+        Port::open(device, baud, Use::Shared).map(Self)
+    }
+
+    /// Sends one frame, unless bytes before it have not left. Never blocks; two system calls.
+    ///
+    /// # Errors
+    ///
+    /// Why it was not sent. After [`Refusal::Gone`], close the port and open it again.
+    pub fn send(&self, frame: &Frame) -> Result<(), Refusal> {
+        let id = u8::try_from(frame.id().raw()).ok();
+        let request = id.and_then(|id| Request::new(Address { id, host_id: None }, frame));
+        let request = request.ok_or(Refusal::Error(libc::EINVAL))?;
+        if self.0.unsent().map_err(refusal)? > 0 {
+            return Err(Refusal::Full);
+        }
+        write(&self.0, &request)
+    }
+
+    /// Whether the adapter was unplugged. A port that stays open keeps its name from the adapter that is plugged in again.
+    /// Never blocks; one system call.
+    #[must_use]
+    pub fn is_gone(&self) -> bool {
+        self.0.is_gone()
+    }
+}
+
+/// Writes a whole request. A part of one would be completed by whatever is sent next: the port has to be opened again.
+fn write(port: &Port, request: &Request) -> Result<(), Refusal> {
+    match port.write(request.bytes()) {
+        Ok(count) if count == request.bytes().len() => Ok(()),
+        Ok(_) => Err(Refusal::Gone),
+        Err(errno) => Err(refusal(errno)),
+    }
+}
+
+fn refusal(errno: Errno) -> Refusal {
+    match errno {
+        Errno::EAGAIN | Errno::EINTR => Refusal::Full,
+        Errno::EIO | Errno::ENXIO | Errno::ENODEV | Errno::EPIPE => Refusal::Gone,
+        other => Refusal::Error(other as i32),
+    }
+}

@@ -1,0 +1,430 @@
+//! The state of a line: the open request, and which of the bytes that arrive answer it. Pure: no port, no clock.
+//!
+//! A line carries one request at a time. A reply names its receiver only, so the request tells whose reply it is.
+//!
+//! - *Echo*: an adapter may return the bytes that it sends. They are dropped when they are the first to come after sending.
+//!   On a line that has returned a whole request, a frame for the motor itself is a damaged echo, never a reply.
+//! - *Late replies*: where motors share a host id, the reply of a motor that was given up looks like that of the motor asked
+//!   next. The first such frame is dropped; a second one proves that the first was late. A motor of which no late reply came is
+//!   taken for silent, and costs its neighbours nothing more until it replies again.
+//! - *ACK frames* refuse the request, unless a reply follows in the same read: four bytes are found in noise more easily than
+//!   twelve.
+
+use core::cell::Cell;
+
+use super::framing::{Decoder, FRAME_LEN_MAX, FrameType, SerialFrame};
+use super::{Address, Answers, Settings};
+use crate::frame::{Content, Frame, FrameId, Unsupported};
+use crate::time::{Duration, Instant};
+
+/// A reply that is later than this never comes.
+const LATEST_REPLY: Duration = Duration::from_millis(50);
+
+/// A request as it is on the line.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Request {
+    address: Address,
+    frame: SerialFrame,
+    bytes: [u8; FRAME_LEN_MAX],
+}
+
+impl Request {
+    /// `None` when `frame` does not have eight bytes.
+    pub(super) fn new(address: Address, frame: &Frame) -> Option<Self> {
+        let frame = SerialFrame::normal(address.id, frame.payload().try_into().ok()?);
+        let mut bytes = [0; FRAME_LEN_MAX];
+        frame.write(&mut bytes);
+        Some(Self { address, frame, bytes })
+    }
+
+    /// The bytes to send.
+    pub(super) const fn bytes(&self) -> &[u8; FRAME_LEN_MAX] {
+        &self.bytes
+    }
+
+    /// Whether a frame for `receiver` may be a reply, on a line that has returned a request or not.
+    fn may_go_to(&self, receiver: u8, has_echo: bool) -> bool {
+        let Address { id, host_id } = self.address;
+        match host_id {
+            Some(host_id) if receiver == host_id => true,
+            Some(_) => receiver == id && !has_echo,
+            None => receiver != id || !has_echo,
+        }
+    }
+}
+
+/// A request on the line.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    request: Request,
+    sent_at: Instant,
+    /// How many bytes of its echo have come; `None` once other bytes came, or the whole echo.
+    echo: Option<usize>,
+    /// An ACK frame came.
+    refused: bool,
+}
+
+/// Whether a frame that answers the open request may be the late reply of the motor with this id, which was asked before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Doubt {
+    None,
+    /// The next frame may be late.
+    Of(u8),
+    /// Such a frame was dropped.
+    Dropped(u8),
+}
+
+/// One line.
+pub(super) struct Line {
+    /// In ascending order of ids.
+    addresses: Vec<Address>,
+    reply_timeout: Duration,
+    answers: Answers,
+    decoder: Decoder,
+    /// The last request, until it is answered or refused.
+    open: Option<Open>,
+    doubt: Doubt,
+    /// By id: the last request to the motor that was given up had no late reply, and it has not replied since.
+    silent: [bool; 256],
+    /// An adapter has returned a whole request.
+    has_echo: bool,
+    /// Bytes have come since the last read that are part of no reply.
+    unmatched: bool,
+}
+
+impl Line {
+    /// A line on which nothing was asked yet. Allocates.
+    pub(super) fn new(settings: &Settings) -> Self {
+        let mut addresses = settings.addresses.clone();
+        addresses.sort_by_key(|address| address.id);
+        Self {
+            addresses,
+            reply_timeout: settings.reply_timeout,
+            answers: settings.answers,
+            decoder: Decoder::new(),
+            open: None,
+            doubt: Doubt::None,
+            silent: [false; 256],
+            has_echo: false,
+            unmatched: false,
+        }
+    }
+
+    /// A request is open that has still time for its reply.
+    pub(super) fn is_busy(&self, now: Instant) -> bool {
+        self.open.is_some_and(|open| now.since(open.sent_at) < self.reply_timeout)
+    }
+
+    /// The last request has no answer yet: its bytes may not even have left.
+    pub(super) const fn is_unanswered(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// The request for `frame`; `None` when it does not have eight bytes, or its id does not fit into one.
+    pub(super) fn request(&self, frame: &Frame) -> Option<Request> {
+        let id = u8::try_from(frame.id().raw()).ok()?;
+        let listed = self.addresses.binary_search_by_key(&id, |address| address.id);
+        let address = listed.map_or(Address { id, host_id: None }, |index| self.addresses[index]);
+        Request::new(address, frame)
+    }
+
+    /// `request` was sent at `now`. One that is still open is given up.
+    pub(super) fn sent(&mut self, request: Request, now: Instant) {
+        self.doubt = self.give_up(&request, now);
+        self.unmatched |= self.decoder.reset() > 0;
+        self.open = Some(Open { request, sent_at: now, echo: Some(0), refused: false });
+    }
+
+    fn give_up(&mut self, next: &Request, now: Instant) -> Doubt {
+        let Some(Open { request, sent_at, .. }) = self.open.take() else { return Doubt::None };
+        let id = request.address.id;
+        if let Doubt::Of(earlier) | Doubt::Dropped(earlier) = self.doubt {
+            self.silent[usize::from(earlier)] = true;
+        }
+        // The frame that was dropped was the reply to this request.
+        let has_replied = matches!(self.doubt, Doubt::Dropped(_));
+        let is_alike = next.address.host_id.is_none_or(|host| request.may_go_to(host, self.has_echo));
+        let may_come = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];
+        if !has_replied && id != next.address.id && is_alike && may_come {
+            Doubt::Of(id)
+        } else {
+            Doubt::None
+        }
+    }
+
+    /// Takes the next byte. Returns the reply that it completes, under the id of the motor that was asked.
+    ///
+    /// Real-time: does not allocate or block; tries at most 12 positions for each of at most 12 bytes.
+    pub(super) fn push(&mut self, byte: u8) -> Option<Content> {
+        let Some(open) = &mut self.open else {
+            self.unmatched = true;
+            return None;
+        };
+        let Some(matched) = open.echo else { return self.decode(byte) };
+        let bytes = open.request.bytes;
+        if bytes[matched] == byte {
+            open.echo = Some(matched + 1).filter(|matched| *matched < bytes.len());
+            self.has_echo |= open.echo.is_none();
+            return None;
+        }
+        open.echo = None;
+        // The beginning of the request alone completes no reply.
+        for &byte in &bytes[..matched] {
+            let _none = self.decode(byte);
+        }
+        self.decode(byte)
+    }
+
+    fn decode(&mut self, byte: u8) -> Option<Content> {
+        let open = self.open.as_mut()?;
+        let Open { request, refused, .. } = open;
+        let (answers, echoed) = (self.answers, Cell::new(self.has_echo));
+        let skipped = self.decoder.skipped();
+        let frame = self.decoder.push(byte, |frame| {
+            let is_echo = *frame == request.frame;
+            echoed.set(echoed.get() | is_echo);
+            let fits =
+                frame.frame_type() == FrameType::Ack || answers(request.frame.payload(), frame.payload());
+            !is_echo && fits && request.may_go_to(frame.receiver(), echoed.get())
+        });
+        self.has_echo = echoed.get();
+        self.unmatched |= self.decoder.skipped() != skipped;
+        let (frame, id) = (frame?, request.address.id);
+        if let Doubt::Of(earlier) = self.doubt {
+            self.doubt = Doubt::Dropped(earlier);
+            self.unmatched = true;
+            return None;
+        }
+        if frame.frame_type() == FrameType::Ack {
+            *refused = true;
+            return None;
+        }
+        self.replied(id);
+        Frame::new(FrameId::from(id), frame.payload()).map(Content::Frame)
+    }
+
+    /// The open request is over: the motor with this id has replied.
+    fn replied(&mut self, id: u8) {
+        if let Doubt::Dropped(earlier) = self.doubt {
+            self.silent[usize::from(earlier)] = false;
+        }
+        self.doubt = Doubt::None;
+        self.silent[usize::from(id)] = false;
+        self.open = None;
+    }
+
+    /// All bytes of a read were taken. Returns the id of the motor that refused its request.
+    pub(super) fn refusal(&mut self) -> Option<Content> {
+        let id = self.open.filter(|open| open.refused)?.request.address.id;
+        self.replied(id);
+        Some(Content::Refused(FrameId::from(id)))
+    }
+
+    /// Whether bytes have come, since this was last asked, that are part of no reply.
+    pub(super) fn unmatched(&mut self) -> Option<Content> {
+        core::mem::take(&mut self.unmatched).then_some(Content::Unsupported(Unsupported::Unmatched))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TIMEOUT: Duration = Duration::from_millis(2);
+    const START: Instant = Instant::from_nanos(1_000_000_000);
+    /// A command to stop, and the reply that it is done.
+    const STOP: [u8; 8] = [0x92, 0x00, 0x80, 0, 0, 0, 0x08, 0];
+    const STOPPED: [u8; 8] = [0x92, 0, 0, 0, 0, 0, 0, 0];
+    const VERSION: [u8; 8] = [0xB1, 0, 0, 0, 3, 2, 1, 0];
+    const HOST: u8 = 0x40;
+
+    fn same_command(request: &[u8], reply: &[u8]) -> bool {
+        request[0] == reply[0]
+    }
+
+    /// Motors 1 and 2 share a host id, motor 3 has one of its own.
+    fn line() -> Line {
+        let address = |(id, host_id)| Address { id, host_id: Some(host_id) };
+        Line::new(&Settings {
+            device: String::new(),
+            baud: 921_600,
+            addresses: [(3, 0x43), (1, HOST), (2, HOST)].map(address).to_vec(),
+            reply_timeout: TIMEOUT,
+            answers: same_command,
+        })
+    }
+
+    fn ask(line: &mut Line, id: u8, millis: u64) -> Vec<u8> {
+        let request = line.request(&Frame::full(FrameId::from(id), STOP)).unwrap();
+        line.sent(request, START + Duration::from_millis(millis));
+        request.bytes().to_vec()
+    }
+
+    fn bytes(frame: &SerialFrame) -> Vec<u8> {
+        frame.write(&mut [0; FRAME_LEN_MAX]).to_vec()
+    }
+
+    fn reply(receiver: u8) -> Vec<u8> {
+        bytes(&SerialFrame::normal(receiver, STOPPED))
+    }
+
+    fn ack(receiver: u8) -> Vec<u8> {
+        bytes(&SerialFrame::ack(receiver, &[]).unwrap())
+    }
+
+    /// The arrivals of one read.
+    fn read(line: &mut Line, bytes: &[u8]) -> Vec<Content> {
+        let reply = bytes.iter().filter_map(|byte| line.push(*byte)).last();
+        reply.or_else(|| line.refusal()).into_iter().chain(line.unmatched()).collect()
+    }
+
+    fn from(id: u8) -> Content {
+        Content::Frame(Frame::full(FrameId::from(id), STOPPED))
+    }
+
+    const UNMATCHED: Content = Content::Unsupported(Unsupported::Unmatched);
+
+    #[test]
+    fn a_request_has_the_header_of_the_document() {
+        assert_eq!(ask(&mut line(), 1, 0), [&[0x01, 0x00, 0x08, 0x09][..], &STOP].concat());
+        let line = line();
+        assert!(line.request(&Frame::full(FrameId::new(0x101).unwrap(), STOP)).is_none());
+        assert!(line.request(&Frame::new(FrameId::from(1), &STOP[..6]).unwrap()).is_none());
+    }
+
+    #[test]
+    fn a_reply_bears_the_id_of_the_motor_that_was_asked() {
+        let mut line = line();
+        for id in [1, 2] {
+            ask(&mut line, id, 0);
+            assert!(line.is_unanswered());
+            assert_eq!(read(&mut line, &reply(HOST)), [from(id)]);
+            assert!(!line.is_unanswered());
+        }
+        ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &reply(1)), [from(1)], "a firmware that names itself");
+        ask(&mut line, 9, 0);
+        assert_eq!(read(&mut line, &reply(0x77)), [from(9)], "a motor that is not listed may name anybody");
+    }
+
+    #[test]
+    fn frames_for_others_other_commands_and_bytes_that_nobody_asked_for_are_no_replies() {
+        let mut line = line();
+        assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "nothing was asked");
+        ask(&mut line, 3, 0);
+        assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "the host of the other motors");
+        assert_eq!(read(&mut line, &bytes(&SerialFrame::normal(0x43, VERSION))), [UNMATCHED]);
+        assert_eq!(read(&mut line, &reply(0x43))[0], from(3));
+        assert_eq!(read(&mut line, &reply(0x43)), [UNMATCHED], "it was answered");
+    }
+
+    #[test]
+    fn a_line_is_busy_until_the_reply_or_its_timeout() {
+        let mut line = line();
+        assert!(!line.is_busy(START));
+        ask(&mut line, 1, 0);
+        assert!(line.is_busy(START + Duration::from_micros(1999)));
+        assert!(!line.is_busy(START + TIMEOUT));
+        assert_eq!(read(&mut line, &reply(HOST)), [from(1)], "late, but nobody else was asked");
+        assert!(!line.is_busy(START));
+    }
+
+    #[test]
+    fn an_echo_is_dropped_whole_in_pieces_and_behind_noise() {
+        for noise in [&[][..], &[0x00, 0x01], &[0x01]] {
+            let mut line = line();
+            for round in 0..3 {
+                let echo = ask(&mut line, 1, round);
+                let (first, second) = echo.split_at(5);
+                assert!(!read(&mut line, &[noise, first].concat()).contains(&from(1)));
+                let arrivals = read(&mut line, &[second, &reply(HOST)].concat());
+                assert_eq!(arrivals[0], from(1), "{noise:02X?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_damaged_echo_is_no_reply_of_a_motor() {
+        let mut line = line();
+        let echo = ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &[echo.clone(), reply(HOST)].concat()), [from(1)]);
+        for at in 4..FRAME_LEN_MAX {
+            let mut damaged = ask(&mut line, 1, 0);
+            damaged[at] ^= 0x10;
+            assert_eq!(read(&mut line, &damaged), [UNMATCHED], "byte {at}");
+            assert_eq!(read(&mut line, &reply(HOST))[0], from(1));
+        }
+    }
+
+    #[test]
+    fn a_reply_that_begins_like_its_request_is_no_echo() {
+        let mut line = line();
+        ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &reply(1)), [from(1)], "the header and the command are the same");
+    }
+
+    #[test]
+    fn an_ack_refuses_the_request_unless_a_reply_follows() {
+        let mut line = line();
+        ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &ack(HOST)), [Content::Refused(FrameId::from(1))]);
+        assert!(!line.is_busy(START));
+        assert_eq!(read(&mut line, &ack(HOST)), [UNMATCHED], "nothing is open");
+        ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &[ack(HOST), reply(HOST)].concat()), [from(1)]);
+        ask(&mut line, 1, 0);
+        assert_eq!(read(&mut line, &ack(0x43)), [UNMATCHED], "for another host");
+    }
+
+    #[test]
+    fn a_late_reply_is_never_taken_for_that_of_the_motor_asked_next() {
+        let mut line = line();
+        for round in 0..5 {
+            ask(&mut line, 1, 10 * round);
+            ask(&mut line, 2, 10 * round + 2);
+            assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 1, or motor 2: nobody can tell");
+            assert_eq!(read(&mut line, &reply(HOST)), [from(2)], "the other was late");
+        }
+    }
+
+    #[test]
+    fn a_silent_motor_costs_its_neighbour_one_reply_and_no_more() {
+        let mut line = line();
+        let mut lost = 0;
+        for round in 0..20 {
+            ask(&mut line, 1, 10 * round);
+            ask(&mut line, 2, 10 * round + 2);
+            lost += usize::from(read(&mut line, &reply(HOST)) != [from(2)]);
+        }
+        assert_eq!(lost, 1);
+        ask(&mut line, 1, 300);
+        assert_eq!(read(&mut line, &reply(HOST)), [from(1)], "it is back");
+        ask(&mut line, 1, 310);
+        ask(&mut line, 2, 312);
+        assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "and may be late again");
+    }
+
+    #[test]
+    fn motors_with_host_ids_of_their_own_are_never_taken_for_each_other() {
+        let mut line = line();
+        for round in 0..5 {
+            ask(&mut line, 1, 10 * round);
+            ask(&mut line, 3, 10 * round + 2);
+            assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED]);
+            assert_eq!(read(&mut line, &reply(0x43))[0], from(3));
+        }
+    }
+
+    #[test]
+    fn a_lost_byte_costs_one_reply_and_not_the_next() {
+        for lost in 0..FRAME_LEN_MAX {
+            let mut line = line();
+            ask(&mut line, 1, 0);
+            let mut damaged = reply(HOST);
+            damaged.remove(lost);
+            assert!(!read(&mut line, &damaged).contains(&from(1)));
+            ask(&mut line, 1, 2);
+            assert!(read(&mut line, &reply(HOST)).contains(&from(1)), "byte {lost}");
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! A serial port of Linux: raw bytes, 8N1, at any bit rate.
+//!
+//! - *Exclusive use*: `flock` on the device, which survives a deleted lock file and ends with its holder. `TIOCEXCL` is not
+//!   used: it would keep the dead man's switch out, which has a descriptor of its own.
+//! - *Latency*: the driver delivers bytes at once where it has such a mode.
+//! - *Closing*: the kernel waits up to 30 s for bytes that do not leave. They get 20 ms, then they are thrown away.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::fs::OpenOptionsExt;
+
+use nix::errno::Errno;
+use nix::fcntl::{Flock, FlockArg};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use rustix::termios::{
+    ControlModes, OptionalActions, QueueSelector, SpecialCodeIndex, Termios, tcflush, tcgetattr, tcsetattr,
+};
+
+use crate::kernel;
+use crate::time::Duration;
+
+/// The driver rounds a rate that its clock cannot be divided to. 8N1 tolerates 2 % on each side.
+const BAUD_TOLERANCE: u32 = 50;
+/// The last bytes have this time to leave before a port is closed.
+const LINGER: Duration = Duration::from_millis(20);
+
+/// Why a port cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum OpenError {
+    /// No device has this name.
+    #[error(
+        "{device}: there is no such device; plug the adapter in (`ls -l /dev/serial/by-id` lists those that are)"
+    )]
+    Missing {
+        /// The device.
+        device: String,
+    },
+    /// This user may not use it.
+    #[error(
+        "{device}: not permitted; add the user to the group of the device (`ls -l {device}`), `dialout` as a rule"
+    )]
+    Permission {
+        /// The device.
+        device: String,
+    },
+    /// A file of another kind.
+    #[error("{device} is no serial port")]
+    NotSerial {
+        /// The device.
+        device: String,
+    },
+    /// Another process has locked the device.
+    #[error("{device} is in use by another process (`fuser {device}` tells which)")]
+    Held {
+        /// The device.
+        device: String,
+    },
+    /// The driver does not offer the rate.
+    #[error(
+        "{device} runs at {received} bit/s, {expected} are configured: the adapter does not offer that rate"
+    )]
+    Baud {
+        /// The device.
+        device: String,
+        /// The configured rate, bit/s.
+        expected: u32,
+        /// The rate of the port, bit/s.
+        received: u32,
+    },
+    /// A system call failed.
+    #[error("{device}: {errno}")]
+    System {
+        /// The device.
+        device: String,
+        /// The error of the kernel.
+        errno: Errno,
+    },
+}
+
+/// An open port.
+#[derive(Debug)]
+pub(super) struct Port {
+    file: File,
+    _lock: Option<Flock<File>>,
+}
+
+/// Whether a port is locked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Use {
+    /// For this process alone, among those that lock. Bytes that wait in either direction are thrown away.
+    Exclusive,
+    /// Beside its owner.
+    Shared,
+}
+
+impl Port {
+    /// Opens and configures a port. Off the real-time thread: it allocates, and takes milliseconds.
+    ///
+    /// # Errors
+    ///
+    /// The first thing that is wrong.
+    pub(super) fn open(device: &str, baud: u32, usage: Use) -> Result<Self, OpenError> {
+        let failed = |errno| refused(device, errno);
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK | libc::O_NOCTTY)
+            .open(device)
+            .map_err(|error| failed(errno(&error)))?;
+        let current = tcgetattr(&file).map_err(|_| OpenError::NotSerial { device: device.to_owned() })?;
+        let lock = match usage {
+            Use::Exclusive => Some(lock(device, &file)?),
+            Use::Shared => None,
+        };
+        configure(&file, current, baud).map_err(|error| failed(Errno::from_raw(error.raw_os_error())))?;
+        let received = tcgetattr(&file).map_or(0, |termios| termios.output_speed());
+        if received.abs_diff(baud) > baud / BAUD_TOLERANCE {
+            return Err(OpenError::Baud { device: device.to_owned(), expected: baud, received });
+        }
+        // A driver without the mode delivers as it does.
+        let _unsupported = kernel::set_low_latency(file.as_fd());
+        if usage == Use::Exclusive {
+            tcflush(&file, QueueSelector::IOFlush)
+                .map_err(|error| failed(Errno::from_raw(error.raw_os_error())))?;
+        }
+        Ok(Self { file, _lock: lock })
+    }
+
+    /// Writes `bytes`, and returns how many the kernel took. Never blocks; one system call.
+    pub(super) fn write(&self, bytes: &[u8]) -> Result<usize, Errno> {
+        (&self.file).write(bytes).map_err(|error| errno(&error))
+    }
+
+    /// Reads bytes that have arrived, and returns how many; 0 when the port is gone. Never blocks; one system call.
+    pub(super) fn read(&self, buffer: &mut [u8]) -> Result<usize, Errno> {
+        (&self.file).read(buffer).map_err(|error| errno(&error))
+    }
+
+    /// How many bytes have not left. Never blocks; one system call.
+    pub(super) fn unsent(&self) -> Result<usize, Errno> {
+        kernel::unsent(self.file.as_fd())
+    }
+
+    /// Whether the adapter was unplugged. Never blocks; one system call.
+    pub(super) fn is_gone(&self) -> bool {
+        let mut descriptors = [PollFd::new(self.file.as_fd(), PollFlags::empty())];
+        poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|count| count > 0)
+    }
+}
+
+impl AsFd for Port {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+}
+
+impl Drop for Port {
+    /// Blocks for [`LINGER`] at most.
+    fn drop(&mut self) {
+        const TURNS: u32 = 20;
+        for _ in 0..TURNS {
+            if !self.unsent().is_ok_and(|bytes| bytes > 0) {
+                return;
+            }
+            std::thread::sleep(LINGER / TURNS);
+        }
+        let _gone = tcflush(&self.file, QueueSelector::OFlush);
+    }
+}
+
+/// Sets the port up, unless it is as it should be: a change reaches the adapter, and holds up another process's writes meanwhile.
+fn configure(file: &File, current: Termios, baud: u32) -> rustix::io::Result<()> {
+    let mut wanted = current.clone();
+    wanted.make_raw();
+    wanted.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL | ControlModes::CS8;
+    // Without HUPCL the control lines of an adapter do not move when a process closes it.
+    wanted.control_modes -=
+        ControlModes::CSTOPB | ControlModes::PARENB | ControlModes::CRTSCTS | ControlModes::HUPCL;
+    wanted.special_codes[SpecialCodeIndex::VMIN] = 1;
+    wanted.special_codes[SpecialCodeIndex::VTIME] = 0;
+    wanted.set_speed(baud)?;
+    if is_same(&current, &wanted) { Ok(()) } else { tcsetattr(file, OptionalActions::Now, &wanted) }
+}
+
+fn is_same(one: &Termios, other: &Termios) -> bool {
+    let modes = |it: &Termios| (it.input_modes, it.output_modes, it.control_modes, it.local_modes);
+    let codes =
+        |it: &Termios| [SpecialCodeIndex::VMIN, SpecialCodeIndex::VTIME].map(|index| it.special_codes[index]);
+    let speeds = |it: &Termios| (it.input_speed(), it.output_speed());
+    modes(one) == modes(other) && codes(one) == codes(other) && speeds(one) == speeds(other)
+}
+
+fn lock(device: &str, file: &File) -> Result<Flock<File>, OpenError> {
+    let own = file.try_clone().map_err(|error| refused(device, errno(&error)))?;
+    Flock::lock(own, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
+        Errno::EWOULDBLOCK => OpenError::Held { device: device.to_owned() },
+        errno => refused(device, errno),
+    })
+}
+
+fn refused(device: &str, errno: Errno) -> OpenError {
+    let device = device.to_owned();
+    match errno {
+        Errno::ENOENT | Errno::ENODEV | Errno::ENXIO | Errno::EIO => OpenError::Missing { device },
+        Errno::EACCES | Errno::EPERM => OpenError::Permission { device },
+        Errno::EBUSY => OpenError::Held { device },
+        errno => OpenError::System { device, errno },
+    }
+}
+
+fn errno(error: &io::Error) -> Errno {
+    Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
+}
