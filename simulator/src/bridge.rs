@@ -2,7 +2,7 @@
 
 use crate::{FaultVerb, InjectError, SimulatedBus};
 use motord_bus::socketcan::{InterfaceName, OpenError, Settings, SocketCanBus};
-use motord_bus::{Bus, Content, Inbox, Instant, Readiness};
+use motord_bus::{Bus, Content, FrameId, Inbox, Instant, Readiness};
 
 /// Hands the commands that arrive on an interface to a simulated bus, and puts on the interface what its motors answer.
 ///
@@ -12,19 +12,26 @@ use motord_bus::{Bus, Content, Inbox, Instant, Readiness};
 pub struct Bridge {
     interface: SocketCanBus,
     simulated: SimulatedBus,
+    /// The ids that the interface receives.
+    listening: Vec<FrameId>,
     inbox: Inbox,
 }
 
 impl Bridge {
-    /// Opens `interface` for the motors of `simulated`: it receives the ids they have now.
+    /// Opens `interface` for the motors of `simulated`. A motor whose id changes hears the new one.
     ///
     /// # Errors
     ///
     /// The fault of the interface, and its remedy.
     pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
-        let host_ids = simulated.motors().iter().map(crate::Motor::address).collect();
-        let interface = SocketCanBus::open(&Settings { interface, bitrate, host_ids })?;
-        Ok(Self { interface, simulated, inbox: Inbox::new() })
+        let listening = addresses(&simulated);
+        let interface = SocketCanBus::open(&Settings { interface, bitrate, host_ids: listening.clone() })?;
+        Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
+    }
+
+    /// The motors.
+    pub fn bus(&mut self) -> &mut SimulatedBus {
+        &mut self.simulated
     }
 
     /// Moves the frames that are there by `now`, in both directions.
@@ -44,6 +51,15 @@ impl Bridge {
                 Content::Error(report) => self.interface.report(&report),
                 Content::Unsupported(_) | Content::Refused(_) => continue,
             };
+        }
+        self.follow();
+    }
+
+    /// Listens to the ids that the motors have now. When the kernel refuses, the next call tries again.
+    fn follow(&mut self) {
+        let addresses = addresses(&self.simulated);
+        if addresses != self.listening && self.interface.listen(&addresses).is_ok() {
+            self.listening = addresses;
         }
     }
 
@@ -70,4 +86,12 @@ impl Bridge {
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         self.simulated.inject(now, verb)
     }
+}
+
+/// Each id once: the kernel may deliver a frame as often as its id is listed.
+fn addresses(bus: &SimulatedBus) -> Vec<FrameId> {
+    let mut addresses: Vec<FrameId> = bus.motors().iter().map(crate::Motor::address).collect();
+    addresses.sort_unstable();
+    addresses.dedup();
+    addresses
 }

@@ -87,7 +87,8 @@ impl SimulatedBus {
     /// When a setting is not physical (see [`MotorSettings`]), or the bit rate is zero.
     #[must_use]
     pub fn new(settings: BusSettings, motors: Vec<MotorSettings>, seed: u64) -> Self {
-        assert!(settings.bitrate > 0, "a bus without a bit rate carries nothing");
+        let wire_bitrate = settings.wire_bitrate.unwrap_or(settings.bitrate);
+        assert!(settings.bitrate.min(wire_bitrate) > 0, "a bus without a bit rate carries nothing");
         let motors: Vec<Motor> =
             motors.into_iter().map(|motor| Motor::new(motor, settings.kind, settings.bitrate)).collect();
         Self {
@@ -149,8 +150,22 @@ impl SimulatedBus {
         if verb.target == self.settings.name {
             return self.disturb(verb.fault);
         }
-        let motor = self.motors.iter_mut().find(|motor| motor.name() == verb.target);
-        motor.ok_or(InjectError::NoSuchTarget)?.inject(now, verb.fault)
+        let found = self.motors.iter().position(|motor| motor.name() == verb.target);
+        let index = found.ok_or(InjectError::NoSuchTarget)?;
+        if matches!(verb.fault, Fault::PowerOff | Fault::PowerCycle) {
+            self.answers.forget(Sender::Motor(index));
+        }
+        self.motors[index].inject(now, verb.fault)
+    }
+
+    /// The drive of the motor `name` starts with `memory`, which [`Motor::memory`] gave.
+    ///
+    /// # Errors
+    ///
+    /// There is no such motor, or `memory` is not one.
+    pub fn remember(&mut self, name: &str, memory: &str) -> Result<(), InjectError> {
+        let motor = self.motors.iter_mut().find(|motor| motor.name() == name);
+        motor.ok_or(InjectError::NoSuchTarget)?.remember(memory).ok_or(InjectError::NoMemory)
     }
 
     /// From now on a plant outside moves the shafts. Appends their states to `shafts`, by motor.
@@ -191,6 +206,7 @@ impl SimulatedBus {
             Fault::Down => self.cut(Link::Down),
             Fault::Gone => self.cut(Link::Gone),
             Fault::Flood(rate) => self.flood(rate),
+            Fault::Bitrate(bitrate) => self.set_bitrate(bitrate),
             Fault::Report(state) => self.report(controller_report(state)),
             Fault::Unsupported(unsupported) => self.arrive(self.now, Content::Unsupported(unsupported)),
             Fault::Overflow(frames) => self.lost = self.lost.saturating_add(frames),
@@ -222,6 +238,16 @@ impl SimulatedBus {
 
     fn report(&mut self, error: ErrorFrame) {
         self.arrive(self.now, Content::Error(error));
+    }
+
+    fn set_bitrate(&mut self, bitrate: u32) {
+        self.settings.bitrate = bitrate;
+        self.motors.iter_mut().for_each(|motor| motor.set_bitrate(bitrate));
+    }
+
+    /// Bit/s that frames take on the wire.
+    fn wire_bitrate(&self) -> u32 {
+        self.settings.wire_bitrate.unwrap_or(self.settings.bitrate)
     }
 
     fn flood(&mut self, rate: u32) {
@@ -311,7 +337,7 @@ impl SimulatedBus {
             BusKind::Can => frame_bits(frame),
             BusKind::Serial => SERIAL_FRAME_BITS,
         };
-        wire_time(bits, self.settings.bitrate)
+        wire_time(bits, self.wire_bitrate())
     }
 
     /// Every node but the sender hears a frame when it is complete.
@@ -391,7 +417,7 @@ impl SimulatedBus {
         let latency =
             |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);
         let latency = self.motors.iter().map(latency).min().unwrap_or(Duration::ZERO);
-        latency + wire_time(unstuffed_bits(ANSWER_BYTES_MIN), self.settings.bitrate)
+        latency + wire_time(unstuffed_bits(ANSWER_BYTES_MIN), self.wire_bitrate())
     }
 }
 

@@ -80,6 +80,11 @@ impl Answers {
         }
     }
 
+    /// `sender` has lost its power.
+    pub(crate) fn forget(&mut self, sender: Sender) {
+        self.waiting.retain(|answer| answer.contender.sender != sender);
+    }
+
     /// Whether another motor sends the winner's id at `start` with other bytes. That motor tries again a moment after the
     /// winner. The winner tries again as soon as the collision is over.
     pub(crate) fn collide(&mut self, winner: &Contender, start: Instant) -> bool {

@@ -7,7 +7,7 @@ use motord_bus::{Duration, Unsupported};
 /// One fault. The faults of a motor add up until [`Fault::Ok`] ends all of them. A bus has one link state at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
-    /// `ok`, `on`: ends every fault. Its effects (a vendor fault, heat, a power cycle) stay.
+    /// `ok`, `on`: ends every fault. Its effects (a vendor fault, heat, a power cycle) stay. A motor without power boots.
     Ok,
     /// `off`: the motor is unplugged from the bus. It neither hears nor answers, and goes on executing its last command.
     Off,
@@ -33,6 +33,11 @@ pub enum Fault {
     Raise(u32),
     /// `power-cycle`: the motor restarts: silent while it boots, then stopped, its position within one turn.
     PowerCycle,
+    /// `power-off`: the motor has no power: limp, silent, and it forgets what it has not stored.
+    PowerOff,
+    /// `refuse 0x0B`: native commands that write configuration or parameters, and calibrations, get this result code (GIM
+    /// document, table 5) and have no effect.
+    Refuse(u8),
     /// `temperature 120`: the winding has this temperature now, °C.
     Temperature(f64),
     /// `voltage 60`: the supply, V.
@@ -55,6 +60,8 @@ pub enum Fault {
     Report(ControllerState),
     /// `extended`, `remote`, `fd`: one frame that no motor sends.
     Unsupported(Unsupported),
+    /// `bitrate 500000`: the host's controller has this bit rate from now on.
+    Bitrate(u32),
     /// `overflow 5`: so many received frames were lost.
     Overflow(u32),
     /// `echo`: the RS485 adapter gives the host back what it sends.
@@ -139,7 +146,7 @@ enum Form {
 }
 
 /// All verbs; the documentation of [`Fault`] says what they do.
-const VERBS: [(&str, Form); 36] = {
+const VERBS: [(&str, Form); 39] = {
     use Form::{Bare, Either, With};
     let slow = Fault::Slow(Duration::from_millis(10));
     let delayed = Fault::Delayed(Duration::from_millis(2));
@@ -170,6 +177,8 @@ const VERBS: [(&str, Form); 36] = {
         ("short", Bare(Fault::Short)),
         ("fault", With { example: "0x02", read: |text| number(text).map(Fault::Raise) }),
         ("power-cycle", Bare(Fault::PowerCycle)),
+        ("power-off", Bare(Fault::PowerOff)),
+        ("refuse", With { example: "0x0B", read: |text| byte(text).map(Fault::Refuse) }),
         ("temperature", With { example: "120", read: |text| finite(text).map(Fault::Temperature) }),
         ("voltage", With { example: "60", read: |text| finite(text).map(Fault::Voltage) }),
         ("load", With { example: "5.0", read: |text| finite(text).map(Fault::Load) }),
@@ -193,6 +202,7 @@ const VERBS: [(&str, Form); 36] = {
                 read: |text| rate(text).map(Fault::Flood),
             },
         ),
+        ("bitrate", With { example: "500000", read: |text| rate(text).map(Fault::Bitrate) }),
         ("active", Bare(Fault::Report(ControllerState::Active))),
         ("warning", Bare(Fault::Report(ControllerState::Warning))),
         ("passive", Bare(Fault::Report(ControllerState::Passive))),
@@ -246,6 +256,10 @@ fn number(text: &str) -> Option<u32> {
     }
 }
 
+fn byte(text: &str) -> Option<u8> {
+    number(text).and_then(|number| u8::try_from(number).ok())
+}
+
 fn rate(text: &str) -> Option<u32> {
     text.parse().ok().filter(|rate| *rate > 0)
 }
@@ -265,6 +279,8 @@ pub enum InjectError {
     NotForBuses,
     /// A fault of serial ports, asked for another bus.
     OnlySerial,
+    /// The text is not the memory of a motor.
+    NoMemory,
     /// The port could not be plugged in again: the `errno` of the pseudo terminal.
     Unplugged(i32),
 }
@@ -276,6 +292,7 @@ impl core::fmt::Display for InjectError {
             Self::NotForMotors => f.write_str("only a bus can have this fault"),
             Self::NotForBuses => f.write_str("only a motor can have this fault"),
             Self::OnlySerial => f.write_str("only a serial port can have this fault"),
+            Self::NoMemory => f.write_str("not the memory of a motor"),
             Self::Unplugged(errno) => write!(f, "no pseudo terminal: os error {errno}"),
         }
     }

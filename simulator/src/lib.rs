@@ -54,6 +54,8 @@ mod serial;
 mod settings;
 mod shaft;
 mod shared;
+#[cfg(feature = "bridge")]
+mod store;
 mod twin;
 mod wire;
 
@@ -69,7 +71,10 @@ pub use port::SerialPort;
 pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
-    Behaviour, BeyondRange, BusKind, BusSettings, Dialect, HostLoss, InFault, MotorSettings, ReplyTiming,
+    Behaviour, BeyondRange, BusKind, BusSettings, Dialect, DurationEnd, HostLoss, InFault, MotorSettings,
+    Persistence, ReplyTiming,
 };
 pub use shaft::Shaft;
 pub use shared::SharedBus;
+#[cfg(feature = "bridge")]
+pub use store::Store;

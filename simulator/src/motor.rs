@@ -69,12 +69,18 @@ pub struct Motor {
     silent_until: Instant,
     impairment: Impairment,
     last_executed: Option<(Instant, Frame)>,
+    /// The payload of the answer before.
+    last_answer: [u8; 8],
 }
 
 /// The injected faults between the drive and the wire.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Impairment {
     pub(crate) off: bool,
+    /// Without power.
+    dead: bool,
+    /// The result code of commands that write.
+    refusal: Option<u8>,
     stuck: Option<f64>,
     wrong: bool,
     slow: Option<Slow>,
@@ -117,8 +123,9 @@ impl Motor {
             control_until: Instant::FAR_FUTURE,
             calibration_until: Instant::FAR_FUTURE,
             silent_until: Instant::ZERO,
-            impairment: Impairment::default(),
+            impairment: Impairment { dead: !settings.has_power, ..Impairment::default() },
             last_executed: None,
+            last_answer: [0; 8],
             settings,
             kind,
             bitrate,
@@ -165,6 +172,31 @@ impl Motor {
     #[must_use]
     pub fn fault(&self) -> u32 {
         self.fault
+    }
+
+    /// The PWM frequency in effect, Hz: a written one counts after a reboot (GIM document, table 7).
+    #[must_use]
+    pub fn pwm_frequency(&self) -> i32 {
+        self.configuration.pwm_frequency()
+    }
+
+    /// The memory of the drive that survives without power, as text: a line for each item of GIM document, table 7.
+    #[must_use]
+    pub fn memory(&self) -> String {
+        self.configuration.memory()
+    }
+
+    /// Another number after each change of the [`memory`](Self::memory).
+    #[must_use]
+    pub fn memory_revision(&self) -> u32 {
+        self.configuration.revision()
+    }
+
+    /// Starts anew with `memory`; `None` when it is not a memory: nothing has changed then.
+    pub(crate) fn remember(&mut self, memory: &str) -> Option<()> {
+        self.configuration.remember(memory)?;
+        self.find_turn();
+        Some(())
     }
 
     /// The last control frame that moved the motor, and when it was heard. Frames that a stopped motor merely
@@ -235,6 +267,9 @@ impl Motor {
         let mut limp = Law::LIMP;
         let driven = matches!(self.mode, Mode::Running | Mode::Calibrating);
         self.body.step(if driven { &mut self.law } else { &mut limp }, seconds);
+        if self.impairment.dead {
+            return;
+        }
         let conditions = self.conditions();
         if (self.twin.raise)(self.fault, conditions) != self.fault {
             self.raise(conditions);
@@ -271,14 +306,29 @@ impl Motor {
         self.advance(at);
         // A change of id or protocol takes effect after its own answer.
         let host_id = self.host_address();
-        if self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0 {
+        let (payload, length, after) = if self.is_native() {
             let (payload, after) = self.gim(at, frame, bytes)?;
-            Some(Reply { frame: Frame::full(host_id, payload), after })
+            (payload, 8, after)
         } else {
             let (payload, length) = self.mit(at, frame, bytes)?;
-            let frame = Frame::new(host_id, &payload[..length])?;
-            Some(Reply { frame, after: Duration::ZERO })
-        }
+            (payload, length, Duration::ZERO)
+        };
+        self.last_answer = payload;
+        Some(Reply { frame: Frame::new(host_id, &payload[..length])?, after })
+    }
+
+    fn is_native(&self) -> bool {
+        self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0
+    }
+
+    /// The bytes of an answer that have no meaning.
+    fn filler(&self) -> [u8; 8] {
+        if self.settings.behaviour.stale_bytes { self.last_answer } else { [0; 8] }
+    }
+
+    /// From now on the bus has this bit rate.
+    pub(crate) fn set_bitrate(&mut self, bitrate: u32) {
+        self.bitrate = bitrate;
     }
 
     /// The motor hears frames with this `id`.
@@ -286,6 +336,7 @@ impl Motor {
         let listens = self.kind == BusKind::Serial || self.configuration.listens_at(self.bitrate);
         listens
             && !self.impairment.off
+            && !self.impairment.dead
             && self.mode != Mode::Firmware
             && at >= self.silent_until
             && id == self.address()
@@ -335,7 +386,7 @@ impl Motor {
 
     /// The present position becomes zero. The law keeps its numbers: they now mean another place.
     fn set_zero(&mut self) {
-        self.configuration.set_int(int::ZERO_POSITION, i32::from(self.encoder()));
+        self.configuration.keep_int(int::ZERO_POSITION, i32::from(self.encoder()));
         self.move_origin(self.body.position);
     }
 
@@ -357,11 +408,17 @@ impl Motor {
         (self.body.position.rem_euclid(TAU) * 65536.0 / TAU) as u32 as u16
     }
 
-    fn power_cycle(&mut self, at: Instant) {
-        self.configuration.set_int(int::POWER_OFF_POSITION, i32::from(self.encoder()));
+    fn lose_power(&mut self) {
+        self.configuration.keep_int(int::POWER_OFF_POSITION, i32::from(self.encoder()));
+        self.impairment.dead = true;
         self.mode = Mode::Stopped;
         self.fault = 0;
         self.end_control();
+    }
+
+    fn boot(&mut self, at: Instant) {
+        self.impairment.dead = false;
+        self.configuration.boot();
         self.find_turn();
         self.silent_until = at + self.settings.boot_time;
     }
@@ -422,7 +479,7 @@ impl Motor {
         let position = self.position();
         let impairment = &mut self.impairment;
         match fault {
-            Fault::Ok => self.recover(),
+            Fault::Ok => self.recover(at),
             Fault::Off => impairment.off = true,
             Fault::Stuck => impairment.stuck = Some(position),
             Fault::Garbage => impairment.garbage = true,
@@ -434,7 +491,12 @@ impl Motor {
             Fault::Reorder => impairment.reorder = true,
             Fault::Short => impairment.short = true,
             Fault::Raise(number) => self.raise(number),
-            Fault::PowerCycle => self.power_cycle(at),
+            Fault::PowerCycle => {
+                self.lose_power();
+                self.boot(at);
+            }
+            Fault::PowerOff => self.lose_power(),
+            Fault::Refuse(result) => impairment.refusal = Some(result),
             Fault::Temperature(celsius) => self.body.winding = celsius,
             Fault::Voltage(volts) => self.supply = volts,
             Fault::Load(torque) => self.body.load = torque,
@@ -443,7 +505,10 @@ impl Motor {
         Ok(())
     }
 
-    fn recover(&mut self) {
+    fn recover(&mut self, at: Instant) {
+        if self.impairment.dead {
+            self.boot(at);
+        }
         self.impairment = Impairment::default();
         self.supply = self.settings.supply_voltage;
         self.body.load = self.settings.load_torque;

@@ -1,6 +1,6 @@
 //! Simulated motors on a pseudo terminal, for a host in another process.
 
-use crate::{Fault, FaultVerb, InjectError, SerialSlave};
+use crate::{Fault, FaultVerb, InjectError, SerialSlave, SimulatedBus};
 use motord_bus::{Instant, Readiness};
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
@@ -53,6 +53,11 @@ impl SerialPort {
         self.terminal.as_ref().map(|terminal| terminal.path.as_path())
     }
 
+    /// The motors.
+    pub fn bus(&mut self) -> &mut SimulatedBus {
+        self.slave.bus()
+    }
+
     /// The name that fault verbs address it by.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -96,7 +101,7 @@ impl SerialPort {
     ///
     /// # Errors
     ///
-    /// As [`SimulatedBus::inject`](crate::SimulatedBus::inject); and the kernel may refuse.
+    /// As [`SimulatedBus::inject`]; and the kernel may refuse.
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         if verb.target != self.name() {
             return self.slave.inject(now, verb);

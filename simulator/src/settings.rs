@@ -9,8 +9,10 @@ pub struct BusSettings {
     pub name: String,
     /// CAN or a serial line.
     pub kind: BusKind,
-    /// Bit/s on the wire.
+    /// Bit/s of the host's controller. A motor that is configured for another rate does not hear it.
     pub bitrate: u32,
+    /// Bit/s that frames take on the wire, if it is not `bitrate`: for a host on a slow machine.
+    pub wire_bitrate: Option<u32>,
     /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
     pub tx_queue: usize,
     /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's buffer.
@@ -25,6 +27,7 @@ impl Default for BusSettings {
             name: "can0".into(),
             kind: BusKind::Can,
             bitrate: 1_000_000,
+            wire_bitrate: None,
             tx_queue: 10,
             rx_queue: 256,
             record: 0,
@@ -57,6 +60,10 @@ pub enum Dialect {
 pub struct MotorSettings {
     /// The name that fault verbs and tests address it by.
     pub name: String,
+    /// It is as the vendor delivers it: id 1, host id 0, native, 1 Mbit/s. The ids and the protocol below do not count then.
+    pub is_new: bool,
+    /// It has power at the start. The verb `on` gives it some.
+    pub has_power: bool,
     /// CAN ID (ConfID 0x12); above 0x7FF counts as 0x7FF.
     pub id: u16,
     /// The id its answers bear (ConfID 0x13); above 0x7FF counts as 0x7FF.
@@ -120,6 +127,8 @@ impl Default for MotorSettings {
     fn default() -> Self {
         Self {
             name: "motor".into(),
+            is_new: false,
+            has_power: true,
             id: 1,
             host_id: 0x101,
             dialect: Dialect::Mit,
@@ -181,8 +190,8 @@ impl MotorSettings {
     }
 }
 
-/// The choices that the vendor documents leave open. Each default is the harder one for the host, except the silence after
-/// set zero: only other vendors' motors have it.
+/// The choices that the vendor documents leave open. Each default is the harder one for the host, except two: the silence after
+/// set zero, which only other vendors' motors have, and the stale bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
     /// The state in an answer.
@@ -199,6 +208,12 @@ pub struct Behaviour {
     pub remembers_control: bool,
     /// An MIT motor is silent for this time after set zero.
     pub zeroing_silence: Duration,
+    /// The end of a native control command with a duration.
+    pub duration_end: DurationEnd,
+    /// When a written configuration item survives a loss of power.
+    pub persistence: Persistence,
+    /// Bytes of an answer without a meaning (NULL in the GIM document) are those of the answer before, instead of zero.
+    pub stale_bytes: bool,
 }
 
 impl Default for Behaviour {
@@ -211,6 +226,9 @@ impl Default for Behaviour {
             beyond_range: BeyondRange::Wraps,
             remembers_control: true,
             zeroing_silence: Duration::ZERO,
+            duration_end: DurationEnd::GoesLimp,
+            persistence: Persistence::OnRefresh,
+            stale_bytes: false,
         }
     }
 }
@@ -234,6 +252,25 @@ pub enum HostLoss {
         /// The time without control frames until then.
         after: Duration,
     },
+}
+
+/// The effect on a native control command when its duration is over (GIM document 3.2.7 to 3.2.9 call it the "execution time"). A
+/// duration of 0 is for ever.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DurationEnd {
+    /// The motor goes limp and stays started. A position is reached by then.
+    GoesLimp,
+    /// It keeps torque or speed, and holds the position.
+    HoldsCommand,
+}
+
+/// When a configuration item that a host has written survives a loss of power.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Persistence {
+    /// With the write.
+    AtOnce,
+    /// With the next refresh configuration (GIM document 3.2.2).
+    OnRefresh,
 }
 
 /// The answer of a motor with an unacknowledged fault to a command that it does not execute. Get and clear fault always work.

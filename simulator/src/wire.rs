@@ -174,22 +174,24 @@ pub(crate) mod command {
     pub(crate) const UPDATE_FIRMWARE: u8 = 0xC1;
 }
 
-/// A native answer that is not a state: echo, result and data where its command has them (GIM document 3.2.1 ff.).
-pub(crate) fn answer(request: [u8; 8], result: u8, data: [u8; 4]) -> [u8; 8] {
+/// A native answer that is not a state: echo, result and data where its command has them (GIM document 3.2.1 ff.). Bytes without a
+/// meaning are those of `filler`, and so are the data of an answer that has none.
+pub(crate) fn answer(filler: [u8; 8], request: [u8; 8], result: u8, data: Option<[u8; 4]>) -> [u8; 8] {
     use command::{CALIBRATE, GET_FAULT, RETRIEVE_INDICATOR};
     let [command, sub, id, ..] = request;
-    let [d0, d1, d2, d3] = data;
+    let [_, _, f2, f3, f4, f5, f6, f7] = filler;
+    let [d0, d1, d2, d3] = data.unwrap_or([f4, f5, f6, f7]);
     match command {
         command::MODIFY_CONFIGURATION | command::RETRIEVE_CONFIGURATION => {
             [command, sub, id, result, d0, d1, d2, d3]
         }
         command::MODIFY_PARAMETER | command::RETRIEVE_PARAMETER | RETRIEVE_INDICATOR => {
-            [command, sub, result, 0, d0, d1, d2, d3]
+            [command, sub, result, f3, d0, d1, d2, d3]
         }
         // 3.2.18 prints the indicator's command byte in this answer, in both languages.
-        CALIBRATE => [RETRIEVE_INDICATOR, sub, result, 0, 0, 0, 0, 0],
-        GET_FAULT => [command, result, d0, 0, 0, 0, 0, 0],
-        _ => [command, result, 0, 0, d0, d1, d2, d3],
+        CALIBRATE => [RETRIEVE_INDICATOR, sub, result, f3, f4, f5, f6, f7],
+        GET_FAULT => [command, result, data.map_or(f2, |[fault, ..]| fault), f3, f4, f5, f6, f7],
+        _ => [command, result, f2, f3, d0, d1, d2, d3],
     }
 }
 
@@ -315,7 +317,7 @@ mod tests {
                 Some(fault) => [fault as u8, 0, 0, 0],
                 None => bytes[4..].try_into().unwrap(),
             };
-            assert_eq!(answer(request, result, data), bytes[..], "{}", vector["name"]);
+            assert_eq!(answer([0; 8], request, result, Some(data)), bytes[..], "{}", vector["name"]);
         }
     }
 

@@ -4,7 +4,7 @@
 use motord_bus::frame::ControllerState;
 use motord_bus::socketcan::{InterfaceName, Link, Settings, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, clock, wait};
-use motord_simulator::{Bridge, BusSettings, MotorSettings, SimulatedBus};
+use motord_simulator::{Bridge, BusSettings, Dialect, MotorSettings, SimulatedBus};
 
 const BITRATE: u32 = 1_000_000;
 /// MIT document 1.1: "stop motor".
@@ -18,11 +18,16 @@ struct Robot {
 impl Robot {
     /// Two motors on an interface that the rig has made.
     fn new(interface: &str) -> Self {
+        Self::of(interface, Dialect::Mit)
+    }
+
+    fn of(interface: &str, dialect: Dialect) -> Self {
         let interface: InterfaceName = interface.parse().expect("a valid name");
         let motor = |name: &str, id| MotorSettings {
             name: name.into(),
             id,
             host_id: 0x100 + id,
+            dialect,
             ..Default::default()
         };
         let bus = BusSettings { name: "leg".into(), bitrate: BITRATE, ..Default::default() };
@@ -96,4 +101,21 @@ fn faults_of_motors_and_of_the_bus_reach_the_host() {
     robot.stop(1);
     assert_eq!(robot.listen().arrivals().len(), 1, "the motor answers again");
     assert!(Link::read("vcan1".parse().unwrap()).unwrap().up, "the interface itself was never touched");
+}
+
+#[test]
+#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+fn a_motor_whose_id_changes_is_heard_under_the_new_one() {
+    /// GIM document 3.2.3 and 3.2.14.
+    const NEW_ID: [u8; 8] = [0x83, 0x00, 0x12, 0, 9, 0, 0, 0];
+    const VERSION: [u8; 8] = [0xB1, 0, 0, 0, 0, 0, 0, 0];
+    let mut robot = Robot::of("vcan2", Dialect::Gim);
+    for (id, bytes) in [(1, NEW_ID), (9, VERSION)] {
+        let command = Frame::full(FrameId::new(id).expect("11 bits"), bytes);
+        assert_eq!(robot.host.send(clock::monotonic(), &[command]).refusal, None);
+        assert_eq!(robot.listen().arrivals().len(), 1, "{id}");
+    }
+    let command = Frame::full(FrameId::new(1).expect("11 bits"), VERSION);
+    assert_eq!(robot.host.send(clock::monotonic(), &[command]).refusal, None);
+    assert_eq!(robot.listen().arrivals(), [], "nobody has the old id");
 }

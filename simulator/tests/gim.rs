@@ -6,7 +6,7 @@ mod common;
 
 use common::{Bench, GET_FAULT, NEUTRAL, STOP};
 use motord_bus::Duration;
-use motord_simulator::{Behaviour, Dialect, InFault, Mode, MotorSettings};
+use motord_simulator::{Behaviour, Dialect, DurationEnd, InFault, Mode, MotorSettings};
 
 const SUCCESS: u8 = 0x00;
 const FAILURE: u8 = 0x01;
@@ -108,9 +108,14 @@ fn a_speed_is_reached_in_rpm_and_limited_as_configured() {
     assert!((indicator(&mut bench, 0x14) - 30.0).abs() < 1.0);
 }
 
+fn holding() -> Bench {
+    let behaviour = Behaviour { duration_end: DurationEnd::HoldsCommand, ..Behaviour::default() };
+    Bench::new(MotorSettings { behaviour, ..settings() })
+}
+
 #[test]
 fn a_position_is_reached_when_its_duration_is_over_and_held() {
-    let mut bench = bench();
+    let mut bench = holding();
     bench.ask(bare(0x91));
     bench.ask(control(0x95, 20.0, 2000));
     bench.pass(Duration::from_millis(1000));
@@ -119,6 +124,23 @@ fn a_position_is_reached_when_its_duration_is_over_and_held() {
     assert!((bench.motor().position() - 20.0).abs() < 0.01, "targets are multi-turn");
     bench.pass(Duration::from_secs(5));
     assert!((indicator(&mut bench, 0x13) - 20.0).abs() < 0.01);
+}
+
+#[test]
+fn a_command_ends_limp_or_not_at_all_when_its_duration_is_over() {
+    for (command, value) in [(0x93, 1.5), (0x94, 60.0), (0x95, 1.0)] {
+        for (mut bench, is_limp) in [(bench(), true), (holding(), false)] {
+            // A load that only a drive holds up.
+            bench.inject("load 0.3");
+            bench.ask(bare(0x91));
+            bench.ask(control(command, value, 50));
+            bench.pass(Duration::from_millis(40));
+            assert_ne!(bench.motor().torque(), 0.0);
+            bench.pass(Duration::from_millis(100));
+            assert_eq!(bench.motor().torque() == 0.0, is_limp, "{command:#X}");
+            assert_eq!(bench.motor().mode(), Mode::Running);
+        }
+    }
 }
 
 #[test]

@@ -113,6 +113,15 @@ impl SocketCanBus {
         &self.link
     }
 
+    /// Receives these ids from now on, instead of those before. Off the real-time thread: it allocates.
+    ///
+    /// # Errors
+    ///
+    /// [`OpenError::System`]: the kernel does not take the filters. Those before stay.
+    pub fn listen(&mut self, host_ids: &[FrameId]) -> Result<(), OpenError> {
+        self.socket.set_filters(&exact(host_ids)).map_err(|error| failed(self.link.interface, &error))
+    }
+
     /// Puts `error` on a virtual interface, where every other socket takes it for the controller's own report: for
     /// simulated motors. A real controller refuses it or sends nonsense.
     pub fn report(&mut self, error: &ErrorFrame) -> Sent {
@@ -177,13 +186,17 @@ fn errno(error: &io::Error) -> Errno {
 }
 
 fn configure(socket: &CanSocket, settings: &Settings) -> io::Result<()> {
-    let exact: Vec<(u32, u32)> = settings.host_ids.iter().map(|id| (u32::from(id.raw()), EXACT)).collect();
-    socket.set_filters(&exact)?;
+    socket.set_filters(&exact(&settings.host_ids))?;
     socket.set_error_filter(ERROR_FILTER)?;
     socket.set_recv_own_msgs(false)?;
     socket.set_timestamping(libc::SOF_TIMESTAMPING_RX_SOFTWARE | libc::SOF_TIMESTAMPING_SOFTWARE)?;
     socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
     limit_queue(socket, settings.queue_length())
+}
+
+/// One filter for each id.
+fn exact(host_ids: &[FrameId]) -> Vec<(u32, u32)> {
+    host_ids.iter().map(|id| (u32::from(id.raw()), EXACT)).collect()
 }
 
 /// Lets at most `frames` wait for the wire.

@@ -6,7 +6,9 @@ use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::settings::{BusKind, Settings};
-use motord_simulator::{Bridge, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, VerbError};
+use motord_simulator::{
+    Bridge, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, VerbError,
+};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};
 use std::os::fd::AsFd;
@@ -37,6 +39,16 @@ struct Arguments {
     /// `/dev/ttyUSB0`. A configuration whose devices are in this directory finds the simulated motors by itself.
     #[arg(long, value_name = "DIR")]
     link: Option<PathBuf>,
+    /// The motors are as the vendor delivers them, whatever the configuration says: CAN id 1, host id 0, native protocol,
+    /// 1 Mbit/s. The vendor publishes no defaults but the protocol: the others are what motors in the field had.
+    #[arg(long)]
+    new: bool,
+    /// All motors start without power. The line `MOTOR on` gives one power.
+    #[arg(long)]
+    off: bool,
+    /// Keeps what each motor remembers without power in this directory, and starts the motors with it.
+    #[arg(long, value_name = "DIR")]
+    store: Option<PathBuf>,
     /// Determines everything random: jitter, losses, corruption.
     #[arg(long, value_name = "NUMBER", default_value_t = 0)]
     seed: u64,
@@ -52,6 +64,8 @@ Lines: TARGET FAULT [ARGUMENT], where TARGET is a motor or a bus of the configur
   fl-hip intermittent 50%
   front-left bus-off
   front-left ok
+  fl-hip power-off
+  fl-hip on
 
 Lines for a serial bus:
   gripper echo
@@ -63,7 +77,7 @@ Lines for a serial bus:
   gripper gone
   gripper ok
 
-Exit status: 64 usage, 69 an interface is unavailable, 78 the configuration is refused.";
+Exit status: 64 usage, 69 an interface or a directory is unavailable, 78 the configuration is refused.";
 
 const EXIT_USAGE: u8 = 64;
 const EXIT_UNAVAILABLE: u8 = 69;
@@ -81,13 +95,15 @@ enum Failure {
     Open(#[from] OpenError),
     #[error("no pseudo terminal for {bus}: {error}")]
     Terminal { bus: String, error: std::io::Error },
+    #[error("the memories of the motors: {0}")]
+    Store(std::io::Error),
 }
 
 impl Failure {
     fn exit_status(&self) -> u8 {
         match self {
             Self::Config(_) | Self::NoBus | Self::Name(_) => EXIT_CONFIG,
-            Self::Open(_) | Self::Terminal { .. } => EXIT_UNAVAILABLE,
+            Self::Open(_) | Self::Terminal { .. } | Self::Store(_) => EXIT_UNAVAILABLE,
         }
     }
 }
@@ -110,12 +126,16 @@ fn run(arguments: &Arguments) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
     let settings = config::load(&arguments.config)?.settings;
     let mut lines = open(&settings, arguments)?;
+    let mut store = restore(arguments.store.as_deref(), &mut lines).map_err(Failure::Store)?;
     let mut commands = Commands::new();
     lines.iter().for_each(tell);
     say("ready");
     loop {
         let now = clock::monotonic();
         lines.iter_mut().for_each(|line| line.serve(now));
+        if let Some(store) = &mut store {
+            lines.iter_mut().try_for_each(|line| store.save(line.bus().motors())).map_err(Failure::Store)?;
+        }
         let readiness: Vec<Readiness<'_>> =
             lines.iter().map(Line::readiness).chain([commands.readiness()]).collect();
         let until = lines.iter().map(Line::due).min().unwrap_or(now).min(now + IDLE);
@@ -128,6 +148,14 @@ fn run(arguments: &Arguments) -> Result<Infallible, Failure> {
             }
         }
     }
+}
+
+/// Gives the motors the memories that were kept of them.
+fn restore(folder: Option<&Path>, lines: &mut [Line]) -> std::io::Result<Option<Store>> {
+    let Some(folder) = folder else { return Ok(None) };
+    let store = Store::open(folder)?;
+    lines.iter_mut().try_for_each(|line| store.load(line.bus()))?;
+    Ok(Some(store))
 }
 
 /// A bus on its way to other processes.
@@ -155,6 +183,13 @@ impl Line {
         match self {
             Self::Can(bridge) => bridge.due(),
             Self::Serial(port) => port.due(),
+        }
+    }
+
+    fn bus(&mut self) -> &mut SimulatedBus {
+        match self {
+            Self::Can(bridge) => bridge.bus(),
+            Self::Serial(port) => port.bus(),
         }
     }
 
@@ -189,10 +224,13 @@ fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure
     let mut lines = Vec::new();
     for (index, bus) in settings.buses.iter().enumerate() {
         let seed = arguments.seed.wrapping_add(index as u64);
-        let (mut wire, motors) = buses::physics(settings, index);
+        let (mut wire, mut motors) = buses::physics(settings, index);
+        for motor in &mut motors {
+            (motor.is_new, motor.has_power) = (arguments.new, !arguments.off);
+        }
         match &bus.kind {
             BusKind::SocketCan { interface, bitrate } => {
-                wire.bitrate = arguments.wire_bitrate.unwrap_or(*bitrate);
+                wire.wire_bitrate = arguments.wire_bitrate;
                 let simulated = SimulatedBus::new(wire, motors, seed);
                 lines.push(Line::Can(Bridge::open(simulated, interface.parse()?, *bitrate)?));
             }

@@ -1,11 +1,14 @@
 //! The memory of a motor: configuration (GIM document, table 7) and parameters (table 8).
 
-use crate::settings::{Dialect, MotorSettings};
+use crate::settings::{Dialect, MotorSettings, Persistence};
 use crate::wire::result;
+use core::fmt::Write;
+use core::ops::RangeInclusive;
 
 /// Integer items that do something here, by ConfID.
 pub(super) mod int {
     pub(crate) const SPEED_MAX_RPM: u8 = 0x02;
+    pub(crate) const PWM_FREQUENCY: u8 = 0x07;
     pub(crate) const GEAR_RATIO: u8 = 0x11;
     pub(crate) const CAN_ID: u8 = 0x12;
     pub(crate) const HOST_ID: u8 = 0x13;
@@ -20,35 +23,186 @@ pub(super) mod int {
 
 const INTS: usize = 0x21;
 const FLOATS: usize = 6;
+const INT: u8 = 0x00;
+const FLOAT: u8 = 0x01;
 const TORQUE_CONSTANT: usize = 0x03;
-const PARAMETERS: usize = 9;
 /// ConfIDs of type 0x00 that table 7 leaves out.
 const UNASSIGNED: [u8; 9] = [0x03, 0x04, 0x05, 0x0A, 0x0B, 0x1B, 0x1D, 0x1E, 0x1F];
 /// Motor Wizard shows the baud rate as a number of 100 kbit/s; the document gives no unit.
 const BAUD_UNIT: u32 = 100_000;
+/// The default of each parameter of table 8, by ConfID.
+const DEFAULT_GAINS: [u8; 9] = [0x08, 0x09, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x19, 0x1A];
 
-/// All items of one motor. Gains are stored and can be read, and have no effect: the document gives no unit for them.
-#[derive(Debug, Clone)]
-pub(crate) struct Configuration {
+/// The values of table 7.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Items {
     ints: [i32; INTS],
     floats: [f32; FLOATS],
-    parameters: [u32; PARAMETERS],
+}
+
+/// All items of one motor, in effect and stored. Gains have no effect: the document gives no unit for them.
+#[derive(Debug, Clone)]
+pub(crate) struct Configuration {
+    items: Items,
+    /// Survives without power.
+    stored: Items,
+    /// Counts the writes into `stored`.
+    revision: u32,
+    persistence: Persistence,
+    parameters: [u32; DEFAULT_GAINS.len()],
+    /// Changes after a reboot only (table 7).
+    pwm_frequency: i32,
 }
 
 impl Configuration {
     /// A motor as it was commissioned, for a bus of `bitrate` bit/s.
     pub(super) fn new(settings: &MotorSettings, bitrate: u32) -> Self {
-        let mut new = Self::factory(settings);
-        let id = |raw: u16| i32::from(raw.min(0x7FF));
-        *new.item(int::CAN_ID) = id(settings.id);
-        *new.item(int::HOST_ID) = id(settings.host_id);
-        *new.item(int::PROTOCOL) = i32::from(settings.dialect == Dialect::Mit);
-        *new.item(int::BAUD) = baud(bitrate);
+        let mut items = Items::factory(settings);
+        if !settings.is_new {
+            let id = |raw: u16| i32::from(raw.min(0x7FF));
+            *items.int(int::CAN_ID) = id(settings.id);
+            *items.int(int::HOST_ID) = id(settings.host_id);
+            *items.int(int::PROTOCOL) = i32::from(settings.dialect == Dialect::Mit);
+            *items.int(int::BAUD) = baud(bitrate);
+        }
+        let persistence = settings.behaviour.persistence;
+        let mut new =
+            Self { items, stored: items, revision: 0, persistence, parameters: [0; 9], pwm_frequency: 0 };
+        new.boot();
         new
     }
 
-    /// The values after a reset of the configuration. The vendor prints no defaults but protocol 0; the id 1 is seen in the field.
-    pub(super) fn factory(settings: &MotorSettings) -> Self {
+    /// The power comes back.
+    pub(super) fn boot(&mut self) {
+        self.items = self.stored;
+        self.pwm_frequency = self.int(int::PWM_FREQUENCY);
+        self.parameters = DEFAULT_GAINS.map(|id| self.int(id).cast_unsigned());
+    }
+
+    /// Reset configuration: the values of the vendor.
+    pub(super) fn reset(&mut self, settings: &MotorSettings) {
+        self.items = Items::factory(settings);
+        DEFAULT_GAINS.iter().for_each(|id| self.apply_gain(*id));
+        self.written();
+    }
+
+    /// Refresh configuration: what was modified is kept from now on.
+    pub(super) fn refresh(&mut self) {
+        self.store();
+    }
+
+    fn written(&mut self) {
+        if self.persistence == Persistence::AtOnce {
+            self.store();
+        }
+    }
+
+    fn store(&mut self) {
+        self.stored = self.items;
+        self.revision = self.revision.wrapping_add(1);
+    }
+
+    pub(super) fn int(&self, id: u8) -> i32 {
+        self.items.ints.get(usize::from(id)).copied().unwrap_or(0)
+    }
+
+    /// The drive itself writes an item, and keeps it.
+    pub(super) fn keep_int(&mut self, id: u8, value: i32) {
+        *self.items.int(id) = value;
+        *self.stored.int(id) = value;
+        self.revision = self.revision.wrapping_add(1);
+    }
+
+    /// Rotor side, N·m/A.
+    pub(super) fn torque_constant(&self) -> f64 {
+        f64::from(self.items.floats[TORQUE_CONSTANT])
+    }
+
+    /// In effect, Hz.
+    pub(super) fn pwm_frequency(&self) -> i32 {
+        self.pwm_frequency
+    }
+
+    /// A motor with this configuration can follow a CAN bus of `bitrate` bit/s.
+    pub(super) fn listens_at(&self, bitrate: u32) -> bool {
+        self.int(int::BAUD) == baud(bitrate)
+    }
+
+    /// Retrieve configuration: the item's bytes, or a result code.
+    pub(super) fn retrieve(&self, kind: u8, id: u8) -> Result<[u8; 4], u8> {
+        match kind {
+            INT if is_int(id) => Ok(self.int(id).to_le_bytes()),
+            FLOAT => {
+                let value = self.items.floats.get(usize::from(id));
+                value.map(|value| value.to_le_bytes()).ok_or(result::UNKNOWN_REGISTER)
+            }
+            INT => Err(result::UNKNOWN_REGISTER),
+            _ => Err(result::DATA_FORMAT),
+        }
+    }
+
+    /// Modify configuration. `Err` holds a result code, and nothing has changed.
+    pub(super) fn modify(&mut self, kind: u8, id: u8, data: [u8; 4]) -> Result<(), u8> {
+        self.retrieve(kind, id)?;
+        self.items.set(kind, id, data)?;
+        if kind == INT {
+            self.apply_gain(id);
+        }
+        self.written();
+        Ok(())
+    }
+
+    /// A default gain takes effect immediately (table 7): the gain of the running loop becomes it.
+    fn apply_gain(&mut self, id: u8) {
+        if let Some(place) = DEFAULT_GAINS.iter().position(|gain| *gain == id) {
+            self.parameters[place] = self.int(id).cast_unsigned();
+        }
+    }
+
+    /// Retrieve parameter.
+    pub(super) fn parameter(&self, id: u8) -> Result<[u8; 4], u8> {
+        self.parameters.get(usize::from(id)).map(|value| value.to_le_bytes()).ok_or(result::UNKNOWN_REGISTER)
+    }
+
+    /// Modify parameter: until the next reboot.
+    pub(super) fn modify_parameter(&mut self, id: u8, data: [u8; 4]) -> Result<(), u8> {
+        let item = self.parameters.get_mut(usize::from(id)).ok_or(result::UNKNOWN_REGISTER)?;
+        *item = u32::from_le_bytes(data);
+        Ok(())
+    }
+
+    /// Another number after each write into the memory that survives without power.
+    pub(super) fn revision(&self) -> u32 {
+        self.revision
+    }
+
+    /// What survives without power: a line for each item, its type, its ConfID and its value.
+    pub(super) fn memory(&self) -> String {
+        let mut text = String::new();
+        for (id, value) in (0_u8..).zip(self.stored.ints).filter(|(id, _)| is_int(*id)) {
+            let _written = writeln!(text, "int 0x{id:02X} {value}");
+        }
+        for (id, value) in (0_u8..).zip(self.stored.floats) {
+            let _written = writeln!(text, "float 0x{id:02X} {value:?}");
+        }
+        text
+    }
+
+    /// The opposite of [`memory`](Self::memory); items that are not in `text` stay. `None` when a line is not one of it: nothing
+    /// has changed then.
+    pub(super) fn remember(&mut self, text: &str) -> Option<()> {
+        let mut stored = self.stored;
+        text.lines().try_for_each(|line| stored.read(line))?;
+        self.stored = stored;
+        self.boot();
+        Some(())
+    }
+}
+
+impl Items {
+    /// The values after a reset of the configuration. The vendor prints no defaults but protocol 0; the id 1 is seen in the
+    /// field, the host id 0 at motors of the same family.
+    fn factory(settings: &MotorSettings) -> Self {
         let mut ints = [0; INTS];
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
         let items: [(u8, i32); 14] = [
@@ -56,7 +210,7 @@ impl Configuration {
             (0x01, rated_current as i32),
             (int::SPEED_MAX_RPM, rpm(settings.velocity_max).ceil() as i32),
             (0x06, settings.supply_voltage as i32),
-            (0x07, 20_000),
+            (int::PWM_FREQUENCY, 20_000),
             (0x08, 100),
             (0x0C, 100),
             (0x0E, 100),
@@ -73,86 +227,57 @@ impl Configuration {
         let constant = settings.torque_constant as f32;
         let (resistance, inductance) =
             (settings.winding_resistance as f32, settings.winding_inductance as f32);
-        let floats = [resistance, inductance, constant * 74.0, constant, 0.001, 20.0];
-        Self { ints, floats, parameters: [100, 0, 100, 0, 100, 0, 0, 0, 0] }
+        Self { ints, floats: [resistance, inductance, constant * 74.0, constant, 0.001, 20.0] }
     }
 
-    pub(crate) fn int(&self, id: u8) -> i32 {
-        self.ints.get(usize::from(id)).copied().unwrap_or(0)
-    }
-
-    pub(super) fn set_int(&mut self, id: u8, value: i32) {
-        *self.item(id) = value;
-    }
-
-    fn item(&mut self, id: u8) -> &mut i32 {
+    fn int(&mut self, id: u8) -> &mut i32 {
         &mut self.ints[usize::from(id) % INTS]
     }
 
-    /// Rotor side, N·m/A.
-    pub(super) fn torque_constant(&self) -> f64 {
-        f64::from(self.floats[TORQUE_CONSTANT])
-    }
-
-    /// A motor with this configuration can follow a CAN bus of `bitrate` bit/s.
-    pub(super) fn listens_at(&self, bitrate: u32) -> bool {
-        self.int(int::BAUD) == baud(bitrate)
-    }
-
-    /// Retrieve configuration: the item's bytes, or a result code.
-    pub(super) fn retrieve(&self, kind: u8, id: u8) -> Result<[u8; 4], u8> {
-        match kind {
-            0x00 if is_int(id) => Ok(self.int(id).to_le_bytes()),
-            0x01 => self
-                .floats
-                .get(usize::from(id))
-                .map(|value| value.to_le_bytes())
-                .ok_or(result::UNKNOWN_REGISTER),
-            0x00 => Err(result::UNKNOWN_REGISTER),
-            _ => Err(result::DATA_FORMAT),
+    /// The item must exist. `Err` holds a result code.
+    fn set(&mut self, kind: u8, id: u8, data: [u8; 4]) -> Result<(), u8> {
+        if kind == FLOAT {
+            let value = f32::from_le_bytes(data);
+            let is_constant = usize::from(id) == TORQUE_CONSTANT;
+            if !value.is_finite() || is_constant && value <= 0.0 {
+                return Err(result::DATA_FORMAT);
+            }
+            self.floats[usize::from(id) % FLOATS] = value;
+            return Ok(());
         }
-    }
-
-    /// Modify configuration. `Err` holds a result code.
-    pub(super) fn modify(&mut self, kind: u8, id: u8, data: [u8; 4]) -> Result<(), u8> {
-        self.retrieve(kind, id)?;
-        if kind == 0x00 {
-            return self.modify_int(id, i32::from_le_bytes(data));
-        }
-        let value = f32::from_le_bytes(data);
-        if !value.is_finite() || (usize::from(id) == TORQUE_CONSTANT && value <= 0.0) {
-            return Err(result::DATA_FORMAT);
-        }
-        self.floats[usize::from(id)] = value;
-        Ok(())
-    }
-
-    fn modify_int(&mut self, id: u8, value: i32) -> Result<(), u8> {
-        let allowed = match id {
+        let value = i32::from_le_bytes(data);
+        match id {
             int::POWER_OFF_POSITION => return Err(result::READ_ONLY),
-            int::CAN_ID | int::HOST_ID => 0..=0x7FF,
-            int::PROTOCOL => 0..=1,
-            int::ZERO_POSITION => 0..=0xFFFF,
-            int::GEAR_RATIO | int::SPEED_MAX_RPM | int::BAUD => 1..=i32::MAX,
-            _ => i32::MIN..=i32::MAX,
-        };
-        if !allowed.contains(&value) {
-            return Err(result::DATA_FORMAT);
+            _ if !range(id).contains(&value) => return Err(result::DATA_FORMAT),
+            _ => *self.int(id) = value,
         }
-        self.set_int(id, value);
         Ok(())
     }
 
-    /// Retrieve parameter.
-    pub(super) fn parameter(&self, id: u8) -> Result<[u8; 4], u8> {
-        self.parameters.get(usize::from(id)).map(|value| value.to_le_bytes()).ok_or(result::UNKNOWN_REGISTER)
+    /// A line of a motor's memory.
+    fn read(&mut self, line: &str) -> Option<()> {
+        let mut words = line.split_whitespace();
+        let (kind, id, value) = (words.next()?, words.next()?, words.next()?);
+        let id = u8::from_str_radix(id.strip_prefix("0x")?, 16).ok()?;
+        match kind {
+            "int" if is_int(id) => *self.int(id) = value.parse().ok()?,
+            "float" => *self.floats.get_mut(usize::from(id))? = value.parse().ok()?,
+            _ => return None,
+        }
+        words.next().is_none().then_some(())
     }
+}
 
-    /// Modify parameter.
-    pub(super) fn modify_parameter(&mut self, id: u8, data: [u8; 4]) -> Result<(), u8> {
-        let item = self.parameters.get_mut(usize::from(id)).ok_or(result::UNKNOWN_REGISTER)?;
-        *item = u32::from_le_bytes(data);
-        Ok(())
+/// The values of an integer item: as table 7 and 3.2.3 say, and none that no motor can mean.
+fn range(id: u8) -> RangeInclusive<i32> {
+    match id {
+        int::CAN_ID | int::HOST_ID => 0..=0x7FF,
+        int::PROTOCOL => 0..=1,
+        int::ZERO_POSITION => 0..=0xFFFF,
+        // At most 1 Mbit/s (table 1).
+        int::BAUD => 1..=10,
+        int::GEAR_RATIO | int::SPEED_MAX_RPM | int::PWM_FREQUENCY | 0x00 => 1..=i32::MAX,
+        _ => i32::MIN..=i32::MAX,
     }
 }
 

@@ -3,7 +3,7 @@
 use super::configuration::{int, rpm};
 use super::{CALIBRATION_VELOCITY, Mode, Motor};
 use crate::body::Law;
-use crate::settings::{InFault, ReplyTiming};
+use crate::settings::{DurationEnd, InFault, ReplyTiming};
 use crate::wire::{self, command, result};
 use motord_bus::{Duration, Frame, Instant};
 
@@ -16,14 +16,18 @@ impl Motor {
     /// The answer, and the time that the motor is busy before it.
     pub(super) fn gim(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<([u8; 8], Duration)> {
         let now = |payload| Some((payload, Duration::ZERO));
+        let refused = |motor: &Self, result| now(motor.plain(bytes, result));
         match (self.mode, bytes[0]) {
             (_, command::GET_FAULT | command::ACKNOWLEDGE_FAULT) => now(self.status(bytes)),
             (Mode::Fault, _) if self.settings.behaviour.in_fault == InFault::Silent => None,
-            (Mode::Fault, _) => now(wire::answer(bytes, result::FAILURE, [0; 4])),
+            (Mode::Fault, _) => refused(self, result::FAILURE),
             (
                 Mode::Calibrating,
                 0x81..=0x91 | 0x93..=0xA1 | command::CALIBRATE | command::UPDATE_FIRMWARE,
-            ) => now(wire::answer(bytes, result::FAILURE, [0; 4])),
+            ) => refused(self, result::FAILURE),
+            (_, command) if is_write(command) && self.impairment.refusal.is_some() => {
+                refused(self, self.impairment.refusal.unwrap_or(result::FAILURE))
+            }
             (_, command::TORQUE | command::SPEED | command::POSITION) => now(self.control(at, frame, bytes)),
             (_, command::CALIBRATE) => Some(self.calibrate(at, bytes)),
             (_, command::UPDATE_FIRMWARE) => {
@@ -35,22 +39,27 @@ impl Motor {
         }
     }
 
+    /// An answer without data.
+    fn plain(&self, request: [u8; 8], result: u8) -> [u8; 8] {
+        wire::answer(self.filler(), request, result, None)
+    }
+
     /// Commands whose answer is a result and perhaps data.
     fn status(&mut self, bytes: [u8; 8]) -> [u8; 8] {
         let (code, data) = match self.perform(bytes) {
             Ok(data) => (result::SUCCESS, data),
-            Err(code) => (code, [0; 4]),
+            Err(code) => (code, None),
         };
-        wire::answer(bytes, code, data)
+        wire::answer(self.filler(), bytes, code, data)
     }
 
-    fn perform(&mut self, [command, sub, id, _, data @ ..]: [u8; 8]) -> Result<[u8; 4], u8> {
-        const DONE: [u8; 4] = [0; 4];
+    /// The data of the answer, if it has some, or a result code.
+    fn perform(&mut self, [command, sub, id, _, data @ ..]: [u8; 8]) -> Result<Option<[u8; 4]>, u8> {
         match command {
             command::RESET_CONFIGURATION => self.reset_configuration(),
-            command::REFRESH_CONFIGURATION => {}
+            command::REFRESH_CONFIGURATION => self.configuration.refresh(),
             command::MODIFY_CONFIGURATION => self.modify_configuration(sub, id, data)?,
-            command::RETRIEVE_CONFIGURATION => return self.configuration.retrieve(sub, id),
+            command::RETRIEVE_CONFIGURATION => return self.configuration.retrieve(sub, id).map(Some),
             command::START => self.mode = Mode::Running,
             command::STOP => {
                 self.end_control();
@@ -58,20 +67,21 @@ impl Motor {
             }
             command::STOP_CONTROL => self.end_control(),
             command::MODIFY_PARAMETER => self.configuration.modify_parameter(sub, data)?,
-            command::RETRIEVE_PARAMETER => return self.configuration.parameter(sub),
-            command::GET_VERSION => return Ok(self.settings.version.to_le_bytes()),
-            command::GET_FAULT => return Ok([self.fault as u8, 0, 0, 0]),
+            command::RETRIEVE_PARAMETER => return self.configuration.parameter(sub).map(Some),
+            command::GET_VERSION => return Ok(Some(self.settings.version.to_le_bytes())),
+            command::GET_FAULT => return Ok(Some([self.fault as u8, 0, 0, 0])),
             command::ACKNOWLEDGE_FAULT => self.acknowledge(),
             command::RETRIEVE_INDICATOR => {
-                return self.indicator(sub).map(f32::to_le_bytes).ok_or(result::UNKNOWN_REGISTER);
+                let value = self.indicator(sub).ok_or(result::UNKNOWN_REGISTER)?;
+                return Ok(Some(value.to_le_bytes()));
             }
             _ => return Err(result::UNKNOWN_COMMAND),
         }
-        Ok(DONE)
+        Ok(None)
     }
 
     fn reset_configuration(&mut self) {
-        self.configuration = super::Configuration::factory(&self.settings);
+        self.configuration.reset(&self.settings);
         self.find_turn();
     }
 
@@ -86,19 +96,20 @@ impl Motor {
     fn control(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> [u8; 8] {
         let (value, duration_ms) = wire::gim_control(bytes);
         if !value.is_finite() {
-            return wire::answer(bytes, result::DATA_FORMAT, [0; 4]);
+            return self.plain(bytes, result::DATA_FORMAT);
         }
         if self.mode != Mode::Running {
-            return wire::answer(bytes, result::FAILURE, [0; 4]);
+            return self.plain(bytes, result::FAILURE);
         }
         let before = self.state(at);
         let duration = Duration::from_millis(u64::from(duration_ms));
-        let (law, ends) = match bytes[0] {
-            command::TORQUE => (self.torque_law(value.into()), true),
-            command::SPEED => (self.speed_law(value.into()), true),
-            _ => (self.position_law(value.into(), duration), false),
+        let law = match bytes[0] {
+            command::TORQUE => self.torque_law(value.into()),
+            command::SPEED => self.speed_law(value.into()),
+            _ => self.position_law(value.into(), duration),
         };
-        let until = if ends && duration_ms > 0 { at + duration } else { Instant::FAR_FUTURE };
+        let ends = duration_ms > 0 && self.settings.behaviour.duration_end == DurationEnd::GoesLimp;
+        let until = if ends { at + duration } else { Instant::FAR_FUTURE };
         self.execute(at, frame, law, until);
         let state = match self.settings.behaviour.reply_timing {
             ReplyTiming::BeforeCommand => before,
@@ -120,7 +131,7 @@ impl Motor {
         Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
     }
 
-    /// Arrives after `duration` and stays. Without a duration it moves at the highest speed.
+    /// Arrives after `duration`. Without a duration it moves at the highest speed.
     fn position_law(&self, position: f64, duration: Duration) -> Law {
         let target = position + self.origin;
         let distance = (target - self.body.position).abs();
@@ -142,20 +153,32 @@ impl Motor {
 
     fn calibrate(&mut self, at: Instant, bytes: [u8; 8]) -> ([u8; 8], Duration) {
         if bytes[1] > 0x01 {
-            return (wire::answer(bytes, result::UNKNOWN_REGISTER, [0; 4]), Duration::ZERO);
+            return (self.plain(bytes, result::UNKNOWN_REGISTER), Duration::ZERO);
         }
         if self.mode != Mode::Stopped {
-            return (wire::answer(bytes, result::FAILURE, [0; 4]), Duration::ZERO);
+            return (self.plain(bytes, result::FAILURE), Duration::ZERO);
         }
         let duration = self.settings.calibration_time;
         self.mode = Mode::Calibrating;
         self.calibration_until = at + duration;
         self.law = Law { velocity: CALIBRATION_VELOCITY, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP };
-        (wire::answer(bytes, result::SUCCESS, [0; 4]), duration)
+        (self.plain(bytes, result::SUCCESS), duration)
     }
 
     /// The winding is the hottest place, °C.
     fn temperature_byte(&self) -> i8 {
         self.body.winding.floor() as i8
     }
+}
+
+/// The command changes what the motor remembers.
+fn is_write(command: u8) -> bool {
+    matches!(
+        command,
+        command::RESET_CONFIGURATION
+            | command::REFRESH_CONFIGURATION
+            | command::MODIFY_CONFIGURATION
+            | command::MODIFY_PARAMETER
+            | command::CALIBRATE
+    )
 }

@@ -42,8 +42,8 @@ impl Motor {
             Mode::Running => Status::On,
             _ => Status::Off,
         };
-        let (id, fault) = (self.mit_id(), self.fault);
-        (self.twin.answer)(&Answer { asked, id, state, status, fault, temperatures })
+        let (id, fault, filler) = (self.mit_id(), self.fault, self.filler());
+        (self.twin.answer)(&Answer { asked, id, state, status, fault, temperatures, filler })
     }
 
     /// The id fills one byte of an answer, whatever its configuration holds.

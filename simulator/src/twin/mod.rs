@@ -40,6 +40,8 @@ pub(crate) struct Answer {
     pub(crate) fault: u32,
     /// Of the winding and of the driver board, °C.
     pub(crate) temperatures: [f64; 2],
+    /// For bytes without a meaning.
+    pub(crate) filler: [u8; 8],
 }
 
 /// The status of the drive, as far as a reply can carry it.
@@ -133,7 +135,8 @@ mod tests {
                 let temperatures = [second.unwrap_or(first), first];
                 let id = row[4].parse().unwrap();
                 let status = if bytes[0] == id { Status::Off } else { Status::On };
-                let answer = Answer { asked: Asked::State, id, state, status, fault: 0, temperatures };
+                let answer =
+                    Answer { asked: Asked::State, id, state, status, fault: 0, temperatures, filler: [0; 8] };
                 let (sent, length) = (twin.answer)(&answer);
                 assert_eq!(sent[..length], bytes, "{row:?}");
             }
@@ -148,8 +151,15 @@ mod tests {
                 let number = bytes[1..5].iter().rev().fold(0, |number, byte| number << 8 | u32::from(*byte));
                 let state = State { position: 0, velocity: 0, torque: 0 };
                 let (id, status) = (row[4].parse().unwrap(), Status::Fault);
-                let answer =
-                    Answer { asked: Asked::Fault, id, state, status, fault: number, temperatures: [0.0; 2] };
+                let answer = Answer {
+                    asked: Asked::Fault,
+                    id,
+                    state,
+                    status,
+                    fault: number,
+                    temperatures: [0.0; 2],
+                    filler: [0; 8],
+                };
                 let (sent, length) = (twin.answer)(&answer);
                 assert_eq!(sent[..length], bytes, "{row:?}");
             }

@@ -13,11 +13,11 @@ pub(super) const TWIN: Twin = Twin {
 };
 
 fn answer(answer: &Answer) -> ([u8; 8], usize) {
-    let Answer { id, .. } = *answer;
+    let Answer { id, filler: [_, f1, f2, f3, f4, f5, ..], .. } = *answer;
     let [a, b, c, d, e] = match answer.asked {
         Asked::State => answer.state.mit(),
-        Asked::Fault => [answer.fault as u8, 0, 0, 0, 0],
-        Asked::Clear => [0; 5],
+        Asked::Fault => [answer.fault as u8, f2, f3, f4, f5],
+        Asked::Clear => [f1, f2, f3, f4, f5],
     };
     ([id, a, b, c, d, e, 0, 0], 6)
 }

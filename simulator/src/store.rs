@@ -1,0 +1,71 @@
+//! The memories of motors in files, for motors that outlive a process.
+
+use crate::{InjectError, Motor, SimulatedBus};
+use std::collections::HashMap;
+use std::io::{Error, ErrorKind};
+use std::path::{Path, PathBuf};
+
+/// A directory with a file for each motor, `NAME.memory`: what its drive remembers without power, a line for each item of GIM
+/// document, table 7.
+#[derive(Debug)]
+pub struct Store {
+    folder: PathBuf,
+    /// The revision of each motor's memory that its file holds.
+    kept: HashMap<String, u32>,
+}
+
+impl Store {
+    /// Uses `folder`, which is made if it is not there.
+    ///
+    /// # Errors
+    ///
+    /// It cannot be made.
+    pub fn open(folder: &Path) -> Result<Self, Error> {
+        std::fs::create_dir_all(folder)?;
+        Ok(Self { folder: folder.to_owned(), kept: HashMap::new() })
+    }
+
+    /// Gives the motors of `bus` the memories that were kept of them.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be read, or is no memory.
+    pub fn load(&self, bus: &mut SimulatedBus) -> Result<(), Error> {
+        let names: Vec<String> = bus.motors().iter().map(|motor| motor.name().to_owned()).collect();
+        for name in names {
+            let file = self.file(&name);
+            let memory = match std::fs::read_to_string(&file) {
+                Err(error) if error.kind() == ErrorKind::NotFound => continue,
+                memory => memory?,
+            };
+            let wrong = |error: InjectError| {
+                Error::new(ErrorKind::InvalidData, format!("{}: {error}", file.display()))
+            };
+            bus.remember(&name, &memory).map_err(wrong)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the memories of `motors` that have changed since the last call. A file holds the old memory or the new one, never
+    /// a part.
+    ///
+    /// # Errors
+    ///
+    /// A file cannot be written. The next call tries again.
+    pub fn save(&mut self, motors: &[Motor]) -> Result<(), Error> {
+        for motor in motors {
+            let revision = motor.memory_revision();
+            if self.kept.get(motor.name()) != Some(&revision) {
+                let (file, new) = (self.file(motor.name()), self.folder.join(".new"));
+                std::fs::write(&new, motor.memory())?;
+                std::fs::rename(&new, file)?;
+                self.kept.insert(motor.name().to_owned(), revision);
+            }
+        }
+        Ok(())
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}.memory"))
+    }
+}
