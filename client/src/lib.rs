@@ -82,10 +82,11 @@ mod state;
 pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error};
+pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
     GroupDescription, GroupHistory, JointDescription, Percentiles, Process, RobotDescription, Telemetry,
 };
-pub use motord_shared::instance::{DEFAULT_INSTANCE, InstanceError, RUNTIME_DIR_VARIABLE};
+pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::{
     Applied, BusCondition, Cause, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,

@@ -10,6 +10,7 @@ mod document;
 mod entry;
 mod findings;
 mod keys;
+pub mod lock;
 mod machine;
 mod problem;
 mod reference;

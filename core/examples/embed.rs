@@ -145,6 +145,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         model: model.name.into(),
         profile,
         scales,
+        constants: None,
         rated_torque: model.rated_torque,
         peak_torque: model.peak_torque,
         overload: Duration::from_secs(10),

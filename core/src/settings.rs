@@ -127,6 +127,18 @@ pub struct BusSettings {
     pub kind: BusKind,
 }
 
+impl BusSettings {
+    /// The interface or device; the name of a simulated bus.
+    #[must_use]
+    pub fn device(&self) -> &str {
+        match &self.kind {
+            BusKind::SocketCan { interface, .. } => interface,
+            BusKind::Serial { device, .. } => device,
+            BusKind::Simulated { .. } => &self.name,
+        }
+    }
+}
+
 /// The kind of a bus.
 #[derive(Debug, Clone)]
 pub enum BusKind {
@@ -236,6 +248,8 @@ pub struct MotorSettings {
     pub profile: &'static Profile,
     /// The scales of its codes.
     pub scales: Scales,
+    /// The constants that its scales come of; `None` for a motor whose codes are torques.
+    pub constants: Option<DriveConstants>,
     /// The torque the motor can give for good, output side, N·m.
     pub rated_torque: f32,
     /// The most torque the motor can give, output side, N·m.
@@ -258,6 +272,17 @@ pub struct MotorSettings {
     pub limits: LimitSettings,
     /// `[motor.simulation]`, for simulated buses.
     pub simulation: MotorSimulation,
+}
+
+/// The constants that a SteadyWin motor stores (GIM document, table 7), as configured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveConstants {
+    /// Of the rotor, N·m/A (ConfID 0x03).
+    pub torque_constant: f64,
+    /// Rotor turns per turn of the output shaft (ConfID 0x11).
+    pub gear_ratio: f64,
+    /// Pairs of poles of the rotor (ConfID 0x00), of the model.
+    pub pole_pairs: u8,
 }
 
 /// `[motor.limits]`, joint side.

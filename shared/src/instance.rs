@@ -18,9 +18,6 @@ use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// The instance of a robot that has only one.
-pub const DEFAULT_INSTANCE: &str = "robot";
-
 /// The variable that names another runtime directory.
 pub const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
 

@@ -36,8 +36,9 @@ pub mod service;
 
 pub use codes::{BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode};
 #[cfg(feature = "ports")]
-pub use instance::{DEFAULT_INSTANCE, Instance, InstanceError, InstanceLock};
+pub use instance::{Instance, InstanceError, InstanceLock};
 pub use lease::Lease;
+pub use limits::DEFAULT_INSTANCE;
 pub use message::{
     AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState,
     SetpointMessage, StateMessage,

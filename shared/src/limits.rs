@@ -20,3 +20,6 @@ pub const REQUESTS_PER_CLIENT: usize = 2;
 pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
 /// Most bytes of a joint, group, bus or instance name.
 pub const NAME_BYTES_MAX: usize = 32;
+
+/// The instance of a robot that has only one.
+pub const DEFAULT_INSTANCE: &str = "robot";

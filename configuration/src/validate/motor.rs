@@ -4,7 +4,8 @@ use motord_bus::{Duration, FrameId};
 use motord_core::drive;
 use motord_core::joint::Transmission;
 use motord_core::settings::{
-    BusKind, BusSettings, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation, SafeStop,
+    BusKind, BusSettings, DriveConstants, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation,
+    SafeStop,
 };
 use motord_protocol::profile::{Ids, PROFILES, STEADYWIN};
 use motord_protocol::{Model, Profile, Scales};
@@ -48,7 +49,10 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
     let name = findings.name(&keys.name);
     let (profile, model) = model(&keys.model, findings).unzip();
     judge_constants(keys, model, findings);
-    let scales = scales(keys, model);
+    let constants = constants(keys, model);
+    // The ranges of both leave only products that a float holds.
+    let scales = constants
+        .and_then(|constants| model?.scales_with(constants.torque_constant, constants.gear_ratio).ok());
     let capability = capability(keys, model, scales, findings);
     let limits = limits::limits(&item.limits, &capability, findings);
     let simulation = simulation(&item.simulation, &capability, limits.position, findings);
@@ -63,6 +67,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         model: model?.name.to_owned(),
         profile: profile?,
         scales: scales?,
+        constants: constants.filter(|_| model.is_some_and(|model| model.ends.is_none())),
         rated_torque: capability.rated_torque as f32,
         peak_torque: capability.peak_torque as f32,
         overload: Duration::from_secs_f64(keys.overload_seconds.value),
@@ -152,11 +157,14 @@ fn judge_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Fin
     }
 }
 
-fn scales(keys: &keys::Motor, model: Option<&Model>) -> Option<Scales> {
-    let constant = keys.torque_constant_nm_per_a.value.or(model.map(|model| model.torque_constant.into()))?;
-    let gear_ratio = keys.gear_ratio.value.or(model.map(|model| model.gear_ratio.into()))?;
-    // The ranges of both leave only products that a float holds.
-    model?.scales_with(constant, gear_ratio).ok()
+/// The constants of the codes, as written or of the model.
+fn constants(keys: &keys::Motor, model: Option<&Model>) -> Option<DriveConstants> {
+    let model = model?;
+    Some(DriveConstants {
+        torque_constant: keys.torque_constant_nm_per_a.value.unwrap_or(model.torque_constant.into()),
+        gear_ratio: keys.gear_ratio.value.unwrap_or(model.gear_ratio.into()),
+        pole_pairs: model.pole_pairs,
+    })
 }
 
 fn capability(

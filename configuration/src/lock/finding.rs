@@ -1,0 +1,218 @@
+//! A motor's own words against its configuration.
+
+use super::{Lock, ReportedMotor, ReportedProtocol};
+use motord_core::settings::{DriveConstants, MotorProtocol, MotorSettings, Settings};
+use std::fmt;
+
+/// The largest difference of torque constants, as a part of the configured one: the vendor's own figures of one motor differ by
+/// that much.
+const TORQUE_CONSTANT_TOLERANCE: f64 = 0.05;
+/// The motor stores an integer: other gear ratios cannot be stored (GIM document, table 7).
+const GEAR_RATIO_TOLERANCE: f64 = 0.5;
+
+/// One value of one motor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The motor's name.
+    pub motor: String,
+    /// The value, such as `torque-constant`.
+    pub value: &'static str,
+    /// As configured.
+    pub configured: String,
+    /// As the motor says; `None` when it cannot be read.
+    pub reported: Option<String>,
+    /// Whether the two agree.
+    pub verdict: Verdict,
+    /// How to make them agree.
+    pub cure: String,
+}
+
+/// Whether a motor agrees with its configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// They agree.
+    Agrees,
+    /// They differ: the motor must not be armed.
+    Differs,
+    /// It cannot be read: somebody has to look.
+    Unknown,
+}
+
+impl fmt::Display for Finding {
+    /// A sentence for a person.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { motor, value, configured, reported, cure, .. } = self;
+        match reported {
+            Some(reported) => {
+                write!(
+                    f,
+                    "{motor}: {value} is {reported} in the motor, {configured} in the configuration: {cure}"
+                )
+            }
+            None => {
+                write!(f, "{motor}: {value} is {configured} in the configuration, and cannot be read: {cure}")
+            }
+        }
+    }
+}
+
+/// Every value of a motor that can be compared. `reported` is `None` for a motor that does not answer.
+#[must_use]
+pub fn findings(
+    settings: &Settings,
+    motor: &MotorSettings,
+    reported: Option<&ReportedMotor>,
+) -> Vec<Finding> {
+    let Some(reported) = reported else {
+        return vec![Finding {
+            motor: motor.name.clone(),
+            value: "answer",
+            configured: format!("id {}", motor.id),
+            reported: None,
+            verdict: Verdict::Unknown,
+            cure: format!(
+                "check its power, wiring, id and protocol; `motorctl scan --bus {}` lists the motors that answer",
+                settings.buses[motor.bus].device()
+            ),
+        }];
+    };
+    let compare = Compare { motor, bus: settings.buses[motor.bus].device(), reported };
+    let mut findings = compare.address(&settings.buses[motor.bus].name);
+    if let Some(constants) = motor.constants {
+        findings.extend(compare.constants(&constants));
+    }
+    findings
+}
+
+/// Everything in which the motors differ from their configuration. Motors that the lock does not have are no mismatch.
+#[must_use]
+pub fn mismatches(settings: &Settings, lock: &Lock) -> Vec<Finding> {
+    let locked = settings.motors.iter().filter_map(|motor| Some((motor, lock.motor(&motor.name)?)));
+    let all = locked.flat_map(|(motor, reported)| findings(settings, motor, Some(reported)));
+    all.filter(|finding| finding.verdict == Verdict::Differs).collect()
+}
+
+struct Compare<'a> {
+    motor: &'a MotorSettings,
+    /// The interface or device.
+    bus: &'a str,
+    reported: &'a ReportedMotor,
+}
+
+impl Compare<'_> {
+    fn finding(
+        &self,
+        value: &'static str,
+        configured: String,
+        reported: Option<String>,
+        agrees: bool,
+        cure: String,
+    ) -> Finding {
+        let verdict = match (&reported, agrees) {
+            (None, _) => Verdict::Unknown,
+            (Some(_), true) => Verdict::Agrees,
+            (Some(_), false) => Verdict::Differs,
+        };
+        Finding { motor: self.motor.name.clone(), value, configured, reported, verdict, cure }
+    }
+
+    /// Bus, ids and protocol.
+    fn address(&self, bus: &str) -> Vec<Finding> {
+        let Self { motor, reported, .. } = self;
+        let setup = || "run `motorctl setup` again".to_owned();
+        let host_id = motor.host_id.raw();
+        vec![
+            self.finding("bus", bus.into(), Some(reported.bus.clone()), reported.bus == bus, setup()),
+            self.finding(
+                "id",
+                motor.id.to_string(),
+                Some(reported.id.to_string()),
+                reported.id == motor.id,
+                setup(),
+            ),
+            self.finding(
+                "host-id",
+                format!("{host_id:#x}"),
+                reported.host_id.map(|id| format!("{id:#x}")),
+                reported.host_id == Some(host_id),
+                format!(
+                    "write `host-id = {:#x}`, or {}",
+                    reported.host_id.unwrap_or(host_id),
+                    self.set("host-id", host_id)
+                ),
+            ),
+            self.protocol(),
+        ]
+    }
+
+    fn protocol(&self) -> Finding {
+        let Self { motor, reported, bus } = self;
+        let is_common = motor.profile.reply.lengths.contains(&6);
+        let agrees = match (motor.protocol, reported.protocol) {
+            (MotorProtocol::Gim, said) => said == ReportedProtocol::Gim,
+            (MotorProtocol::Mit, ReportedProtocol::Mit) => is_common,
+            (MotorProtocol::Mit, ReportedProtocol::OtherMit) => !is_common,
+            (MotorProtocol::Mit, ReportedProtocol::Gim | ReportedProtocol::Unknown) => false,
+        };
+        let cure = match reported.protocol {
+            ReportedProtocol::Gim | ReportedProtocol::Mit if motor.profile.speaks_gim => {
+                let wanted = motor.protocol.name();
+                format!(
+                    "`motorctl protocol {wanted} --bus {bus} --id {}`, or write the other protocol",
+                    motor.id
+                )
+            }
+            _ => "the model is not the one that is connected: write the right one".into(),
+        };
+        self.finding(
+            "protocol",
+            motor.protocol.name().into(),
+            Some(reported.protocol.word().into()),
+            agrees,
+            cure,
+        )
+    }
+
+    /// The constants that decide what a torque and an angle are.
+    fn constants(&self, constants: &DriveConstants) -> Vec<Finding> {
+        let DriveConstants { torque_constant, gear_ratio, pole_pairs } = *constants;
+        let near = |said: f64, wanted: f64, tolerance: f64| (said - wanted).abs() <= tolerance;
+        let torque_tolerance = TORQUE_CONSTANT_TOLERANCE * torque_constant;
+        vec![
+            self.constant("torque-constant", torque_constant, "torque-constant-nm-per-a", |said| {
+                near(said, torque_constant, torque_tolerance)
+            }),
+            self.constant("gear-ratio", gear_ratio, "gear-ratio", |said| {
+                near(said, gear_ratio, GEAR_RATIO_TOLERANCE)
+            }),
+            self.constant("pole-pairs", pole_pairs.into(), "model", |said| {
+                near(said, pole_pairs.into(), 0.0)
+            }),
+        ]
+    }
+
+    fn constant(&self, value: &'static str, wanted: f64, key: &str, agrees: impl Fn(f64) -> bool) -> Finding {
+        let said = self.reported.values.get(value).copied();
+        let cure = match said {
+            None => "compare with the label of the motor: it cannot be read in this protocol".into(),
+            Some(_) if key == "model" => "the model is another one: write the right one".into(),
+            Some(said) => format!(
+                "write `{key} = {}` if the motor is right, or {}",
+                rounded(said),
+                self.set(value, rounded(wanted))
+            ),
+        };
+        self.finding(value, rounded(wanted), said.map(rounded), said.is_some_and(agrees), cure)
+    }
+
+    /// The command that changes the motor.
+    fn set(&self, item: &str, value: impl fmt::Display) -> String {
+        format!("`motorctl config set {item} {value} --bus {} --id {}`", self.bus, self.motor.id)
+    }
+}
+
+/// Four digits after the point, without zeros at the end: constants come from floats of the motor.
+fn rounded(value: f64) -> String {
+    let text = format!("{value:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}

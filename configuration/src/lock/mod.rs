@@ -1,0 +1,156 @@
+//! The lock file: what each motor said of itself when `motorctl setup` asked it.
+//!
+//! It lies beside the configuration: `motord.lock.toml` beside `motord.toml`. [`findings`] holds it, or what a motor says now,
+//! against the configuration.
+
+mod finding;
+
+pub use finding::{Finding, Verdict, findings, mismatches};
+
+use crate::problem::Wrong;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// The form of the file.
+const FORM: u32 = 1;
+const HEAD: &str = "\
+# Written by `motorctl setup`: what each motor said of itself. motord does not arm a motor that says something else than its
+# configuration. Do not edit: run `motorctl setup` again after a motor or the configuration was changed.
+";
+
+/// The lock file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lock {
+    form: u32,
+    /// The motors that answered.
+    #[serde(default, rename = "motor")]
+    pub motors: Vec<ReportedMotor>,
+}
+
+/// A motor, as it reports itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ReportedMotor {
+    /// Its name in the configuration.
+    pub name: String,
+    /// Name of its bus.
+    pub bus: String,
+    /// The id that it answered to.
+    pub id: u8,
+    /// The id that its answers bore; `None` when it cannot be told.
+    pub host_id: Option<u16>,
+    /// The protocol that it answered in.
+    pub protocol: ReportedProtocol,
+    /// Version of its firmware; only in native mode.
+    pub firmware: Option<u32>,
+    /// Configuration items by their names of Table 7 of the GIM document; only in native mode.
+    #[serde(default)]
+    pub values: BTreeMap<String, f64>,
+}
+
+/// The protocol of an answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReportedProtocol {
+    /// MIT with answers of six bytes.
+    Mit,
+    /// MIT with longer answers: another vendor, or another family of drivers.
+    OtherMit,
+    /// The native protocol.
+    Gim,
+    /// None that is known.
+    Unknown,
+}
+
+impl ReportedProtocol {
+    /// A word for a table.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Mit => "mit",
+            Self::OtherMit => "mit of another vendor or driver",
+            Self::Gim => "gim",
+            Self::Unknown => "none that is known",
+        }
+    }
+}
+
+/// Why a lock file is of no use.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// It cannot be read or written.
+    #[error("{}: {wrong}", file.display())]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        wrong: Box<Wrong>,
+    },
+    /// It is not in the form of a lock file.
+    #[error("{}: {reason}; write it anew with `motorctl setup`", file.display())]
+    Malformed {
+        /// The file.
+        file: PathBuf,
+        /// The mistake.
+        reason: String,
+    },
+}
+
+impl Lock {
+    /// A lock of these motors.
+    #[must_use]
+    pub const fn new(motors: Vec<ReportedMotor>) -> Self {
+        Self { form: FORM, motors }
+    }
+
+    /// The place of the lock of this configuration.
+    #[must_use]
+    pub fn path(config: &Path) -> PathBuf {
+        config.with_extension("lock.toml")
+    }
+
+    /// Reads the lock beside the configuration `config`; `None` where there is none.
+    ///
+    /// # Errors
+    ///
+    /// When there is one that cannot be read, or that is no lock.
+    pub fn load(config: &Path) -> Result<Option<Self>, LockError> {
+        let file = Self::path(config);
+        if !file.exists() {
+            return Ok(None);
+        }
+        let failed = |wrong| LockError::File { file: file.clone(), wrong: Box::new(wrong) };
+        let bytes = crate::read(&file).map_err(failed)?;
+        let malformed = |reason: String| LockError::Malformed { file: file.clone(), reason };
+        let text = str::from_utf8(&bytes).map_err(|error| malformed(error.to_string()))?;
+        let lock: Self = toml::from_str(text).map_err(|error| malformed(error.message().to_owned()))?;
+        match lock.form {
+            FORM => Ok(Some(lock)),
+            form => Err(malformed(format!("form {form} is not known, expected {FORM}"))),
+        }
+    }
+
+    /// Writes the lock beside the configuration `config`, in one step: a reader sees the old one or the new one.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn save(&self, config: &Path) -> Result<PathBuf, LockError> {
+        let file = Self::path(config);
+        let text = toml::to_string(self)
+            .map_err(|error| LockError::Malformed { file: file.clone(), reason: error.to_string() })?;
+        let next = file.with_extension("toml.new");
+        let written =
+            std::fs::write(&next, format!("{HEAD}{text}")).and_then(|()| std::fs::rename(&next, &file));
+        written.map_err(|error| LockError::File { file: file.clone(), wrong: Box::new(error.into()) })?;
+        Ok(file)
+    }
+
+    /// The motor of this name, if it answered.
+    #[must_use]
+    pub fn motor(&self, name: &str) -> Option<&ReportedMotor> {
+        self.motors.iter().find(|motor| motor.name == name)
+    }
+}

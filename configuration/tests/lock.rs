@@ -1,0 +1,156 @@
+//! The lock file: what a motor said is held against its configuration, value by value.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol, Verdict, findings, mismatches};
+use motord_configuration::{Machine, parse};
+use motord_core::settings::Settings;
+use std::fs;
+use std::path::Path;
+
+/// `elbow`: GIM8108-36, rotor 0.154 N·m/A, ratio 36, 21 pole pairs.
+const ROBOT: &str = "
+[[bus]]
+name = 'arm'
+type = 'socketcan'
+interface = 'can0'
+[[motor]]
+name = 'elbow'
+bus = 'arm'
+id = 2
+protocol = 'gim'
+model = 'GIM8108-36'
+[[motor]]
+name = 'hip'
+bus = 'arm'
+id = 3
+protocol = 'mit'
+model = 'GIM8108-8'
+[[motor]]
+name = 'foot'
+bus = 'arm'
+id = 4
+host-id = 0x14
+protocol = 'mit'
+model = 'DM-J4310-2EC'
+";
+
+fn settings() -> Settings {
+    parse(Path::new("robot.toml"), ROBOT.as_bytes(), &Machine::here()).unwrap().settings
+}
+
+/// The elbow, as it should report itself.
+fn elbow() -> ReportedMotor {
+    let values = [("torque-constant", 0.154), ("gear-ratio", 36.0), ("pole-pairs", 21.0)];
+    ReportedMotor {
+        name: "elbow".into(),
+        bus: "arm".into(),
+        id: 2,
+        host_id: Some(0x102),
+        protocol: ReportedProtocol::Gim,
+        firmware: Some(7),
+        values: values.map(|(name, value)| (name.to_owned(), value)).into(),
+    }
+}
+
+fn differing(change: impl FnOnce(&mut ReportedMotor)) -> Vec<String> {
+    let mut motor = elbow();
+    change(&mut motor);
+    mismatches(&settings(), &Lock::new(vec![motor])).iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn a_motor_that_says_what_is_configured_is_no_mismatch() {
+    assert!(differing(|_| {}).is_empty());
+    assert!(differing(|motor| *motor.values.get_mut("torque-constant").unwrap() *= 1.04).is_empty());
+}
+
+#[test]
+fn every_difference_names_motor_value_and_cure() {
+    type Change = fn(&mut ReportedMotor);
+    let cases: [(Change, &str, &str); 6] = [
+        (
+            |motor| *motor.values.get_mut("torque-constant").unwrap() = 0.5,
+            "elbow: torque-constant is 0.5 in the motor, 0.154 in the configuration",
+            "motorctl config set torque-constant 0.154 --bus can0 --id 2",
+        ),
+        (|motor| *motor.values.get_mut("gear-ratio").unwrap() = 8.0, "gear-ratio is 8", "gear-ratio = 8"),
+        (|motor| *motor.values.get_mut("pole-pairs").unwrap() = 14.0, "pole-pairs is 14", "model"),
+        (|motor| motor.id = 1, "id is 1", "motorctl setup"),
+        (|motor| motor.host_id = Some(0x101), "host-id is 0x101", "host-id = 0x101"),
+        (
+            |motor| motor.protocol = ReportedProtocol::Mit,
+            "protocol is mit",
+            "motorctl protocol gim --bus can0 --id 2",
+        ),
+    ];
+    for (change, complaint, cure) in cases {
+        let said = differing(change);
+        assert!(
+            said.iter().any(|line| line.contains(complaint) && line.contains(cure)),
+            "{complaint}: {said:?}"
+        );
+    }
+}
+
+#[test]
+fn a_motor_of_another_family_is_named() {
+    let settings = settings();
+    for (name, id, host_id, reported, agrees) in [
+        ("hip", 3, 0x103, ReportedProtocol::Mit, true),
+        ("hip", 3, 0x103, ReportedProtocol::OtherMit, false),
+        ("hip", 3, 0x103, ReportedProtocol::Gim, false),
+        ("foot", 4, 0x14, ReportedProtocol::OtherMit, true),
+        ("foot", 4, 0x14, ReportedProtocol::Mit, false),
+    ] {
+        let motor = ReportedMotor {
+            name: name.into(),
+            id,
+            host_id: Some(host_id),
+            protocol: reported,
+            values: [].into(),
+            ..elbow()
+        };
+        assert_eq!(mismatches(&settings, &Lock::new(vec![motor])).is_empty(), agrees, "{name} {reported:?}");
+    }
+}
+
+#[test]
+fn a_value_that_cannot_be_read_is_unknown_and_not_agreed() {
+    let settings = settings();
+    let hip = settings.motors.iter().find(|motor| motor.name == "hip").unwrap();
+    let said = ReportedMotor {
+        name: "hip".into(),
+        id: 3,
+        host_id: Some(0x103),
+        protocol: ReportedProtocol::Mit,
+        values: [].into(),
+        ..elbow()
+    };
+    let verdict = |value: &str, reported: Option<&ReportedMotor>| {
+        findings(&settings, hip, reported).iter().find(|finding| finding.value == value).unwrap().verdict
+    };
+    for value in ["torque-constant", "gear-ratio", "pole-pairs"] {
+        assert_eq!(verdict(value, Some(&said)), Verdict::Unknown, "{value}");
+    }
+    assert_eq!(verdict("answer", None), Verdict::Unknown);
+}
+
+#[test]
+fn a_lock_survives_its_file_and_another_file_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let config = directory.path().join("robot.toml");
+    assert_eq!(Lock::load(&config).unwrap(), None);
+    let lock = Lock::new(vec![elbow()]);
+    let file = lock.save(&config).unwrap();
+    assert_eq!(file, directory.path().join("robot.lock.toml"));
+    assert_eq!(Lock::load(&config).unwrap(), Some(lock));
+    for text in ["form = 2\n", "form = 1\nmotors = 3\n", "[[motor", "\u{1}"] {
+        fs::write(&file, text).unwrap();
+        let complaint = Lock::load(&config).unwrap_err().to_string();
+        assert!(complaint.contains("motorctl setup"), "{text:?}: {complaint}");
+    }
+    fs::remove_file(&file).unwrap();
+    fs::create_dir(&file).unwrap();
+    assert!(Lock::load(&config).is_err());
+}
