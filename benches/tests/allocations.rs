@@ -135,8 +135,9 @@ fn follow(client: &Client, claim: &mut Claim, cycles: u64) -> Result<(), Error> 
     for cycle in 0..cycles {
         let state = client.wait(PATIENCE)?;
         let swing = 0.002 * (cycle % 50) as f32;
-        let hold =
-            state.joints().map(|joint| Setpoint::impedance(joint.position + swing, 0.0, 40.0, 1.0, 0.0));
+        let hold = state
+            .joints()
+            .map(|joint| Setpoint::impedance(joint.position().unwrap() + swing, 0.0, 40.0, 1.0, 0.0));
         claim.send(&hold.collect::<Vec<_>>())?;
     }
     Ok(())

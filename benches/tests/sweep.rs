@@ -129,8 +129,10 @@ fn send_absurd_values(directory: &Path) -> u32 {
     let standing = until("a standing robot", || {
         Some(client.wait(PATIENCE).unwrap()).filter(|state| state.joints().all(|joint| joint.fresh))
     });
-    let hold: Vec<_> =
-        standing.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 20.0, 0.5, 0.0)).collect();
+    let hold: Vec<_> = standing
+        .joints()
+        .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 20.0, 0.5, 0.0))
+        .collect();
     let mut claim = client.claim("all").unwrap();
     claim.send(&hold).unwrap();
     claim.enable().unwrap();

@@ -57,5 +57,6 @@ fn hold(options: &Options) -> Result<(), Error> {
 
 fn present_pose(claim: &Claim, state: &State, options: &Options) -> Vec<Setpoint> {
     let joints = claim.joints().iter().filter_map(|&joint| state.joint(joint));
-    joints.map(|joint| Setpoint::impedance(joint.position, 0.0, options.kp, options.kd, 0.0)).collect()
+    let hold = |position| Setpoint::impedance(position, 0.0, options.kp, options.kd, 0.0);
+    joints.filter_map(|joint| joint.position()).map(hold).collect()
 }

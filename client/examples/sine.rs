@@ -138,13 +138,15 @@ impl Motion {
         let mut motion =
             Self { names: vec![], joints: vec![], hz: options.hz, kp: options.kp, kd: options.kd };
         for &index in claim.joints() {
-            let (description, centre) =
-                (&client.description().joints[index], start.joint(index).map_or(0.0, |joint| joint.position));
+            let (description, centre) = (
+                &client.description().joints[index],
+                start.joint(index).and_then(|joint| joint.position()).unwrap_or(0.0),
+            );
             let moves = moved.is_none_or(|moved| moved == index);
             motion.joints.push((
                 centre,
                 if moves { options.amplitude_rad } else { 0.0 },
-                description.position,
+                description.limits.position,
             ));
             if moves {
                 motion.names.push(description.name.clone());

@@ -57,10 +57,12 @@ fn print(robot: &RobotDescription, state: &State) -> io::Result<()> {
     for (description, joint) in robot.joints.iter().zip(state.joints()) {
         let mode = joint.mode.map_or("unknown", MotorMode::name);
         let freshness = if joint.fresh { "" } else { "  (not fresh)" };
+        let known = |value: Option<f32>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+        let [position, velocity, torque] = [joint.position(), joint.velocity(), joint.torque()].map(known);
         writeln!(
             out,
-            "  {:16} {mode:9} {:8.3} rad {:8.3} rad/s {:8.3} N·m{freshness}",
-            description.name, joint.position, joint.velocity, joint.torque
+            "  {:16} {mode:9} {position:>8} rad {velocity:>8} rad/s {torque:>8} N·m{freshness}",
+            description.name
         )?;
     }
     for (description, group) in robot.groups.iter().zip(state.groups()).filter(|(_, group)| group.latched) {

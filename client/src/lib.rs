@@ -84,12 +84,14 @@ pub use client::Client;
 pub use error::{About, Error};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
-    GroupDescription, GroupHistory, JointDescription, Percentiles, Process, RobotDescription, Telemetry,
+    GroupDescription, GroupHistory, JointDescription, JointLimits, Percentiles, Process, RobotDescription,
+    Telemetry,
 };
 pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::{
-    Applied, BusCondition, Cause, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
+    Applied, BusCondition, Cause, Fault, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
+    SetpointMode,
 };
 pub use setpoint::Setpoint;
-pub use state::{Bus, Group, Joint, Limits, State};
+pub use state::{Bus, Faults, Group, Joint, Limits, State};

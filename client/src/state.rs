@@ -8,9 +8,10 @@ use motord_shared::message::{
     JOINT_VALID,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, GroupState, JointState, Lease, Limit, MotorMode, Phase,
+    Applied, BusCondition, BusState, Cause, Fault, GroupState, JointState, Lease, Limit, MotorMode, Phase,
     Rejection, StateMessage, clock,
 };
+use std::fmt;
 use std::time::Duration;
 
 /// Everything that the daemon knew after a cycle.
@@ -153,22 +154,20 @@ impl State {
 /// One joint after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Joint {
-    /// rad. The last one that was received: see `fresh`, `valid` and `age_cycles`.
-    pub position: f32,
-    /// rad/s.
-    pub velocity: f32,
-    /// N·m, as the motor estimates it.
-    pub torque: f32,
+    position: f32,
+    velocity: f32,
+    torque: f32,
     /// °C, where the motor reports it.
     pub temperature: Option<f32>,
     /// The command that was sent to the motor in this cycle, after all limits.
     pub applied: Applied,
-    /// The limits that made `applied` differ from the setpoint.
+    /// The limits that made `applied` differ from the setpoint. The limits themselves are in the
+    /// [description](crate::JointDescription::limits).
     pub limits: Limits,
     /// The mode of the motor. `None` for a code that this client does not know.
     pub mode: Option<MotorMode>,
-    /// The motor's fault bits (GIM document, table 9), 0 for none.
-    pub fault: u32,
+    /// The faults that the motor reports.
+    pub faults: Faults,
     /// Position, velocity and torque came in this very cycle.
     pub fresh: bool,
     /// Position, velocity and torque came at least once since the motor is online.
@@ -187,6 +186,31 @@ pub struct Joint {
     pub receive_ns: u64,
 }
 
+impl Joint {
+    /// The last position that was received, rad. `None` while nothing was received since the motor is online. How old it is:
+    /// [`fresh`](Self::fresh), [`age_cycles`](Self::age_cycles).
+    #[must_use]
+    pub fn position(&self) -> Option<f32> {
+        self.measured(self.position)
+    }
+
+    /// The velocity, rad/s, as [`position`](Self::position).
+    #[must_use]
+    pub fn velocity(&self) -> Option<f32> {
+        self.measured(self.velocity)
+    }
+
+    /// The torque as the motor estimates it, N·m, as [`position`](Self::position).
+    #[must_use]
+    pub fn torque(&self) -> Option<f32> {
+        self.measured(self.torque)
+    }
+
+    fn measured(&self, value: f32) -> Option<f32> {
+        (self.valid && value.is_finite()).then_some(value)
+    }
+}
+
 impl From<&JointState> for Joint {
     fn from(joint: &JointState) -> Self {
         Self {
@@ -197,7 +221,7 @@ impl From<&JointState> for Joint {
             applied: joint.applied,
             limits: Limits(joint.limits),
             mode: MotorMode::try_from(joint.mode).ok(),
-            fault: joint.fault,
+            faults: Faults(joint.fault),
             fresh: joint.flags & JOINT_FRESH != 0,
             valid: joint.flags & JOINT_VALID != 0,
             age_cycles: joint.age_cycles,
@@ -206,6 +230,56 @@ impl From<&JointState> for Joint {
             implausible: joint.implausible,
             reply_latency: Duration::from_nanos(joint.reply_latency_ns.into()),
             receive_ns: joint.receive_ns,
+        }
+    }
+}
+
+/// A set of faults. It prints as their names, or as `none`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Faults(u32);
+
+impl Faults {
+    /// The motor reports no fault.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether the motor reports `fault`.
+    #[must_use]
+    pub const fn contains(self, fault: Fault) -> bool {
+        self.0 & fault.bit() != 0
+    }
+
+    /// The faults that have a word, lowest bit first.
+    pub fn iter(self) -> impl Iterator<Item = Fault> {
+        Fault::ALL.iter().copied().filter(move |fault| self.contains(*fault))
+    }
+
+    /// The bits as the daemon sent them: the number of an [unrecognised](Fault::Unrecognised) fault is the highest byte.
+    #[must_use]
+    pub const fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The bits that no word stands for.
+    #[must_use]
+    pub fn unknown(self) -> u32 {
+        self.iter().fold(self.0, |rest, fault| rest & !fault.bit())
+    }
+
+    /// The names of the faults; the bits without a word as one number.
+    pub fn names(self) -> impl Iterator<Item = String> {
+        let unknown = Some(self.unknown()).filter(|unknown| *unknown != 0);
+        self.iter().map(|fault| fault.name().to_owned()).chain(unknown.map(|bits| format!("{bits:#x}")))
+    }
+}
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.is_empty() {
+            true => f.write_str("none"),
+            false => f.write_str(&self.names().collect::<Vec<_>>().join(", ")),
         }
     }
 }
@@ -321,7 +395,16 @@ mod tests {
             ..StateMessage::default()
         };
         for joint in &mut message.joints {
-            *joint = JointState { limits: u32::MAX, mode: 77, temperature: f32::NAN, ..*joint };
+            *joint = JointState {
+                position: f32::NAN,
+                torque: f32::INFINITY,
+                flags: u32::MAX,
+                fault: u32::MAX,
+                limits: u32::MAX,
+                mode: 77,
+                temperature: f32::NAN,
+                ..*joint
+            };
         }
         for group in &mut message.groups {
             *group = GroupState { phase: 77, cause: 77, cause_joint: 64, ..*group };
@@ -332,11 +415,31 @@ mod tests {
         let state = State::from(message);
         assert_eq!((state.joints().len(), state.groups().len(), state.buses().len()), (64, 8, 16));
         assert!(state.joints().all(|joint| joint.mode.is_none() && joint.temperature.is_none()));
+        assert!(state.joints().all(|joint| joint.position().is_none() && joint.torque().is_none()));
+        assert!(state.joints().all(|joint| joint.faults.iter().count() == Fault::ALL.len()));
         assert!(state.joints().all(|joint| joint.limits.iter().count() == Limit::ALL.len()));
         assert!(
             state.groups().all(|group| group.latched && group.cause.is_none() && group.cause_joint.is_none())
         );
         assert!(state.buses().all(|bus| bus.condition.is_none()));
         assert_eq!((state.joint(64), state.age()), (None, Duration::ZERO));
+    }
+
+    #[test]
+    fn a_joint_that_was_never_heard_has_no_position() {
+        let silent = JointState { position: 0.5, velocity: 0.5, torque: 0.5, ..JointState::default() };
+        let joint = Joint::from(&silent);
+        assert_eq!((joint.position(), joint.velocity(), joint.torque()), (None, None, None));
+        let heard = Joint::from(&JointState { flags: JOINT_VALID, ..silent });
+        assert_eq!((heard.position(), heard.velocity(), heard.torque()), (Some(0.5), Some(0.5), Some(0.5)));
+    }
+
+    #[test]
+    fn faults_print_their_names_and_keep_the_bits_that_have_none() {
+        assert_eq!(Faults(0).to_string(), "none");
+        assert_eq!(Faults(0x1_0021).to_string(), "foc-frequency, 0x10020");
+        assert_eq!(Faults(0x22).to_string(), "over-voltage, 0x20");
+        assert!(Faults(0x22).contains(Fault::OverVoltage) && !Faults(0x22).contains(Fault::Overload));
+        assert_eq!(Faults(0x1480_0000).to_string(), "unrecognised, 0x14000000");
     }
 }

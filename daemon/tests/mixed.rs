@@ -3,7 +3,8 @@
 
 mod robot;
 
-use motord_shared::{JointSetpoint, MotorMode, Phase};
+use motord_protocol::fault::FAULTS;
+use motord_shared::{Fault, JointSetpoint, MotorMode, Phase};
 use robot::Robot;
 
 fn mixed() -> Robot {
@@ -50,6 +51,15 @@ fn a_fault_of_each_vendors_motor_is_reported_in_the_same_words() {
         assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{vendor_name}");
         assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{vendor_name}");
     }
+}
+
+/// The two crates share no code, so each has the table.
+#[test]
+fn clients_know_every_fault_by_the_word_and_the_bit_that_the_drives_report() {
+    let reported = FAULTS.map(|fault| (fault.bit, fault.name, fault.sentence));
+    let known: Vec<_> =
+        Fault::ALL.iter().map(|fault| (fault.bit(), fault.name(), fault.sentence())).collect();
+    assert_eq!(known, reported);
 }
 
 /// No document names bit 20, and as the shape of a report it is unexpected: after a healthy motor's first reports, too.

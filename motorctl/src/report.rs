@@ -6,7 +6,6 @@ use motord_client::{
     Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
     RobotDescription, State,
 };
-use motord_protocol::Faults;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -67,9 +66,10 @@ struct JointReport {
     name: String,
     bus: String,
     mode: &'static str,
-    position_rad: f32,
-    velocity_rad_s: f32,
-    torque_nm: f32,
+    /// `null`, like velocity and torque, before the motor has reported it.
+    position_rad: Option<f32>,
+    velocity_rad_s: Option<f32>,
+    torque_nm: Option<f32>,
     /// `null` when the protocol does not report it.
     temperature_celsius: Option<f32>,
     faults: Vec<String>,
@@ -191,11 +191,11 @@ impl From<(&JointDescription, Joint)> for JointReport {
             name: description.name.clone(),
             bus: description.bus.clone(),
             mode: joint.mode.map_or(UNKNOWN, MotorMode::name),
-            position_rad: joint.position,
-            velocity_rad_s: joint.velocity,
-            torque_nm: joint.torque,
+            position_rad: joint.position(),
+            velocity_rad_s: joint.velocity(),
+            torque_nm: joint.torque(),
             temperature_celsius: joint.temperature,
-            faults: fault_names(joint.fault),
+            faults: joint.faults.names().collect(),
             limits: joint.limits.iter().map(motord_client::Limit::name).collect(),
             valid: joint.valid,
             age_cycles: joint.age_cycles,
@@ -225,14 +225,6 @@ impl From<(&String, Bus)> for BusReport {
             lost,
         }
     }
-}
-
-/// The names of a motor's fault bits; bits that no document names as a number.
-fn fault_names(bits: u32) -> Vec<String> {
-    let faults = Faults(bits);
-    let unknown = faults.unknown();
-    let names = faults.named().map(|fault| fault.name.to_owned());
-    names.chain((unknown != 0).then(|| format!("{unknown:#x}"))).collect()
 }
 
 fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -> io::Result<()> {
@@ -274,15 +266,14 @@ fn joint_table(joints: &[JointReport]) -> Table {
         "limits",
     ]);
     for joint in joints {
-        // A value that was never reported is not 0 rad.
-        let known = |value: f32, digits| Cell::number(joint.valid.then_some(f64::from(value)), digits);
+        let known = |value: Option<f32>, digits| Cell::number(value.map(f64::from), digits);
         table.row(vec![
             Cell::plain(&joint.name),
             Cell::new(joint.mode, mode_colour(joint.mode)),
             known(joint.position_rad, 3),
             known(joint.velocity_rad_s, 2),
             known(joint.torque_nm, 2),
-            Cell::number(joint.temperature_celsius.map(f64::from), 0),
+            known(joint.temperature_celsius, 0),
             Cell::counter(joint.age_cycles),
             Cell::counter(joint.missed),
             Cell::counter(joint.late),
@@ -330,16 +321,4 @@ fn bus_table(buses: &[BusReport]) -> Table {
         table.row(row);
     }
     table
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_fault_bit_is_named_or_numbered() {
-        assert_eq!(fault_names(0), Vec::<String>::new());
-        assert_eq!(fault_names(0x0A), ["over-voltage", "over-temperature"]);
-        assert_eq!(fault_names(0x1_0021), ["foc-frequency", "0x10020"]);
-    }
 }

@@ -73,8 +73,10 @@ fn controller_process() {
     let client = Client::connect_in(Path::new(&runtime), "demo").unwrap();
     let mut claim = client.claim("legs").unwrap();
     let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
-    let hold: Vec<_> =
-        state.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 40.0, 1.0, 0.0)).collect();
+    let hold: Vec<_> = state
+        .joints()
+        .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 40.0, 1.0, 0.0))
+        .collect();
     claim.send(&hold).unwrap();
     claim.enable().unwrap();
     loop {
@@ -96,8 +98,8 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
     });
     controller.0.kill().unwrap();
 
-    let timeout = Duration::from_secs_f64(client.description().setpoint_timeout);
-    let period = Duration::from_secs_f64(1.0 / client.description().rate_hz);
+    let timeout = client.description().setpoint_timeout;
+    let period = client.description().period();
     let mut before = (0, Duration::ZERO);
     let damped = until("damping", || {
         let state = client.wait(Duration::from_secs(1)).unwrap();
@@ -124,8 +126,10 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
     });
     let mut claim = client.claim("legs").unwrap();
     let state = until("a state", || client.wait(Duration::from_secs(1)).ok());
-    let hold: Vec<_> =
-        state.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 40.0, 1.0, 0.0)).collect();
+    let hold: Vec<_> = state
+        .joints()
+        .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 40.0, 1.0, 0.0))
+        .collect();
     claim.send(&hold).unwrap();
     let refused = claim.enable().unwrap_err();
     assert!(matches!(refused, Error::Refused { .. }), "{refused}");

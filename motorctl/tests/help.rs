@@ -174,8 +174,10 @@ fn hold(runtime: &Path, end: &AtomicBool) {
     let mut claim = client.claim("legs").unwrap();
     while !end.load(Ordering::Relaxed) {
         let Ok(state) = client.wait(Duration::from_secs(1)) else { continue };
-        let hold: Vec<_> =
-            state.joints().map(|joint| Setpoint::impedance(joint.position, 0.0, 5.0, 0.5, 0.0)).collect();
+        let hold: Vec<_> = state
+            .joints()
+            .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 5.0, 0.5, 0.0))
+            .collect();
         let _taken_away = claim.send(&hold);
     }
 }

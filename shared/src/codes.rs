@@ -106,6 +106,71 @@ codes! {
     }
 }
 
+impl Cause {
+    /// The next step of a person after a stop for this cause, as a sentence without its full stop. A reset comes after it.
+    #[must_use]
+    pub const fn advice(self) -> &'static str {
+        match self {
+            Self::SetpointTimeout | Self::OwnerLost => "Start the controller again",
+            Self::EmergencyStop => "Make sure that the robot may move safely",
+            Self::MotorLost => "Check the motor's power, its CAN cable and its id",
+            Self::MotorFault => {
+                "Find the faults in `motorctl status`, remove their cause, and run `motorctl fault clear JOINT`"
+            }
+            Self::TimeBase | Self::Overload => {
+                "Reduce the other load of the computer, or give the cycle a processor of its own"
+            }
+            Self::BusOff => "Check the wiring, the termination and the bit rate of the bus",
+            Self::BusGone => "Plug in the adapter, and bring the interface up",
+            Self::TransmitStall => {
+                "Check that a motor on the bus has power: a CAN frame must be acknowledged by another node"
+            }
+            Self::Implausible | Self::EncoderStuck => "Check the motor's encoder and cable",
+            Self::Overspeed | Self::FollowingError => {
+                "Check the controller's setpoints and that the joint moves freely"
+            }
+            Self::DuplicateId => "Connect the motors of the bus one at a time, and give each its own id",
+            Self::OverTemperature => "Let the motor cool down",
+            Self::Shutdown => "Start the daemon again",
+            Self::StartFailed => "Check the motor's power, and that it uses the configured protocol",
+            Self::Suspended => "Disable suspension of the computer",
+            Self::MotorOff => "Check the motor's supply: it may have started anew",
+            Self::RangeEnd => "Turn the joint by hand to the middle of its range",
+        }
+    }
+}
+
+codes! {
+    /// A fault that a motor reports, in words that all vendors share; the number is its bit in `JointState::fault`. The words
+    /// and their bits are those of `motord_protocol::FAULTS`.
+    Fault {
+        FocFrequency = 0 "foc-frequency" "The current loop could not keep its rate (FOC frequency too high).",
+        OverVoltage = 1 "over-voltage" "The bus voltage is above the driver's threshold.",
+        UnderVoltage = 2 "under-voltage" "The bus voltage is below the driver's threshold.",
+        OverTemperature = 3 "over-temperature" "The motor or its driver is hotter than the driver's threshold.",
+        StartFailure = 4 "start-failure" "The motor could not be started.",
+        OverCurrent = 6 "over-current" "The current was above what the driver allows.",
+        Software = 7 "software" "The driver's software met a condition it could not handle.",
+        DriverOverTemperature = 8 "driver-over-temperature" "The driver's transistors are hotter than its threshold.",
+        MotorOverTemperature = 9 "motor-over-temperature" "The motor's winding is hotter than the driver's threshold.",
+        HostSilent = 10 "host-silent" "The driver received no command for longer than its timeout.",
+        Overload = 11 "overload" "The motor was overloaded or stalled for too long.",
+        DriverChip = 12 "driver-chip" "The driver's gate driver chip reports a fault.",
+        Encoder = 13 "encoder" "The encoder is not calibrated, or does not work.",
+        Hardware = 14 "hardware" "The driver does not recognise its own hardware.",
+        Position = 15 "position" "The driver could not find the motor's position at its start.",
+        Unrecognised = 23 "unrecognised" "The motor reports a fault that is in no document: look at the number in the highest byte.",
+    }
+}
+
+impl Fault {
+    /// The bit of this fault in `JointState::fault`.
+    #[must_use]
+    pub const fn bit(self) -> u32 {
+        1 << self.code()
+    }
+}
+
 codes! {
     /// The operation of an administrative request.
     Operation {
@@ -213,6 +278,37 @@ impl Refusal {
             | Self::ShuttingDown
             | Self::NoLease
             | Self::Malformed => Detail::Nothing,
+        }
+    }
+
+    /// Whether the same request may be granted later although nobody removes a latched cause, a fault or a mistake: power
+    /// comes, a bus works again, an owner leaves, the daemon's successor starts.
+    #[must_use]
+    pub const fn is_transient(self) -> bool {
+        match self {
+            Self::Owned
+            | Self::NotOwner
+            | Self::MotorOffline
+            | Self::StateStale
+            | Self::NoSetpoint
+            | Self::NotDisarmed
+            | Self::NotNeutral
+            | Self::BusDown
+            | Self::Busy
+            | Self::NotConfirmed
+            | Self::ShuttingDown
+            | Self::Moving => true,
+            Self::UnknownOperation
+            | Self::UnknownGroup
+            | Self::UnknownJoint
+            | Self::NoOwner
+            | Self::Latched
+            | Self::EmergencyStopActive
+            | Self::MotorFault
+            | Self::SetpointTooFar
+            | Self::NoLease
+            | Self::Malformed
+            | Self::DuplicateId => false,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The description of the robot and the telemetry of the daemon, as text. It is JSON in the answer to an administrative
 //! request, so that fields can be added without a new layout.
 
+use core::time::Duration;
 use serde::{Deserialize, Serialize};
 
 /// The robot: names and limits, in the order of the configuration.
@@ -17,8 +18,9 @@ pub struct RobotDescription {
     pub boot_id: u64,
     /// Cycles per second.
     pub rate_hz: f64,
-    /// A group's owner must send setpoints at least this often, s.
-    pub setpoint_timeout: f64,
+    /// A group's owner must send setpoints at least this often. In JSON a number, s.
+    #[serde(with = "seconds")]
+    pub setpoint_timeout: Duration,
     /// Joints.
     pub joints: Vec<JointDescription>,
     /// Groups.
@@ -28,6 +30,14 @@ pub struct RobotDescription {
     /// Half the longest wire time of a command and its reply, stuffing bits included, s, in the order of `buses`: a frame
     /// takes at most so long on average. 0 for a bus without motors.
     pub frame_times: Vec<f64>,
+}
+
+impl RobotDescription {
+    /// Time from tick to tick; zero where no rate is described.
+    #[must_use]
+    pub fn period(&self) -> Duration {
+        Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or_default()
+    }
 }
 
 /// A joint and its limits, joint side.
@@ -42,6 +52,15 @@ pub struct JointDescription {
     pub protocol: String,
     /// The model of its motor.
     pub model: String,
+    /// The bounds of its setpoints. In JSON they stand beside the names.
+    #[serde(flatten)]
+    pub limits: JointLimits,
+}
+
+/// The bounds of a joint's setpoints, joint side.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct JointLimits {
     /// Lowest and highest position, rad.
     pub position: [f32; 2],
     /// Largest speed, rad/s.
@@ -52,6 +71,15 @@ pub struct JointDescription {
     pub kp: f32,
     /// Largest damping, N·m·s/rad.
     pub kd: f32,
+}
+
+impl JointLimits {
+    /// The position, rad, that is nearest to `position` within the limits.
+    #[must_use]
+    pub fn clamp_position(&self, position: f32) -> f32 {
+        let [lower, upper] = self.position;
+        position.max(lower).min(upper)
+    }
 }
 
 /// A group and its joints.
@@ -129,4 +157,57 @@ pub struct Percentiles {
     pub p99_9: f64,
     /// The largest.
     pub max: f64,
+}
+
+/// Durations as seconds.
+mod seconds {
+    use core::time::Duration;
+    use serde::{Deserialize as _, Deserializer, Serializer, de};
+
+    pub(super) fn serialize<S: Serializer>(duration: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_f64(duration.as_secs_f64())
+    }
+
+    pub(super) fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Duration, D::Error> {
+        Duration::try_from_secs_f64(f64::deserialize(deserializer)?).map_err(de::Error::custom)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn described(text: &str) -> Result<RobotDescription, serde_json::Error> {
+        serde_json::from_str(text)
+    }
+
+    #[test]
+    fn limits_stand_beside_the_names_of_a_joint_and_durations_are_seconds() {
+        let text = r#"{"rate_hz":500.0,"setpoint_timeout":0.02,"joints":[{"name":"hip","position":[-1.0,1.5],"kd":5.0}]}"#;
+        let robot = described(text).unwrap();
+        assert_eq!(
+            (robot.setpoint_timeout, robot.period()),
+            (Duration::from_millis(20), Duration::from_millis(2))
+        );
+        assert_eq!(
+            robot.joints[0].limits,
+            JointLimits { position: [-1.0, 1.5], kd: 5.0, ..JointLimits::default() }
+        );
+        let back: serde_json::Value = serde_json::to_value(&robot).unwrap();
+        assert_eq!((&back["setpoint_timeout"], &back["joints"][0]["kd"]), (&0.02.into(), &5.0.into()));
+    }
+
+    #[test]
+    fn a_time_that_is_none_is_refused_and_a_rate_that_is_none_has_no_period() {
+        for time in ["-1.0", "1e300", "null", "\"1\""] {
+            assert!(described(&format!(r#"{{"setpoint_timeout":{time}}}"#)).is_err(), "{time}");
+        }
+        for rate_hz in ["0.0", "-5.0", "1e-300"] {
+            assert_eq!(
+                described(&format!(r#"{{"rate_hz":{rate_hz}}}"#)).unwrap().period(),
+                Duration::ZERO,
+                "{rate_hz}"
+            );
+        }
+    }
 }

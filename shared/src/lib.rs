@@ -34,7 +34,9 @@ mod reserved_space;
 #[cfg(feature = "ports")]
 pub mod service;
 
-pub use codes::{BusCondition, Cause, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode};
+pub use codes::{
+    BusCondition, Cause, Fault, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
+};
 #[cfg(feature = "ports")]
 pub use instance::{Instance, InstanceError, InstanceLock};
 pub use lease::Lease;

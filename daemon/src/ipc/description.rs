@@ -2,7 +2,7 @@
 
 use motord_core::plan::BusPlan;
 use motord_core::settings::Settings;
-use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
+use motord_shared::description::{GroupDescription, JointDescription, JointLimits, RobotDescription};
 
 /// Names and limits, in the order of the configuration.
 #[must_use]
@@ -12,11 +12,13 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         bus: settings.buses[motor.bus].name.clone(),
         protocol: motor.protocol.name().to_owned(),
         model: motor.model.clone(),
-        position: motor.limits.position,
-        velocity: motor.limits.velocity,
-        torque: motor.limits.torque,
-        kp: motor.limits.kp,
-        kd: motor.limits.kd,
+        limits: JointLimits {
+            position: motor.limits.position,
+            velocity: motor.limits.velocity,
+            torque: motor.limits.torque,
+            kp: motor.limits.kp,
+            kd: motor.limits.kd,
+        },
     });
     let groups = settings
         .groups
@@ -28,7 +30,7 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         pid: std::process::id(),
         boot_id,
         rate_hz: settings.cycle.rate_hz,
-        setpoint_timeout: settings.safety.setpoint_timeout.as_secs_f64(),
+        setpoint_timeout: settings.safety.setpoint_timeout,
         joints: joints.collect(),
         groups: groups.collect(),
         buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),

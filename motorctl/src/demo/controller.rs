@@ -168,7 +168,7 @@ impl Controller {
 
     fn measure_origins(&mut self, state: &State) {
         for (origin, &joint) in self.origins.iter_mut().zip(self.claim.joints()) {
-            *origin = state.joint(joint).map_or(*origin, |joint| joint.position);
+            *origin = state.joint(joint).and_then(|joint| joint.position()).unwrap_or(*origin);
         }
     }
 
@@ -187,8 +187,9 @@ impl Controller {
             return;
         }
         for &index in self.claim.joints() {
-            if let Some(joint) = state.joint(index).filter(|joint| joint.fresh) {
-                self.tracking[index].count(joint.position, joint.applied.position);
+            let joint = state.joint(index).filter(|joint| joint.fresh);
+            if let Some((joint, position)) = joint.and_then(|joint| Some((joint, joint.position()?))) {
+                self.tracking[index].count(position, joint.applied.position);
             }
         }
     }
