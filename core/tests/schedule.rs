@@ -1,0 +1,87 @@
+//! The rounds of safe frames that one bus is owed.
+
+use motord_bus::{Duration, Instant};
+use motord_core::stopper::schedule::{Order, Schedule};
+
+/// Between two tries on a bus that refuses for longer than the damping.
+const RETRY: Duration = Duration::from_millis(100);
+const DAMP: Duration = Duration::from_millis(100);
+const BEGIN: Instant = Instant::from_nanos(1_000_000_000);
+
+/// The rounds that the bus was given, in ms since the begin, when it takes those of which `takes` is true.
+fn given(millis: u64, takes: impl Fn(u64) -> bool) -> Vec<(u64, Order)> {
+    let mut schedule = Schedule::begin(DAMP, BEGIN);
+    let mut given = Vec::new();
+    for at in 0..millis {
+        let now = BEGIN + Duration::from_millis(at);
+        let Some(order) = schedule.order(now) else { continue };
+        given.push((at, order));
+        schedule.record(takes(at), now);
+    }
+    given
+}
+
+/// Damping at 100 Hz from `begin` on, then the stops.
+fn whole_from(begin: u64) -> Vec<(u64, Order)> {
+    let at = |round: u64| begin + 10 * round;
+    (0..10)
+        .map(|round| (at(round), Order::Damp))
+        .chain((10..13).map(|round| (at(round), Order::Stop)))
+        .collect()
+}
+
+#[test]
+fn a_bus_that_takes_everything_is_damped_for_as_long_as_asked_then_stopped_and_left_alone() {
+    assert_eq!(given(1000, |_| true), whole_from(0));
+}
+
+#[test]
+fn a_bus_that_comes_back_late_gets_the_whole_of_it_at_the_full_rate() {
+    let given = given(5000, |at| at >= 3000);
+    let (refused, taken) = given.split_at(given.len() - 13);
+    assert_eq!(taken, whole_from(3000));
+    assert!(refused.iter().all(|(_, order)| *order == Order::Damp), "{refused:?}");
+    assert_eq!(refused.len(), 10 + 29, "100 Hz for as long as the damping, then 10 Hz");
+}
+
+#[test]
+fn a_bus_that_is_jammed_with_two_rounds_in_its_queue_is_owed_the_rest() {
+    let was_taken = |at| !(20..3000).contains(&at);
+    let given = given(5000, was_taken);
+    let (late, first): (Vec<_>, Vec<_>) =
+        given.into_iter().filter(|(at, _)| was_taken(*at)).partition(|(at, _)| *at >= 3000);
+    assert_eq!(first, [(0, Order::Damp), (10, Order::Damp)]);
+    let late: Vec<_> = late.into_iter().map(|(_, order)| order).collect();
+    assert_eq!(late, [[Order::Damp; 8].as_slice(), &[Order::Stop; 3]].concat());
+}
+
+#[test]
+fn a_bus_that_goes_away_while_it_is_stopped_gets_its_stops_later() {
+    let given = given(5000, |at| at <= 100 || at >= 3000);
+    let later: Vec<_> = given.iter().filter(|(at, _)| *at >= 3000).map(|(_, order)| *order).collect();
+    assert_eq!(later, [Order::Stop; 2]);
+}
+
+#[test]
+fn a_bus_that_never_takes_anything_is_tried_for_ever() {
+    let given = given(100_000, |_| false);
+    assert_eq!(given.last(), Some(&(99_900, Order::Damp)));
+}
+
+#[test]
+fn a_schedule_that_was_stalled_sends_no_burst() {
+    let mut schedule = Schedule::begin(DAMP, BEGIN);
+    schedule.record(true, BEGIN);
+    let late = BEGIN + Duration::from_millis(35);
+    assert_eq!(schedule.order(late), Some(Order::Damp));
+    schedule.record(true, late);
+    assert_eq!(schedule.due(), Some(BEGIN + Duration::from_millis(40)), "the rounds keep their ticks");
+}
+
+#[test]
+fn without_a_damping_time_there_are_only_stops() {
+    let mut schedule = Schedule::begin(Duration::ZERO, BEGIN);
+    assert_eq!(schedule.order(BEGIN), Some(Order::Stop));
+    schedule.record(false, BEGIN);
+    assert_eq!(schedule.order(BEGIN + RETRY), Some(Order::Stop));
+}
