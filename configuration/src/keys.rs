@@ -124,6 +124,11 @@ sections! {
         // GIM document 3.1.1: 921600 8N1.
         "baud" baud: i64, "bit/s" = is(921_600).within(9_600.0, 4_000_000.0),
             "8N1; for `serial`.";
+        // An adapter on USB hands bytes over once in a millisecond at best.
+        "turnaround-us" turnaround_us: f64, "µs" = is(500.0).within(0.0, 100_000.0),
+            "The longest time from the end of a request to the beginning of its reply, as the computer sees it; for `serial`. USB adapters: 1500, or what `motorctl ping` measures. A later reply is late, and the next request may be refused.";
+        "every" every: i64, "cycles" = is(1).within(1.0, 100.0),
+            "The motors of this bus take turns: each gets a command once in so many cycles, and its replies, misses and age count in its own turns. A serial bus has one request at a time, so it needs a number of cycles for each motor, and one turn more for the questions about faults; `check` says the least. A stop reaches a motor at its next turn.";
         "seed" seed: Option<i64>, "" = follows("from the name"),
             "Seed of all that is random; for `simulated`.";
     }

@@ -152,6 +152,16 @@ pub enum Wrong {
     )]
     FaultPollTight { percent: f64 },
 
+    #[error(
+        "{turns} turns of {turn_us:.0} µs do not fit into {every} cycles of this serial bus; give it every = {least} or more"
+    )]
+    TurnsOverlap { turns: usize, turn_us: f64, every: u32, least: u32 },
+    #[error(
+        "a motor gets a command every {round_ms:.0} ms and needs {turns} to start, more than safety.start-timeout-ms \
+         {start_ms:.0}; lower `every`, or raise the timeout"
+    )]
+    SlowStart { turns: u32, round_ms: f64, start_ms: f64 },
+
     // Motors.
     #[error("there is no bus {0:?}; {1}")]
     UnknownBus(String, String),

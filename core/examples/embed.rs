@@ -127,6 +127,7 @@ fn settings() -> Settings {
         buses: vec![BusSettings {
             name: "leg".into(),
             kind: BusKind::Simulated { bitrate: 1_000_000, seed: 7 },
+            every: 1,
         }],
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),
         groups: vec![GroupSettings { name: "all".into(), motors: vec![0, 1, 2], safe_stop: SafeStop::Damp }],

@@ -1,28 +1,32 @@
 //! The bus plan: how much of a cycle each bus needs for the motors on it.
 //!
-//! Every motor is asked once in every cycle, and at most one motor of a bus is asked for its faults besides. On CAN a
+//! On CAN every motor is asked once in `every` cycles, and at most one motor of a bus is asked for its faults besides. A
 //! frame's length depends on its bits: the worst case says what must fit, the length without stuffing bits what a reply
 //! cannot be faster than.
+//!
+//! On a serial line one request is open at a time. A turn lasts for a request, the turnaround and the reply, in whole
+//! cycles: the reply is read when a cycle begins.
 
 use motord_bus::Duration;
 use motord_bus::arithmetic::{SERIAL_FRAME_BITS, utilisation, wire_time};
 
 use crate::drive;
-use crate::settings::{BusKind, BusSettings, MotorSettings, Settings};
+use crate::settings::{BusKind, MotorSettings, Settings};
 
 /// Above this fraction of the worst case a bus has too little left for retransmissions and faults: worth a warning.
 pub const WORST_CASE_SOUND: f64 = 0.8;
 
-/// The load of one bus in a cycle. Utilisations are fractions of a cycle: 1.0 leaves no gap.
+/// The load of one bus. Utilisations of a CAN bus are fractions of its fullest cycle: 1.0 leaves no gap. Those of a serial
+/// line are fractions of the time in which each motor has one turn.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BusPlan {
     /// Number of its motors.
     pub motors: usize,
-    /// Commands and replies of all its motors, every stuffing bit included.
+    /// Commands and replies of all its motors, every stuffing bit included; on a line with the turnarounds.
     pub worst_case_utilisation: f64,
-    /// The same frames without stuffing bits.
+    /// The same frames without stuffing bits and turnarounds.
     pub unstuffed_utilisation: f64,
-    /// The worst case of a cycle in which one motor is asked for its faults too.
+    /// The worst case with one motor that is asked for its faults too.
     pub fault_poll_utilisation: f64,
     /// Wire time of the frames of a cycle without stuffing bits: the last reply cannot be complete before.
     pub expected: Duration,
@@ -30,33 +34,72 @@ pub struct BusPlan {
     pub transaction_least: Duration,
     /// Most wire time of one command and its reply.
     pub transaction_worst: Duration,
+    /// The least `every` with which the turns of a line do not overlap; 1 on CAN.
+    pub every_least: u32,
 }
 
 impl BusPlan {
     /// The plan of every bus, in the order of `settings.buses`.
     #[must_use]
     pub fn of(settings: &Settings) -> Vec<Self> {
-        let plan = |(index, bus): (usize, &BusSettings)| {
-            let motors = settings.motors.iter().filter(|motor| motor.bus == index);
-            let transactions: Vec<_> = motors.map(|motor| TransactionBits::of(motor, &bus.kind)).collect();
-            Self::of_bus(&transactions, bus.kind.bitrate(), settings.cycle.rate_hz)
+        let plan = |bus: usize| match settings.buses[bus].kind {
+            BusKind::Serial { baud, turnaround, .. } => Self::of_line(settings, bus, baud, turnaround),
+            BusKind::SocketCan { bitrate, .. } | BusKind::Simulated { bitrate, .. } => {
+                Self::of_can(settings, bus, bitrate)
+            }
         };
-        settings.buses.iter().enumerate().map(plan).collect()
+        (0..settings.buses.len()).map(plan).collect()
     }
 
-    fn of_bus(transactions: &[TransactionBits], bitrate: u32, rate_hz: f64) -> Self {
-        let worst_case: u32 = transactions.iter().map(|transaction| transaction.worst_case).sum();
-        let unstuffed: u32 = transactions.iter().map(|transaction| transaction.unstuffed).sum();
-        let fault_poll = transactions.iter().map(|transaction| transaction.worst_case).max().unwrap_or(0);
-        let least = transactions.iter().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
+    fn of_can(settings: &Settings, bus: usize, bitrate: u32) -> Self {
+        let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
+        let turns: Vec<_> = motors
+            .enumerate()
+            .map(|(place, motor)| (settings.slot(bus, place), TransactionBits::of(motor)))
+            .collect();
+        Self::of_turns(&turns, bitrate, settings.cycle.rate_hz)
+    }
+
+    /// Of transactions with their slots.
+    fn of_turns(turns: &[(u32, TransactionBits)], bitrate: u32, rate_hz: f64) -> Self {
+        let transactions = || turns.iter().map(|(_, transaction)| transaction);
+        let fullest = |bits: fn(&TransactionBits) -> u32| {
+            let in_slot = |slot| turns.iter().filter(move |(other, _)| *other == slot);
+            let load = |slot| in_slot(slot).map(|(_, transaction)| bits(transaction)).sum();
+            turns.iter().map(|(slot, _)| load(*slot)).max().unwrap_or(0)
+        };
+        let (worst_case, unstuffed) = (fullest(|it| it.worst_case), fullest(|it| it.unstuffed));
+        let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
+        let least = transactions().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
         Self {
-            motors: transactions.len(),
+            motors: turns.len(),
             worst_case_utilisation: utilisation(worst_case, rate_hz, bitrate),
             unstuffed_utilisation: utilisation(unstuffed, rate_hz, bitrate),
             fault_poll_utilisation: utilisation(worst_case + fault_poll, rate_hz, bitrate),
             expected: wire_time(unstuffed, bitrate),
             transaction_least: wire_time(least, bitrate),
             transaction_worst: wire_time(fault_poll, bitrate),
+            every_least: 1,
+        }
+    }
+
+    fn of_line(settings: &Settings, bus: usize, baud: u32, turnaround: Duration) -> Self {
+        let motors = settings.motors.iter().filter(|motor| motor.bus == bus).count();
+        let (turns, period) = (settings.turns(bus), settings.cycle.period);
+        let wire = wire_time(2 * SERIAL_FRAME_BITS, baud);
+        let turn = wire + turnaround;
+        let round = f64::from(settings.buses[bus].every) * period.as_secs_f64();
+        let share = |count: usize, time: Duration| count as f64 * time.as_secs_f64() / round;
+        let cycles = turn.as_nanos().div_ceil(period.as_nanos());
+        Self {
+            motors,
+            worst_case_utilisation: share(motors, turn),
+            unstuffed_utilisation: share(motors, wire),
+            fault_poll_utilisation: share(turns, turn),
+            expected: turn,
+            transaction_least: wire,
+            transaction_worst: turn,
+            every_least: u32::try_from(cycles * turns as u128).unwrap_or(u32::MAX).max(1),
         }
     }
 }
@@ -68,11 +111,7 @@ struct TransactionBits {
 }
 
 impl TransactionBits {
-    fn of(motor: &MotorSettings, bus: &BusKind) -> Self {
-        if matches!(bus, BusKind::Serial { .. }) {
-            // A serial line stuffs nothing.
-            return Self { worst_case: 2 * SERIAL_FRAME_BITS, unstuffed: 2 * SERIAL_FRAME_BITS };
-        }
+    fn of(motor: &MotorSettings) -> Self {
         let transaction = drive::transaction(motor);
         Self { worst_case: transaction.worst_case_bits(), unstuffed: transaction.unstuffed_bits() }
     }
@@ -82,11 +121,13 @@ impl TransactionBits {
 mod tests {
     use super::*;
 
-    const MIT: TransactionBits = TransactionBits { worst_case: 250, unstuffed: 206 };
+    const fn mit(slot: u32) -> (u32, TransactionBits) {
+        (slot, TransactionBits { worst_case: 250, unstuffed: 206 })
+    }
 
     #[test]
     fn three_mit_motors_fill_a_bus_only_in_a_cycle_with_a_fault_poll() {
-        let plan = BusPlan::of_bus(&[MIT, MIT, MIT], 1_000_000, 1000.0);
+        let plan = BusPlan::of_turns(&[mit(0), mit(0), mit(0)], 1_000_000, 1000.0);
         assert_eq!((plan.worst_case_utilisation, plan.unstuffed_utilisation), (0.75, 0.618));
         assert_eq!(plan.fault_poll_utilisation, 1.0);
         assert_eq!(plan.expected, Duration::from_micros(618));
@@ -94,7 +135,14 @@ mod tests {
 
     #[test]
     fn a_bus_without_motors_needs_nothing() {
-        let plan = BusPlan::of_bus(&[], 1_000_000, 1000.0);
+        let plan = BusPlan::of_turns(&[], 1_000_000, 1000.0);
         assert_eq!((plan.fault_poll_utilisation, plan.expected), (0.0, Duration::ZERO));
+    }
+
+    #[test]
+    fn motors_that_take_turns_need_the_bus_in_their_own_cycles_only() {
+        let plan = BusPlan::of_turns(&[mit(0), mit(1), mit(0), mit(1)], 1_000_000, 1000.0);
+        assert_eq!((plan.motors, plan.worst_case_utilisation), (4, 0.5));
+        assert_eq!(plan.fault_poll_utilisation, 0.75);
     }
 }

@@ -24,6 +24,24 @@ pub struct Settings {
     pub groups: Vec<GroupSettings>,
 }
 
+impl Settings {
+    /// Turns of a bus until each of its motors has had one. A serial line has one more, for questions about faults;
+    /// elsewhere these take no turn.
+    #[must_use]
+    pub fn turns(&self, bus: usize) -> usize {
+        let motors = self.motors.iter().filter(|motor| motor.bus == bus).count();
+        let asks = self.safety.fault_poll_hz > 0.0;
+        motors + usize::from(asks && self.buses[bus].is_line())
+    }
+
+    /// Which of the `every` cycles of a bus has its turn number `turn`: the turns are spread evenly. Below `every`.
+    #[must_use]
+    pub fn slot(&self, bus: usize, turn: usize) -> u32 {
+        let every = self.buses[bus].every;
+        (turn * every as usize / self.turns(bus).max(1)) as u32
+    }
+}
+
 /// `[cycle]`.
 #[derive(Debug, Clone)]
 pub struct CycleSettings {
@@ -125,6 +143,16 @@ pub struct BusSettings {
     pub name: String,
     /// Its kind.
     pub kind: BusKind,
+    /// Its motors take turns: each gets a command once in so many cycles, at least 1.
+    pub every: u32,
+}
+
+impl BusSettings {
+    /// RS485 or RS232: one request at a time, and its reply may come in a later cycle.
+    #[must_use]
+    pub const fn is_line(&self) -> bool {
+        matches!(self.kind, BusKind::Serial { .. })
+    }
 }
 
 impl BusSettings {
@@ -155,6 +183,8 @@ pub enum BusKind {
         device: String,
         /// Bit/s.
         baud: u32,
+        /// The longest time from the end of a request to the beginning of its reply, the host's adapter included.
+        turnaround: Duration,
     },
     /// Simulated motors on a simulated CAN bus, inside the daemon.
     Simulated {
@@ -283,6 +313,14 @@ pub struct DriveConstants {
     pub gear_ratio: f64,
     /// Pairs of poles of the rotor (ConfID 0x00), of the model.
     pub pole_pairs: u8,
+}
+
+impl MotorSettings {
+    /// The id of commands to it.
+    #[must_use]
+    pub fn command_id(&self) -> FrameId {
+        FrameId::new(u16::from(self.id)).unwrap_or(FrameId::MAX)
+    }
 }
 
 /// `[motor.limits]`, joint side.

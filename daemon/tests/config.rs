@@ -287,12 +287,20 @@ const REFUSED: &[Case] = &[
 ];
 
 /// The serial bus of [`with_serial`], and what must be reported of it besides that it is not driven.
-const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\n";
+const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\nevery = 2\n";
 const SERIAL: &[Case] = &[
     ("device = '/dev/null'", "", "bus.device", "is missing"),
     ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
     ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
-    ("name = 'gripper'", "name = 'gripper'\nbaud = 115200", "bus", "need 208.3 % of this bus"),
+    (
+        "every = 2",
+        "every = 1 #!",
+        "bus.every",
+        "2 turns of 760 µs do not fit into 1 cycles of this serial bus; give it every = 2",
+    ),
+    ("every = 2", "every = 2 #!\nbaud = 115200", "bus.every", "give it every = 6"),
+    ("every = 2", "every = 2 #!\nturnaround-us = 1500", "bus.every", "give it every = 4"),
+    ("every = 2", "every = 70 #!", "bus.every", "needs 15 to start"),
     (
         "[[bus]]\nname = 'gripper'",
         "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/null'\n[[bus]]\nname = 'gripper'",
@@ -770,7 +778,7 @@ fn the_plan_of_the_simulated_quadruped_is_three_quarters_of_each_bus() {
     let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
     let bus = |name| {
         serde_json::json!({
-            "name": name, "motors": 3, "rate_hz": 1000.0, "worst_case_utilisation": 0.75,
+            "name": name, "motors": 3, "rate_hz": 1000.0, "every": 1, "worst_case_utilisation": 0.75,
             "unstuffed_utilisation": 0.618, "fault_poll_utilisation": 1.0,
         })
     };

@@ -6,7 +6,8 @@ use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 
-use crate::entry::{Entry, Item};
+use super::micros;
+use crate::entry::{At, Entry, Item};
 use crate::findings::Findings;
 use crate::fnv1a;
 use crate::keys::Bus;
@@ -15,6 +16,8 @@ use crate::value::{BusType, Choice};
 
 /// Where the kernel lists its network interfaces.
 const INTERFACES: &str = "/sys/class/net";
+/// A motor that starts gets so many commands: neutral ones, the start, and some more until it has answered.
+const START_TURNS: u32 = 15;
 /// `IFNAMSIZ` of Linux without the closing zero.
 const INTERFACE_BYTES_MAX: usize = 15;
 
@@ -30,7 +33,7 @@ pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Opt
 
 fn bus(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusSettings> {
     let (name, kind) = (findings.name(&keys.name), kind(keys, findings));
-    Some(BusSettings { name: name?, kind: kind? })
+    Some(BusSettings { name: name?, kind: kind?, every: keys.every.value as u32 })
 }
 
 fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
@@ -51,7 +54,8 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
             let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
             let device = required(&keys.device, hint, findings)?;
             let baud = keys.baud.value as u32;
-            Some(BusKind::Serial { device: self::device(device, &keys.device, findings)?, baud })
+            let turnaround = micros(keys.turnaround_us.value);
+            Some(BusKind::Serial { device: self::device(device, &keys.device, findings)?, baud, turnaround })
         }
         BusType::Simulated => {
             // Two buses of one file differ in their names, so their noise differs too.
@@ -77,11 +81,12 @@ fn required<'e>(
 /// A key of another type means that the type is wrong, or that the user expects an effect of the key.
 fn refuse_keys_of_other_types(kind: BusType, keys: &Bus, findings: &mut Findings<'_>) {
     use BusType::{Serial, Simulated, SocketCan};
-    let owners: [(bool, _, &[BusType]); 5] = [
+    let owners: [(bool, _, &[BusType]); 6] = [
         (keys.interface.is_written, keys.interface.at, &[SocketCan]),
         (keys.bitrate.is_written, keys.bitrate.at, &[SocketCan, Simulated]),
         (keys.device.is_written, keys.device.at, &[Serial]),
         (keys.baud.is_written, keys.baud.at, &[Serial]),
+        (keys.turnaround_us.is_written, keys.turnaround_us.at, &[Serial]),
         (keys.seed.is_written, keys.seed.at, &[Simulated]),
     ];
     for (is_written, at, kinds) in owners {
@@ -118,23 +123,52 @@ fn device(path: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>
     Some(path.to_owned())
 }
 
-/// Whether every bus has room for its motors in a cycle.
+/// Whether every bus has room for its motors.
 pub(super) fn judge_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
-    let rate_hz = settings.cycle.rate_hz;
-    for (plan, Item { at, .. }) in BusPlan::of(settings).iter().zip(items) {
-        let (motors, percent) = (plan.motors, 100.0 * plan.worst_case_utilisation);
-        if motors == 0 {
+    for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
+        if plan.motors == 0 {
             findings.warn(*at, Wrong::EmptyBus);
-        } else if plan.worst_case_utilisation > 1.0 {
-            let rate_hz_max = (rate_hz / plan.worst_case_utilisation).floor();
-            findings.error(*at, Wrong::Overloaded { motors, rate_hz, percent, rate_hz_max });
-        } else if plan.worst_case_utilisation > WORST_CASE_SOUND {
-            findings.warn(*at, Wrong::Tight { motors, rate_hz, percent });
+        } else if settings.buses[bus].is_line() {
+            judge_turns(keys, plan, settings, bus, findings);
+        } else {
+            judge_can(*at, plan, settings, findings);
         }
-        let polls = settings.safety.fault_poll_hz > 0.0;
-        if polls && plan.worst_case_utilisation <= 1.0 && plan.fault_poll_utilisation > 1.0 {
-            let percent = 100.0 * plan.fault_poll_utilisation;
-            findings.warn(*at, Wrong::FaultPollTight { percent });
-        }
+        judge_start(keys, settings, bus, findings);
+    }
+}
+
+fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
+    let rate_hz = settings.cycle.rate_hz;
+    let (motors, percent) = (plan.motors, 100.0 * plan.worst_case_utilisation);
+    if plan.worst_case_utilisation > 1.0 {
+        let rate_hz_max = (rate_hz / plan.worst_case_utilisation).floor();
+        findings.error(at, Wrong::Overloaded { motors, rate_hz, percent, rate_hz_max });
+    } else if plan.worst_case_utilisation > WORST_CASE_SOUND {
+        findings.warn(at, Wrong::Tight { motors, rate_hz, percent });
+    }
+    let polls = settings.safety.fault_poll_hz > 0.0;
+    if polls && plan.worst_case_utilisation <= 1.0 && plan.fault_poll_utilisation > 1.0 {
+        let percent = 100.0 * plan.fault_poll_utilisation;
+        findings.warn(at, Wrong::FaultPollTight { percent });
+    }
+}
+
+/// A line has one request at a time: the turns must not overlap.
+fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
+    let (every, least) = (settings.buses[bus].every, plan.every_least);
+    if every < least {
+        let turn_us = 1e6 * plan.transaction_worst.as_secs_f64();
+        let wrong = Wrong::TurnsOverlap { every, least, turns: settings.turns(bus), turn_us };
+        findings.error(keys.every.at, wrong);
+    }
+}
+
+/// A motor that takes turns starts within the time that it is given.
+fn judge_start(keys: &Bus, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
+    let round = settings.buses[bus].every * settings.cycle.period;
+    if settings.buses[bus].every > 1 && START_TURNS * round > settings.safety.start_timeout {
+        let [round_ms, start_ms] =
+            [round, settings.safety.start_timeout].map(|time| 1e3 * time.as_secs_f64());
+        findings.error(keys.every.at, Wrong::SlowStart { turns: START_TURNS, round_ms, start_ms });
     }
 }

@@ -1,5 +1,6 @@
 //! The abilities of one bus, as far as decisions depend on them.
 
+use super::motor::Turn;
 use motord_shared::{BusCondition, Cause};
 
 /// A bus that refused frames in this many cycles in a row is stalled.
@@ -13,11 +14,13 @@ pub(super) struct BusHealth {
     pub(super) joints: Vec<usize>,
     /// Place in `joints` of the one whose turn it is to be asked for its faults.
     pub(super) poll_next: usize,
+    /// On a line: when it is their turn.
+    pub(super) question_turn: Option<Turn>,
 }
 
 impl BusHealth {
-    pub(super) const fn new(joints: Vec<usize>) -> Self {
-        Self { condition: BusCondition::Active, stalled: 0, joints, poll_next: 0 }
+    pub(super) const fn new(joints: Vec<usize>, question_turn: Option<Turn>) -> Self {
+        Self { condition: BusCondition::Active, stalled: 0, joints, poll_next: 0, question_turn }
     }
 
     /// The cause that a moving group on this bus is stopped for, if there is one.

@@ -9,6 +9,8 @@ use motord_protocol::Faults;
 pub enum Command {
     /// Nothing: the motor is offline, and it is not time to probe it.
     Nothing,
+    /// Nothing: it is another motor's turn. The reply to the last command may still come.
+    Wait,
     /// Stop. A motor whose state confirms a stop also reports its state.
     Stop,
     /// Start.
@@ -29,7 +31,7 @@ impl Command {
     /// The motor answers with its state.
     #[must_use]
     pub const fn is_answered_by_state(&self) -> bool {
-        !matches!(self, Self::Nothing | Self::GetFault | Self::ClearFault)
+        !matches!(self, Self::Nothing | Self::Wait | Self::GetFault | Self::ClearFault)
     }
 }
 

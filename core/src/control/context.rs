@@ -10,7 +10,7 @@ use motord_bus::{Duration, Instant};
 #[derive(Debug)]
 pub(super) struct Context {
     pub(super) safety: SafetySettings,
-    period: Duration,
+    pub(super) period: Duration,
     pub(super) wake: Wake,
     /// The time of the call that is running.
     pub(super) now: Instant,

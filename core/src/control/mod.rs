@@ -31,7 +31,7 @@ use admin::Leases;
 use bus_health::BusHealth;
 use context::Context;
 use group::{Group, Report};
-use motor::Motor;
+use motor::{Motor, Turn};
 use motord_bus::{Duration, Instant};
 use motord_shared::{AdminReply, BusCondition, Cause, GroupState, JointState, Lease, Phase, SetpointMessage};
 use time_base::TimeBase;
@@ -88,14 +88,17 @@ impl Control {
     #[must_use]
     pub fn new(settings: &Settings, boot_id: u64) -> Self {
         let groups = settings.groups.iter().enumerate();
+        let turns = turns(settings);
         let joints = |bus: usize| {
             let on_bus = settings.motors.iter().enumerate().filter(move |(_, motor)| motor.bus == bus);
             on_bus.map(|(joint, _)| joint).collect()
         };
         Self {
-            groups: groups.map(|(index, group)| Group::new(index, group, &settings.motors)).collect(),
+            groups: groups.map(|(index, group)| Group::new(index, group, &settings.motors, &turns)).collect(),
             places: places(settings),
-            buses: (0..settings.buses.len()).map(|bus| BusHealth::new(joints(bus))).collect(),
+            buses: (0..settings.buses.len())
+                .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
+                .collect(),
             commands: vec![Command::Nothing; settings.motors.len()],
             time_base: TimeBase::new(&settings.cycle),
             leases: Leases::new(boot_id),
@@ -173,6 +176,18 @@ impl Control {
     pub fn end_cycle(&mut self) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.end_cycle(context));
+    }
+
+    /// The next cycle begins: states that have come are no longer new. Bounded by motors.
+    pub fn pass_cycle(&mut self) {
+        self.groups.iter_mut().for_each(Group::pass_cycle);
+    }
+
+    /// A cycle of the line `bus` begins at `now`. Returns whether it is the turn of the questions.
+    pub fn begin_questions(&mut self, bus: usize) -> bool {
+        let Self { buses, context, .. } = self;
+        let turn = buses[bus].question_turn.as_mut();
+        turn.is_some_and(|turn| turn.begin_cycle(context.now, context.period))
     }
 
     /// The joint of `bus` whose motor should be asked for its faults now, if one should. Round robin; bounded by the
@@ -311,6 +326,27 @@ impl Control {
         let Place { group, place } = self.places[joint];
         &self.groups[group].motors[place]
     }
+}
+
+/// By joint.
+fn turns(settings: &Settings) -> Vec<Turn> {
+    let mut places = vec![0; settings.buses.len()];
+    let turn = |bus: usize| {
+        let (place, settings_of) = (places[bus], &settings.buses[bus]);
+        places[bus] += 1;
+        match settings_of.every {
+            0 | 1 if !settings_of.is_line() => Turn::EACH_CYCLE,
+            every => Turn::once_in(every.max(1), settings.slot(bus, place)),
+        }
+    };
+    settings.motors.iter().map(|motor| motor.bus).map(turn).collect()
+}
+
+/// The turn of a line for questions.
+fn question_turn(settings: &Settings, bus: usize) -> Option<Turn> {
+    let motors = settings.motors.iter().filter(|motor| motor.bus == bus).count();
+    let has_turn = settings.turns(bus) > motors;
+    has_turn.then(|| Turn::once_in(settings.buses[bus].every.max(1), settings.slot(bus, motors)))
 }
 
 fn places(settings: &Settings) -> Vec<Place> {

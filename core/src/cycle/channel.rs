@@ -5,8 +5,8 @@
 
 use crate::drive::{Drive, Received};
 use crate::plan::BusPlan;
-use crate::settings::Settings;
-use crate::stopper::Outlet;
+use crate::settings::{MotorSettings, Settings};
+use crate::stopper::{LineRound, Outlet};
 use motord_bus::frame::ControllerState;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_shared::{BusCondition, BusState};
@@ -14,7 +14,10 @@ use motord_shared::{BusCondition, BusState};
 /// A bus, and everything the cycle knows of it.
 pub(super) struct BusChannel {
     bus: Box<dyn Bus>,
-    /// Reply id and motor, in the order of the configuration.
+    /// A serial line: one request at a time, and its reply may come in a later cycle.
+    is_line: bool,
+    line_round: LineRound,
+    /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
     frames: Vec<Frame>,
     senders: Vec<usize>,
@@ -56,10 +59,15 @@ impl ExpectedReplyTime {
 impl BusChannel {
     /// `index` is that of the bus in `settings`. Allocates.
     pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
+        let is_line = settings.buses[index].is_line();
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
-        let routes: Vec<_> = motors.map(|(motor, settings)| (settings.host_id, motor)).collect();
+        // A frame on a line names its receiver only, so a serial bus names the motor that answers.
+        let id_of = |motor: &MotorSettings| if is_line { motor.command_id() } else { motor.host_id };
+        let routes: Vec<_> = motors.map(|(motor, settings)| (id_of(settings), motor)).collect();
         Self {
             bus,
+            is_line,
+            line_round: LineRound::default(),
             frames: Vec::with_capacity(routes.len()),
             senders: Vec::with_capacity(routes.len()),
             routes,
@@ -143,9 +151,19 @@ impl BusChannel {
         }
     }
 
-    /// A request on this bus is open.
+    /// The cycle waits for a reply to the frames that were sent last; never on a line.
     pub(super) fn is_open(&self, drives: &[Drive]) -> bool {
-        self.routes.iter().any(|&(_, motor)| drives[motor].is_open())
+        !self.is_line && self.senders.iter().any(|&motor| drives[motor].is_open())
+    }
+
+    /// A serial line: read when a cycle begins, and written to after the other buses.
+    pub(super) const fn is_line(&self) -> bool {
+        self.is_line
+    }
+
+    /// No frame is queued.
+    pub(super) fn is_idle(&self) -> bool {
+        self.frames.is_empty()
     }
 
     /// How to wait for the bus. No system call.
@@ -206,11 +224,15 @@ impl BusChannel {
 }
 
 impl Outlet for BusChannel {
-    /// Discards what has arrived, then sends frames whose replies nobody waits for. At most two system calls.
+    /// Discards what has arrived, then sends frames whose replies nobody waits for; on a line one of them. At most two
+    /// system calls.
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
-        self.bus.send(now, frames).refusal
+        match self.is_line {
+            true => self.line_round.send(frames, |frame| self.bus.send(now, frame).refusal),
+            false => self.bus.send(now, frames).refusal,
+        }
     }
 }
 

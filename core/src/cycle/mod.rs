@@ -45,6 +45,10 @@ pub struct Cycle<C> {
     drives: Vec<Drive>,
     /// The bus of each motor.
     bus_of: Vec<usize>,
+    /// The buses that are serial lines.
+    lines: Vec<usize>,
+    /// Some motors take turns.
+    takes_turns: bool,
     control: Control,
     link: Link,
     stopper: Stopper,
@@ -106,6 +110,8 @@ impl<C: Clock> Cycle<C> {
             channels: channels.collect(),
             drives: drives.collect(),
             bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
+            lines: (0..settings.buses.len()).filter(|&bus| settings.buses[bus].is_line()).collect(),
+            takes_turns: settings.buses.iter().any(|bus| bus.is_line() || bus.every > 1),
             control: Control::new(settings, boot_id),
             link,
             stopper: Stopper::new(frames, settings.safety.damp),
@@ -191,12 +197,25 @@ impl<C: Clock> Cycle<C> {
     fn cycle(&mut self, wake: &Wake) {
         self.link.beat(wake.cycle);
         self.replace_buses();
+        if self.takes_turns {
+            self.read_lines();
+        }
         self.serve(wake.begun);
         let sent = self.transmit(wake);
         self.collect(sent + self.timing.reply_deadline);
         self.control.end_cycle();
         self.publish(wake);
         self.poll_faults(wake.scheduled + self.timing.period);
+    }
+
+    /// Reads each serial line, once in a cycle: a reply must be there before the motor's next turn is decided, and before
+    /// the next request. One system call for each line; bounded by motors and inboxes.
+    fn read_lines(&mut self) {
+        self.control.pass_cycle();
+        let now = self.clock.now();
+        for line in 0..self.lines.len() {
+            self.read(self.lines[line], now);
+        }
     }
 
     /// Takes at most one bus that was opened again. Its motors stay offline until they answer. Does not block: another thread
@@ -221,36 +240,64 @@ impl<C: Clock> Cycle<C> {
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    /// Decides, and sends one frame per motor. Returns when the last frames were handed over: the replies are awaited from
-    /// then on. Bounded by motors; one system call per bus.
+    /// Decides, and sends one frame to each motor whose turn it is. Returns when the last frames were handed over whose replies
+    /// this cycle awaits. Bounded by motors; one system call per bus.
     fn transmit(&mut self, wake: &Wake) -> Instant {
-        let Self { control, drives, channels, bus_of, clock, timing, .. } = self;
+        let Self { control, drives, channels, bus_of, clock, .. } = self;
         let commands = control.decide(*wake);
         let mut now = clock.now();
         channels.iter_mut().for_each(|channel| channel.begin(Batch::Commands));
         for (motor, command) in commands.iter().enumerate() {
             channels[bus_of[motor]].queue(motor, drives[motor].request(command, now));
         }
-        for (bus, channel) in channels.iter_mut().enumerate() {
-            now = clock.now();
-            // A process that was frozen since it decided goes on here, when others may have stopped its motors.
-            let is_stale = now.since(wake.begun) > timing.stale_after;
-            let unsent = |motor: usize| {
-                drives[motor].withdraw();
-                control.unsent(motor);
-            };
-            let took_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
-            control.bus_took(bus, took_all);
-            control.bus_changed(bus, channel.condition());
+        for bus in 0..self.channels.len() {
+            if !self.channels[bus].is_line() {
+                now = self.send(bus, wake);
+            }
+        }
+        // A serial port takes longer to write to than a CAN socket, and no reply of it is awaited in this cycle.
+        for line in 0..self.lines.len() {
+            let bus = self.lines[line];
+            self.queue_question(bus);
+            self.send(bus, wake);
         }
         now
+    }
+
+    /// Sends the queued frames of a bus. Returns when they were handed over. One system call.
+    fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
+        let Self { control, drives, channels, clock, timing, .. } = self;
+        let channel = &mut channels[bus];
+        let now = clock.now();
+        // A process that was frozen since it decided goes on here, when others may have stopped its motors.
+        let is_stale = now.since(wake.begun) > timing.stale_after;
+        let unsent = |motor: usize| {
+            drives[motor].withdraw();
+            control.unsent(motor);
+        };
+        let took_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
+        if !channel.is_idle() {
+            control.bus_took(bus, took_all);
+        }
+        control.bus_changed(bus, channel.condition());
+        now
+    }
+
+    /// Queues the question to a motor of a line, when it is the turn of the questions.
+    fn queue_question(&mut self, bus: usize) {
+        if !self.control.begin_questions(bus) || !self.channels[bus].is_idle() {
+            return;
+        }
+        let Some(motor) = self.control.fault_poll(bus) else { return };
+        let frame = self.drives[motor].request(&Command::GetFault, self.clock.now());
+        self.channels[bus].queue(motor, frame);
     }
 
     /// Waits for the replies to all open requests, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per
     /// bus beside those of busy polling.
     /// The first wait lasts for the expected reply time: waking for every single frame would cost more calls.
     fn collect(&mut self, deadline: Instant) {
-        let mut calls = CALLS_PER_BUS * self.channels.len();
+        let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
         let open = self.channels.iter().filter(|channel| channel.is_open(&self.drives));
         let Some(expected) = open.map(BusChannel::expected).max() else {
             // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
@@ -309,33 +356,39 @@ impl<C: Clock> Cycle<C> {
         self.channels.iter().filter(|channel| channel.is_open(&self.drives)).count()
     }
 
-    /// Reads the buses that are `ready`, or all when that is not known. Returns how many were read. One system call for each of
+    /// Reads the buses that are `ready`, or all when that is not known; no line. Returns how many were read. One system call for each of
     /// them; bounded by their inboxes.
     fn receive(&mut self, ready: Option<Ready>) -> usize {
-        let Self { channels, drives, control, clock, .. } = self;
-        let now = clock.now();
+        let now = self.clock.now();
         let mut read = 0;
-        for (bus, channel) in channels.iter_mut().enumerate() {
-            if ready.is_some_and(|ready| !ready.contains(bus)) {
+        for bus in 0..self.channels.len() {
+            if self.channels[bus].is_line() || ready.is_some_and(|ready| !ready.contains(bus)) {
                 continue;
             }
             read += 1;
-            channel.receive(now, |motor, payload, at| {
-                let drive = &mut drives[motor];
-                let received = match payload {
-                    Some(payload) => drive.receive(payload, at),
-                    None => drive.refuse(),
-                };
-                match received {
-                    Received::Reply(reported) => control.receive(motor, reported, at),
-                    Received::Duplicate => control.receive_duplicate(motor),
-                    Received::UnexpectedId | Received::Malformed => {}
-                }
-                received
-            });
-            control.bus_changed(bus, channel.condition());
+            self.read(bus, now);
         }
         read
+    }
+
+    /// Reads one bus, and draws the consequences. One system call; bounded by its inbox.
+    fn read(&mut self, bus: usize, now: Instant) {
+        let Self { channels, drives, control, .. } = self;
+        let channel = &mut channels[bus];
+        channel.receive(now, |motor, payload, at| {
+            let drive = &mut drives[motor];
+            let received = match payload {
+                Some(payload) => drive.receive(payload, at),
+                None => drive.refuse(),
+            };
+            match received {
+                Received::Reply(reported) => control.receive(motor, reported, at),
+                Received::Duplicate => control.receive_duplicate(motor),
+                Received::UnexpectedId | Received::Malformed => {}
+            }
+            received
+        });
+        control.bus_changed(bus, channel.condition());
     }
 
     /// Publishes the states, answers and events of this cycle. At most one system call: that of the function which
@@ -352,13 +405,14 @@ impl<C: Clock> Cycle<C> {
         link.lose(control.clear_events());
     }
 
-    /// Asks at most one motor per bus for its faults, where request and reply still fit before `end`, the next tick, and waits
+    /// Asks at most one motor of each bus but lines for its faults, where request and reply still fit before `end`, the next tick, and waits
     /// for the replies at most until then. One system call per bus that is asked, and those of [`collect`](Self::collect).
     fn poll_faults(&mut self, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;
         for bus in 0..self.channels.len() {
-            if self.channels[bus].is_open(&self.drives) || now + self.channels[bus].poll_time() > end {
+            let channel = &self.channels[bus];
+            if channel.is_line() || channel.is_open(&self.drives) || now + channel.poll_time() > end {
                 continue;
             }
             let Some(motor) = self.control.fault_poll(bus) else { continue };

@@ -39,13 +39,13 @@ impl Gim {
         Self { scales, transmission, asked: gim::Command::StopMotor, turn: 0, started: false, state }
     }
 
-    /// The frame for `command`; `None` for [`Command::Nothing`]. Constant time.
+    /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
-        if !matches!(command, Command::Stop | Command::Nothing) {
+        if !matches!(command, Command::Stop | Command::Nothing | Command::Wait) {
             self.turn = 0;
         }
         self.asked = match command {
-            Command::Nothing => return None,
+            Command::Nothing | Command::Wait => return None,
             Command::Stop => {
                 self.started = false;
                 self.stopped()

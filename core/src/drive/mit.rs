@@ -79,13 +79,14 @@ impl Mit {
         }
     }
 
-    /// The frame for `command`; `None` for [`Command::Nothing`]. Constant time.
+    /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
         let command = match command {
             Command::Nothing => {
                 self.forget_turns();
                 return None;
             }
+            Command::Wait => return None,
             Command::Stop => mit::Command::Stop,
             Command::Start => mit::Command::Start,
             Command::SetZero => {

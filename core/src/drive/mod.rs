@@ -106,15 +106,14 @@ impl Drive {
     #[must_use]
     pub fn new(settings: &MotorSettings, fastest_reply: Duration, error_feedback: bool) -> Self {
         let transmission = settings.transmission;
-        let command_id = FrameId::new(u16::from(settings.id)).expect("a motor id has eight bits");
         let dialect = match settings.protocol {
             MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
             MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.scales, transmission)),
         };
-        Self { command_id, dialect, correlator: Correlator::new(fastest_reply) }
+        Self { command_id: settings.command_id(), dialect, correlator: Correlator::new(fastest_reply) }
     }
 
-    /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`]. Opens a request. Constant time.
+    /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Opens a request. Constant time.
     pub fn request(&mut self, command: &Command, now: Instant) -> Option<Frame> {
         let bytes = match &mut self.dialect {
             Dialect::Mit(mit) => mit.encode(command),

@@ -2,7 +2,7 @@
 
 use crate::drive::safe_frames;
 use crate::settings::Settings;
-use motord_bus::Frame;
+use motord_bus::{Frame, Refusal};
 
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -21,5 +21,32 @@ impl BusFrames {
         let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
         let (damp, stop) = motors.filter_map(safe_frames).unzip();
         Self { damp, stop }
+    }
+}
+
+/// A round on a serial line, which carries one request at a time: each call sends the frame of one motor, and the round is
+/// taken when the last motor has had its frame.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LineRound {
+    next: usize,
+}
+
+impl LineRound {
+    /// Sends the next frame by `send`, which returns why it was refused. Returns why the round is not taken yet. Does not
+    /// allocate or block, as far as `send` does not.
+    pub fn send(
+        &mut self,
+        frames: &[Frame],
+        send: impl FnOnce(&[Frame]) -> Option<Refusal>,
+    ) -> Option<Refusal> {
+        if self.next >= frames.len() {
+            self.next = 0;
+        }
+        let refusal = send(frames.get(self.next..=self.next).unwrap_or_default());
+        if refusal.is_none() {
+            self.next += 1;
+        }
+        let is_taken = self.next >= frames.len();
+        refusal.or((!is_taken).then_some(Refusal::Full))
     }
 }

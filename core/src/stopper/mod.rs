@@ -13,7 +13,7 @@ pub mod schedule;
 
 mod frames;
 
-pub use frames::BusFrames;
+pub use frames::{BusFrames, LineRound};
 
 use crate::clock::Clock;
 use motord_bus::{Duration, Frame, Instant, Refusal};

@@ -5,12 +5,17 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use motord_bus::Duration;
+use motord_bus::arithmetic::SERIAL_FRAME_BITS;
 use motord_configuration::{self as config, ConfigError, Loaded};
 use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
-use motord_core::settings::{BusSettings, Settings};
+use motord_core::settings::{BusKind, BusSettings, Settings};
 
 /// Exit status of a configuration that is refused, `EX_CONFIG` of `sysexits.h`.
 pub const EXIT_CONFIG: u8 = 78;
+
+/// 8N1: a start bit, eight data bits, a stop bit.
+const SERIAL_BYTE_BITS: u32 = 10;
 
 /// Judges the file at `path`, prints the verdict to `out`, as JSON or for people, and returns the exit status.
 ///
@@ -35,15 +40,46 @@ struct Report<'a> {
     buses: Vec<BusReport<'a>>,
 }
 
-/// One bus; utilisations are fractions of a cycle.
+/// One bus. Utilisations are fractions of its fullest cycle, those of a serial line of the time for one turn of each motor.
 #[derive(Serialize)]
 struct BusReport<'a> {
     name: &'a str,
     motors: usize,
+    /// Commands to each motor in a second.
     rate_hz: f64,
+    /// Cycles between two commands to a motor.
+    every: u32,
     worst_case_utilisation: f64,
     unstuffed_utilisation: f64,
     fault_poll_utilisation: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<LineReport>,
+}
+
+/// One turn on a serial line.
+#[derive(Serialize)]
+struct LineReport {
+    /// Bytes of a request and its reply, headers included.
+    bytes: u32,
+    /// Their time on the wire, at 10 bits a byte.
+    wire_us: f64,
+    /// The longest time that is planned between the two.
+    turnaround_us: f64,
+    /// Turns until each motor has had one, with that of the questions.
+    turns: usize,
+}
+
+impl LineReport {
+    fn of(settings: &Settings, bus: usize, plan: &BusPlan) -> Option<Self> {
+        let BusKind::Serial { turnaround, .. } = settings.buses[bus].kind else { return None };
+        let micros = |time: Duration| 1e6 * time.as_secs_f64();
+        Some(Self {
+            bytes: 2 * SERIAL_FRAME_BITS / SERIAL_BYTE_BITS,
+            wire_us: micros(plan.transaction_least),
+            turnaround_us: micros(turnaround),
+            turns: settings.turns(bus),
+        })
+    }
 }
 
 impl<'a> Report<'a> {
@@ -59,15 +95,17 @@ impl<'a> Report<'a> {
 }
 
 fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
-    let report = |(bus, plan): (&'a BusSettings, BusPlan)| BusReport {
+    let report = |(index, (bus, plan)): (usize, (&'a BusSettings, BusPlan))| BusReport {
         name: &bus.name,
         motors: plan.motors,
-        rate_hz: settings.cycle.rate_hz,
+        rate_hz: settings.cycle.rate_hz / f64::from(bus.every),
+        every: bus.every,
+        line: LineReport::of(settings, index, &plan),
         worst_case_utilisation: plan.worst_case_utilisation,
         unstuffed_utilisation: plan.unstuffed_utilisation,
         fault_poll_utilisation: plan.fault_poll_utilisation,
     };
-    settings.buses.iter().zip(BusPlan::of(settings)).map(report).collect()
+    settings.buses.iter().zip(BusPlan::of(settings)).enumerate().map(report).collect()
 }
 
 fn print_for_people(
@@ -110,7 +148,17 @@ fn print_plan(path: &Path, settings: &Settings, out: &mut impl Write) -> io::Res
     Ok(())
 }
 
-fn verdict(bus: &BusReport<'_>) -> &'static str {
+fn verdict(bus: &BusReport<'_>) -> String {
+    let rate = if bus.every == 1 { String::new() } else { format!("; each motor at {} Hz", bus.rate_hz) };
+    let Some(line) = &bus.line else { return format!("{}{rate}", can_verdict(bus)) };
+    let LineReport { bytes, wire_us, turnaround_us, turns } = line;
+    format!(
+        "fits{rate}; {turns} turns in {} cycles, each {bytes} bytes in {wire_us:.0} µs and {turnaround_us:.0} µs of turnaround",
+        bus.every
+    )
+}
+
+fn can_verdict(bus: &BusReport<'_>) -> &'static str {
     match bus {
         BusReport { motors: 0, .. } => "empty",
         bus if bus.worst_case_utilisation > WORST_CASE_SOUND => "tight: lower the rate or move a motor",

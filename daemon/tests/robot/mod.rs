@@ -7,6 +7,7 @@
 
 pub mod checker;
 pub mod fuzz_client;
+pub mod line;
 pub mod random;
 
 use motord::buses;
@@ -24,7 +25,7 @@ use motord_shared::{
     Operation, Phase, Refusal, SetpointMessage, StateMessage,
 };
 use motord_simulator::{
-    BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SharedBus, SimulatedBus, couple,
+    BusKind, BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SharedBus, SimulatedBus, couple,
 };
 use std::cell::Cell;
 use std::panic::RefUnwindSafe;
@@ -188,7 +189,7 @@ impl Robot {
         build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
     ) -> Self {
         let buses = simulated(&settings, seed, build);
-        let opened = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
+        let opened = (0..buses.len()).map(|bus| opened(&settings, bus, &buses[bus])).collect();
         Self { buses, ..Self::on(opened, start, settings) }
     }
 
@@ -305,7 +306,7 @@ impl Robot {
 
     /// Opens a bus again that the cycle gave up, as the daemon's own thread does.
     pub fn reopen(&mut self, bus: usize) {
-        let opened = Box::new(self.buses[bus].clone());
+        let opened = opened(&self.settings, bus, &self.buses[bus]);
         assert!(self.client.supply().hand_over(bus, opened), "there is room for every bus");
     }
 
@@ -495,6 +496,14 @@ fn refusal(reply: AdminReply) -> Refusal {
     reply.refusal.try_into().expect("refusals are known")
 }
 
+/// A bus as the cycle sees it.
+fn opened(settings: &Settings, bus: usize, simulated: &SharedBus) -> Box<dyn Bus> {
+    match settings.buses[bus].is_line() {
+        true => Box::new(line::Line::new(simulated.clone())),
+        false => Box::new(simulated.clone()),
+    }
+}
+
 /// The buses of a configuration with their motors, as `build` changes them.
 fn simulated(
     settings: &Settings,
@@ -505,6 +514,9 @@ fn simulated(
         let (bus, mut motors) = buses::physics(settings, index);
         // The queue is as the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
         let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
+        if settings.buses[index].is_line() {
+            bus.kind = BusKind::Serial;
+        }
         build(&mut bus, &mut motors);
         SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
     };

@@ -19,7 +19,7 @@ pub(super) use watch::Report;
 
 use super::bus_health::BusHealth;
 use super::context::Context;
-use super::motor::{Motor, Orders};
+use super::motor::{Motor, Orders, Turn};
 use super::{Command, Event};
 use crate::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
@@ -33,6 +33,8 @@ pub(super) struct Group {
     pub(super) index: usize,
     /// Its motors, in the order of the configuration.
     pub(super) motors: Vec<Motor>,
+    /// Some of its motors take turns.
+    takes_turns: bool,
     safe_stop: SafeStop,
     phase: Phase,
     /// When the phase began; damping begins anew when a held joint is let go.
@@ -69,10 +71,17 @@ pub(super) struct Owner {
 }
 
 impl Group {
-    pub(super) fn new(index: usize, settings: &GroupSettings, motors: &[MotorSettings]) -> Self {
+    pub(super) fn new(
+        index: usize,
+        settings: &GroupSettings,
+        motors: &[MotorSettings],
+        turns: &[Turn],
+    ) -> Self {
+        let motor = |&joint: &usize| Motor::new(joint, &motors[joint], turns[joint]);
         Self {
             index,
-            motors: settings.motors.iter().map(|&joint| Motor::new(joint, &motors[joint])).collect(),
+            motors: settings.motors.iter().map(motor).collect(),
+            takes_turns: settings.motors.iter().any(|&joint| turns[joint].outlasts_cycle),
             safe_stop: settings.safe_stop,
             phase: Phase::Disarmed,
             since: Instant::ZERO,
@@ -96,6 +105,9 @@ impl Group {
         cx: &mut Context,
         commands: &mut [Command],
     ) {
+        if self.takes_turns {
+            self.begin_turns(cx);
+        }
         self.watch_heat(elapsed, cx);
         self.watch_buses(buses, cx);
         self.watch_owner(cx);

@@ -1,6 +1,6 @@
 //! Draws the consequences of observations for a group: heat, buses, its owner, states, faults, silence.
 
-use super::Group;
+use super::{Group, Motor};
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::control::{Reported, Status};
@@ -133,15 +133,39 @@ impl Group {
         }
     }
 
-    /// Every answer that can come in this cycle has come.
+    /// A cycle begins: where it is the turn of a motor, the turn before is over.
+    pub(super) fn begin_turns(&mut self, cx: &mut Context) {
+        for place in 0..self.motors.len() {
+            let turn = &mut self.motors[place].turn;
+            if turn.outlasts_cycle && turn.begin_cycle(cx.now, cx.period) {
+                self.end_turn(place, cx);
+            }
+        }
+    }
+
+    /// A cycle is over, and every answer that can come in it has come.
     pub(in crate::control) fn end_cycle(&mut self, cx: &mut Context) {
         for place in 0..self.motors.len() {
-            let motor = &mut self.motors[place];
-            if motor.end_cycle(cx.wake.cycle, cx.safety.lost_cycles) {
-                motor.changed(cx);
-                let joint = motor.joint;
-                self.stop(Cause::MotorLost, Some(joint), cx);
+            if !self.motors[place].turn.outlasts_cycle {
+                self.end_turn(place, cx);
             }
+        }
+    }
+
+    /// Before the states of the next cycle come: those that have come are no longer new.
+    pub(in crate::control) fn pass_cycle(&mut self) {
+        if self.takes_turns {
+            self.motors.iter_mut().for_each(Motor::pass_cycle);
+        }
+    }
+
+    /// The turn of the motor at `place` is over.
+    fn end_turn(&mut self, place: usize, cx: &mut Context) {
+        let motor = &mut self.motors[place];
+        if motor.end_turn(cx.wake.cycle, cx.safety.lost_cycles) {
+            motor.changed(cx);
+            let joint = motor.joint;
+            self.stop(Cause::MotorLost, Some(joint), cx);
         }
     }
 }

@@ -52,7 +52,7 @@ impl Motor {
             previous: &previous.values,
             measured,
             age: self.age(cx),
-            elapsed: cx.elapsed,
+            elapsed: self.turn.elapsed.unwrap_or(cx.elapsed),
             ramp: orders.ramp,
             winding_torque: self.heat.allowed(limits.torque),
         };
@@ -73,8 +73,11 @@ impl Motor {
         }
     }
 
-    /// Age of its state beyond a cycle, s.
+    /// Age of its state, s. Where every cycle is a turn: beyond a cycle.
     fn age(&self, cx: &Context) -> f32 {
-        self.replies.age_cycles as f32 * cx.elapsed
+        match self.turn.outlasts_cycle {
+            true => cx.now.since(self.measured_at).as_secs_f32(),
+            false => self.replies.age_cycles as f32 * cx.elapsed,
+        }
     }
 }

@@ -26,13 +26,13 @@ impl Applied {
 pub struct Circumstances<'a> {
     /// The limits of the joint.
     pub limits: &'a LimitSettings,
-    /// The command applied in the cycle before.
+    /// The command applied in the turn before.
     pub previous: &'a Impedance<Joint>,
     /// The last state of the joint.
     pub measured: &'a Measured<Joint>,
     /// Age of the state, s. Widens the torque bound by kp·abs(v)·age.
     pub age: f32,
-    /// Time since the cycle before, s.
+    /// Time since the turn before, s.
     pub elapsed: f32,
     /// Progress of the start ramp, 0 to 1.
     pub ramp: f32,

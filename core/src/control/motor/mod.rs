@@ -9,10 +9,12 @@ mod mode;
 mod plausibility;
 mod replies;
 mod service;
+mod turn;
 
 pub(super) use follow::Orders;
 pub use limit::{Applied, Circumstances, limit};
 pub(super) use service::{Kind, ServiceRequest};
+pub(super) use turn::Turn;
 
 use super::context::Context;
 use super::{Command, Event};
@@ -27,8 +29,8 @@ use plausibility::{Expectation, Plausibility, Verdict};
 use replies::Replies;
 use service::ZERO_TOLERANCE;
 
-/// A motor that has been silent for this many cycles is asked for its faults instead.
-const SILENT_CYCLES: u32 = 5;
+/// A motor that has been silent for this many turns is asked for its faults instead.
+const SILENT_TURNS: u32 = 5;
 /// So many states in a row that say "off" stop the group of a motor that should follow setpoints.
 const OFF_STATES_MAX: u32 = 5;
 
@@ -38,6 +40,7 @@ pub(super) struct Motor {
     /// Index of its joint.
     pub(super) joint: usize,
     pub(super) settings: MotorSettings,
+    pub(super) turn: Turn,
     mode: Mode,
     measured: Option<Measured<Joint>>,
     measured_at: Instant,
@@ -60,10 +63,11 @@ pub(super) struct Motor {
 }
 
 impl Motor {
-    pub(super) fn new(joint: usize, settings: &MotorSettings) -> Self {
+    pub(super) fn new(joint: usize, settings: &MotorSettings, turn: Turn) -> Self {
         Self {
             joint,
             settings: settings.clone(),
+            turn,
             mode: Mode::OFFLINE,
             measured: None,
             measured_at: Instant::ZERO,
@@ -97,7 +101,12 @@ impl Motor {
         &self.replies
     }
 
-    /// Its state was received in the cycle before this one, or in this one.
+    /// A cycle of its turn is over, and the next begins.
+    pub(super) fn pass_cycle(&mut self) {
+        self.replies.pass();
+    }
+
+    /// Its state was received in the turn before this one, or in this one.
     pub(super) const fn is_fresh(&self) -> bool {
         self.measured.is_some() && self.replies.age_cycles <= 1
     }
@@ -173,6 +182,9 @@ impl Motor {
 
     /// The command of this cycle. Does not allocate or block; constant time.
     pub(super) fn command(&mut self, orders: &Orders, cx: &Context) -> Command {
+        if self.turn.waits {
+            return Command::Wait;
+        }
         self.applied.limits = 0;
         let command = if let Some(request) = &mut self.request {
             request.command()
@@ -197,7 +209,7 @@ impl Motor {
     /// A silent motor may be one in fault that answers nothing but a question for its fault (GIM document 3.2.16): every
     /// so often that question takes the place of the command.
     const fn doubts(&mut self) -> bool {
-        let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_CYCLES);
+        let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
         let refused = core::mem::replace(&mut self.refused, false);
         let doubts = refused || silent && !matches!(self.mode, Mode::Offline(_));
         doubts && self.settings.capabilities.answers_fault_question
@@ -355,10 +367,10 @@ impl Motor {
         }
     }
 
-    /// The cycle is over. Returns whether the motor is lost by its silence.
-    pub(super) fn end_cycle(&mut self, cycle: u64, lost_cycles: u32) -> bool {
-        self.plausibility.end_cycle();
-        if self.replies.answered {
+    /// Its turn is over. Returns whether the motor is lost by its silence.
+    pub(super) fn end_turn(&mut self, cycle: u64, lost_cycles: u32) -> bool {
+        self.plausibility.end_turn();
+        if self.replies.answered() {
             return false;
         }
         self.replies.age();
@@ -383,7 +395,7 @@ impl Motor {
 
     pub(super) fn report(&self) -> JointState {
         let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
-        let fresh = if self.replies.answered { message::JOINT_FRESH } else { 0 };
+        let fresh = if self.replies.is_new() { message::JOINT_FRESH } else { 0 };
         let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
         let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
         JointState {

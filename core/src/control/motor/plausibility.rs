@@ -8,7 +8,7 @@
 //! | too far from the position it is pulled to | 50 ms | following-error |
 //! | at the temperature limit | 1 s | over-temperature |
 //! | the end of the positions that the motor can report | at once | range-end |
-//! | two answers to one question | 5 times in 10 cycles | duplicate-id |
+//! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
 use crate::joint::{Joint, Measured};
 use crate::settings::{BeyondRange, LimitSettings, MotorSettings};
@@ -37,7 +37,7 @@ const TEMPERATURE_STEP: f32 = 20.0;
 /// So close to the end of the positions that a motor can report, rad, it is stopped: beyond the end it wraps or clamps, and
 /// the vendors' documents do not say which.
 const END_MARGIN: f32 = 0.5;
-/// A leaky bucket: a second answer adds, every cycle takes one off.
+/// A leaky bucket: a second answer adds, every turn takes one off.
 const DUPLICATE_WEIGHT: u32 = 2;
 const DUPLICATES_MAX: u32 = 5;
 
@@ -124,8 +124,8 @@ impl Plausibility {
         self.duplicates > DUPLICATES_MAX
     }
 
-    /// A cycle is over.
-    pub(super) const fn end_cycle(&mut self) {
+    /// A turn is over.
+    pub(super) const fn end_turn(&mut self) {
         self.duplicates = self.duplicates.saturating_sub(1);
     }
 

@@ -6,21 +6,33 @@ use motord_bus::Duration;
 /// A motor that missed a reply is not asked for its faults for so many cycles: a late reply could be mistaken for the answer.
 const SETTLE_CYCLES: u64 = 10;
 
+/// When the state came that a turn asked for. Mostly a turn is a cycle.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+enum Answer {
+    /// It has not.
+    #[default]
+    Awaited,
+    /// In this cycle.
+    Now,
+    /// In an earlier cycle of this turn.
+    Before,
+}
+
 #[derive(Debug, Default)]
 pub(in crate::control) struct Replies {
-    /// A question was sent in this cycle whose answer is a state.
+    /// A question was sent in this turn whose answer is a state.
     asked: bool,
-    /// The command of this cycle was a stop.
+    /// The command of this turn was a stop.
     pub(super) asked_stop: bool,
-    /// It reported its state in this cycle.
-    pub(super) answered: bool,
-    /// Cycles in a row without any answer.
+    /// Whether it reported its state since the command.
+    state: Answer,
+    /// Turns in a row without any answer.
     pub(super) silent: u32,
-    /// Cycles since its last state; 0 when that came in the last one.
+    /// Turns since its last state; 0 when that came in the last one.
     pub(super) age_cycles: u32,
-    /// Cycles without a reply since the start, modulo 2³².
+    /// Turns without a reply since the start, modulo 2³².
     pub(in crate::control) missed: u32,
-    /// Replies after their cycle, modulo 2³².
+    /// Replies after their turn, modulo 2³².
     pub(super) late: u32,
     /// States that the joint cannot have had, modulo 2³².
     pub(super) implausible: u32,
@@ -34,13 +46,30 @@ impl Replies {
     pub(super) const fn asked(&mut self, command: &Command) {
         self.asked = command.is_answered_by_state();
         self.asked_stop = matches!(command, Command::Stop);
-        self.answered = false;
+        self.state = Answer::Awaited;
+    }
+
+    /// It reported its state in this turn.
+    pub(super) fn answered(&self) -> bool {
+        self.state != Answer::Awaited
+    }
+
+    /// It reported its state in this cycle.
+    pub(super) fn is_new(&self) -> bool {
+        self.state == Answer::Now
+    }
+
+    /// A cycle of its turn is over.
+    pub(super) fn pass(&mut self) {
+        if self.is_new() {
+            self.state = Answer::Before;
+        }
     }
 
     /// A state came, `latency` after the command.
     pub(super) fn state(&mut self, latency: Duration) {
         self.latency_ns = u32::try_from(latency.as_nanos()).unwrap_or(u32::MAX);
-        self.answered = true;
+        self.state = Answer::Now;
         self.silent = 0;
         self.age_cycles = 0;
     }
@@ -51,12 +80,12 @@ impl Replies {
         self.silent = 0;
     }
 
-    /// No state came in this cycle.
+    /// No state came in this turn.
     pub(super) const fn age(&mut self) {
         self.age_cycles = self.age_cycles.saturating_add(1);
     }
 
-    /// No answer came in `cycle`. Returns the cycles in a row without one; 0 where none was due.
+    /// No answer came in a turn that is over in `cycle`. Returns the turns in a row without one; 0 where none was due.
     pub(super) const fn miss(&mut self, cycle: u64) -> u32 {
         if !self.asked && self.silent == 0 {
             return 0;
@@ -69,13 +98,13 @@ impl Replies {
         self.silent
     }
 
-    /// The state of `cycle` has arrived, and no late reply is to be expected.
-    pub(super) const fn is_settled(&self, cycle: u64) -> bool {
-        self.answered && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
+    /// The state of this turn has arrived by `cycle`, and no late reply is to be expected.
+    pub(super) fn is_settled(&self, cycle: u64) -> bool {
+        self.answered() && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
     }
 
     /// Time from command to reply in this cycle, ns; 0 when none came.
-    pub(in crate::control) const fn latency_now_ns(&self) -> u32 {
-        if self.answered { self.latency_ns } else { 0 }
+    pub(in crate::control) fn latency_now_ns(&self) -> u32 {
+        if self.is_new() { self.latency_ns } else { 0 }
     }
 }

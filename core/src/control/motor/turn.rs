@@ -1,0 +1,48 @@
+//! When a motor gets its commands.
+//!
+//! On most buses every cycle is the turn of every motor, and a reply that has not come by the end of the cycle is missed.
+//! Where motors take turns a reply may come until the motor's next turn, so the turn ends only then.
+
+use motord_bus::{Duration, Instant};
+
+/// The turns of one motor.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::control) struct Turn {
+    /// Cycles from one turn to the next.
+    every: u32,
+    /// Cycles until the next turn.
+    left: u32,
+    /// A turn ends when the next begins.
+    pub(in crate::control) outlasts_cycle: bool,
+    /// This cycle is not its turn.
+    pub(super) waits: bool,
+    /// When the last turn began.
+    begun: Instant,
+    /// Time since the turn before, at most two turns, s; `None` where every cycle is a turn.
+    pub(super) elapsed: Option<f32>,
+}
+
+impl Turn {
+    /// Every cycle.
+    pub(in crate::control) const EACH_CYCLE: Self =
+        Self { every: 1, left: 0, outlasts_cycle: false, waits: false, begun: Instant::ZERO, elapsed: None };
+
+    /// Once in `every` cycles, for the first time in cycle number `slot` from now.
+    pub(in crate::control) const fn once_in(every: u32, slot: u32) -> Self {
+        Self { every, left: slot, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
+    }
+
+    /// A cycle begins at `now`. Returns whether it is the motor's turn. Cycles are counted as they run, so that missed ticks
+    /// take no motor's turn away.
+    pub(in crate::control) fn begin_cycle(&mut self, now: Instant, period: Duration) -> bool {
+        self.waits = self.left > 0;
+        if self.waits {
+            self.left -= 1;
+            return false;
+        }
+        self.left = self.every - 1;
+        self.elapsed = Some(now.since(self.begun).min(2 * self.every * period).as_secs_f32());
+        self.begun = now;
+        true
+    }
+}

@@ -1,0 +1,202 @@
+//! Motors that take turns on their bus, on virtual time: on a serial line, and on CAN.
+
+mod robot;
+
+use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
+use robot::line::make_line;
+use robot::{Meaning, Robot};
+
+/// Two native motors on a line at 200 Hz beside three MIT motors at 1 kHz, in two groups.
+fn arm_and_leg() -> Robot {
+    let mut text = String::from("[safety]\nsetpoint-timeout-ms = 20\n");
+    for bus in ["arm", "leg"] {
+        text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
+    }
+    for (id, name) in [(1, "shoulder"), (2, "elbow")] {
+        text += &robot::motor(id, name, "arm", "host-id = 0").replace("\"mit\"", "\"gim\"");
+    }
+    text = text.replacen("host-id = 0\n", "host-id = 10\n", 1).replacen("host-id = 0\n", "host-id = 11\n", 1);
+    for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
+        text += &robot::motor(id, name, "leg", "");
+    }
+    text += "[[group]]\nname = \"arm\"\njoints = [\"shoulder\", \"elbow\"]\n";
+    text += "[[group]]\nname = \"leg\"\njoints = [\"hip\", \"thigh\", \"knee\"]\n";
+    let mut settings = robot::settings(&text);
+    make_line(&mut settings, 0, 5);
+    Robot::new(settings, 1)
+}
+
+fn torque(value: f32) -> Vec<JointSetpoint> {
+    vec![JointSetpoint { mode: SetpointMode::Torque.code(), torque: value, ..Default::default() }; 2]
+}
+
+fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
+    robot.steps(500);
+    assert_eq!([robot.mode(0), robot.mode(1)], [MotorMode::Idle; 2], "{:?}", robot.state().joints());
+    robot.claim().expect("the group is free");
+    robot.follow(joints);
+    robot.operate(Operation::Enable).expect("all is well");
+    for _ in 0..300 {
+        robot.follow(joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+}
+
+#[test]
+fn each_motor_of_a_line_gets_one_command_in_every_five_cycles_and_misses_nothing() {
+    let mut robot = arm_and_leg();
+    let joints = torque(0.2);
+    activate(&mut robot, &joints);
+    let missed = [0, 1].map(|joint| robot.joint(joint).missed);
+    robot.take_sent();
+    for _ in 0..1000 {
+        robot.follow(&joints);
+        let ages = [0, 1].map(|joint| robot.joint(joint).age_cycles);
+        assert_eq!(ages, [0, 0], "a joint is not older for waiting");
+    }
+    let sent: Vec<_> = robot.take_sent().into_iter().filter(|sent| sent.bus == 0).collect();
+    for id in [1, 2] {
+        let commands = sent.iter().filter(|sent| sent.id == id && sent.bytes[0] == 0x93);
+        let times: Vec<_> = commands.map(|sent| sent.ready).collect();
+        assert!((199..=201).contains(&times.len()), "{}", times.len());
+        assert!(times.windows(2).all(|pair| pair[1].since(pair[0]) == 5 * robot::PERIOD));
+        let questions = sent.iter().filter(|sent| sent.id == id && sent.bytes[0] == 0xB2).count();
+        assert!((9..=11).contains(&questions), "asked {questions} times for its faults in a second");
+    }
+    assert_eq!([0, 1].map(|joint| robot.joint(joint).missed), missed);
+    let line = robot.bus(0);
+    assert_eq!((line.dropped, line.unexpected_id, line.malformed), (0, 0, 0), "{line:?}");
+    assert!(robot.joint(0).position > 0.1, "{}", robot.joint(0).position);
+}
+
+#[test]
+fn a_state_from_a_line_is_new_in_one_cycle_of_five() {
+    let mut robot = arm_and_leg();
+    let joints = torque(0.0);
+    activate(&mut robot, &joints);
+    let mut new = 0;
+    for _ in 0..100 {
+        robot.follow(&joints);
+        new += u32::from(robot.joint(0).flags & motord_shared::message::JOINT_FRESH != 0);
+    }
+    assert_eq!(new, 20);
+}
+
+#[test]
+fn the_cycle_never_waits_for_a_line_and_its_silence_costs_the_other_buses_nothing() {
+    let latencies = |fault: Option<&str>| {
+        let mut robot = arm_and_leg();
+        robot.steps(500);
+        if let Some(fault) = fault {
+            robot.disturb(fault);
+        }
+        robot.steps(20);
+        let waits = robot.clock.waits.replace(0);
+        let before = robot.bus(1);
+        let mut longest = 0;
+        for _ in 0..1000 {
+            let begun = robot.next();
+            robot.step();
+            longest = longest.max(robot.now().since(begun).as_nanos());
+        }
+        assert!(waits > 0);
+        let joints: Vec<_> = (2..5).map(|joint| robot.joint(joint)).collect();
+        let after = robot.bus(1);
+        let missed: Vec<_> = joints.iter().map(|joint| (joint.missed, joint.late)).collect();
+        (missed, after.sent - before.sent, robot.clock.waits.get(), longest)
+    };
+    let sound = latencies(None);
+    assert_eq!(sound.0, [(0, 0); 3]);
+    for fault in ["arm gone", "arm tx-full", "shoulder off", "shoulder slow 10ms", "arm down"] {
+        assert_eq!(latencies(Some(fault)), sound, "{fault}");
+    }
+}
+
+#[test]
+fn a_motor_of_a_line_is_lost_after_ten_turns_of_silence() {
+    let mut robot = arm_and_leg();
+    let joints = torque(0.0);
+    activate(&mut robot, &joints);
+    robot.disturb("elbow off");
+    let mut cycles = 0;
+    while robot.phase() == Phase::Active {
+        robot.follow(&joints);
+        cycles += 1;
+        assert!(cycles < 100);
+    }
+    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::MotorLost), 1));
+    assert!((45..=55).contains(&cycles), "{cycles} cycles");
+}
+
+#[test]
+fn a_reply_within_the_turn_of_its_motor_is_used_and_not_late() {
+    let mut robot = arm_and_leg();
+    let joints = torque(0.0);
+    activate(&mut robot, &joints);
+    robot.disturb("elbow delayed 1200us");
+    let (missed, late) = (robot.joint(1).missed, robot.joint(1).late);
+    for _ in 0..500 {
+        robot.follow(&joints);
+    }
+    assert_eq!((robot.joint(1).missed, robot.joint(1).late), (missed, late));
+    assert_eq!(robot.phase(), Phase::Active);
+}
+
+/// 100 N·m/s at 5 ms a turn.
+#[test]
+fn a_slew_limit_counts_time_and_not_cycles() {
+    let mut robot = arm_and_leg();
+    let joints = torque(0.0);
+    activate(&mut robot, &joints);
+    robot.take_sent();
+    let joints = torque(4.0);
+    for _ in 0..20 {
+        robot.follow(&joints);
+    }
+    let torques: Vec<_> = robot
+        .take_sent()
+        .iter()
+        .filter(|sent| sent.bus == 0 && sent.id == 1 && sent.bytes[0] == 0x93)
+        .map(|sent| f32::from_le_bytes([sent.bytes[1], sent.bytes[2], sent.bytes[3], sent.bytes[4]]))
+        .collect();
+    let steps: Vec<_> = torques.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert!(!steps.is_empty() && steps.iter().all(|step| (step - 0.5).abs() < 0.01), "{torques:?}");
+}
+
+#[test]
+fn a_stopped_line_still_hears_stops_and_tells_where_it_stands() {
+    let mut robot = arm_and_leg();
+    robot.steps(500);
+    robot.take_sent();
+    robot.steps(1000);
+    let sent = robot.take_sent_to(1);
+    let first = |sent: &robot::Sent| sent.bytes[0];
+    let line: Vec<_> = sent.iter().filter(|sent| sent.bus == 0).map(first).collect();
+    assert!(line.iter().all(|code| [0x92, 0xB4, 0xB2].contains(code)), "{line:02X?}");
+    assert!(line.iter().filter(|code| **code == 0x92).count() >= 18, "a stop in every tenth turn");
+    assert!(sent.iter().filter(|sent| sent.bus == 1).all(|sent| sent.meaning != Meaning::Start));
+}
+
+/// Four motors on CAN in turns of two cycles.
+#[test]
+fn motors_take_turns_on_can_too() {
+    let mut text = String::from(
+        "[safety]\nsetpoint-timeout-ms = 20\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\nevery = 2\n",
+    );
+    for id in 1..=4 {
+        text += &robot::motor(id, &format!("joint-{id}"), "can", "");
+    }
+    let mut robot = Robot::new(robot::settings(&text), 1);
+    let joints = robot.activate();
+    for _ in 0..200 {
+        robot.follow(&joints);
+        let slots: Vec<_> = robot
+            .take_sent()
+            .iter()
+            .filter(|sent| sent.meaning != Meaning::GetFault)
+            .map(|sent| sent.id)
+            .collect();
+        assert!([vec![1, 2], vec![3, 4]].contains(&slots), "{slots:?}");
+    }
+    assert_eq!(robot.state().joints().iter().map(|joint| joint.missed).sum::<u32>(), 0);
+}
