@@ -14,8 +14,7 @@ use motord_shared::{BusCondition, BusState};
 /// A bus, and everything the cycle knows of it.
 pub(super) struct BusChannel {
     bus: Box<dyn Bus>,
-    /// A serial line: one request at a time, and its reply may come in a later cycle.
-    is_line: bool,
+    pace: Pace,
     line_round: LineRound,
     /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
@@ -31,6 +30,17 @@ pub(super) struct BusChannel {
     expected: [ExpectedReplyTime; 2],
     /// How long a fault request and its reply take on the wire at worst.
     poll_time: Duration,
+}
+
+/// When the motors of a bus are asked, and when their replies come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Pace {
+    /// All in every cycle, which waits for their replies.
+    EachCycle,
+    /// Some in every cycle, which waits for the replies of these.
+    InTurns,
+    /// A serial line: one request at a time, and its reply may come in a later cycle.
+    Line,
 }
 
 /// The kind of frames that are sent together. Each kind has its own expected reply time.
@@ -59,14 +69,21 @@ impl ExpectedReplyTime {
 impl BusChannel {
     /// `index` is that of the bus in `settings`. Allocates.
     pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
-        let is_line = settings.buses[index].is_line();
+        let pace = match settings.buses[index].every {
+            _ if settings.buses[index].is_line() => Pace::Line,
+            0 | 1 => Pace::EachCycle,
+            _ => Pace::InTurns,
+        };
         let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
         // A frame on a line names its receiver only, so a serial bus names the motor that answers.
-        let id_of = |motor: &MotorSettings| if is_line { motor.command_id() } else { motor.host_id };
+        let id_of = |motor: &MotorSettings| match pace {
+            Pace::Line => motor.command_id(),
+            Pace::EachCycle | Pace::InTurns => motor.host_id,
+        };
         let routes: Vec<_> = motors.map(|(motor, settings)| (id_of(settings), motor)).collect();
         Self {
             bus,
-            is_line,
+            pace,
             line_round: LineRound::default(),
             frames: Vec::with_capacity(routes.len()),
             senders: Vec::with_capacity(routes.len()),
@@ -151,14 +168,18 @@ impl BusChannel {
         }
     }
 
-    /// The cycle waits for a reply to the frames that were sent last; never on a line.
+    /// The cycle waits for a reply; never on a line.
     pub(super) fn is_open(&self, drives: &[Drive]) -> bool {
-        !self.is_line && self.senders.iter().any(|&motor| drives[motor].is_open())
+        match self.pace {
+            Pace::EachCycle => self.routes.iter().any(|&(_, motor)| drives[motor].is_open()),
+            Pace::InTurns => self.senders.iter().any(|&motor| drives[motor].is_open()),
+            Pace::Line => false,
+        }
     }
 
     /// A serial line: read when a cycle begins, and written to after the other buses.
     pub(super) const fn is_line(&self) -> bool {
-        self.is_line
+        matches!(self.pace, Pace::Line)
     }
 
     /// No frame is queued.
@@ -229,9 +250,9 @@ impl Outlet for BusChannel {
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
-        match self.is_line {
-            true => self.line_round.send(frames, |frame| self.bus.send(now, frame).refusal),
-            false => self.bus.send(now, frames).refusal,
+        match self.pace {
+            Pace::Line => self.line_round.send(frames, |frame| self.bus.send(now, frame).refusal),
+            Pace::EachCycle | Pace::InTurns => self.bus.send(now, frames).refusal,
         }
     }
 }
