@@ -159,7 +159,7 @@ pub struct Joint {
     torque: f32,
     /// °C, where the motor reports it.
     pub temperature: Option<f32>,
-    /// The command that was sent to the motor in this cycle, after all limits.
+    /// The command that was sent to the motor last, after all limits.
     pub applied: Applied,
     /// The limits that made `applied` differ from the setpoint. The limits themselves are in the
     /// [description](crate::JointDescription::limits).
@@ -172,11 +172,11 @@ pub struct Joint {
     pub fresh: bool,
     /// Position, velocity and torque came at least once since the motor is online.
     pub valid: bool,
-    /// Cycles since the last reply.
+    /// Turns of the motor since the last reply. On most buses a turn is a cycle; with `every = N` it is N cycles.
     pub age_cycles: u32,
-    /// Cycles without a reply since the daemon started.
+    /// Turns without a reply since the daemon started.
     pub missed: u32,
-    /// Replies that came after their cycle was over.
+    /// Replies that came after their turn was over.
     pub late: u32,
     /// States that the joint cannot have had; none of them was used. Modulo 2³².
     pub implausible: u32,

@@ -94,7 +94,7 @@ sections! {
         "rest-velocity-rad-s" rest_velocity_rad_s: f64, "rad/s" = is(0.2).within(0.01, 10.0),
             "A damped joint slower than this is at rest, and is stopped.";
         "lost-cycles" lost_cycles: i64, "" = is(10).within(3.0, 1000.0),
-            "A motor that misses this many replies in a row is lost.";
+            "A motor that misses this many replies in a row is lost. On a bus with `every = N` these are N times as many cycles.";
         "start-jump-rad" start_jump_rad: f64, "rad" = is(0.1).within(0.001, 3.2),
             "A group does not start while a position setpoint is farther than this from its joint.";
         "start-ramp-ms" start_ramp_ms: f64, "ms" = is(100.0).within(10.0, 10_000.0),

@@ -55,18 +55,18 @@ impl BusPlan {
         let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
         let turns: Vec<_> = motors
             .enumerate()
-            .map(|(place, motor)| (settings.slot(bus, place), TransactionBits::of(motor)))
+            .map(|(place, motor)| (settings.first_turn(bus, place), TransactionBits::of(motor)))
             .collect();
         Self::of_turns(&turns, bitrate, settings.cycle.rate_hz)
     }
 
-    /// Of transactions with their slots.
+    /// Of transactions with their cycles.
     fn of_turns(turns: &[(u32, TransactionBits)], bitrate: u32, rate_hz: f64) -> Self {
         let transactions = || turns.iter().map(|(_, transaction)| transaction);
         let fullest = |bits: fn(&TransactionBits) -> u32| {
-            let in_slot = |slot| turns.iter().filter(move |(other, _)| *other == slot);
-            let load = |slot| in_slot(slot).map(|(_, transaction)| bits(transaction)).sum();
-            turns.iter().map(|(slot, _)| load(*slot)).max().unwrap_or(0)
+            let in_cycle = |cycle| turns.iter().filter(move |(other, _)| *other == cycle);
+            let load = |cycle| in_cycle(cycle).map(|(_, transaction)| bits(transaction)).sum();
+            turns.iter().map(|(cycle, _)| load(*cycle)).max().unwrap_or(0)
         };
         let (worst_case, unstuffed) = (fullest(|it| it.worst_case), fullest(|it| it.unstuffed));
         let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
@@ -121,8 +121,8 @@ impl TransactionBits {
 mod tests {
     use super::*;
 
-    const fn mit(slot: u32) -> (u32, TransactionBits) {
-        (slot, TransactionBits { worst_case: 250, unstuffed: 206 })
+    const fn mit(cycle: u32) -> (u32, TransactionBits) {
+        (cycle, TransactionBits { worst_case: 250, unstuffed: 206 })
     }
 
     #[test]

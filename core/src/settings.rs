@@ -36,7 +36,7 @@ impl Settings {
 
     /// Which of the `every` cycles of a bus has its turn number `turn`: the turns are spread evenly. Below `every`.
     #[must_use]
-    pub fn slot(&self, bus: usize, turn: usize) -> u32 {
+    pub fn first_turn(&self, bus: usize, turn: usize) -> u32 {
         let every = self.buses[bus].every;
         (turn * every as usize / self.turns(bus).max(1)) as u32
     }

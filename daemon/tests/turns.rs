@@ -190,13 +190,13 @@ fn motors_take_turns_on_can_too() {
     let joints = robot.activate();
     for _ in 0..200 {
         robot.follow(&joints);
-        let slots: Vec<_> = robot
+        let asked: Vec<_> = robot
             .take_sent()
             .iter()
             .filter(|sent| sent.meaning != Meaning::GetFault)
             .map(|sent| sent.id)
             .collect();
-        assert!([vec![1, 2], vec![3, 4]].contains(&slots), "{slots:?}");
+        assert!([vec![1, 2], vec![3, 4]].contains(&asked), "{asked:?}");
     }
     assert_eq!(robot.state().joints().iter().map(|joint| joint.missed).sum::<u32>(), 0);
 }

@@ -60,7 +60,7 @@ pub struct JointState {
     pub torque: f32,
     /// °C, NaN when the protocol does not tell.
     pub temperature: f32,
-    /// The command that was sent to the motor in this cycle.
+    /// The command that was sent to the motor last.
     pub applied: Applied,
     /// `Limit` bits that acted on `applied`.
     pub limits: u32,
@@ -70,13 +70,14 @@ pub struct JointState {
     pub fault: u32,
     /// `JOINT_*` flags.
     pub flags: u32,
-    /// Cycles since the last reply; 0 when it came in this cycle.
+    /// Turns of the motor since the last reply; 0 when it came in this one. On most buses a turn is a cycle; with `every = N` it
+    /// is N cycles.
     pub age_cycles: u32,
-    /// Cycles without a reply since the daemon started.
+    /// Turns without a reply since the daemon started.
     pub missed: u32,
     /// Time from the command to its reply, ns; 0 before the first.
     pub reply_latency_ns: u32,
-    /// Replies that came after their cycle was over.
+    /// Replies that came after their turn was over.
     pub late: u32,
     /// States that decoded, but that the joint cannot have had; none of them was used. Modulo 2³².
     pub implausible: u32,

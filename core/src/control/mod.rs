@@ -336,7 +336,7 @@ fn turns(settings: &Settings) -> Vec<Turn> {
         places[bus] += 1;
         match settings_of.every {
             0 | 1 if !settings_of.is_line() => Turn::EACH_CYCLE,
-            every => Turn::once_in(every.max(1), settings.slot(bus, place)),
+            every => Turn::once_in(every.max(1), settings.first_turn(bus, place)),
         }
     };
     settings.motors.iter().map(|motor| motor.bus).map(turn).collect()
@@ -346,7 +346,7 @@ fn turns(settings: &Settings) -> Vec<Turn> {
 fn question_turn(settings: &Settings, bus: usize) -> Option<Turn> {
     let motors = settings.motors.iter().filter(|motor| motor.bus == bus).count();
     let has_turn = settings.turns(bus) > motors;
-    has_turn.then(|| Turn::once_in(settings.buses[bus].every.max(1), settings.slot(bus, motors)))
+    has_turn.then(|| Turn::once_in(settings.buses[bus].every.max(1), settings.first_turn(bus, motors)))
 }
 
 fn places(settings: &Settings) -> Vec<Place> {

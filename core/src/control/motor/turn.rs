@@ -27,9 +27,9 @@ impl Turn {
     pub(in crate::control) const EACH_CYCLE: Self =
         Self { every: 1, left: 0, outlasts_cycle: false, waits: false, begun: Instant::ZERO, elapsed: None };
 
-    /// Once in `every` cycles, for the first time in cycle number `slot` from now.
-    pub(in crate::control) const fn once_in(every: u32, slot: u32) -> Self {
-        Self { every, left: slot, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
+    /// Once in `every` cycles, for the first time in the cycle after `cycle` others.
+    pub(in crate::control) const fn once_in(every: u32, cycle: u32) -> Self {
+        Self { every, left: cycle, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
     }
 
     /// A cycle begins at `now`. Returns whether it is the motor's turn. Cycles are counted as they run, so that missed ticks
