@@ -54,6 +54,24 @@ impl Frame {
         Self { id, len: 8, data }
     }
 
+    /// `None` when `len` is more than 8. The bytes of `data` beyond it are dropped.
+    #[must_use]
+    #[inline]
+    pub const fn cut(id: FrameId, len: u8, data: [u8; 8]) -> Option<Self> {
+        let kept = match len {
+            0 => 0,
+            1..=8 => u64::MAX >> (64 - 8 * len as u32),
+            _ => return None,
+        };
+        Some(Self { id, len, data: (u64::from_le_bytes(data) & kept).to_le_bytes() })
+    }
+
+    /// The bytes, and zeros up to the eighth.
+    #[must_use]
+    pub const fn padded(&self) -> [u8; 8] {
+        self.data
+    }
+
     /// The arbitration id.
     #[must_use]
     pub const fn id(&self) -> FrameId {

@@ -11,20 +11,22 @@ use nix::errno::Errno;
 
 /// Bytes of the largest frame that a raw socket delivers (CAN FD).
 pub(crate) const FRAME_BYTES: usize = size_of::<libc::canfd_frame>();
+/// Bytes of a classic frame.
+pub(crate) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
 /// `CMSG_SPACE` of `SCM_TIMESTAMPING` (three times of 16 bytes) and of `SO_RXQ_OVFL` (4 bytes).
 const CONTROL_BYTES: usize = (16 + 48) + (16 + 8);
+const WORD: usize = size_of::<u64>();
 
-/// A control buffer, aligned as `cmsghdr` wants it.
-#[derive(Clone, Copy)]
-#[repr(C, align(8))]
-struct Control([u8; CONTROL_BYTES]);
+/// In words, as `cmsghdr` is aligned.
+type Frame = [u64; FRAME_BYTES / WORD];
+type Control = [u64; CONTROL_BYTES / WORD];
 
 /// Message headers for the kernel, with the memory that they point to. Built once, used for every call.
 ///
 /// The memory is [`Cell`]s: the kernel writes to it through the pointers in the headers, we read it by value. No
 /// `Vec` here ever grows, so nothing moves when the batch does.
 pub(crate) struct Batch {
-    frames: Vec<Cell<[u8; FRAME_BYTES]>>,
+    frames: Vec<Cell<Frame>>,
     controls: Vec<Cell<Control>>,
     /// Only the kernel reads them.
     _vectors: Vec<libc::iovec>,
@@ -40,8 +42,8 @@ unsafe impl Send for Batch {}
 impl Batch {
     /// A batch of up to `capacity` messages, of exactly `frame_bytes` bytes to send or of at most as many to receive.
     pub(crate) fn new(capacity: usize, frame_bytes: usize) -> Self {
-        let frames = vec![Cell::new([0; FRAME_BYTES]); capacity];
-        let controls = vec![Cell::new(Control([0; CONTROL_BYTES])); capacity];
+        let frames = vec![Cell::new(Frame::default()); capacity];
+        let controls = vec![Cell::new(Control::default()); capacity];
         let iov_len = frame_bytes.min(FRAME_BYTES);
         let mut vectors: Vec<_> =
             frames.iter().map(|frame| libc::iovec { iov_base: frame.as_ptr().cast(), iov_len }).collect();
@@ -55,8 +57,11 @@ impl Batch {
     }
 
     /// The bytes of message `index` for the next [`send`](Self::send).
-    pub(crate) fn put(&mut self, index: usize, frame: [u8; FRAME_BYTES]) {
-        self.frames[index].set(frame);
+    #[inline]
+    pub(crate) fn put(&mut self, index: usize, frame: [u8; CLASSIC_BYTES]) {
+        let (words, _) = frame.as_chunks();
+        let places = self.frames[index].as_array_of_cells();
+        places.iter().zip(words).for_each(|(place, word)| place.set(u64::from_ne_bytes(*word)));
     }
 
     /// Sends the first `count` messages, and returns how many the kernel took. Never blocks; one system call.
@@ -98,13 +103,14 @@ impl Batch {
     }
 
     /// Message `index` of the last [`receive`](Self::receive); `index` must be less than the number it returned.
-    pub(crate) fn message(&self, index: usize) -> Message {
+    #[inline]
+    pub(crate) fn message(&self, index: usize) -> Message<'_> {
         let header = &self.headers[index];
+        let words = header.msg_hdr.msg_controllen.min(CONTROL_BYTES) / WORD;
         Message {
-            frame: self.frames[index].get(),
+            frame: self.frames[index].as_array_of_cells(),
             frame_bytes: (header.msg_len as usize).min(FRAME_BYTES),
-            control: self.controls[index].get(),
-            control_bytes: header.msg_hdr.msg_controllen.min(CONTROL_BYTES),
+            control: &self.controls[index].as_array_of_cells()[..words],
         }
     }
 }
@@ -123,22 +129,31 @@ fn header(vector: *mut libc::iovec) -> libc::mmsghdr {
 }
 
 /// One received message, as the kernel wrote it.
-pub(crate) struct Message {
-    frame: [u8; FRAME_BYTES],
+pub(crate) struct Message<'a> {
+    frame: &'a [Cell<u64>; FRAME_BYTES / WORD],
     frame_bytes: usize,
-    control: Control,
-    control_bytes: usize,
+    control: &'a [Cell<u64>],
 }
 
-impl Message {
-    /// The bytes of the frame.
-    pub(crate) fn frame(&self) -> &[u8] {
-        &self.frame[..self.frame_bytes]
+impl<'a> Message<'a> {
+    /// How many bytes the frame has.
+    pub(crate) const fn frame_bytes(&self) -> usize {
+        self.frame_bytes
+    }
+
+    /// The first bytes of the frame; all that a classic frame has.
+    #[inline]
+    pub(crate) fn classic(&self) -> [u8; CLASSIC_BYTES] {
+        let [first, second, ..] = self.frame;
+        let mut bytes = [0; CLASSIC_BYTES];
+        bytes[..WORD].copy_from_slice(&first.get().to_ne_bytes());
+        bytes[WORD..].copy_from_slice(&second.get().to_ne_bytes());
+        bytes
     }
 
     /// The control messages, one after another.
-    pub(crate) fn control(&self) -> &[u8] {
-        &self.control.0[..self.control_bytes]
+    pub(crate) const fn control(&self) -> &'a [Cell<u64>] {
+        self.control
     }
 }
 
@@ -207,8 +222,8 @@ mod tests {
     use std::os::fd::AsFd;
     use std::os::unix::net::UnixDatagram;
 
-    fn message(first: u8) -> [u8; FRAME_BYTES] {
-        let mut frame = [0; FRAME_BYTES];
+    fn message(first: u8) -> [u8; CLASSIC_BYTES] {
+        let mut frame = [0; CLASSIC_BYTES];
         frame[0] = first;
         frame
     }
@@ -225,15 +240,15 @@ mod tests {
             assert_eq!(incoming.receive(far.as_fd(), 3), Ok(3));
             (0..3).for_each(|index| {
                 let message = incoming.message(index);
-                assert_eq!((message.frame().len(), message.frame()[0]), (16, index as u8 + 1));
-                assert_eq!(message.control(), []);
+                assert_eq!((message.frame_bytes(), message.classic()[0]), (16, index as u8 + 1));
+                assert!(message.control().is_empty());
             });
             (incoming, far)
         })
         .join()
         .unwrap();
         assert_eq!(incoming_moved.0.receive(incoming_moved.1.as_fd(), 3), Ok(1));
-        assert_eq!(incoming_moved.0.message(0).frame()[0], 4);
+        assert_eq!(incoming_moved.0.message(0).classic()[0], 4);
         assert_eq!(incoming_moved.0.receive(incoming_moved.1.as_fd(), 3), Err(Errno::EAGAIN));
     }
 

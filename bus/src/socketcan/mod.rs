@@ -30,7 +30,7 @@ use socketcan::{CanAddr, CanSocket, Socket, SocketOptions};
 
 use crate::clock::{self, RealtimeOffset};
 use crate::frame::{Arrival, ErrorFrame, Frame, FrameId, Inbox};
-use crate::kernel::{Batch, FRAME_BYTES};
+use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
@@ -99,7 +99,7 @@ impl SocketCanBus {
         Ok(Self {
             socket,
             link,
-            outgoing: Batch::new(Inbox::CAPACITY, wire::CLASSIC_BYTES),
+            outgoing: Batch::new(Inbox::CAPACITY, CLASSIC_BYTES),
             incoming: Batch::new(Inbox::CAPACITY, FRAME_BYTES),
             realtime: RealtimeOffset::measure(),
             latest: clock::monotonic(),
@@ -233,7 +233,8 @@ impl Bus for SocketCanBus {
                 inbox.lost = inbox.lost.saturating_add(dropped.wrapping_sub(self.dropped));
                 self.dropped = dropped;
             }
-            let arrival = Arrival { at: self.latest, content: wire::decode(message.frame()) };
+            let arrival =
+                Arrival { at: self.latest, content: wire::decode(message.frame_bytes(), message.classic()) };
             inbox.push(arrival).expect("no more messages were asked for than fit");
         }
         if count < free {

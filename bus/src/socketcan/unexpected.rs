@@ -59,26 +59,43 @@ impl UnexpectedIds {
     }
 }
 
+/// The most filters that a socket takes (`CAN_RAW_FILTER_MAX`).
+const FILTERS_MAX: usize = 512;
+
 /// Filters for everything but data frames with the `expected` ids: ranges of ids, of which a frame meets one or none. The
 /// kernel judges every frame of the bus by them within the send that puts it there, so they must be cheap; an inverted filter
 /// for each expected id, all joined, would take a call for nearly every one.
+///
+/// The kernel compares each frame with each range, but finds a single id in a table: as many ranges as a socket has filters
+/// for, the smallest first, are given id by id.
 fn others(expected: &[FrameId]) -> Vec<(u32, u32)> {
+    let mut ranges = Vec::new();
+    ranges_without(expected, 0, libc::CAN_SFF_MASK + 1, &mut ranges);
+    ranges.sort_by_key(|&(_, size)| size);
     let mut filters = vec![
         (libc::CAN_EFF_FLAG, libc::CAN_EFF_FLAG),
         (libc::CAN_RTR_FLAG, libc::CAN_RTR_FLAG | libc::CAN_EFF_FLAG),
     ];
-    ranges_without(expected, 0, libc::CAN_SFF_MASK + 1, &mut filters);
+    for (index, &(start, size)) in ranges.iter().enumerate() {
+        let others = ranges.len() - index - 1;
+        if filters.len() + size as usize + others <= FILTERS_MAX {
+            filters.extend((start..start + size).map(|id| (id, EXACT)));
+        } else {
+            filters.push((start, EXACT & !(size - 1)));
+        }
+    }
     filters
 }
 
-/// Appends filters for the ids from `start` that are not `expected`; `size`, how many there are, is a power of two.
-fn ranges_without(expected: &[FrameId], start: u32, size: u32, filters: &mut Vec<(u32, u32)>) {
+/// Appends the ranges of ids from `start` that are not `expected`, as start and size; `size`, how many ids there are, is a
+/// power of two.
+fn ranges_without(expected: &[FrameId], start: u32, size: u32, ranges: &mut Vec<(u32, u32)>) {
     let range = start..start + size;
     if !expected.iter().any(|id| range.contains(&u32::from(id.raw()))) {
-        filters.push((start, EXACT & !(size - 1)));
+        ranges.push((start, size));
     } else if size > 1 {
-        ranges_without(expected, start, size / 2, filters);
-        ranges_without(expected, start + size / 2, size / 2, filters);
+        ranges_without(expected, start, size / 2, ranges);
+        ranges_without(expected, start + size / 2, size / 2, ranges);
     }
 }
 
@@ -99,5 +116,15 @@ mod tests {
             assert_eq!(met(id | libc::CAN_EFF_FLAG), 1, "{id:#x}");
             assert_eq!(met(id | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG), 1, "{id:#x}");
         }
+    }
+
+    /// Three motors, their replies, and the kernel's own look-up table for single ids.
+    #[test]
+    fn a_frame_of_a_motor_is_compared_with_few_filters() {
+        let expected = [1, 2, 3, 0x101, 0x102, 0x103].map(|id| FrameId::new(id).unwrap());
+        let filters = others(&expected);
+        assert!(filters.len() <= FILTERS_MAX, "{}", filters.len());
+        let compared = filters.iter().filter(|(_, mask)| *mask != EXACT).count();
+        assert!(compared <= 5, "{compared}");
     }
 }

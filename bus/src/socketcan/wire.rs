@@ -6,10 +6,8 @@
 
 use crate::clock::RealtimeStamp;
 use crate::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
-use crate::kernel::FRAME_BYTES;
-
-/// Length of `struct can_frame`: of every frame that is sent, and of a classic frame that is received.
-pub(super) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
+use crate::kernel::{CLASSIC_BYTES, FRAME_BYTES};
+use core::cell::Cell;
 
 /// `struct can_frame`, by bytes.
 mod field {
@@ -22,38 +20,40 @@ mod field {
 }
 
 /// The bytes to send for `frame`.
-pub(super) fn encode(frame: &Frame) -> [u8; FRAME_BYTES] {
-    lay_out(u32::from(frame.id().raw()), frame.payload())
+#[inline]
+pub(super) fn encode(frame: &Frame) -> [u8; CLASSIC_BYTES] {
+    lay_out(u32::from(frame.id().raw()), frame.payload().len() as u8, frame.padded())
 }
 
 /// The bytes with which the kernel would report `error`.
-pub(super) fn encode_error(error: &ErrorFrame) -> [u8; FRAME_BYTES] {
-    lay_out(libc::CAN_ERR_FLAG | error.class & libc::CAN_ERR_MASK, &error.data)
+pub(super) fn encode_error(error: &ErrorFrame) -> [u8; CLASSIC_BYTES] {
+    lay_out(libc::CAN_ERR_FLAG | error.class & libc::CAN_ERR_MASK, 8, error.data)
 }
 
-/// `payload` has at most 8 bytes.
-fn lay_out(word: u32, payload: &[u8]) -> [u8; FRAME_BYTES] {
-    let mut bytes = [0; FRAME_BYTES];
+#[inline]
+fn lay_out(word: u32, len: u8, data: [u8; 8]) -> [u8; CLASSIC_BYTES] {
+    let mut bytes = [0; CLASSIC_BYTES];
     bytes[field::ID].copy_from_slice(&word.to_ne_bytes());
-    bytes[field::LEN] = payload.len() as u8;
-    bytes[field::DATA][..payload.len()].copy_from_slice(payload);
+    bytes[field::LEN] = len;
+    bytes[field::DATA].copy_from_slice(&data);
     bytes
 }
 
-/// The content of a received message.
-pub(super) fn decode(bytes: &[u8]) -> Content {
-    match bytes.len() {
-        CLASSIC_BYTES => classic(bytes).unwrap_or(Content::Unsupported(Unsupported::Length)),
+/// The content of a received message of so many bytes, by its first ones.
+#[inline]
+pub(super) fn decode(len: usize, bytes: [u8; CLASSIC_BYTES]) -> Content {
+    match len {
+        CLASSIC_BYTES => classic(&bytes).unwrap_or(Content::Unsupported(Unsupported::Length)),
         FRAME_BYTES => Content::Unsupported(Unsupported::Fd),
         _ => Content::Unsupported(Unsupported::Length),
     }
 }
 
-fn classic(bytes: &[u8]) -> Option<Content> {
-    let word = u32::from_ne_bytes(*bytes.get(field::ID)?.first_chunk()?);
-    let data = *bytes.get(field::DATA)?.first_chunk()?;
-    let len = usize::from(*bytes.get(field::LEN)?);
-    let raw_dlc = *bytes.get(field::LEN8_DLC)?;
+#[inline]
+fn classic(bytes: &[u8; CLASSIC_BYTES]) -> Option<Content> {
+    let word = u32::from_ne_bytes(*bytes[field::ID].first_chunk()?);
+    let data = *bytes[field::DATA].first_chunk()?;
+    let (len, raw_dlc) = (bytes[field::LEN], bytes[field::LEN8_DLC]);
     if word & libc::CAN_ERR_FLAG != 0 {
         return Some(Content::Error(ErrorFrame { class: word & libc::CAN_ERR_MASK, data }));
     }
@@ -67,7 +67,7 @@ fn classic(bytes: &[u8]) -> Option<Content> {
         return None;
     }
     let id = FrameId::new(u16::try_from(word).ok()?)?;
-    Frame::new(id, data.get(..len)?).map(Content::Frame)
+    Frame::cut(id, len, data).map(Content::Frame)
 }
 
 /// The data that the kernel adds to a frame.
@@ -80,48 +80,57 @@ pub(super) struct Ancillary {
     pub(super) dropped: Option<u32>,
 }
 
-/// Reads the control messages of one frame.
-pub(super) fn ancillary(control: &[u8]) -> Ancillary {
-    ControlMessages(control).filter(|message| message.level == libc::SOL_SOCKET).fold(
-        Ancillary::default(),
-        |found, message| match message.kind {
-            libc::SO_TIMESTAMPING => Ancillary { stamp: software_stamp(message.data), ..found },
-            libc::SO_RXQ_OVFL => {
-                Ancillary { dropped: message.data.first_chunk().map(|n| u32::from_ne_bytes(*n)), ..found }
+/// Reads the control messages of one frame. Bounded by the words of the buffer.
+#[inline]
+pub(super) fn ancillary(control: &[Cell<u64>]) -> Ancillary {
+    let mut found = Ancillary::default();
+    for message in ControlMessages(control) {
+        match message.level_and_kind {
+            (libc::SOL_SOCKET, libc::SO_TIMESTAMPING) => found.stamp = software_stamp(message.data),
+            (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => {
+                found.dropped = message.data.first().map(|word| halves(word.get()).0.cast_unsigned());
             }
-            _ => found,
-        },
-    )
+            _ => {}
+        }
+    }
+    found
 }
 
 /// The first of three 64-bit `timespec`s; all zero when the kernel had not begun to stamp.
-fn software_stamp(times: &[u8]) -> Option<RealtimeStamp> {
-    let seconds = u64::from_ne_bytes(*times.first_chunk()?);
-    let nanos = u64::from_ne_bytes(*times.get(8..)?.first_chunk()?);
+#[inline]
+fn software_stamp(times: &[Cell<u64>]) -> Option<RealtimeStamp> {
+    let [seconds, nanos, ..] = times else { return None };
+    let (seconds, nanos) = (seconds.get(), nanos.get());
     (seconds != 0).then(|| RealtimeStamp(seconds.wrapping_mul(1_000_000_000).wrapping_add(nanos)))
 }
 
+/// The first four bytes of a word, and the others.
+#[inline]
+const fn halves(word: u64) -> (i32, i32) {
+    let [a, b, c, d, e, f, g, h] = word.to_ne_bytes();
+    (i32::from_ne_bytes([a, b, c, d]), i32::from_ne_bytes([e, f, g, h]))
+}
+
 struct ControlMessage<'a> {
-    level: i32,
-    kind: i32,
-    data: &'a [u8],
+    level_and_kind: (i32, i32),
+    data: &'a [Cell<u64>],
 }
 
 /// Walks a control buffer: each message is `struct cmsghdr` (length with header, level, type), its data, and padding to
 /// the size of a word.
-struct ControlMessages<'a>(&'a [u8]);
+struct ControlMessages<'a>(&'a [Cell<u64>]);
 
 impl<'a> Iterator for ControlMessages<'a> {
     type Item = ControlMessage<'a>;
 
+    #[inline]
     fn next(&mut self) -> Option<Self::Item> {
-        const WORD: usize = size_of::<usize>();
-        let len = usize::from_ne_bytes(*self.0.first_chunk::<WORD>()?);
-        let level = i32::from_ne_bytes(*self.0.get(WORD..)?.first_chunk()?);
-        let kind = i32::from_ne_bytes(*self.0.get(WORD + 4..)?.first_chunk()?);
-        let data = self.0.get(WORD + 8..len)?;
-        self.0 = len.checked_next_multiple_of(WORD).and_then(|next| self.0.get(next..)).unwrap_or(&[]);
-        Some(ControlMessage { level, kind, data })
+        const WORD: u64 = size_of::<u64>() as u64;
+        let [len, kind, rest @ ..] = self.0 else { return None };
+        let words = len.get().checked_sub(2 * WORD)?.div_ceil(WORD);
+        let (data, others) = rest.split_at_checked(usize::try_from(words).ok()?)?;
+        self.0 = others;
+        Some(ControlMessage { level_and_kind: halves(kind.get()), data })
     }
 }
 
@@ -135,39 +144,45 @@ mod tests {
         [a, b, c, d, len, 0, 0, raw_dlc, 1, 2, 3, 4, 5, 6, 7, 8]
     }
 
+    /// Of a message of `struct can_frame`.
+    fn decode(bytes: [u8; CLASSIC_BYTES]) -> Content {
+        super::decode(CLASSIC_BYTES, bytes)
+    }
+
     #[test]
     fn a_frame_survives_the_way_through_the_kernel() {
         for len in 0..=8 {
             let frame = Frame::new(FrameId::new(0x101).unwrap(), &[0xA5; 8][..len]).unwrap();
-            assert_eq!(decode(&encode(&frame)[..CLASSIC_BYTES]), Content::Frame(frame));
+            assert_eq!(decode(encode(&frame)), Content::Frame(frame));
         }
         let frame = Frame::new(FrameId::MAX, &[1, 2, 3, 4, 5, 6]).unwrap();
-        assert_eq!(decode(&bytes(0x7FF, 6, 0)), Content::Frame(frame));
+        assert_eq!(decode(bytes(0x7FF, 6, 0)), Content::Frame(frame), "bytes beyond the length mean nothing");
         let error = ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 0x20, 0, 0, 0, 0, 0, 0] };
-        assert_eq!(decode(&encode_error(&error)[..CLASSIC_BYTES]), Content::Error(error));
+        assert_eq!(decode(encode_error(&error)), Content::Error(error));
     }
 
     #[test]
     fn an_unsupported_frame_is_never_a_frame() {
-        let unsupported = |bytes: &[u8]| match decode(bytes) {
+        let of_length = |len, bytes| match super::decode(len, bytes) {
             Content::Unsupported(unsupported) => Some(unsupported),
             _ => None,
         };
-        assert_eq!(unsupported(&bytes(0x8000_0101, 6, 0)), Some(Unsupported::Extended));
-        assert_eq!(unsupported(&bytes(0x4000_0101, 0, 0)), Some(Unsupported::Remote));
-        assert_eq!(unsupported(&[0; FRAME_BYTES]), Some(Unsupported::Fd));
+        let unsupported = |bytes| of_length(CLASSIC_BYTES, bytes);
+        assert_eq!(unsupported(bytes(0x8000_0101, 6, 0)), Some(Unsupported::Extended));
+        assert_eq!(unsupported(bytes(0x4000_0101, 0, 0)), Some(Unsupported::Remote));
+        assert_eq!(of_length(FRAME_BYTES, bytes(0x101, 6, 0)), Some(Unsupported::Fd));
         for raw_dlc in 9..=15 {
-            assert_eq!(unsupported(&bytes(0x101, 8, raw_dlc)), Some(Unsupported::Length));
+            assert_eq!(unsupported(bytes(0x101, 8, raw_dlc)), Some(Unsupported::Length));
         }
-        assert_eq!(unsupported(&bytes(0x101, 9, 0)), Some(Unsupported::Length));
-        assert_eq!(unsupported(&bytes(0x101, 255, 0)), Some(Unsupported::Length));
+        assert_eq!(unsupported(bytes(0x101, 9, 0)), Some(Unsupported::Length));
+        assert_eq!(unsupported(bytes(0x101, 255, 0)), Some(Unsupported::Length));
         assert_eq!(
-            unsupported(&bytes(0x800, 8, 0)),
+            unsupported(bytes(0x800, 8, 0)),
             Some(Unsupported::Length),
             "twelve bits without the extended flag"
         );
         for short in 0..CLASSIC_BYTES {
-            assert_eq!(unsupported(&bytes(0x101, 6, 0)[..short]), Some(Unsupported::Length));
+            assert_eq!(of_length(short, bytes(0x101, 6, 0)), Some(Unsupported::Length));
         }
     }
 
@@ -176,10 +191,19 @@ mod tests {
     fn an_error_report_is_never_a_frame_whatever_its_other_flags() {
         let mut report = bytes(0x2000_0040, 8, 0);
         report[field::DATA].fill(0);
-        assert_eq!(decode(&report), Content::Error(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] }));
+        assert_eq!(decode(report), Content::Error(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] }));
         for flags in [0x2000_0101, 0x6000_0101, 0xA000_0101, 0xE000_0101] {
-            assert!(matches!(decode(&bytes(flags, 255, 15)), Content::Error(_)));
+            assert!(matches!(decode(bytes(flags, 255, 15)), Content::Error(_)));
         }
+    }
+
+    fn ancillary(control: &[u8]) -> Ancillary {
+        super::ancillary(&words(control))
+    }
+
+    /// Whole words only, as the kernel's buffer has.
+    fn words(bytes: &[u8]) -> Vec<Cell<u64>> {
+        bytes.as_chunks().0.iter().map(|word| Cell::new(u64::from_ne_bytes(*word))).collect()
     }
 
     fn control(kind: i32, data: &[u8]) -> Vec<u8> {
@@ -221,7 +245,7 @@ mod tests {
         for len in [0, 1, 15, 16, 17, usize::MAX - 7, usize::MAX] {
             let mut bad = good.clone();
             bad[..8].copy_from_slice(&len.to_ne_bytes());
-            assert!(ControlMessages(&bad).count() <= bad.len());
+            assert!(ControlMessages(&words(&bad)).count() <= bad.len());
         }
     }
 }
