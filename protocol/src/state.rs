@@ -20,6 +20,7 @@ const WIDTHS: [u32; 3] = [16, 12, 12];
 impl StateCodes {
     /// Position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with these scales.
     #[must_use]
+    #[inline]
     pub fn scaled(self, scales: &Scales) -> [f32; 3] {
         let values = [
             scales.position.decode(self.position),
@@ -37,6 +38,7 @@ impl StateCodes {
     }
 
     /// From the five bytes of [`pack`](Self::pack).
+    #[inline]
     pub(crate) fn unpack(bytes: [u8; 5]) -> Self {
         let [a, b, c, d, e] = bytes;
         let [position, velocity, torque] =

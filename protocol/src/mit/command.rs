@@ -192,6 +192,7 @@ impl ControlCodes {
     /// # Errors
     ///
     /// When another value than the torque is NaN or infinite.
+    #[inline]
     pub fn nearest_with_torque(
         impedance: &Impedance,
         torque: u16,
@@ -231,17 +232,23 @@ impl ControlCodes {
     ///
     /// Real-time: does not allocate or block; takes constant time.
     #[must_use]
+    #[inline]
     pub fn pack(mut self) -> [u8; 8] {
-        match self.pack_unguarded() {
-            [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, _, _] => self.kp = 0xFFE,
-            [0, 0, 0, 0, 0, 0, 0, 0] => self.position = 1,
-            bytes => return bytes,
+        let mut word = self.word();
+        if word >> 16 == 0xFFFF_FFFF_FFFF {
+            self.kp = 0xFFE;
+            word = self.word();
+        } else if word == 0 {
+            self.position = 1;
+            word = self.word();
         }
-        self.pack_unguarded()
+        word.to_be_bytes()
     }
 
-    fn pack_unguarded(self) -> [u8; 8] {
-        field::pack(WIDTHS, [self.position, self.velocity, self.kp, self.kd, self.torque]).to_be_bytes()
+    /// The frame as a number, without a guard.
+    #[inline]
+    fn word(self) -> u64 {
+        field::pack(WIDTHS, [self.position, self.velocity, self.kp, self.kd, self.torque])
     }
 
     /// The codes in a frame, whatever else the frame may be.

@@ -51,6 +51,7 @@ impl Profile {
     /// # Errors
     ///
     /// When no state has so many bytes.
+    #[inline]
     pub fn decode_state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
         must_fit(payload, self.reply.lengths)?;
         let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, self.reply.lengths)) };
@@ -72,6 +73,7 @@ impl Profile {
 
     /// The faults that `state` reports; `None` where states report none.
     #[must_use]
+    #[inline]
     pub fn faults_of(&self, state: &State) -> Option<Faults> {
         match self.faults {
             FaultReport::InEveryReply(status) => Some(status.faults(state.status?)),
@@ -82,6 +84,7 @@ impl Profile {
     /// The motor is enabled, by the status of `state`; `None` where states have none. A status that is in no document does not
     /// say that it is off: it may be on.
     #[must_use]
+    #[inline]
     pub fn is_on(&self, state: &State) -> Option<bool> {
         match self.faults {
             FaultReport::InEveryReply(status) => Some(!status.is_off(state.status?)),
@@ -144,6 +147,7 @@ fn number(payload: &[u8], bytes: usize) -> u32 {
     payload.iter().skip(1).take(bytes).rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }
 
+#[inline]
 fn must_fit(payload: &[u8], lengths: [usize; 2]) -> Result<(), DecodeError> {
     let [least, most] = lengths;
     if (least..=most).contains(&payload.len()) { Ok(()) } else { Err(length(payload, lengths)) }

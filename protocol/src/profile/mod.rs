@@ -184,6 +184,7 @@ impl Profile {
     ///
     /// Real-time: does not allocate or block; takes constant time.
     #[must_use]
+    #[inline]
     pub fn is_fault_report(&self, payload: &[u8]) -> bool {
         let FaultReport::Asked(FaultReply { zeros, lengths: [least, _], .. }) = self.faults else {
             return false;
@@ -193,6 +194,7 @@ impl Profile {
 
     /// Whether a motor of this `id` may have sent `payload`, by its first byte. An empty payload names no other motor.
     #[must_use]
+    #[inline]
     pub fn is_from(&self, id: u8, payload: &[u8]) -> bool {
         payload.first().is_none_or(|first| (first ^ id) & self.reply.id_mask == 0)
     }
