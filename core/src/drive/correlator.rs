@@ -168,11 +168,11 @@ impl Correlator {
     /// A request was handed over at `now`. One that is still open is given up.
     pub(super) fn request(mut self, question: Question, now: Instant) -> Self {
         match self.open {
-            Some(open) if now.since(open.sent_at) <= LATEST_REPLY => {
+            Some(open) if now <= open.sent_at + LATEST_REPLY => {
                 self.owed = self.owed.saturating_add(1);
                 self.owed_since = now;
             }
-            _ if now.since(self.owed_since) > LATEST_REPLY => self.owed = 0,
+            _ if now > self.owed_since + LATEST_REPLY => self.owed = 0,
             _ => {}
         }
         if let Some(Request { question: Question::Fault, sent_at }) = self.open {

@@ -19,8 +19,8 @@ pub(super) struct Mit {
     transmission: Transmission,
     feedback: Option<Feedback>,
     unwrap: Option<Unwrap>,
-    /// The last accepted state, and when it arrived.
-    last: Option<(State, Instant)>,
+    /// The last accepted state.
+    last: Option<Last>,
 }
 
 /// After a longer silence no reply answers a request from before the silence.
@@ -28,6 +28,16 @@ const SILENCE_MAX: Duration = Duration::from_millis(100);
 /// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
 const POSITION_MARGIN: f32 = 0.05;
 const VELOCITY_MARGIN: f32 = 15.0;
+
+/// What the next state is compared with.
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    /// rad.
+    position: f32,
+    /// rad/s.
+    velocity: f32,
+    at: Instant,
+}
 
 /// Follows a position whose code wraps round. The turns are counted from accepted states only.
 #[derive(Debug)]
@@ -140,8 +150,8 @@ impl Mit {
 
     /// The motor can have reached `state` since its last accepted state. No such state is known after a long silence.
     fn continues(&self, state: &State, at: Instant) -> bool {
-        let Some((last, then)) = self.last else { return false };
-        let silence = at.since(then);
+        let Some(last) = self.last else { return false };
+        let silence = at.since(last.at);
         let reach = self.scales.velocity.max() as f32 * silence.as_secs_f32() + POSITION_MARGIN;
         silence <= SILENCE_MAX
             && (state.position - last.position).abs() < reach
@@ -150,7 +160,7 @@ impl Mit {
 
     /// Takes `state` as the newest, and gives it for the joint.
     fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
-        self.last = Some((*state, at));
+        self.last = Some(Last { position: state.position, velocity: state.velocity, at });
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
         let motor = Measured::new(position, state.velocity, state.torque, state.hottest());
         let status = Status { faults: self.profile.faults_of(state), runs: self.profile.is_on(state) };
@@ -208,7 +218,9 @@ impl Feedback {
         // Codes are not negative: cutting off is rounding down, without a call of the mathematical library.
         let below = f64::from(exact as u16);
         let above = below + f64::from(u8::from(exact > below));
-        let code = if wanted - below < 0.5 { below } else { above }.max(low).min(high);
+        let code = if wanted - below < 0.5 { below } else { above };
+        let code = if code > low { code } else { low };
+        let code = if code < high { code } else { high };
         self.carried = (code - wanted).clamp(-0.5, 0.5);
         code as u16
     }

@@ -25,6 +25,7 @@ pub(in crate::control) enum Report {
 impl Group {
     /// In the modes of a drive that leave the torque to it, nothing can be derated: the group is stopped instead.
     pub(super) fn watch_heat(&mut self, elapsed: Duration, cx: &mut Context) {
+        let elapsed = elapsed.as_secs_f64();
         let mut hottest = None;
         for motor in &mut self.motors {
             motor.warm(elapsed);

@@ -11,7 +11,6 @@
 //! ```
 
 use crate::settings::MotorSettings;
-use motord_bus::Duration;
 
 /// Heat above which the permitted torque falls.
 const KNEE: f64 = 0.8;
@@ -44,16 +43,18 @@ impl Heat {
         }
     }
 
-    /// `torque`, N·m, was given for `elapsed`. Readings above peak torque are clamped to it.
-    pub(super) fn warm(&mut self, torque: f32, elapsed: Duration) {
+    /// `torque`, N·m, was given for `elapsed`, s. Readings above peak torque are clamped to it.
+    pub(super) fn warm(&mut self, torque: f32, elapsed: f64) {
         let loss = f64::from(torque.abs().min(self.peak) / self.rated).powi(2);
         // Implicit, so that no elapsed time, however long, leads beyond the loss.
-        let elapsed = elapsed.as_secs_f64();
         self.value += (loss - self.value) * elapsed / (self.time_constant + elapsed);
     }
 
     /// The torque that may be given now, of at most `limit`, N·m.
     pub(super) fn allowed(&self, limit: f32) -> f32 {
+        if self.value <= KNEE {
+            return limit;
+        }
         let share = ((1.0 - self.value) / (1.0 - KNEE)).clamp(0.0, 1.0) as f32;
         limit.min(self.rated + (limit - self.rated).max(0.0) * share)
     }
@@ -72,7 +73,7 @@ mod tests {
     const LIMIT: f32 = 20.0;
     /// Twice the rated torque for ten seconds.
     const COLD: Heat = Heat { value: 0.0, rated: RATED, peak: 22.0, time_constant: 10.0 / TWICE_RATED };
-    const CYCLE: Duration = Duration::from_millis(1);
+    const CYCLE: f64 = 1e-3;
 
     /// Gives `wanted` for `seconds`, as far as it is allowed. Returns what was allowed last.
     fn give(heat: &mut Heat, wanted: f32, seconds: u32) -> f32 {
@@ -128,7 +129,7 @@ mod tests {
     fn a_limit_below_the_rated_torque_stays_the_limit() {
         let mut heat = COLD;
         for _ in 0..100 {
-            heat.warm(10.0 * RATED, Duration::from_secs(1));
+            heat.warm(10.0 * RATED, 1.0);
         }
         assert!(heat.is_overheated());
         assert_eq!(heat.allowed(5.0), 5.0);

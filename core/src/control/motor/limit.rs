@@ -49,7 +49,10 @@ pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
     limiter.slew(circumstances);
     limiter.bound(circumstances.limits.torque, circumstances.measured);
     limiter.derate(circumstances);
-    limiter.bound_to(Limit::Overload, circumstances.winding_torque, circumstances.measured);
+    // Rounding in the bounds before must not look like heat.
+    if circumstances.winding_torque < circumstances.limits.torque {
+        limiter.bound_to(Limit::Overload, circumstances.winding_torque, circumstances.measured);
+    }
     limiter.applied()
 }
 
@@ -183,10 +186,10 @@ impl Limiter {
     }
 
     fn within(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
-        let inside = value.max(low).min(high);
-        if inside.to_bits() != value.to_bits() && inside != value {
-            self.acted |= limit.bit();
-        }
+        // Comparisons of this form are one instruction each. What is no number becomes the lower end.
+        let inside = if value > low { value } else { low };
+        let inside = if inside < high { inside } else { high };
+        self.acted |= if inside == value { 0 } else { limit.bit() };
         inside
     }
 }

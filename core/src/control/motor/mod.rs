@@ -169,9 +169,9 @@ impl Motor {
         }
     }
 
-    /// Its winding gave torque for `elapsed`: the reported one, or the commanded one when that is more. A motor that
+    /// Its winding gave torque for `elapsed`, s: the reported one, or the commanded one when that is more. A motor that
     /// reports falsely is not trusted with more heat for it.
-    pub(super) fn warm(&mut self, elapsed: Duration) {
+    pub(super) fn warm(&mut self, elapsed: f64) {
         let fresh = self.measured.filter(|_| self.is_fresh());
         let reported = fresh.map_or(0.0, |state| state.torque.abs());
         let values = &self.applied.setpoint.values;
