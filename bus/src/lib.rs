@@ -12,7 +12,7 @@
 //!
 //! The feature `linux`, on by default, adds all that makes system calls:
 //!
-//! - `socketcan`: the CAN interfaces of Linux.
+//! - `socketcan`: the CAN interfaces of Linux. `serial::SerialBus`: its serial ports.
 //! - `wait` and `clock`: sleeping until something arrives, and the time.
 
 pub mod arithmetic;
@@ -25,6 +25,8 @@ pub mod frame;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 #[cfg(feature = "linux")]
 mod kernel;
+#[cfg(feature = "linux")]
+mod lock;
 mod readiness;
 pub mod serial;
 #[cfg(feature = "linux")]
@@ -34,6 +36,8 @@ pub mod time;
 mod wait;
 
 pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
+#[cfg(feature = "linux")]
+pub use lock::{BusLock, LockError};
 pub use readiness::{MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
 #[cfg(feature = "linux")]

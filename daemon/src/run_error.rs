@@ -1,7 +1,7 @@
 //! Why the daemon does not run, or why it ended by itself.
 
 use crate::buses::BusError;
-use motord_bus::socketcan::LockError;
+use motord_bus::LockError;
 use motord_configuration::ConfigError;
 use motord_shared::instance::InstanceError;
 use motord_shared::service::ServiceError;

@@ -265,7 +265,7 @@ fn start_cycle(
     orders: &Arc<Orders>,
     mut cycle: Cycle<Monotonic>,
     heartbeat: Heartbeat,
-    locks: Vec<motord_bus::socketcan::InterfaceLock>,
+    locks: Vec<motord_bus::BusLock>,
 ) -> Result<JoinHandle<()>, RunError> {
     let given = Arc::clone(orders);
     let request = SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
@@ -314,7 +314,7 @@ fn start_registrar(
 ) -> Result<(), RunError> {
     let frames = SafeFrames::of(settings);
     if frames.buses.is_empty() {
-        tracing::info!("no dead man's switch: it serves CAN interfaces, and there is none");
+        tracing::info!("no dead man's switch: every bus is simulated, and ends with this process");
         return Ok(());
     }
     let mut registrar = Registrar::new(instance.clone(), frames, pulse);

@@ -37,7 +37,8 @@ const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
 const SECOND: u16 = 2;
 
 fn safe_frames() -> SafeFrames {
-    let bus = InterfaceFrames { interface: "can0".into(), damp: vec![DAMPING], stop: vec![STOPPING] };
+    let bus =
+        InterfaceFrames { interface: "can0".into(), baud: None, damp: vec![DAMPING], stop: vec![STOPPING] };
     SafeFrames { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
 }
 
@@ -45,7 +46,7 @@ fn safe_frames() -> SafeFrames {
 fn safe_frames_of_two() -> SafeFrames {
     let mut frames = safe_frames();
     let (damp, stop) = (vec![(SECOND, DAMPING.1)], vec![(SECOND, STOPPING.1)]);
-    frames.buses.push(InterfaceFrames { interface: "can1".into(), damp, stop });
+    frames.buses.push(InterfaceFrames { interface: "can1".into(), baud: None, damp, stop });
     frames
 }
 
@@ -319,7 +320,7 @@ fn a_second_daemon_is_refused_while_the_first_lives_and_watched_after_its_death(
     assert_eq!(switch.sent.recv().map(|(_, frame)| frame.payload() == DAMPING.1), Ok(true));
 
     let unfit = SafeFrames {
-        buses: vec![InterfaceFrames { interface: "can9".into(), damp: vec![], stop: vec![] }],
+        buses: vec![InterfaceFrames { interface: "can9".into(), baud: None, damp: vec![], stop: vec![] }],
         ..safe_frames()
     };
     assert!(matches!(register(&instance, unfit, &pulse).1, Answer::Refused(Refusal::SafeFrames(_))));
@@ -361,7 +362,12 @@ fn nonsense_and_silence_do_not_keep_others_out() {
     nonsense.send(&vec![0; 1000], None).unwrap();
     assert!(nonsense.receive::<Answer>().is_err(), "hung up on");
     let too_wide = SafeFrames {
-        buses: vec![InterfaceFrames { interface: "can0".into(), damp: vec![(0x800, [0; 8])], stop: vec![] }],
+        buses: vec![InterfaceFrames {
+            interface: "can0".into(),
+            baud: None,
+            damp: vec![(0x800, [0; 8])],
+            stop: vec![],
+        }],
         ..safe_frames()
     };
     let (_heartbeat, pulse) = beating();
@@ -411,6 +417,7 @@ fn the_safe_frames_of_a_configuration_are_what_the_documents_call_damping_and_st
     let frames = SafeFrames::of(&settings);
     let gim_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
     let expected = InterfaceFrames {
+        baud: None,
         interface: "nocan0".into(),
         damp: vec![(1, [0x80, 0x00, 0x80, 0x00, 0x00, 0x66, 0x68, 0x00]), gim_stop],
         stop: vec![(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]), gim_stop],

@@ -15,7 +15,6 @@
 //! - *Loopback* stays on, so that `candump` sees what motord sends; own frames are not received.
 
 mod link;
-mod lock;
 mod name;
 mod sender;
 mod unexpected;
@@ -35,7 +34,6 @@ use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
 pub use link::{Link, OpenError, RESTART_MS, Remedy, Step};
-pub use lock::{InterfaceLock, LockError};
 pub use name::{InterfaceName, InvalidName};
 pub use sender::Sender;
 pub use unexpected::UnexpectedIds;

@@ -61,6 +61,13 @@ pub(crate) const fn transaction(motor: &MotorSettings) -> Transaction {
     }
 }
 
+/// Whether the payload `reply` can answer the payload `request` on a serial line, as far as their bytes alone tell it. Real-time:
+/// does not allocate or block; takes constant time.
+#[must_use]
+pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
+    motord_protocol::gim::repeats(request, reply)
+}
+
 /// The frames that damp and stop a motor when nobody controls it any more. In native mode damping is made of the last
 /// state, which nobody knows then: such a motor is stopped at once.
 #[must_use]

@@ -3,8 +3,8 @@
 //! | who | on | until |
 //! |---|---|---|
 //! | the cycle's thread, after a panic in the cycle | the buses of the cycle | every bus is served, or [`PATIENCE`] |
-//! | the dead man's switch, after the daemon's death | CAN sockets of its own | every bus is served |
-//! | `motord safe-stop`, after the death of both | CAN sockets of its own | every bus is served, or [`PATIENCE`] |
+//! | the dead man's switch, after the daemon's death | CAN sockets and serial ports of its own | every bus is served |
+//! | `motord safe-stop`, after the death of both | CAN sockets and serial ports of its own | every bus is served, or [`PATIENCE`] |
 //!
 //! A [`Stopper`] knows frames only: no protocol, no joint, no state of the daemon. Each bus has its [`BusFrames`] and a
 //! [`Schedule`] of its own, so a bus that takes nothing delays no other.

@@ -5,9 +5,12 @@ pub mod reconnector;
 
 pub use physics::{physics, simulate};
 
-use motord_bus::Bus;
-use motord_bus::socketcan::{self, InterfaceLock, InterfaceName, LockError, OpenError, SocketCanBus};
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_bus::serial::{self, SerialBus};
+use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
+use motord_bus::{Bus, BusLock, Duration, LockError};
+use motord_core::drive;
+use motord_core::plan::BusPlan;
+use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
 use std::path::Path;
 
 /// Why a bus could not be opened.
@@ -19,21 +22,23 @@ pub enum BusError {
         /// The bus.
         bus: String,
         /// Why.
-        source: OpenError,
+        source: socketcan::OpenError,
     },
-    /// Another daemon uses the interface.
+    /// The serial port cannot be used.
+    #[error("bus {bus}: {source}")]
+    Port {
+        /// The bus.
+        bus: String,
+        /// Why.
+        source: serial::OpenError,
+    },
+    /// Another daemon uses the interface or the port.
     #[error("bus {bus}: {source}")]
     Lock {
         /// The bus.
         bus: String,
         /// The lock, and who holds it.
         source: LockError,
-    },
-    /// The cycle does not drive serial buses. Settings from a file have none: `config` refuses it in the same words.
-    #[error("bus {bus}: motord does not drive serial buses yet; put the motors on a CAN bus")]
-    Serial {
-        /// The bus.
-        bus: String,
     },
     /// The text is no name of an interface.
     #[error("bus {bus}: `{interface}` is no interface name: use one that `ip link` lists")]
@@ -50,7 +55,7 @@ pub struct Buses {
     /// In the order of the configuration.
     pub buses: Vec<Box<dyn Bus>>,
     /// Held until they are dropped.
-    pub locks: Vec<InterfaceLock>,
+    pub locks: Vec<BusLock>,
 }
 
 /// Opens every bus. Lock files go to `directory`.
@@ -61,16 +66,24 @@ pub struct Buses {
 pub fn open(settings: &Settings, directory: &Path) -> Result<Buses, BusError> {
     let mut opened = Buses { buses: Vec::new(), locks: Vec::new() };
     for (index, bus) in settings.buses.iter().enumerate() {
-        if let BusKind::SocketCan { interface, .. } = &bus.kind {
-            let lock = InterfaceLock::acquire(directory, interface_name(bus, interface)?);
-            opened.locks.push(lock.map_err(|source| BusError::Lock { bus: bus.name.clone(), source })?);
-        }
+        opened.locks.extend(lock(bus, directory)?);
         opened.buses.push(open_one(settings, index)?);
     }
     Ok(opened)
 }
 
-/// Opens one bus, for the first time or again.
+fn lock(bus: &BusSettings, directory: &Path) -> Result<Option<BusLock>, BusError> {
+    let lock = match &bus.kind {
+        BusKind::SocketCan { interface, .. } => {
+            BusLock::interface(directory, interface_name(bus, interface)?)
+        }
+        BusKind::Serial { device, .. } => BusLock::device(directory, device),
+        BusKind::Simulated { .. } => return Ok(None),
+    };
+    lock.map(Some).map_err(|source| BusError::Lock { bus: bus.name.clone(), source })
+}
+
+/// Opens one bus, for the first time or again. A serial port must be closed before it is opened again.
 ///
 /// # Errors
 ///
@@ -89,8 +102,35 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusEr
                 Err(source) => Err(BusError::Open { bus: bus.name.clone(), source }),
             }
         }
-        BusKind::Serial { .. } => Err(BusError::Serial { bus: bus.name.clone() }),
+        BusKind::Serial { .. } => match SerialBus::open(&line(settings, index)) {
+            Ok(bus) => Ok(Box::new(bus)),
+            Err(source) => Err(BusError::Port { bus: bus.name.clone(), source }),
+        },
     }
+}
+
+/// The serial line with this index. A request is given up a while before the plan has the next one sent.
+fn line(settings: &Settings, index: usize) -> serial::Settings {
+    let address = |motor: &MotorSettings| serial::Address {
+        id: motor.id,
+        host_id: u8::try_from(motor.host_id.raw()).ok(),
+    };
+    let motors = settings.motors.iter().filter(|motor| motor.bus == index);
+    let device = match &settings.buses[index].kind {
+        BusKind::Serial { device, .. } => device.clone(),
+        BusKind::SocketCan { .. } | BusKind::Simulated { .. } => String::new(),
+    };
+    serial::Settings {
+        device,
+        baud: settings.buses[index].kind.bitrate(),
+        addresses: motors.map(address).collect(),
+        reply_timeout: reply_timeout(&BusPlan::of(settings)[index]),
+        answers: drive::repeats,
+    }
+}
+
+fn reply_timeout(plan: &BusPlan) -> Duration {
+    plan.transaction_worst * 3 / 4
 }
 
 fn interface_name(bus: &BusSettings, interface: &str) -> Result<InterfaceName, BusError> {

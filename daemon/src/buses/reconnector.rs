@@ -7,16 +7,40 @@
 //! ```
 //!
 //! A bus that is back has stopped motors: opening it enables nothing.
+//!
+//! A serial port is closed before it is opened again: it is locked, and while it is open, the kernel gives another name to the
+//! adapter that is plugged in again. The cycle gets an [`Unplugged`] bus for it meanwhile.
 
 use crate::buses;
-use motord_bus::Duration;
+use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
-use motord_core::settings::Settings;
+use motord_core::settings::{BusKind, Settings};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 
 /// The wait after a failed attempt. It doubles up to [`BACK_OFF_MAX`].
 const BACK_OFF: Duration = Duration::from_secs(1);
 const BACK_OFF_MAX: Duration = Duration::from_secs(8);
+
+/// The cycle gives an old bus away within this time, as long as it runs.
+const HAND_OVER: Duration = Duration::from_millis(100);
+
+/// A bus whose adapter is not there: it takes nothing.
+struct Unplugged;
+
+impl Bus for Unplugged {
+    /// No system call.
+    fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+        // Not `Gone`: that would be reported as another loss.
+        Sent { accepted: 0, refusal: (!frames.is_empty()).then_some(Refusal::Down) }
+    }
+
+    /// Nothing ever comes.
+    fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
+
+    fn readiness(&self) -> Readiness<'_> {
+        Readiness::Never
+    }
+}
 
 /// Opens buses again.
 pub struct Reconnector(Supply);
@@ -35,7 +59,10 @@ impl Reconnector {
         let mut back_off = BACK_OFF;
         while !stop() {
             match broken.recv_timeout(if waiting.is_empty() { BACK_OFF } else { back_off }) {
-                Ok(bus) if !waiting.contains(&bus) => waiting.push(bus),
+                Ok(bus) if !waiting.contains(&bus) => {
+                    waiting.push(bus);
+                    self.close(settings, bus);
+                }
                 Ok(_) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
@@ -44,6 +71,15 @@ impl Reconnector {
             waiting.retain(|&bus| !self.reopen(settings, bus));
             let failing = !waiting.is_empty() && waiting.len() == before;
             back_off = if failing { (2 * back_off).min(BACK_OFF_MAX) } else { BACK_OFF };
+        }
+    }
+
+    /// Closes the port of a serial bus that is gone.
+    fn close(&mut self, settings: &Settings, index: usize) {
+        if let BusKind::Serial { .. } = settings.buses[index].kind
+            && self.0.hand_over(index, Box::new(Unplugged))
+        {
+            std::thread::sleep(HAND_OVER);
         }
     }
 

@@ -4,8 +4,7 @@ use crate::deadman::channel::{Answer, Channel, Request};
 use crate::deadman::interfaces::{Interface, Interfaces, Open};
 use crate::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use crate::host::clock::Monotonic;
-use motord_bus::socketcan::{InterfaceLock, LockError};
-use motord_bus::{Duration, clock};
+use motord_bus::{BusLock, Duration, LockError, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
 use motord_shared::instance::Instance;
@@ -62,7 +61,7 @@ impl SafeStopError {
     }
 }
 
-/// Damps and stops the motors on every CAN interface of a configuration, which takes at most two seconds. Uses interfaces as
+/// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds. Uses interfaces as
 /// they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
 /// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
 /// `open` opens an interface to send.
@@ -122,16 +121,22 @@ fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
     }
 }
 
-/// Opens an interface, with its lock: no daemon drives the interface while the lock is held. The lock is `None` where no
+/// Opens an interface or a port, with its lock: no daemon drives the interface while the lock is held. The lock is `None` where no
 /// daemon could hold one.
 fn prepare(
     bus: &InterfaceFrames,
     directory: Option<&Path>,
     open: Open<'_>,
-) -> Result<(Interface, Option<InterfaceLock>), LeftOut> {
-    let interface = bus.interface.parse().ok();
-    let lock = match directory.zip(interface).map(|(directory, name)| InterfaceLock::acquire(directory, name))
-    {
+) -> Result<(Interface, Option<BusLock>), LeftOut> {
+    if bus.baud.is_some() && !Path::new(&bus.interface).exists() {
+        let reason = format!("{}: there is no such device", bus.interface);
+        return Err(InterfaceError::Open { reason }.into());
+    }
+    let acquire = |directory| match bus.baud {
+        Some(_) => Some(BusLock::device(directory, &bus.interface)),
+        None => bus.interface.parse().ok().map(|name| BusLock::interface(directory, name)),
+    };
+    let lock = match directory.and_then(acquire) {
         Some(Err(held @ LockError::Held { .. })) => return Err(LeftOut::Driven(held)),
         // Without a directory for locks there is no daemon that could hold one.
         Some(Err(LockError::File { .. })) | None => None,

@@ -1,4 +1,4 @@
-//! The CAN interfaces whose motors are stopped, each opened to send and nothing else.
+//! The CAN interfaces and serial ports whose motors are stopped, each opened to send and nothing else.
 
 use core::fmt::Display;
 use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
@@ -6,9 +6,10 @@ use motord_bus::{Bus, Duration, Frame, Instant, Refusal};
 use motord_core::clock::Clock;
 use motord_core::stopper::{BusFrames, Outlet, Stopper};
 
+use super::port::Port;
 use super::safe_frames::{InterfaceError, InterfaceFrames};
 
-/// Opens an interface by name, to send up to so many frames at a time.
+/// Opens a CAN interface by name, to send up to so many frames at a time.
 pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>;
 
 /// One interface, opened.
@@ -19,7 +20,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Checks the frames and opens the interface. Allocates.
+    /// Checks the frames and opens the CAN interface by `open`, or the serial port in a thread of its own. Allocates.
     ///
     /// # Errors
     ///
@@ -27,7 +28,10 @@ impl Interface {
     pub fn open(frames: &InterfaceFrames, open: Open<'_>) -> Result<Self, InterfaceError> {
         let checked = frames.checked()?;
         let count = checked.damp.len().max(checked.stop.len());
-        let outlet = open(&frames.interface, 2 * count as u32)?;
+        let outlet = match frames.baud {
+            Some(baud) => Box::new(Port::open(&frames.interface, baud).map_err(|error| failed(&error))?),
+            None => open(&frames.interface, 2 * count as u32)?,
+        };
         Ok(Self { name: frames.interface.clone(), outlet, frames: checked })
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   motord run                                   motord deadman
-//!   cycle ──store──▶ heartbeat (memfd) ◀──read── switch ──▶ its own CAN sockets
+//!   cycle ──store──▶ heartbeat (memfd) ◀──read── switch ──▶ its own CAN sockets and serial ports
 //!   registrar ◀───── connection ───────────────▶ server
 //! ```
 //!
@@ -18,6 +18,7 @@
 pub mod channel;
 pub mod heartbeat;
 pub mod interfaces;
+mod port;
 pub mod registrar;
 pub mod safe_frames;
 pub mod server;

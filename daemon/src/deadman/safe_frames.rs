@@ -12,15 +12,18 @@ pub struct SafeFrames {
     pub patience: Duration,
     /// Motors are damped for this long, then stopped.
     pub damp: Duration,
-    /// CAN interfaces, and the frames for each.
+    /// CAN interfaces and serial ports, and the frames for each.
     pub buses: Vec<InterfaceFrames>,
 }
 
-/// The frames for one CAN interface.
+/// The frames for one CAN interface or serial port.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InterfaceFrames {
-    /// The interface.
+    /// The interface, or the device of the port.
     pub interface: String,
+    /// Bit/s of a serial port; `None` for a CAN interface, which is used as it is.
+    #[serde(default)]
+    pub baud: Option<u32>,
     /// One frame per motor that damps it.
     pub damp: Vec<WrittenFrame>,
     /// One frame per motor that stops it.
@@ -56,13 +59,17 @@ pub enum InterfaceError {
 }
 
 impl SafeFrames {
-    /// The safe frames of a daemon with these settings. Simulated buses are inside the daemon and die with it; serial buses
-    /// are not cycled: neither takes part.
+    /// The safe frames of a daemon with these settings. Simulated buses are inside the daemon and die with it.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         let interface = |(index, bus): (usize, &_)| match bus {
-            BusKind::SocketCan { interface, .. } => Some(InterfaceFrames::of(settings, index, interface)),
-            BusKind::Simulated { .. } | BusKind::Serial { .. } => None,
+            BusKind::SocketCan { interface, .. } => {
+                Some(InterfaceFrames::of(settings, index, interface, None))
+            }
+            BusKind::Serial { device, baud, .. } => {
+                Some(InterfaceFrames::of(settings, index, device, Some(*baud)))
+            }
+            BusKind::Simulated { .. } => None,
         };
         Self {
             patience: settings.safety.deadman,
@@ -73,11 +80,12 @@ impl SafeFrames {
 }
 
 impl InterfaceFrames {
-    fn of(settings: &Settings, index: usize, interface: &str) -> Self {
+    fn of(settings: &Settings, index: usize, interface: &str, baud: Option<u32>) -> Self {
         let written = |frame: &Frame| Some((frame.id().raw(), frame.payload().try_into().ok()?));
         let BusFrames { damp, stop } = BusFrames::of(settings, index);
         Self {
             interface: interface.to_owned(),
+            baud,
             damp: damp.iter().filter_map(written).collect(),
             stop: stop.iter().filter_map(written).collect(),
         }

@@ -1,0 +1,230 @@
+//! A serial port whose motors are stopped, in a thread of its own: opening a port and writing to it can take as long as its
+//! adapter likes, and no CAN interface waits for that.
+//!
+//! An RS485 line carries one direction at a time. A motor answers each frame, so the next one leaves after the time for an answer;
+//! nobody reads it.
+
+use motord_bus::serial::SerialSender;
+use motord_bus::{Duration, Frame, Inbox, Instant, Refusal};
+use motord_core::stopper::Outlet;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
+use std::thread::Builder;
+
+/// From one frame to the next. At 921 600 bit/s frame and answer take 0.26 ms, and the motor may take its time.
+const PACE: Duration = Duration::from_millis(2);
+/// How often an idle thread tests whether the adapter was unplugged. A port that stays open would keep its name from the
+/// adapter that is plugged in again.
+const IDLE: Duration = Duration::from_millis(100);
+/// The rounds that were taken have this time to leave before the port is given up.
+const LINGER: Duration = Duration::from_millis(50);
+/// The memory of the process is locked: a thread takes no more of it than it needs.
+const STACK_BYTES: usize = 256 * 1024;
+
+/// One frame to each motor of a line.
+#[derive(Clone, Copy)]
+struct Round {
+    frames: [Frame; Inbox::CAPACITY],
+    count: usize,
+}
+
+impl Round {
+    /// `None` without a frame. Those beyond the capacity are left out: more were refused when the port was opened.
+    fn of(frames: &[Frame]) -> Option<Self> {
+        let count = frames.len().min(Inbox::CAPACITY);
+        let mut round = Self { frames: [*frames.first()?; Inbox::CAPACITY], count };
+        round.frames[..count].copy_from_slice(&frames[..count]);
+        Some(round)
+    }
+}
+
+/// The near end of the thread.
+pub(super) struct Port {
+    rounds: Option<SyncSender<Round>>,
+    /// The port is open, and took all frames of the last round.
+    is_sound: Arc<AtomicBool>,
+    ended: Receiver<()>,
+}
+
+impl Port {
+    /// Starts the thread, which opens `device` at `baud` bit/s, now or when it is there. Allocates.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
+    pub(super) fn open(device: &str, baud: u32) -> io::Result<Self> {
+        let (rounds, taken) = sync_channel(1);
+        let (ends, ended) = channel();
+        let is_sound = Arc::new(AtomicBool::new(true));
+        let mut line = Line { device: device.to_owned(), baud, sender: None, logged: false };
+        let sound = Arc::clone(&is_sound);
+        let serve = move || {
+            line.serve(&taken, &sound);
+            drop(line);
+            let _nobody_waits = ends.send(());
+        };
+        Builder::new().name("motord-port".into()).stack_size(STACK_BYTES).spawn(serve)?;
+        Ok(Self { rounds: Some(rounds), is_sound, ended })
+    }
+}
+
+impl Outlet for Port {
+    /// Gives the round to the thread. Refuses while the round before the last one is not sent, and while the port does not
+    /// take frames; then it is tried with each round. At most one system call.
+    fn send_round(&mut self, _now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        let round = Round::of(frames)?;
+        let is_taken = self.rounds.as_ref().is_some_and(|rounds| rounds.try_send(round).is_ok());
+        match (is_taken, self.is_sound.load(Ordering::Relaxed)) {
+            (true, true) => None,
+            (true, false) => Some(Refusal::Down),
+            (false, _) => Some(Refusal::Full),
+        }
+    }
+}
+
+impl Drop for Port {
+    /// Waits for the last rounds, at most [`LINGER`].
+    fn drop(&mut self) {
+        self.rounds = None;
+        let _stuck = self.ended.recv_timeout(LINGER);
+    }
+}
+
+/// The far end: the port itself.
+struct Line {
+    device: String,
+    baud: u32,
+    sender: Option<SerialSender>,
+    /// Whether the log says that the port cannot be opened.
+    logged: bool,
+}
+
+impl Line {
+    /// Sends the rounds until the near end is dropped.
+    fn serve(&mut self, rounds: &Receiver<Round>, is_sound: &AtomicBool) {
+        self.find();
+        loop {
+            match rounds.recv_timeout(IDLE) {
+                Ok(round) => {
+                    self.find();
+                    is_sound.store(self.send(&round), Ordering::Relaxed);
+                }
+                Err(RecvTimeoutError::Timeout) => self.find(),
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    }
+
+    /// Opens the port, if it is not open. Closes it when its adapter is not there any more.
+    fn find(&mut self) {
+        self.sender.take_if(|sender| sender.is_gone());
+        if self.sender.is_some() {
+            return;
+        }
+        match SerialSender::open(&self.device, self.baud) {
+            Ok(sender) => (self.sender, self.logged) = (Some(sender), false),
+            Err(error) if !self.logged => {
+                tracing::warn!("{error}. It is looked for again, also when its motors are to be stopped.");
+                self.logged = true;
+            }
+            Err(_) => {}
+        }
+    }
+
+    /// Sends one frame to each motor. Returns whether the port took all. Takes [`PACE`] for each.
+    fn send(&mut self, round: &Round) -> bool {
+        let mut took_all = true;
+        for frame in &round.frames[..round.count] {
+            let sent = self.sender.as_ref().ok_or(Refusal::Gone).and_then(|sender| sender.send(frame));
+            took_all &= sent.is_ok();
+            if sent == Err(Refusal::Gone) {
+                self.sender = None;
+                return false;
+            }
+            std::thread::sleep(PACE);
+        }
+        took_all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_bus::FrameId;
+    use nix::pty::{OpenptyResult, openpty};
+    use std::fs::File;
+    use std::io::Read;
+    use std::os::fd::OwnedFd;
+    use std::time::Instant as Clock;
+
+    fn stops() -> [Frame; 3] {
+        [1, 2, 3].map(|id| Frame::full(FrameId::from(id), [0x92, 0, 0x80, 0, 0, 0, 8, 0]))
+    }
+
+    /// The motors' end of a line, and the device.
+    fn pty() -> (File, OwnedFd, String) {
+        let OpenptyResult { master, slave } = openpty(None, None).unwrap();
+        let device = nix::unistd::ttyname(&slave).unwrap().to_str().unwrap().to_owned();
+        (master.into(), slave, device)
+    }
+
+    #[test]
+    fn every_motor_of_a_line_hears_its_stop_with_time_to_answer_in_between() {
+        let (mut motors, _slave, device) = pty();
+        let mut port = Port::open(&device, 921_600).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
+        let mut heard = [0; 36];
+        let begun = Clock::now();
+        motors.read_exact(&mut heard).unwrap();
+        assert!(begun.elapsed() >= PACE, "they collide with the answers");
+        assert_eq!(heard.chunks(12).map(|frame| frame[0]).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(heard[..5], [0x01, 0x00, 0x08, 0x09, 0x92], "GIM document, table 3");
+    }
+
+    #[test]
+    fn a_round_that_was_taken_leaves_before_the_port_is_given_up() {
+        let (mut motors, _slave, device) = pty();
+        let mut port = Port::open(&device, 921_600).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
+        drop(port);
+        motors.read_exact(&mut [0; 36]).unwrap();
+    }
+
+    #[test]
+    fn a_port_that_is_missing_refuses_at_once_and_serves_when_it_is_there() {
+        let directory = tempfile::tempdir().unwrap();
+        let link = directory.path().join("adapter");
+        let mut port = Port::open(link.to_str().unwrap(), 921_600).unwrap();
+        let begun = Clock::now();
+        let refused = (0..3).map(|_| {
+            let refused = port.send_round(Instant::ZERO, &stops());
+            std::thread::sleep(Duration::from_millis(20));
+            refused
+        });
+        assert!(refused.collect::<Vec<_>>().contains(&Some(Refusal::Down)));
+        assert!(begun.elapsed() < Duration::from_millis(500), "it blocked");
+        let (mut motors, _slave, device) = pty();
+        std::os::unix::fs::symlink(device, link).unwrap();
+        port.send_round(Instant::ZERO, &stops());
+        motors.read_exact(&mut [0; 36]).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
+    }
+
+    #[test]
+    fn an_adapter_that_was_unplugged_is_let_go() {
+        let (motors, slave, device) = pty();
+        let port = Port::open(&device, 921_600).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        drop((motors, slave));
+        std::thread::sleep(2 * IDLE);
+        let open = std::fs::read_dir("/proc/self/fd").unwrap();
+        let links = open.filter_map(|entry| std::fs::read_link(entry.unwrap().path()).ok());
+        assert!(!links.into_iter().any(|link| link.to_string_lossy().starts_with(&device)));
+        drop(port);
+    }
+}

@@ -1,0 +1,93 @@
+//! Motors on a serial port are stopped when nobody else stops them, and no CAN interface waits for a port.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord::deadman::interfaces::{Interface, Interfaces};
+use motord::deadman::safe_frames::InterfaceFrames;
+use motord::host::clock::Monotonic;
+use motord_bus::{Duration, Frame, Instant, Refusal};
+use motord_core::stopper::Outlet;
+use nix::pty::{OpenptyResult, openpty};
+use nix::sys::termios::{FlowArg, tcflow};
+use std::fs::File;
+use std::io::Read;
+use std::os::fd::OwnedFd;
+use std::sync::mpsc::{Sender, channel};
+
+const DAMP: Duration = Duration::from_millis(300);
+const STOP: [u8; 8] = [0x92, 0, 0x80, 0, 0, 0, 8, 0];
+
+/// A CAN interface that tells when it got its frames.
+struct Recorder(Sender<Instant>);
+
+impl Outlet for Recorder {
+    fn send_round(&mut self, now: Instant, _frames: &[Frame]) -> Option<Refusal> {
+        self.0.send(now).unwrap();
+        None
+    }
+}
+
+fn pty() -> (File, OwnedFd, String) {
+    let OpenptyResult { master, slave } = openpty(None, None).unwrap();
+    let device = nix::unistd::ttyname(&slave).unwrap().to_str().unwrap().to_owned();
+    (master.into(), slave, device)
+}
+
+/// Runs a stop of `can0` and of two motors on `device`. Returns when `can0` got its rounds, and the interfaces that are owed
+/// theirs in the end.
+fn stop(device: &str) -> (Vec<Instant>, Vec<String>) {
+    let (sent, rounds) = channel();
+    let mut open = |_: &str, _: u32| -> Result<Box<dyn Outlet>, _> { Ok(Box::new(Recorder(sent.clone()))) };
+    let can = InterfaceFrames {
+        interface: "can0".into(),
+        baud: None,
+        damp: vec![(1, [0; 8])],
+        stop: vec![(1, [1; 8])],
+    };
+    let frames = vec![(1, STOP), (2, STOP)];
+    let port =
+        InterfaceFrames { interface: device.into(), baud: Some(921_600), damp: frames.clone(), stop: frames };
+    let opened = [port, can].map(|frames| Interface::open(&frames, &mut open).unwrap());
+    let mut interfaces = Interfaces::new(opened, DAMP);
+    interfaces.run(&mut Monotonic);
+    (rounds.try_iter().collect(), interfaces.owed())
+}
+
+/// The longest time from one round to the next.
+fn longest_gap(rounds: &[Instant]) -> Duration {
+    rounds.windows(2).map(|pair| pair[1].since(pair[0])).max().unwrap()
+}
+
+#[test]
+fn the_motors_of_a_line_hear_their_stops_one_after_the_other() {
+    let (mut motors, _host, device) = pty();
+    let (rounds, owed) = stop(&device);
+    assert_eq!((rounds.len(), owed), (33, vec![]), "30 rounds that damp, and 3 that stop");
+    let mut heard = [0; 12 * 2 * 30];
+    motors.read_exact(&mut heard).unwrap();
+    for (round, frames) in heard.chunks(24).enumerate() {
+        let of = |id: u8| [&[id, 0, 8, id ^ 8][..], &STOP].concat();
+        assert_eq!(frames, [of(1), of(2)].concat(), "round {round}: table 3 of the GIM document");
+    }
+}
+
+/// A port that is missing, one that takes no byte, and one that is pulled out meanwhile.
+#[test]
+fn no_can_interface_waits_for_a_port() {
+    let (_motors, host, blocked) = pty();
+    tcflow(&host, FlowArg::TCOOFF).unwrap();
+    let (motors, own, unplugged) = pty();
+    let unplugs = std::thread::spawn(move || {
+        std::thread::sleep(DAMP / 2);
+        drop((motors, own));
+    });
+    for device in [unplugged.as_str(), blocked.as_str(), "/dev/motord-is-not-here"] {
+        let (rounds, owed) = stop(device);
+        let gap = longest_gap(&rounds);
+        println!("{device}: {} rounds on can0, at most {gap:?} apart", rounds.len());
+        assert_eq!(owed, [device], "it is not said to be served");
+        assert_eq!(rounds.len(), 33, "{device}");
+        assert!(gap < Duration::from_millis(50), "{device}: {gap:?} instead of 10 ms");
+    }
+    unplugs.join().unwrap();
+}
