@@ -3,8 +3,10 @@
 use crate::settings::MotorSettings;
 use crate::shaft::Shaft;
 
-/// Length of one step, ns. Steps end on multiples of it, so a run does not depend on the times of the calls.
+/// Length of one step, ns. Steps end on multiples of it, or when the drive hears a frame, so a run does not depend on the times of
+/// the calls.
 pub(crate) const STEP_NS: u64 = 50_000;
+const STEP_SECONDS: f64 = STEP_NS as f64 / 1e9;
 /// Heat in W per Ω from line to line and A² of q current: 3/2 of a phase's resistance, which is half of that.
 pub(crate) const COPPER_LOSS: f64 = 0.75;
 
@@ -129,20 +131,32 @@ impl Body {
         self.position += self.velocity * seconds;
     }
 
-    /// Implicit in position, velocity and friction, so it is stable at any gain and step.
+    /// The implicit midpoint rule, which neither takes energy from a spring nor gives it some. Backward Euler where that is not
+    /// safe: in steps longer than the grid's, which it damps at any gain, and where dry friction may hold the shaft.
     fn integrate(&mut self, law: &Law, seconds: f64) {
+        if (self.velocity != 0.0 || self.coulomb == 0.0) && seconds <= STEP_SECONDS {
+            let middle = self.velocity_under(law, seconds / 2.0);
+            let end = 2.0 * middle - self.velocity;
+            let turns = end * self.velocity < 0.0 || middle * self.velocity <= 0.0;
+            if !turns || self.coulomb == 0.0 {
+                self.velocity = end;
+                self.position += middle * seconds;
+                return;
+            }
+        }
+        self.velocity = self.velocity_under(law, seconds);
+        self.position += self.velocity * seconds;
+    }
+
+    /// The velocity after `seconds` of `law`, implicit in position, velocity and friction. Sets the torque.
+    fn velocity_under(&mut self, law: &Law, seconds: f64) -> f64 {
         let (kp, kd) = (law.kp, law.kd);
         let pull = law.torque + kp * (law.reference - self.position) + kd * law.velocity;
-        let resistance = self.viscous + kd + kp * seconds;
-        let mut velocity = self.velocity_after(seconds, pull, resistance);
+        let velocity = self.velocity_after(seconds, pull, self.viscous + kd + kp * seconds);
         let wanted = pull - (kp * seconds + kd) * velocity;
         let (lowest, highest) = self.torque_range();
         self.torque = wanted.clamp(lowest, highest);
-        if self.torque != wanted {
-            velocity = self.velocity_after(seconds, self.torque, self.viscous);
-        }
-        self.velocity = velocity;
-        self.position += velocity * seconds;
+        if self.torque == wanted { velocity } else { self.velocity_after(seconds, self.torque, self.viscous) }
     }
 
     /// Applies the torque of a new `law` at once, for an answer that is sent before the next step.
@@ -204,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spring_without_friction_never_gains_energy_and_loses_little() {
+    fn a_spring_without_friction_keeps_its_energy() {
         let free = MotorSettings { viscous_friction: 0.0, coulomb_friction: 0.0, ..MotorSettings::default() };
         let mut body = body(MotorSettings { initial_position: 0.1, ..free });
         let mut law = Law { kp: 20.0, ..Law::LIMP };
@@ -215,10 +229,10 @@ mod tests {
         let mut last = start;
         for _ in 0..2_000 {
             body.step(&mut law, STEP);
-            assert!(energy(&body) <= last * (1.0 + 1e-12));
+            assert!(energy(&body) <= last * (1.0 + 1e-9));
             last = energy(&body);
         }
-        assert!(last > 0.8 * start, "0.1 s may cost a fifth at most, not {}", 1.0 - last / start);
+        assert!(last > 0.999_999 * start, "0.1 s cost {}", 1.0 - last / start);
     }
 
     #[test]

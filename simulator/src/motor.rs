@@ -248,18 +248,35 @@ impl Motor {
                 break;
             }
             self.integrate(due);
+            self.reach(due.as_nanos());
             self.expire(due);
         }
         self.integrate(to);
     }
 
+    /// The mechanics up to the last point of the grid by `to`.
     fn integrate(&mut self, to: Instant) {
-        let steps = (to.as_nanos() / STEP_NS).saturating_sub(self.time.as_nanos() / STEP_NS);
-        self.time = self.time.max(to);
+        let grid = to.as_nanos() / STEP_NS * STEP_NS;
+        let next = self.time.as_nanos().next_multiple_of(STEP_NS);
+        if grid < next {
+            return;
+        }
+        self.reach(next);
+        let steps = (grid - next) / STEP_NS;
         let count = steps.min(STEPS_MAX);
         let seconds = (steps * STEP_NS) as f64 / count.max(1) as f64 / 1e9;
         for _ in 0..count {
             self.step(seconds);
+        }
+        self.time = Instant::from_nanos(grid);
+    }
+
+    /// The mechanics up to `to` itself, which must be no later than the next point of the grid: something happens there.
+    fn reach(&mut self, to: u64) {
+        let nanos = to.saturating_sub(self.time.as_nanos());
+        if nanos > 0 {
+            self.step(nanos as f64 / 1e9);
+            self.time = Instant::from_nanos(to);
         }
     }
 
@@ -304,6 +321,7 @@ impl Motor {
         }
         let bytes = <[u8; 8]>::try_from(frame.payload()).ok()?;
         self.advance(at);
+        self.reach(at.as_nanos());
         // A change of id or protocol takes effect after its own answer.
         let host_id = self.host_address();
         let (payload, length, after) = if self.is_native() {
