@@ -168,6 +168,8 @@ sections! {
             "Joint angle at the motor's zero.";
         "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 5.0),
             "Damping of a safe stop. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
+        "control-duration-ms" control_duration_ms: i64, "ms" = is(0).within(0.0, 60_000.0),
+            "`gim` only: the execution time that is sent with each torque, speed and position command (GIM document, 3.2.7 to 3.2.9). The document does not say how such a time ends: the motor may go limp, which would make it a watchdog in the drive, or hold its last command. In a position command it may be the time of the travel. Leave it at 0, without an end, until a bench has shown what your motor does. At least 3 turns of the motor.";
         "beyond-range" beyond_range: BeyondRange, "" = is(BeyondRange::Stop),
             "Behaviour of the motor past the end of its position scale; SteadyWin's documents do not state it. `stop`: not known, never go there. `wrap`: the code wraps round, and positions are unwrapped.";
         "fault-policy" fault_policy: FaultPolicy, "" = is(FaultPolicy::StopGroup),

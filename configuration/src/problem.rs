@@ -169,6 +169,12 @@ pub enum Wrong {
     MitOverSerial(String),
     #[error("the native protocol is not spoken by motors of {motors}; use protocol = \"mit\"")]
     NoGim { motors: &'static str },
+    #[error("an MIT command has no duration; remove it, or use protocol = \"gim\"")]
+    NoDuration,
+    #[error(
+        "a command that ends after {duration_ms} ms can end before the next, which comes every {round_ms} ms; give it at least {least_ms} ms, or 0 for none"
+    )]
+    ShortDuration { duration_ms: i64, round_ms: f64, least_ms: f64 },
     #[error("unknown model {model:?}; {hint}")]
     UnknownModel { model: String, hint: String },
     #[error("has no effect on a {model}, whose torque code is in N·m and not a current; remove it")]

@@ -14,6 +14,7 @@ use motord_core::settings::{
     LimitSettings, MotorProtocol, MotorSettings, MotorSimulation, SafeStop, SafetySettings, Settings,
 };
 use motord_protocol::Profile;
+use motord_protocol::gim::ExecutionTime;
 use motord_shared::{JointSetpoint, Operation, Phase, Refusal};
 use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus, couple};
 
@@ -153,6 +154,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         max_velocity: model.max_velocity,
         transmission: Transmission::new(1.0, 0.0),
         capabilities: capabilities(MotorProtocol::Mit, profile, &scales),
+        duration: ExecutionTime::default(),
         damping_kd: 2.0,
         beyond_range: BeyondRange::Stop,
         fault_policy: FaultPolicy::StopGroup,

@@ -2,6 +2,7 @@
 
 use crate::joint::Transmission;
 use motord_bus::{Duration, FrameId};
+use motord_protocol::gim::ExecutionTime;
 use motord_protocol::{Profile, Scales};
 use motord_shared::SetpointMode;
 
@@ -229,8 +230,8 @@ impl MotorProtocol {
 /// The abilities of a motor that decisions depend on. Its protocol and its vendor stay behind the drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capabilities {
-    /// The motor computes stiffness, damping and torque itself: it takes setpoints in impedance mode. Else it takes torque,
-    /// speed and position setpoints.
+    /// The motor computes stiffness, damping and torque itself, and takes setpoints in impedance mode only. Else it takes torque,
+    /// speed and position setpoints, too, and those in impedance mode become a torque in the cycle.
     pub impedance: bool,
     /// The motor reports positions within ± this value only, motor side, rad. `None`: its positions do not end.
     pub position_end: Option<f32>,
@@ -243,10 +244,10 @@ pub struct Capabilities {
 }
 
 impl Capabilities {
-    /// The motor has a command for setpoints of this mode.
+    /// Setpoints of this mode are possible for the motor.
     #[must_use]
     pub fn takes(&self, mode: SetpointMode) -> bool {
-        self.impedance == (mode == SetpointMode::Impedance)
+        !self.impedance || mode == SetpointMode::Impedance
     }
 }
 
@@ -292,6 +293,8 @@ pub struct MotorSettings {
     pub transmission: Transmission,
     /// The abilities of the motor that decisions depend on.
     pub capabilities: Capabilities,
+    /// How long each control command lasts, of a motor that is told so; 0 says nothing, or for ever.
+    pub duration: ExecutionTime,
     /// Damping of a safe stop, N·m·s/rad.
     pub damping_kd: f32,
     /// The reaction at the end of the position range.

@@ -68,6 +68,18 @@ const MARK: &str = "#!";
 const REFUSED: &[Case] = &[
     // The text.
     ("rate-hz = 1000", "rate-hz = = 1 #!", "", "extra `=`"),
+    (
+        "model = 'GIM3505-8'",
+        "model = 'GIM3505-8'\ncontrol-duration-ms = 2 #!",
+        "motor.control-duration-ms",
+        "give it at least 3 ms",
+    ),
+    (
+        "damping-kd = 2.0",
+        "control-duration-ms = 20 #!",
+        "motor.control-duration-ms",
+        "an MIT command has no duration",
+    ),
     ("[cycle]", "[cycle #!", "", "unclosed table"),
     (
         "kp-max = 200.0",

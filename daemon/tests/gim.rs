@@ -2,10 +2,11 @@
 
 mod robot;
 
-use motord_bus::{Duration, Instant};
+use motord_bus::{Bus, Duration, Inbox, Instant};
 use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
+use motord_simulator::DurationEnd;
 use robot::Robot;
 
 fn arm() -> Robot {
@@ -137,4 +138,111 @@ fn a_drive_that_has_the_torque_to_itself_is_stopped_before_its_winding_is_too_wa
     robot.follow_until(&joints, 3000, |robot| robot.phase() != Phase::Active);
     assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::OverTemperature), 0));
     assert!(robot.joint(0).temperature < robot.settings.motors[0].limits.temperature, "the model was first");
+}
+
+fn stiff(position: f32, kp: f32) -> Vec<JointSetpoint> {
+    vec![JointSetpoint { position, kp, kd: 1.0, ..Default::default() }; 2]
+}
+
+/// The torque of a torque command (GIM document, 3.2.7), N·m.
+fn commanded_torque(sent: &robot::Sent) -> Option<f32> {
+    let [0x93, a, b, c, d, ..] = sent.bytes else { return None };
+    Some(f32::from_le_bytes([a, b, c, d]))
+}
+
+#[test]
+fn impedance_setpoints_become_torques_that_hold_a_native_joint() {
+    let mut robot = arm();
+    activate(&mut robot, &stiff(0.05, 30.0));
+    robot.take_sent();
+    let joints = stiff(0.3, 30.0);
+    for _ in 0..800 {
+        robot.follow(&joints);
+    }
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    let joint = robot.joint(0);
+    assert!((joint.position - 0.3).abs() < 0.02, "{}", joint.position);
+    assert_eq!((joint.applied.kp, joint.applied.position), (30.0, 0.3), "clients see what they asked for");
+    let sent = robot.take_sent_to(1);
+    assert!(sent.iter().all(|sent| sent.bytes[0] == 0x93 || sent.bytes[0] == 0xB2), "torques and questions");
+}
+
+/// 40 N·m/rad over 0.1 rad, from a state that no other follows: it is one turn old, then two, three, four.
+#[test]
+fn the_older_a_state_is_the_less_stiffness_is_computed_from_it() {
+    let mut robot = arm();
+    let joints = stiff(0.0, 40.0);
+    activate(&mut robot, &joints);
+    let joints = stiff(0.1, 40.0);
+    for _ in 0..20 {
+        robot.follow(&joints);
+    }
+    robot.disturb("shoulder off");
+    robot.follow(&joints);
+    robot.take_sent();
+    let mut torques = Vec::new();
+    for _ in 0..4 {
+        robot.follow(&joints);
+        torques.extend(robot.take_sent_to(1).iter().filter_map(commanded_torque));
+    }
+    let ratios: Vec<_> = torques.windows(2).map(|pair| pair[1] / pair[0]).collect();
+    assert_eq!(ratios.len(), 3, "{torques:?}");
+    for (ratio, turns) in ratios.iter().zip(2_i8..) {
+        let expected = f32::from(turns) / f32::from(turns + 1);
+        assert!((ratio - expected).abs() < 0.05, "{torques:?}: after {turns} turns");
+    }
+}
+
+/// Bytes 5 to 7, low byte first (GIM document, 3.2.7 to 3.2.9).
+#[test]
+fn every_control_command_says_how_long_it_lasts() {
+    for (mode, code) in
+        [(SetpointMode::Torque, 0x93), (SetpointMode::Speed, 0x94), (SetpointMode::Position, 0x95)]
+    {
+        let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+        for (id, name) in [(1, "shoulder"), (2, "elbow")] {
+            text += &robot::motor(id, name, "can", "control-duration-ms = 300").replace("\"mit\"", "\"gim\"");
+        }
+        let mut robot = Robot::new(robot::settings(&text), 1);
+        let joints = setpoints(mode, 0.01);
+        activate(&mut robot, &joints);
+        robot.take_sent();
+        (0..50).for_each(|_| robot.follow(&joints));
+        let sent = robot.take_sent();
+        let commands: Vec<_> = sent.iter().filter(|sent| sent.bytes[0] == code).collect();
+        assert!(commands.len() > 90);
+        assert!(commands.iter().all(|sent| sent.bytes[5..] == [0x2C, 0x01, 0x00]));
+    }
+}
+
+/// Goal: with a duration, and if its end means that, the drive itself lets a killed daemon's motor go; without, it never does.
+/// Method: the cycle is not run any more, and no switch is there. Both readings of the document are simulated.
+#[test]
+fn a_duration_is_a_watchdog_in_the_drive_if_its_end_goes_limp() {
+    let cases = [
+        (30, DurationEnd::GoesLimp, false),
+        (30, DurationEnd::HoldsCommand, true),
+        (0, DurationEnd::GoesLimp, true),
+    ];
+    for (duration_ms, end, drives_on) in cases {
+        let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+        let more = format!("control-duration-ms = {duration_ms}");
+        for (id, name) in [(1, "shoulder"), (2, "elbow")] {
+            text += &robot::motor(id, name, "can", &more).replace("\"mit\"", "\"gim\"");
+        }
+        let mut robot = Robot::built(robot::settings(&text), 1, |_, motors| {
+            motors.iter_mut().for_each(|motor| motor.behaviour.duration_end = end);
+        });
+        let joints = setpoints(SetpointMode::Torque, 0.5);
+        activate(&mut robot, &joints);
+        (0..200).for_each(|_| robot.follow(&joints));
+        let killed = robot.now();
+        let mut later = |after: Duration| {
+            robot.buses[0].clone().receive(killed + after, &mut Inbox::new());
+            robot.truth(0).velocity()
+        };
+        assert!(later(Duration::from_millis(20)) > 0.5, "it follows its last command");
+        let velocity = later(Duration::from_secs(2));
+        assert_eq!(velocity > 1.0, drives_on, "{duration_ms} ms, {end:?}: {velocity} rad/s");
+    }
 }

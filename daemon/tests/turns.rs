@@ -200,3 +200,27 @@ fn motors_take_turns_on_can_too() {
     }
     assert_eq!(robot.state().joints().iter().map(|joint| joint.missed).sum::<u32>(), 0);
 }
+
+/// The drive's decoder takes it, and judges it by nothing but its form.
+#[test]
+fn a_state_that_is_not_believed_is_in_no_torque() {
+    let mut robot = arm_and_leg();
+    let stiff = vec![JointSetpoint { position: 0.05, kp: 60.0, kd: 1.0, ..Default::default() }; 2];
+    activate(&mut robot, &stiff);
+    robot.disturb("shoulder off");
+    let commands = |robot: &mut Robot| -> Vec<_> {
+        let sent = robot.take_sent_to(1);
+        sent.into_iter().filter(|sent| sent.bus == 0 && sent.bytes[0] == 0x93).collect()
+    };
+    robot.take_sent();
+    while commands(&mut robot).is_empty() {
+        robot.follow(&stiff);
+    }
+    // 0xA000: a position of 3.125 rad (GIM document, 3.2.7).
+    robot.hear(0, 10, &[0x93, 0, 25, 0x00, 0xA0, 0x80, 0x08, 0x00]);
+    (0..11).for_each(|_| robot.follow(&stiff));
+    assert_eq!(robot.joint(0).implausible, 1);
+    let torque = |sent: &robot::Sent| f32::from_le_bytes([1, 2, 3, 4].map(|byte| sent.bytes[byte])).abs();
+    let torques: Vec<_> = commands(&mut robot).iter().map(torque).collect();
+    assert!(torques.len() == 2 && torques.iter().all(|torque| *torque < 1.0), "{torques:?} at rest");
+}

@@ -335,7 +335,7 @@ impl Rejection {
 codes! {
     /// How a joint's setpoint is meant.
     SetpointMode {
-        Impedance = 0 "impedance" "Position, velocity, stiffness, damping and torque (MIT motors).",
+        Impedance = 0 "impedance" "Position, velocity, stiffness, damping and torque.",
         Torque = 1 "torque" "Torque only (native motors).",
         Speed = 2 "speed" "Velocity only (native motors).",
         Position = 3 "position" "Position only (native motors).",

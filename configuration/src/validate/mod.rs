@@ -34,6 +34,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
     let settings = Settings { instance, cycle, ipc, safety, buses, motors, groups: groups? };
     bus::judge_load(&document.buses, &settings, findings);
+    motor::judge_durations(&document.motors, &settings, findings);
     Some(settings)
 }
 

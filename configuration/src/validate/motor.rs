@@ -5,8 +5,9 @@ use motord_core::drive;
 use motord_core::joint::Transmission;
 use motord_core::settings::{
     BusKind, BusSettings, DriveConstants, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation,
-    SafeStop,
+    SafeStop, Settings,
 };
+use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::{Ids, PROFILES, STEADYWIN};
 use motord_protocol::{Model, Profile, Scales};
 use motord_shared::limits::JOINTS_MAX;
@@ -25,6 +26,8 @@ type BusItem = entry::Item<keys::Bus>;
 
 /// The header of a serial frame has one byte for the receiver (GIM document, table 3).
 const SERIAL_HOST_ID_MAX: i64 = 0xFF;
+/// A command lasts for so many turns at least: a lost frame must not end it.
+const DURATION_TURNS: u32 = 3;
 /// Default damping of a safe stop, N·m·s/rad.
 const DAMPING_KD: f64 = 2.0;
 
@@ -74,6 +77,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
         capabilities: drive::capabilities(protocol, profile?, &scales?),
+        duration: ExecutionTime::from_millis(keys.control_duration_ms.value as u32)?,
         damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
         beyond_range: capability.beyond_range,
         fault_policy: keys.fault_policy.value,
@@ -247,6 +251,24 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             findings.error(keys.host_id.at, Wrong::HostIdIsCommandId { host_id, default });
         } else if let Some(command) = commands.filter(|&command| command > host_id).max() {
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
+        }
+    }
+}
+
+/// Whether each command lasts until the next, with some to spare.
+pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mut Findings<'_>) {
+    for (motor, item) in settings.motors.iter().zip(items) {
+        let (at, duration_ms) =
+            (item.keys.keys.control_duration_ms.at, i64::from(motor.duration.as_millis()));
+        let round = settings.buses[motor.bus].every * settings.cycle.period;
+        let [round_ms, least_ms] = [round, DURATION_TURNS * round].map(|time| 1e3 * time.as_secs_f64());
+        if duration_ms == 0 {
+            continue;
+        }
+        if motor.protocol == MotorProtocol::Mit {
+            findings.error(at, Wrong::NoDuration);
+        } else if (duration_ms as f64) < least_ms {
+            findings.error(at, Wrong::ShortDuration { duration_ms, round_ms, least_ms });
         }
     }
 }

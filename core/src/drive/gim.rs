@@ -2,7 +2,7 @@
 //!
 //! Native motors report their state only in answer to control commands. A stopped one is asked for its shaft angle
 //! (indicator 0x13) instead, now and then for its speed (0x14), and is commanded to stop, so that its stop is confirmed.
-//! Damping and holding are computed here from the last accepted state: the native commands have no impedance.
+//! The native commands have no impedance: control sends a torque instead.
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
@@ -10,6 +10,7 @@ use super::Decoder;
 use super::correlator::{Payload, Question};
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
+use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
 use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Pending, Reply};
@@ -25,6 +26,8 @@ const RPM: f32 = 60.0 / core::f32::consts::TAU;
 pub(super) struct Gim {
     scales: Scales,
     transmission: Transmission,
+    /// Sent with every control command.
+    duration: ExecutionTime,
     asked: gim::Command,
     turn: u32,
     /// It confirmed the start command, and was not commanded to stop since. Before that it refuses control commands.
@@ -34,9 +37,18 @@ pub(super) struct Gim {
 }
 
 impl Gim {
-    pub(super) fn new(scales: Scales, transmission: Transmission) -> Self {
+    pub(super) fn new(settings: &MotorSettings) -> Self {
         let state = Measured::new(0.0, 0.0, 0.0, None);
-        Self { scales, transmission, asked: gim::Command::StopMotor, turn: 0, started: false, state }
+        let MotorSettings { scales, transmission, duration, .. } = *settings;
+        Self {
+            scales,
+            transmission,
+            duration,
+            asked: gim::Command::StopMotor,
+            turn: 0,
+            started: false,
+            state,
+        }
     }
 
     /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
@@ -75,8 +87,7 @@ impl Gim {
 
     fn control(&self, joint: &Impedance<Joint>, mode: SetpointMode) -> Option<gim::Command> {
         let wanted = self.transmission.to_motor(joint);
-        // What 0 means is open (protocol note N22); the daemon's own watchdog does not depend on it.
-        let duration = ExecutionTime::default();
+        let duration = self.duration;
         Some(match mode {
             SetpointMode::Speed => {
                 gim::Command::SpeedControl { speed_rpm: Finite::new(wanted.velocity * RPM)?, duration }
@@ -84,12 +95,9 @@ impl Gim {
             SetpointMode::Position => {
                 gim::Command::PositionControl { position: Finite::new(wanted.position)?, duration }
             }
-            SetpointMode::Torque => {
+            // Control has made a torque of each impedance.
+            SetpointMode::Torque | SetpointMode::Impedance => {
                 gim::Command::TorqueControl { torque: Finite::new(wanted.torque)?, duration }
-            }
-            SetpointMode::Impedance => {
-                let torque = wanted.predicted_torque(self.state.position, self.state.velocity);
-                gim::Command::TorqueControl { torque: Finite::new(torque)?, duration }
             }
         })
     }

@@ -76,13 +76,13 @@ struct Feedback {
 }
 
 impl Mit {
-    pub(super) fn new(settings: &MotorSettings, transmission: Transmission, error_feedback: bool) -> Self {
+    pub(super) fn new(settings: &MotorSettings, error_feedback: bool) -> Self {
         let scales = settings.scales;
         Self {
             id: settings.id,
             profile: settings.profile,
             scales,
-            transmission,
+            transmission: settings.transmission,
             feedback: error_feedback.then(|| Feedback::within(settings.limits.torque, &scales)),
             unwrap: (settings.beyond_range == BeyondRange::Wrap).then(|| Unwrap::new(scales.position)),
             last: None,

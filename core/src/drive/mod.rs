@@ -112,10 +112,9 @@ impl Drive {
     /// allocate.
     #[must_use]
     pub fn new(settings: &MotorSettings, fastest_reply: Duration, error_feedback: bool) -> Self {
-        let transmission = settings.transmission;
         let dialect = match settings.protocol {
-            MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, transmission, error_feedback)),
-            MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings.scales, transmission)),
+            MotorProtocol::Mit => Dialect::Mit(mit::Mit::new(settings, error_feedback)),
+            MotorProtocol::Gim => Dialect::Gim(gim::Gim::new(settings)),
         };
         Self { command_id: settings.command_id(), dialect, correlator: Correlator::new(fastest_reply) }
     }

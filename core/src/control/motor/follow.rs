@@ -10,6 +10,8 @@ use motord_shared::SetpointMode;
 
 /// Damping that is left when a motor reports over-voltage.
 const OVER_VOLTAGE_DAMPING: f32 = 0.25;
+/// A state that answers the last turn is not older than so many turns, jitter included.
+const LATE_TURNS: f32 = 1.5;
 
 /// The orders of a group to one of its motors in a cycle.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +36,30 @@ impl Motor {
                 return self.mode.command(cx.now);
             }
         };
-        Command::Control(self.applied.setpoint)
+        Command::Control(self.executable(cx))
+    }
+
+    /// The applied setpoint as the motor can execute it. A motor without impedance control gets the torque of the setpoint at
+    /// its last believed state.
+    fn executable(&self, cx: &Context) -> Setpoint {
+        let Setpoint { values, mode } = self.applied.setpoint;
+        if self.settings.capabilities.impedance || mode != SetpointMode::Impedance {
+            return self.applied.setpoint;
+        }
+        let by_state = self.measured().map_or(0.0, |state| {
+            self.share_of_gains(cx)
+                * (values.predicted_torque(state.position, state.velocity) - values.torque)
+        });
+        let torque = Impedance::new(0.0, 0.0, 0.0, 0.0, values.torque + by_state);
+        Setpoint { values: torque, mode: SetpointMode::Torque }
+    }
+
+    /// A control loop over a state that is late becomes unstable at lower gains: stiffness and damping fall with the age of the
+    /// state, so that gain times age is never more than with a state of the last turn. 1 down to 0.
+    fn share_of_gains(&self, cx: &Context) -> f32 {
+        let turn = self.turn.elapsed.unwrap_or(cx.elapsed);
+        let age = cx.now.since(self.measured_at).as_secs_f32();
+        if age <= LATE_TURNS * turn { 1.0 } else { LATE_TURNS * turn / age }
     }
 
     fn follow(&self, orders: &Orders, cx: &Context) -> Applied {
