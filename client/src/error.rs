@@ -213,7 +213,7 @@ mod tests {
     use motord_shared::message::NO_JOINT;
 
     /// These refusals are about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 10] = [
+    const OF_A_JOINT: [Refusal; 11] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
@@ -224,6 +224,7 @@ mod tests {
         Refusal::NotConfirmed,
         Refusal::DuplicateId,
         Refusal::Moving,
+        Refusal::Mismatch,
     ];
 
     fn refused(refusal: Refusal, detail: u32) -> String {

@@ -34,6 +34,7 @@ mod link;
 mod mit;
 mod native;
 mod scan;
+mod survey;
 mod time;
 
 pub use apply::{Apply, Change, Event, Failed, changes};
@@ -42,6 +43,7 @@ pub use link::{Heard, Link, Wire};
 pub use mit::Mit;
 pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor};
 pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, scan};
+pub use survey::{Question, Survey, constants, survey};
 #[cfg(feature = "linux")]
 pub use time::MachineTime;
 pub use time::{Timer, VirtualTime};

@@ -46,23 +46,35 @@ impl Link {
     /// A CAN bus that receives every id, or at least the host ids of the motors that are asked.
     #[must_use]
     pub fn can(bus: impl Bus + 'static, timer: impl Timer + 'static) -> Self {
-        Self::new(Box::new(bus), Box::new(timer), Wire::Can, CAN_PATIENCE)
+        Self::over(Box::new(bus), timer, Wire::Can)
     }
 
     /// A serial bus.
     #[must_use]
     pub fn serial(bus: impl Bus + 'static, timer: impl Timer + 'static) -> Self {
-        Self::new(Box::new(bus), Box::new(timer), Wire::Serial, SERIAL_PATIENCE)
+        Self::over(Box::new(bus), timer, Wire::Serial)
     }
 
-    fn new(bus: Box<dyn Bus>, timer: Box<dyn Timer>, wire: Wire, patience: Duration) -> Self {
-        Self { bus, timer, wire, patience, inbox: Inbox::new() }
+    /// A bus of this kind.
+    #[must_use]
+    pub fn over(bus: Box<dyn Bus>, timer: impl Timer + 'static, wire: Wire) -> Self {
+        let patience = match wire {
+            Wire::Can => CAN_PATIENCE,
+            Wire::Serial => SERIAL_PATIENCE,
+        };
+        Self { bus, timer: Box::new(timer), wire, patience, inbox: Inbox::new() }
     }
 
     /// The same with another time for an answer.
     #[must_use]
     pub fn with_patience(self, patience: Duration) -> Self {
         Self { patience, ..self }
+    }
+
+    /// The bus, for another use.
+    #[must_use]
+    pub fn into_bus(self) -> Box<dyn Bus> {
+        self.bus
     }
 
     /// The kind of wire.

@@ -179,10 +179,21 @@ pub fn scan(
 ///
 /// [`Error::Bus`]; [`Error::Protocol`] when several motors answer.
 pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
+    let scan = Scan { window: link.patience(), ..Scan::default() };
+    only(id, || ask(link, id, &scan))
+}
+
+/// As [`identify`], by an MIT stop frame alone.
+pub(crate) fn identify_in_mit(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
+    let Some(stop) = stop_frame() else { return Ok(None) };
     let window = link.patience();
-    let scan = Scan { window, ..Scan::default() };
+    only(id, || put(link, id, stop, window))
+}
+
+/// The only motor that answers; a silent one is asked twice.
+fn only(id: u8, mut ask: impl FnMut() -> Result<(Vec<Found>, bool), Error>) -> Result<Option<Found>, Error> {
     for _ in 0..2 {
-        let (found, collided) = ask(link, id, &scan)?;
+        let (found, collided) = ask()?;
         match *found {
             [] if !collided => {}
             [found] if !collided => return Ok(Some(found)),
@@ -217,34 +228,38 @@ fn listen(link: &mut Link, time: Duration) -> Result<Vec<Unprompted>, Error> {
 
 /// All motors that answer to `id`, and whether answers collided.
 fn ask(link: &mut Link, id: u8, scan: &Scan) -> Result<(Vec<Found>, bool), Error> {
-    let scales = Scales::fixed(12.5, 65.0, 1.0);
-    let Ok(stop) = mit::Command::Stop.encode(&scales) else { return Ok((Vec::new(), false)) };
-    let own_id = Command::RetrieveConfiguration(ConfigurationItem::CAN_ID);
+    let own_id = Native::request(&Command::RetrieveConfiguration(ConfigurationItem::CAN_ID));
+    let stop = (link.wire() == Wire::Can).then(stop_frame).flatten();
+    let fault = scan.in_fault.then(|| Native::request(&Command::GetFault));
+    let window = scan.window.max(window_of(link));
     let mut collided = false;
-    let mut questions = Vec::new();
-    if link.wire() == Wire::Can {
-        questions.push(stop);
-    }
-    questions.push(Native::request(&own_id));
-    if scan.in_fault {
-        questions.push(Native::request(&Command::GetFault));
-    }
-    for question in questions {
-        let mut answers = Vec::new();
-        let _end = link.ask(id, question, scan.window.max(window_of(link)), |heard| {
-            match heard {
-                Heard::Frame(frame) => answers.push(frame),
-                Heard::Collision => collided = true,
-                Heard::NotRead => {}
-            }
-            None::<()>
-        })?;
-        if !answers.is_empty() {
-            let found = answers.into_iter().map(|answer| judge(link, id, answer)).collect();
+    for question in [stop, Some(own_id), fault].into_iter().flatten() {
+        let (found, collision) = put(link, id, question, window)?;
+        collided |= collision;
+        if !found.is_empty() {
             return Ok((found, collided));
         }
     }
     Ok((Vec::new(), collided))
+}
+
+/// The MIT stop frame: of the same bytes for every scale.
+fn stop_frame() -> Option<[u8; 8]> {
+    mit::Command::Stop.encode(&Scales::fixed(12.5, 65.0, 1.0)).ok()
+}
+
+/// All motors that answer one frame, and whether answers collided.
+fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Result<(Vec<Found>, bool), Error> {
+    let (mut answers, mut collided) = (Vec::new(), false);
+    let _end = link.ask(id, question, window, |heard| {
+        match heard {
+            Heard::Frame(frame) => answers.push(frame),
+            Heard::Collision => collided = true,
+            Heard::NotRead => {}
+        }
+        None::<()>
+    })?;
+    Ok((answers.into_iter().map(|answer| judge(link, id, answer)).collect(), collided))
 }
 
 /// A serial adapter may hold an answer back for longer than a scan of CAN waits.

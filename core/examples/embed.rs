@@ -148,6 +148,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         profile,
         scales,
         constants: None,
+        mismatch: false,
         rated_torque: model.rated_torque,
         peak_torque: model.peak_torque,
         overload: Duration::from_secs(10),

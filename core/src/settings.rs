@@ -281,6 +281,8 @@ pub struct MotorSettings {
     pub scales: Scales,
     /// The constants that its scales come of; `None` for a motor whose codes are torques.
     pub constants: Option<DriveConstants>,
+    /// It says something else of itself than its configuration does: its group is never enabled.
+    pub mismatch: bool,
     /// The torque the motor can give for good, output side, N·m.
     pub rated_torque: f32,
     /// The most torque the motor can give, output side, N·m.

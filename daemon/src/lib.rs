@@ -1,12 +1,14 @@
 //! The daemon that owns every motor of a legged robot: the shell around `motord-core`.
 //!
 //! - [`commands`]: `run`, `check`, `safe-stop`.
+//! - [`arming`]: whether the motors are the configured ones.
 //! - [`buses`]: opens the buses of a configuration, and opens them again.
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
 //! - [`deadman`]: stops the motors when the daemon cannot.
 //! - [`host`]: this machine. [`threads`]: wires it all together.
 
+pub mod arming;
 pub mod buses;
 pub mod commands;
 pub mod deadman;

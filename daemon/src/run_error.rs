@@ -13,6 +13,9 @@ pub enum RunError {
     /// The configuration is refused.
     #[error("{0}")]
     Config(#[from] ConfigError),
+    /// The lock file is no lock file.
+    #[error("{0}")]
+    Lock(#[from] motord_configuration::lock::LockError),
     /// The instance's directory cannot be used, or another daemon holds it.
     #[error("{0}")]
     Instance(#[from] InstanceError),
@@ -48,7 +51,7 @@ impl RunError {
     #[must_use]
     pub fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::Realtime { .. } => 78,
+            Self::Config(_) | Self::Lock(_) | Self::Realtime { .. } => 78,
             Self::Instance(InstanceError::AlreadyRunning { .. })
             | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => 75,
             Self::Instance(_) => 77,

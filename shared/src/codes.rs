@@ -214,6 +214,7 @@ codes! {
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
         Moving = 24 "moving" "The joint moves, or its velocity is not known.",
+        Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log says in what; `motorctl setup` compares all of them.",
     }
 }
 
@@ -269,7 +270,8 @@ impl Refusal {
             | Self::Busy
             | Self::NotConfirmed
             | Self::DuplicateId
-            | Self::Moving => Detail::Joint,
+            | Self::Moving
+            | Self::Mismatch => Detail::Joint,
             Self::NotOwner
             | Self::NoOwner
             | Self::EmergencyStopActive
@@ -308,7 +310,8 @@ impl Refusal {
             | Self::SetpointTooFar
             | Self::NoLease
             | Self::Malformed
-            | Self::DuplicateId => false,
+            | Self::DuplicateId
+            | Self::Mismatch => false,
         }
     }
 }

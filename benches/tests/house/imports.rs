@@ -12,11 +12,16 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-bus", &[], &["motord-bus"]),
     ("motord-simulator", &["motord-bus"], &["motord-bus", "motord-simulator"]),
     ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &["motord-simulator"]),
-    ("motord-commissioning", &["motord-protocol", "motord-bus"], &["motord-checker", "motord-simulator"]),
+    (
+        "motord-commissioning",
+        &["motord-configuration", "motord-protocol", "motord-bus"],
+        &["motord-checker", "motord-simulator"],
+    ),
     ("motord-configuration", &["motord-core", "motord-protocol", "motord-bus", "motord-shared"], &[]),
     (
         "motord",
         &[
+            "motord-commissioning",
             "motord-configuration",
             "motord-core",
             "motord-shared",

@@ -22,8 +22,9 @@ const CORE: Rows = &[
 
 /// `threads` wires the rooms together, `commands` is what a person starts.
 const DAEMON: Rows = &[
+    ("arming", &[]),
     ("buses", &[]),
-    ("commands", &["buses", "deadman", "host", "run_error", "threads"]),
+    ("commands", &["arming", "buses", "deadman", "host", "run_error", "threads"]),
     ("deadman", &["host"]),
     ("host", &[]),
     ("ipc", &["telemetry"]),

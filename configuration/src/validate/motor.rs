@@ -71,6 +71,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         profile: profile?,
         scales: scales?,
         constants: constants.filter(|_| model.is_some_and(|model| model.ends.is_none())),
+        mismatch: false,
         rated_torque: capability.rated_torque as f32,
         peak_torque: capability.peak_torque as f32,
         overload: Duration::from_secs_f64(keys.overload_seconds.value),

@@ -136,6 +136,7 @@ impl Control {
         match motor.mode() {
             MotorMode::Offline => Err((Refusal::MotorOffline, detail)),
             MotorMode::Fault => Err((Refusal::MotorFault, detail)),
+            _ if motor.settings.mismatch => Err((Refusal::Mismatch, detail)),
             _ if motor.request.is_some() => Err((Refusal::Busy, detail)),
             _ if motor.is_doubled() => Err((Refusal::DuplicateId, detail)),
             _ if !motor.is_fresh() => Err((Refusal::StateStale, detail)),

@@ -1,6 +1,7 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
-use crate::buses;
+use crate::arming;
+use crate::buses::{self, Buses};
 use crate::host::rt;
 use crate::host::systemd;
 use crate::run_error::RunError;
@@ -21,16 +22,17 @@ const SIGNAL_TURN: Duration = Duration::from_millis(20);
 ///
 /// Why it could not start, or why it ended by itself.
 pub fn run(path: &Path) -> Result<(), RunError> {
-    let config::Loaded { settings, warnings, hash } = config::load(path)?;
+    let config::Loaded { mut settings, warnings, hash } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
-    let buses = buses::open(&settings, lock.instance().runtime())?;
+    let Buses { buses, locks } = buses::open(&settings, lock.instance().runtime())?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
     deep_sleep.log("main");
 
+    let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks };
     let damp = settings.safety.damp;
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
     tracing::info!(instance = lock.instance().name(), "ready");

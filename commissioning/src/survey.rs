@@ -1,0 +1,94 @@
+//! The words of a motor about itself, as far as its protocol tells them. Nothing is changed, and nothing moves.
+
+use crate::error::Error;
+use crate::link::{Link, Wire};
+use crate::native::Native;
+use crate::scan::{Family, Found, identify, identify_in_mit};
+use motord_bus::FrameId;
+use motord_configuration::lock::{ReportedMotor, ReportedProtocol};
+use motord_protocol::gim::{ConfigurationItem, Value};
+
+/// The configuration items that decide what a torque and an angle are: torque constant, gear ratio and pole pairs.
+pub fn constants() -> impl Iterator<Item = &'static ConfigurationItem> {
+    ["torque-constant", "gear-ratio", "pole-pairs"].into_iter().filter_map(ConfigurationItem::by_name)
+}
+
+/// How a motor is asked for its protocol.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Question {
+    /// By the frames of a scan.
+    Both,
+    /// By an MIT stop frame only. A motor in native mode refuses it, and is recognised by that.
+    MitOnly,
+}
+
+/// A motor's own words.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Survey {
+    /// Its protocol and ids.
+    pub found: Found,
+    /// Version of its firmware; only in native mode.
+    pub firmware: Option<u32>,
+    /// Configuration items that it reported; only in native mode.
+    pub values: Vec<(&'static ConfigurationItem, Value)>,
+}
+
+impl Survey {
+    /// For the lock file: the motor `name` on the bus `bus` of the configuration.
+    #[must_use]
+    pub fn reported(&self, name: &str, bus: &str) -> ReportedMotor {
+        ReportedMotor {
+            name: name.to_owned(),
+            bus: bus.to_owned(),
+            id: self.found.id,
+            host_id: self.found.host_id.map(FrameId::raw),
+            protocol: match self.found.family {
+                Family::Native => ReportedProtocol::Gim,
+                Family::Mit => ReportedProtocol::Mit,
+                Family::OtherMit { .. } => ReportedProtocol::OtherMit,
+                Family::Unknown { .. } => ReportedProtocol::Unknown,
+            },
+            firmware: self.firmware,
+            values: self.values.iter().map(|(item, value)| (item.name.to_owned(), value.as_f64())).collect(),
+        }
+    }
+}
+
+/// Asks motor `id` for its protocol, and in native mode for its version and `items`. `None` when nobody answers. Items that the
+/// motor refuses are left out.
+///
+/// # Errors
+///
+/// [`Error::Bus`]; [`Error::Protocol`] when several motors answer to the id.
+pub fn survey(
+    link: &mut Link,
+    id: u8,
+    question: Question,
+    items: impl IntoIterator<Item = &'static ConfigurationItem>,
+) -> Result<Option<Survey>, Error> {
+    let found = match question {
+        Question::MitOnly if link.wire() == Wire::Can => identify_in_mit(link, id)?,
+        Question::MitOnly | Question::Both => identify(link, id)?,
+    };
+    let Some(found) = found else { return Ok(None) };
+    let mut survey = Survey { found, firmware: None, values: Vec::new() };
+    if found.family != Family::Native {
+        return Ok(Some(survey));
+    }
+    let mut motor = Native::new(link, id, found.host_id);
+    survey.firmware = answered(motor.version())?;
+    for item in items {
+        let value = answered(motor.configuration(item.key()))?;
+        survey.values.extend(value.map(|value| (item, value)));
+    }
+    Ok(Some(survey))
+}
+
+/// A motor that refuses or misses one question may answer the next.
+fn answered<T>(answer: Result<T, Error>) -> Result<Option<T>, Error> {
+    match answer {
+        Ok(value) => Ok(Some(value)),
+        Err(error @ Error::Bus(_)) => Err(error),
+        Err(_) => Ok(None),
+    }
+}

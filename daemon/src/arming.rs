@@ -1,0 +1,70 @@
+//! Whether the motors are the configured ones: by the lock file, and by their own words before the first cycle.
+//!
+//! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
+//! motor that differs is never enabled ([`MotorSettings::mismatch`](motord_core::settings::MotorSettings::mismatch)).
+//! A motor that does not answer yet is not judged: it is offline, and by the lock file only.
+
+use motord_bus::{Bus, Duration};
+use motord_commissioning::{Error, Link, MachineTime, Question, Survey, Wire, constants, survey};
+use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
+use motord_core::settings::{BusKind, MotorProtocol, MotorSettings, Settings};
+use std::path::Path;
+
+/// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.
+const PATIENCE: Duration = Duration::from_millis(10);
+
+/// Marks the motors that the lock beside the configuration `file`, or they themselves, say are others than configured. Logs each
+/// difference with its cure. Returns the buses. Blocks for some milliseconds per motor; sends stop frames, and reads to native
+/// motors.
+///
+/// # Errors
+///
+/// When there is a lock file that cannot be read.
+pub fn judge(
+    settings: &mut Settings,
+    file: &Path,
+    buses: Vec<Box<dyn Bus>>,
+) -> Result<Vec<Box<dyn Bus>>, LockError> {
+    let mut found = Lock::load(file)?.map_or_else(Vec::new, |lock| mismatches(settings, &lock));
+    let (buses, reported): (Vec<_>, Vec<_>) =
+        buses.into_iter().enumerate().map(|(index, bus)| ask_bus(settings, index, bus)).unzip();
+    found.extend(reported.into_iter().flatten());
+    for finding in found {
+        tracing::error!("{finding}. It will not be enabled.");
+        let named = settings.motors.iter_mut().filter(|motor| motor.name == finding.motor);
+        named.for_each(|motor| motor.mismatch = true);
+    }
+    Ok(buses)
+}
+
+/// The bus, and the differences that its motors tell. A simulated motor is made of the configuration, and not asked.
+fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus>, Vec<Finding>) {
+    let mut link = match settings.buses[index].kind {
+        BusKind::Simulated { .. } => return (bus, Vec::new()),
+        BusKind::Serial { .. } => Link::over(bus, MachineTime, Wire::Serial),
+        BusKind::SocketCan { .. } => Link::over(bus, MachineTime, Wire::Can).with_patience(PATIENCE),
+    };
+    let mut found = Vec::new();
+    for motor in settings.motors.iter().filter(|motor| motor.bus == index) {
+        match ask(motor, &mut link) {
+            Ok(Some(survey)) => {
+                let reported = survey.reported(&motor.name, &settings.buses[index].name);
+                found.extend(findings(settings, motor, Some(&reported)));
+            }
+            Ok(None) => {}
+            // The others would not be reached either.
+            Err(Error::Bus(_)) => break,
+            Err(error) => tracing::warn!("{}: {error}", motor.name),
+        }
+    }
+    found.retain(|finding| finding.verdict == Verdict::Differs);
+    (link.into_bus(), found)
+}
+
+/// A motor's words, if it answers.
+fn ask(motor: &MotorSettings, link: &mut Link) -> Result<Option<Survey>, Error> {
+    // A motor that should speak MIT is sent nothing that only a native motor should read.
+    let is_mit = motor.protocol == MotorProtocol::Mit;
+    let question = if is_mit { Question::MitOnly } else { Question::Both };
+    survey(link, motor.id, question, constants())
+}

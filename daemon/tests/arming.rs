@@ -1,0 +1,112 @@
+//! A motor that is not the configured one is never enabled, and the log says why.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord::{arming, buses};
+use motord_bus::Bus;
+use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol};
+use motord_configuration::{Machine, parse};
+use motord_core::settings::Settings;
+use motord_simulator::{self as simulator, Dialect, SimulatedBus};
+use std::path::Path;
+
+const ROBOT: &str = "
+[[bus]]
+name = 'arm'
+type = 'socketcan'
+interface = 'can0'
+[[motor]]
+name = 'elbow'
+bus = 'arm'
+id = 1
+protocol = 'gim'
+model = 'GIM8108-36'
+[[motor]]
+name = 'wrist'
+bus = 'arm'
+id = 2
+protocol = 'gim'
+model = 'GIM8108-9'
+[[motor]]
+name = 'hip'
+bus = 'arm'
+id = 3
+protocol = 'mit'
+model = 'GIM8108-8'
+";
+
+fn settings() -> Settings {
+    parse(Path::new("robot.toml"), ROBOT.as_bytes(), &Machine::here()).unwrap().settings
+}
+
+/// The motors that are marked after `change` was made to the motors on the bus.
+fn marked(change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
+    let directory = tempfile::tempdir().unwrap();
+    judged(&directory.path().join("robot.toml"), change)
+}
+
+fn judged(file: &Path, change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
+    let mut settings = settings();
+    let (bus, mut motors) = buses::physics(&settings, 0);
+    change(&mut motors);
+    let bus: Box<dyn Bus> = Box::new(SimulatedBus::new(bus, motors, 1));
+    let buses = arming::judge(&mut settings, file, vec![bus]).unwrap();
+    assert_eq!(buses.len(), 1, "the cycle gets its bus back");
+    settings.motors.into_iter().filter(|motor| motor.mismatch).map(|motor| motor.name).collect()
+}
+
+#[test]
+fn the_configured_motors_are_enabled_also_those_that_do_not_answer() {
+    assert!(marked(|_| {}).is_empty());
+    assert!(marked(Vec::clear).is_empty());
+}
+
+#[test]
+fn a_wrong_torque_constant_is_marked() {
+    assert_eq!(marked(|motors| motors[0].torque_constant *= 1.2), ["elbow"]);
+}
+
+#[test]
+fn a_wrong_gear_ratio_is_marked() {
+    assert_eq!(marked(|motors| motors[1].gear_ratio = 36.0), ["wrist"]);
+}
+
+#[test]
+fn swapped_ids_of_different_motors_are_marked() {
+    let swap = |motors: &mut Vec<simulator::MotorSettings>| {
+        (motors[0].id, motors[1].id) = (motors[1].id, motors[0].id);
+        (motors[0].host_id, motors[1].host_id) = (motors[1].host_id, motors[0].host_id);
+    };
+    assert_eq!(marked(swap), ["elbow", "wrist"]);
+}
+
+#[test]
+fn a_motor_in_the_wrong_mode_is_marked() {
+    assert_eq!(marked(|motors| motors[0].dialect = Dialect::Mit), ["elbow"]);
+    assert_eq!(marked(|motors| motors[2].dialect = Dialect::Gim), ["hip"]);
+}
+
+#[test]
+fn a_motor_of_another_vendor_is_marked() {
+    let other = |motors: &mut Vec<simulator::MotorSettings>| {
+        (motors[2].vendor, motors[2].ends) = ("robstride", Some([12.57, 33.0, 14.0]));
+    };
+    assert_eq!(marked(other), ["hip"]);
+}
+
+#[test]
+fn a_motor_that_is_silent_now_is_judged_by_the_lock() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("robot.toml");
+    let elbow = ReportedMotor {
+        name: "elbow".into(),
+        bus: "arm".into(),
+        id: 1,
+        host_id: Some(0x101),
+        protocol: ReportedProtocol::Gim,
+        firmware: None,
+        values: [("gear-ratio".to_owned(), 8.0)].into(),
+    };
+    Lock::new(vec![elbow]).save(&file).unwrap();
+    assert_eq!(judged(&file, Vec::clear), ["elbow"]);
+}
