@@ -4,7 +4,7 @@ use crate::host::process;
 use motord_core::control::Event;
 use motord_shared::description::{GroupHistory, Process};
 
-/// What is known of every group.
+/// Everything that is known of the groups, beside their states.
 pub(super) struct Groups(Vec<GroupHistory>);
 
 impl Groups {
