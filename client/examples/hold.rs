@@ -1,7 +1,7 @@
 //! Holds every joint of a group where it is, until the group is stopped or this program ends.
 
 use clap::Parser;
-use motord_client::{Cause, Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, State};
+use motord_client::{Client, DEFAULT_INSTANCE, Error, Phase};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -24,6 +24,8 @@ struct Options {
 
 /// Longer than a shared machine stalls.
 const PATIENCE: Duration = Duration::from_secs(1);
+/// Longer than motors take to start.
+const START: Duration = Duration::from_secs(5);
 
 fn main() -> ExitCode {
     match hold(&Options::parse()) {
@@ -38,25 +40,17 @@ fn main() -> ExitCode {
 fn hold(options: &Options) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
     let mut claim = client.claim(&options.group)?;
-    let setpoints = present_pose(&claim, &client.wait(PATIENCE)?, options);
-    claim.send(&setpoints)?;
+    claim.hold(&client.wait(PATIENCE)?, options.kp, options.kd)?;
+    claim.commit()?;
     claim.enable()?;
-    println!("holding {} joints of group {}", setpoints.len(), claim.group());
-    let mut active = false;
+    claim.wait_for(Phase::Active, START)?;
+    println!("holding {} joints of group {}", claim.joints().len(), claim.group());
     loop {
         let state = client.wait(PATIENCE)?;
-        claim.send(&setpoints)?;
-        let Some(group) = state.group(claim.index()) else { return Ok(()) };
-        active |= group.phase == Some(Phase::Active);
-        if group.latched || active && group.phase == Some(Phase::Disarmed) {
-            println!("stopped: {}", group.cause.map_or("The group was disabled.", Cause::sentence));
+        if let Err(stopped @ Error::Stopped { .. }) = state.of(&claim)?.must_be_active() {
+            println!("{stopped}");
             return Ok(());
         }
+        claim.commit()?;
     }
-}
-
-fn present_pose(claim: &Claim, state: &State, options: &Options) -> Vec<Setpoint> {
-    let joints = claim.joints().iter().filter_map(|&joint| state.joint(joint));
-    let hold = |position| Setpoint::impedance(position, 0.0, options.kp, options.kd, 0.0);
-    joints.filter_map(|joint| joint.position()).map(hold).collect()
 }

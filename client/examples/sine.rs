@@ -3,7 +3,7 @@
 //! With `--persist` it goes on after a stop and after a restart of the daemon: for a simulated robot, or one on a stand.
 
 use clap::Parser;
-use motord_client::{Cause, Claim, Client, DEFAULT_INSTANCE, Error, Group, Phase, Setpoint, State};
+use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, Slot};
 use std::f32::consts::TAU;
 use std::process::ExitCode;
 use std::time::Duration;
@@ -42,127 +42,76 @@ struct Options {
 
 /// Longer than a shared machine stalls.
 const PATIENCE: Duration = Duration::from_secs(1);
-
+/// Longer than motors take to start or to stop.
+const CHANGE: Duration = Duration::from_secs(5);
 /// Pause before another attempt.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// How a motion ended.
-enum End {
-    Finished,
-    Stopped(&'static str),
-}
-
 fn main() -> ExitCode {
     let options = Options::parse();
-    let client = match Client::connect(&options.instance) {
-        Ok(client) => client,
-        Err(error) => return failed(&error),
-    };
     loop {
-        match sine(&client, &options) {
-            Ok(End::Finished) => return ExitCode::SUCCESS,
-            Ok(End::Stopped(why)) => {
-                println!("stopped: {why}");
-                if !options.persist {
-                    return ExitCode::SUCCESS;
-                }
-            }
+        match sine(&options) {
+            Ok(()) => return ExitCode::SUCCESS,
             Err(error) if options.persist && passes(&error) => println!("{error}"),
-            Err(error) => return failed(&error),
+            Err(stopped @ Error::Stopped { .. }) => {
+                println!("{stopped}");
+                return ExitCode::SUCCESS;
+            }
+            Err(error) => {
+                eprintln!("sine: {error}");
+                return ExitCode::from(error.exit_status());
+            }
         }
         std::thread::sleep(PAUSE);
     }
 }
 
-fn failed(error: &Error) -> ExitCode {
-    eprintln!("sine: {error}");
-    ExitCode::from(error.exit_status())
-}
-
-/// Whether another attempt may succeed without anybody changing the command line.
+/// With a reset, a stop and a refusal pass, too.
 fn passes(error: &Error) -> bool {
-    use Error::{NoAnswer, NotRunning, Refused, Restarted, Silent, Timeout};
-    matches!(
-        error,
-        NotRunning { .. } | Silent { .. } | Timeout { .. } | Restarted | Refused { .. } | NoAnswer { .. }
-    )
+    error.is_transient() || matches!(error, Error::Stopped { .. } | Error::Refused { .. })
 }
 
-fn sine(client: &Client, options: &Options) -> Result<End, Error> {
+fn sine(options: &Options) -> Result<(), Error> {
+    let client = Client::connect(&options.instance)?;
     let mut claim = client.claim(&options.group)?;
     let start = client.wait(PATIENCE)?;
-    let motion = Motion::new(client, &claim, &start, options)?;
-    if options.persist && start.group(claim.index()).is_some_and(|group| group.latched) {
+    if options.persist && start.of(&claim)?.stop().is_some() {
+        claim.wait_for(Phase::Disarmed, CHANGE)?;
         claim.reset()?;
     }
-    claim.send(&motion.at(0.0))?;
+    claim.hold(&start, options.kp, options.kd)?;
+    claim.commit()?;
     claim.enable()?;
-    println!("moving {:?}", motion.names);
-    let mut begun_ns = None;
+    claim.wait_for(Phase::Active, CHANGE)?;
+    let names: Vec<String> = match &options.joint {
+        Some(joint) => vec![joint.clone()],
+        None => claim.names().map(str::to_owned).collect(),
+    };
+    let moved = claim.slots(&names)?;
+    let centres =
+        moved.iter().map(|&slot| Ok(claim.setpoint(slot)?.position)).collect::<Result<Vec<_>, Error>>()?;
+    println!("moving {names:?}");
+    let begun = client.wait(PATIENCE)?.time();
     loop {
         let state = client.wait(PATIENCE)?;
-        let Some(group) = state.group(claim.index()) else { return Ok(End::Stopped("The group is gone.")) };
-        if group.phase == Some(Phase::Active) {
-            begun_ns.get_or_insert(state.tick_ns());
-        } else if let Some(why) = stopped(&group, begun_ns.is_some()) {
-            return Ok(End::Stopped(why));
-        }
-        let elapsed_ns = begun_ns.map_or(0, |begun| state.tick_ns().saturating_sub(begun));
-        let elapsed = Duration::from_nanos(elapsed_ns).as_secs_f32();
-        if options.seconds.is_some_and(|seconds| elapsed >= seconds) {
+        state.of(&claim)?.must_be_active()?;
+        let time = (state.time() - begun).as_secs_f32();
+        if options.seconds.is_some_and(|seconds| time >= seconds) {
             claim.disable()?;
-            return Ok(End::Finished);
+            return claim.wait_for(Phase::Disarmed, CHANGE);
         }
-        claim.send(&motion.at(elapsed))?;
-    }
-}
-
-fn stopped(group: &Group, was_active: bool) -> Option<&'static str> {
-    let disabled = was_active && group.phase == Some(Phase::Disarmed);
-    let cause = group.cause.map(Cause::sentence);
-    (group.latched || disabled).then(|| cause.unwrap_or("The group was disabled."))
-}
-
-/// Each joint's centre, amplitude and bounds, rad, and the gains.
-struct Motion {
-    names: Vec<String>,
-    joints: Vec<(f32, f32, [f32; 2])>,
-    hz: f32,
-    kp: f32,
-    kd: f32,
-}
-
-impl Motion {
-    fn new(client: &Client, claim: &Claim, start: &State, options: &Options) -> Result<Self, Error> {
-        let moved = options.joint.as_deref().map(|name| client.joint_named(name)).transpose()?;
-        let mut motion =
-            Self { names: vec![], joints: vec![], hz: options.hz, kp: options.kp, kd: options.kd };
-        for &index in claim.joints() {
-            let (description, centre) = (
-                &client.description().joints[index],
-                start.joint(index).and_then(|joint| joint.position()).unwrap_or(0.0),
-            );
-            let moves = moved.is_none_or(|moved| moved == index);
-            motion.joints.push((
-                centre,
-                if moves { options.amplitude_rad } else { 0.0 },
-                description.limits.position,
-            ));
-            if moves {
-                motion.names.push(description.name.clone());
-            }
+        for (&slot, centre) in moved.iter().zip(&centres) {
+            swing(&mut claim, slot, *centre, time, options)?;
         }
-        Ok(motion)
+        claim.commit()?;
     }
+}
 
-    /// The setpoints at `time`, s after the motion began.
-    fn at(&self, time: f32) -> Vec<Setpoint> {
-        let omega = TAU * self.hz;
-        let (sin, cos) = (omega * time).sin_cos();
-        let setpoint = |&(centre, amplitude, [lower, upper]): &(f32, f32, [f32; 2])| {
-            let position = (centre + amplitude * sin).max(lower).min(upper);
-            Setpoint::impedance(position, amplitude * omega * cos, self.kp, self.kd, 0.0)
-        };
-        self.joints.iter().map(setpoint).collect()
-    }
+/// Sets the joint to where it should be at `time`, s after the motion began.
+fn swing(claim: &mut Claim, slot: Slot, centre: f32, time: f32, options: &Options) -> Result<(), Error> {
+    let omega = TAU * options.hz;
+    let (sin, cos) = (omega * time).sin_cos();
+    let position = claim.limits(slot)?.clamp_position(centre + options.amplitude_rad * sin);
+    let velocity = options.amplitude_rad * omega * cos;
+    claim.set(slot, Setpoint::impedance(position, velocity, options.kp, options.kd, 0.0))
 }

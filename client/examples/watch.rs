@@ -36,12 +36,7 @@ fn watch(options: &Options) -> Result<(), Error> {
         match client.wait(10 * PERIOD) {
             Ok(state) if print(&client.description(), &state).is_err() => return Ok(()),
             Ok(_) => {}
-            Err(
-                error @ (Error::NotRunning { .. }
-                | Error::Silent { .. }
-                | Error::Restarted
-                | Error::Timeout { .. }),
-            ) => println!("{error}"),
+            Err(error) if error.is_transient() => println!("{error}"),
             Err(error) => return Err(error),
         }
         printed += 1;

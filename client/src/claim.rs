@@ -1,10 +1,11 @@
 //! The right to move a group of joints.
 
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
-use crate::{Error, Setpoint};
-use motord_shared::description::RobotDescription;
+use crate::members::{JointKey, Members, Slot};
+use crate::{Error, Setpoint, State};
+use motord_shared::description::{JointLimits, RobotDescription};
 use motord_shared::ports::SetpointPort;
-use motord_shared::{Lease, Operation, SetpointMessage, clock};
+use motord_shared::{Lease, Operation, Phase, SetpointMessage, clock};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -15,42 +16,37 @@ const RELEASE_TIMEOUT: Duration = Duration::from_millis(100);
 const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 
 /// Ownership of a group. Dropping it releases the group, which stops it when it was active.
+///
+/// Setpoints are given by name, and stay until they are given again: [`set`](Self::set) or [`hold`](Self::hold), then
+/// [`commit`](Self::commit). Or all at once, in the order of the group: [`send`](Self::send).
 #[derive(Debug)]
 pub struct Claim {
     link: Arc<Link>,
     port: SetpointPort,
-    boot_id: u64,
-    index: usize,
-    name: String,
-    joints: Vec<usize>,
-    lease: Lease,
-    /// The last setpoints that were sent; sequence 0 before the first.
+    members: Arc<Members>,
+    /// The setpoints; sequence 0 before the first was sent.
     message: SetpointMessage,
+    /// The joints with a setpoint, one bit each.
+    set: u64,
     released: bool,
 }
 
 impl Claim {
     /// Claims the group with this index of `robot`.
     pub(crate) fn new(link: Arc<Link>, robot: &RobotDescription, index: usize) -> Result<Self, Error> {
-        let group = robot.groups[index].clone();
         let port = link.setpoint_port()?;
         let subject = Subject { group: index, ..Subject::default() };
         let (reply, _) = link.ask(Operation::Claim, subject, ANSWER_TIMEOUT)?;
         let lease =
             Lease::from_raw(reply.lease).ok_or(Error::NotUnderstood { operation: Operation::Claim })?;
+        let members = Members::new(robot, index, lease, link.newest_cycle()?);
+        let joint_count = members.joints.len() as u32;
         Ok(Self {
             link,
             port,
-            boot_id: robot.boot_id,
-            index,
-            name: group.name,
-            message: SetpointMessage {
-                lease: lease.raw(),
-                joint_count: group.joints.len() as u32,
-                ..SetpointMessage::default()
-            },
-            joints: group.joints,
-            lease,
+            members: Arc::new(members),
+            message: SetpointMessage { lease: lease.raw(), joint_count, ..SetpointMessage::default() },
+            set: 0,
             released: false,
         })
     }
@@ -58,19 +54,105 @@ impl Claim {
     /// Name of the group.
     #[must_use]
     pub fn group(&self) -> &str {
-        &self.name
+        &self.members.name
     }
 
     /// Index of the group in the description.
     #[must_use]
     pub fn index(&self) -> usize {
-        self.index
+        self.members.index
     }
 
     /// The joints of the group, by index in the description. Setpoints stand in this order.
     #[must_use]
     pub fn joints(&self) -> &[usize] {
-        &self.joints
+        &self.members.joints
+    }
+
+    /// Names of the joints of the group, in the same order.
+    pub fn names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.members.names.iter().map(String::as_str)
+    }
+
+    /// The slot of the joint `name`: a key that saves the comparison of names in every cycle. It is good for this claim only.
+    ///
+    /// # Errors
+    /// [`Error::UnknownJoint`], which names those of the group.
+    pub fn slot(&self, name: &str) -> Result<Slot, Error> {
+        self.members.slot(name)
+    }
+
+    /// The slots of several joints, in the order of `names`: the controller's own order.
+    ///
+    /// # Errors
+    /// Those of [`slot`](Self::slot).
+    pub fn slots<N: AsRef<str>>(&self, names: impl IntoIterator<Item = N>) -> Result<Vec<Slot>, Error> {
+        names.into_iter().map(|name| self.slot(name.as_ref())).collect()
+    }
+
+    /// The limits of a joint.
+    ///
+    /// # Errors
+    /// [`Error::UnknownJoint`], [`Error::OtherClaim`].
+    pub fn limits(&self, joint: impl JointKey) -> Result<JointLimits, Error> {
+        Ok(self.members.limits[joint.place(&self.members)?])
+    }
+
+    /// Gives a joint its setpoint, for [`commit`](Self::commit) to send. It stays until it is given again. Neither allocates
+    /// nor waits.
+    ///
+    /// # Errors
+    /// [`Error::UnknownJoint`], which names those of the group; [`Error::OtherClaim`].
+    pub fn set(&mut self, joint: impl JointKey, setpoint: Setpoint) -> Result<(), Error> {
+        let place = joint.place(&self.members)?;
+        self.put(place, setpoint);
+        Ok(())
+    }
+
+    /// The setpoint of a joint as it was set last; all zero before.
+    ///
+    /// # Errors
+    /// Those of [`set`](Self::set).
+    pub fn setpoint(&self, joint: impl JointKey) -> Result<Setpoint, Error> {
+        Ok(Setpoint::from(&self.message.joints[joint.place(&self.members)?]))
+    }
+
+    /// Gives every joint the setpoint to stay where it is in `state`, with the stiffness `kp`, N·m/rad, and the damping `kd`,
+    /// N·m·s/rad.
+    ///
+    /// # Errors
+    /// [`Error::NotHeard`] naming a joint whose motor has not reported its position; no setpoint has changed then.
+    /// [`Error::Restarted`] when the state is of another daemon.
+    pub fn hold(&mut self, state: &State, kp: f32, kd: f32) -> Result<(), Error> {
+        let members = Arc::clone(&self.members);
+        if state.boot_id() != members.boot_id {
+            return Err(Error::Restarted);
+        }
+        let position = |place: usize| state.joint(members.joints[place])?.position();
+        if let Some(silent) = (0..members.joints.len()).find(|&place| position(place).is_none()) {
+            return Err(Error::NotHeard { joint: members.names[silent].clone() });
+        }
+        for place in 0..members.joints.len() {
+            position(place)
+                .into_iter()
+                .for_each(|position| self.put(place, Setpoint::hold(position, kp, kd)));
+        }
+        Ok(())
+    }
+
+    /// Sends the setpoints that were [set](Self::set). Call it in every turn of the controller, also when none has changed:
+    /// the daemon stops a group whose owner says nothing for the setpoint timeout.
+    ///
+    /// # Errors
+    /// [`Error::NotSet`] naming a joint that was never given a setpoint; those of [`send`](Self::send).
+    pub fn commit(&mut self) -> Result<(), Error> {
+        if let Some(place) = (0..self.members.joints.len()).find(|place| self.set >> place & 1 == 0) {
+            return Err(Error::NotSet { joint: self.members.names[place].clone() });
+        }
+        self.refresh()?;
+        self.message.cycle = self.link.cycle();
+        self.transmit()?;
+        self.link.check_alive()
     }
 
     /// Sends one setpoint per joint. The newest setpoint wins; what the daemon has not read is replaced. Does not wait.
@@ -80,21 +162,17 @@ impl Claim {
     /// [`Error::SetpointCount`]; [`Error::Restarted`], now and ever after a restart; [`Error::NotRunning`] or
     /// [`Error::Silent`] when states have stopped, though the setpoint was sent.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
-        let (expected, received) = (self.joints.len(), setpoints.len());
+        let (expected, received) = (self.members.joints.len(), setpoints.len());
         if expected != received {
             return Err(Error::SetpointCount { expected, received });
         }
-        self.refresh()?;
-        self.message.cycle = self.link.cycle();
-        for (joint, setpoint) in self.message.joints.iter_mut().zip(setpoints) {
-            *joint = (*setpoint).into();
-        }
-        self.transmit()?;
-        self.link.check_alive()
+        setpoints.iter().enumerate().for_each(|(place, setpoint)| self.put(place, *setpoint));
+        self.commit()
     }
 
-    /// Starts the motors of the group, towards the last setpoint, which must be near to where the joints are. It is
-    /// repeated until the daemon has answered, within a few cycles; from then on the caller must go on sending.
+    /// Starts the motors of the group, towards the last setpoints that were sent, which must be near to where the joints are.
+    /// They are repeated until the daemon has answered, within a few cycles; from then on the caller must go on sending, or
+    /// [wait for](Self::wait_for) [`Phase::Active`].
     ///
     /// # Errors
     /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`],
@@ -115,7 +193,22 @@ impl Claim {
         Ok(())
     }
 
-    /// Damps and stops the motors of the group.
+    /// Sleeps until the group is in `phase` or past it, and repeats the last setpoints in every cycle. Call it after
+    /// [`enable`](Self::enable) with [`Phase::Active`], after [`disable`](Self::disable) and before [`reset`](Self::reset)
+    /// with [`Phase::Disarmed`]. It judges states that come after the call only.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] at once when the group is stopped while it should start; [`Error::NotReached`] after `timeout`;
+    /// [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`].
+    pub fn wait_for(&mut self, phase: Phase, timeout: Duration) -> Result<(), Error> {
+        let link = Arc::clone(&self.link);
+        link.wait_for(self.members.index, phase, timeout, || {
+            self.ready()?;
+            if self.message.sequence > 0 { self.transmit() } else { Ok(()) }
+        })
+    }
+
+    /// Damps and stops the motors of the group. They are stopped once the group is [`Phase::Disarmed`].
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
@@ -123,7 +216,8 @@ impl Claim {
         self.operate(Operation::Disable)
     }
 
-    /// Takes back the latched cause of a stop.
+    /// Takes back the latched cause of a stop. The group must be [`Phase::Disarmed`]. A controller should leave this to a
+    /// person who has looked at the robot.
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
@@ -140,6 +234,16 @@ impl Claim {
         self.operate(Operation::Release)
     }
 
+    /// The group, which a [`GroupView`](crate::GroupView) shares with its claim.
+    pub(crate) fn members(&self) -> &Arc<Members> {
+        &self.members
+    }
+
+    fn put(&mut self, place: usize, setpoint: Setpoint) {
+        self.message.joints[place] = setpoint.into();
+        self.set |= 1 << place;
+    }
+
     /// Sends the message again, as a new one.
     fn transmit(&mut self) -> Result<(), Error> {
         self.message.sequence += 1;
@@ -151,8 +255,8 @@ impl Claim {
     /// Whether the daemon has accepted a setpoint of this claim that was sent after the one with sequence `before`.
     fn is_heard(&self, before: u64) -> Result<bool, Error> {
         self.ready()?;
-        let group = self.link.try_group(self.index);
-        Ok(group.is_some_and(|group| group.lease == Some(self.lease) && group.sequence > before))
+        let group = self.link.try_group(self.members.index, 0);
+        Ok(group.is_some_and(|group| group.lease == Some(self.members.lease) && group.sequence > before))
     }
 
     fn operate(&self, operation: Operation) -> Result<(), Error> {
@@ -162,7 +266,7 @@ impl Claim {
     }
 
     fn subject(&self) -> Subject {
-        Subject { lease: Some(self.lease), group: self.index, ..Subject::default() }
+        Subject { lease: Some(self.members.lease), group: self.members.index, ..Subject::default() }
     }
 
     /// Whether the daemon that granted the claim lives.
@@ -174,7 +278,7 @@ impl Claim {
     /// Takes in the states that have arrived, and checks that they are of the daemon that granted the claim.
     fn refresh(&self) -> Result<(), Error> {
         self.link.refresh()?;
-        if self.link.robot().boot_id == self.boot_id { Ok(()) } else { Err(Error::Restarted) }
+        if self.link.robot().boot_id == self.members.boot_id { Ok(()) } else { Err(Error::Restarted) }
     }
 }
 

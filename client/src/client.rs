@@ -8,10 +8,15 @@ use motord_shared::instance::Attachment;
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::ports::ClientPorts;
 use motord_shared::service::ServiceError;
-use motord_shared::{Instance, Operation};
+use motord_shared::{Instance, Operation, Phase};
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
+
+/// A state that is late is looked for again after this share of its delay, within these bounds.
+const LATE_SHARE: u32 = 4;
+const LATE_SLEEP_MIN: Duration = Duration::from_micros(50);
+const LATE_SLEEP_MAX: Duration = Duration::from_millis(5);
 
 /// A connection to the daemon of one instance.
 ///
@@ -107,7 +112,7 @@ impl Client {
     /// here: see [`State::age`].
     pub fn newest(&self) -> Result<Option<State>, Error> {
         let mut view = self.link.poll()?;
-        self.take(&mut view)
+        self.take(&mut view, 1)
     }
 
     /// Sleeps until there is a state that was not returned before. Costs the daemon a system call per cycle, and the
@@ -118,6 +123,24 @@ impl Client {
     /// `timeout` when called again in spite of it; [`Error::Timeout`]; those of [`newest`](Self::newest).
     pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
         self.next(timeout, Link::sleep_until_cycle)
+    }
+
+    /// Sleeps until the state of a cycle whose number divides by `n` was not returned before, or of the first one after it: for
+    /// a controller at an `n`th of the daemon's rate. The first call returns the next state. It sleeps by the clock, until the
+    /// state should be there: the cycles between wake nobody, and it costs the daemon nothing. A state is some 0.1 ms old when
+    /// it returns, against 0.05 ms with [`wait`](Self::wait). `timeout` must be longer than `n` cycles.
+    ///
+    /// # Errors
+    /// Those of [`wait`](Self::wait).
+    pub fn wait_cycles(&self, n: u32, timeout: Duration) -> Result<State, Error> {
+        let (n, period) = (u64::from(n.max(1)), self.description().period());
+        self.next_of(n, timeout, |_, view, patience| {
+            let (due_in, late) = view.due_in(n, period).unwrap_or_default();
+            drop(view);
+            let again = (late / LATE_SHARE).clamp(LATE_SLEEP_MIN, LATE_SLEEP_MAX);
+            std::thread::sleep(if due_in.is_zero() { again } else { due_in }.min(patience));
+            Ok(())
+        })
     }
 
     /// Like [`wait`](Self::wait), but keeps looking instead of sleeping: takes a processor core, and gives the state
@@ -137,15 +160,27 @@ impl Client {
         timeout: Duration,
         pause: impl Fn(&Link, Duration) -> Result<(), Error>,
     ) -> Result<State, Error> {
+        self.next_of(1, timeout, |link, view, patience| {
+            drop(view);
+            pause(link, patience)
+        })
+    }
+
+    /// The state of the next `n`th cycle. `pause` gives the view back, and sleeps at most as long as it is told.
+    fn next_of(
+        &self,
+        n: u64,
+        timeout: Duration,
+        pause: impl Fn(&Link, MutexGuard<'_, View>, Duration) -> Result<(), Error>,
+    ) -> Result<State, Error> {
         let begun = Instant::now();
         loop {
             let mut view = self.link.poll()?;
-            if let Some(state) = self.take(&mut view)? {
+            if let Some(state) = self.take(&mut view, n)? {
                 return Ok(state);
             }
             let patience = self.link.patience(&mut view, begun.elapsed(), timeout)?;
-            drop(view);
-            pause(&self.link, patience)?;
+            pause(&self.link, view, patience)?;
         }
     }
 
@@ -183,6 +218,17 @@ impl Client {
     /// Those of [`enable`](Self::enable).
     pub fn reset(&self, group: &str) -> Result<(), Error> {
         self.operate(Operation::Reset, group)
+    }
+
+    /// Sleeps until `group` is in `phase` or past it, in a state that comes after the call.
+    ///
+    /// # Errors
+    /// [`Error::Stopped`] at once when the group is stopped while it should start; [`Error::NotReached`] after `timeout`;
+    /// [`Error::UnknownGroup`], [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`].
+    pub fn wait_for(&self, group: &str, phase: Phase, timeout: Duration) -> Result<(), Error> {
+        let robot = self.description();
+        let index = group_of(&robot, group)?;
+        self.link.wait_for(index, phase, timeout, || self.ready(&robot))
     }
 
     /// Takes `group` from its owner.
@@ -259,12 +305,12 @@ impl Client {
         self.link.check_alive()
     }
 
-    /// The newest state, if nobody took it yet; a restart before it.
-    fn take(&self, view: &mut MutexGuard<'_, View>) -> Result<Option<State>, Error> {
+    /// The newest state, if nobody took it yet and it is due for one who takes every `n`th; a restart before it.
+    fn take(&self, view: &mut MutexGuard<'_, View>, n: u64) -> Result<Option<State>, Error> {
         if view.is_unseen() {
             self.must_be(&self.description())?;
         }
-        Ok(view.take_unseen())
+        Ok(view.take_unseen(n))
     }
 
     /// Reports a restart: an index from before may name another joint now. Other threads get the report too if they still

@@ -1,9 +1,10 @@
 //! Errors between a controller and the daemon, as sentences that say what to do next.
 
+use crate::state::Group;
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
 use motord_shared::service::{self, Obstacle, Part};
-use motord_shared::{Cause, Instance, InstanceError, Operation, Refusal, ServiceError};
+use motord_shared::{Cause, Instance, InstanceError, Operation, Phase, Refusal, ServiceError};
 use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -95,6 +96,53 @@ pub enum Error {
         /// Setpoints given.
         received: usize,
     },
+    /// A joint of the group was given no setpoint yet.
+    #[error("joint {joint} has no setpoint: a group is sent whole, so set every joint, or hold it, first")]
+    NotSet {
+        /// The joint.
+        joint: String,
+    },
+    /// The motor has not reported its position since it is online.
+    #[error("joint {joint} has not reported where it is: check that its motor has power")]
+    NotHeard {
+        /// The joint.
+        joint: String,
+    },
+    /// The [`Slot`](crate::Slot) is of another claim, whose joints may be others: look it up again.
+    #[error("the slot is of another claim: look it up again after each claim")]
+    OtherClaim,
+    /// The claim no longer owns its group: the owner said nothing for too long, or somebody took the group away. Claim again.
+    #[error(
+        "group {group} no longer belongs to this claim: its owner said nothing for too long, or somebody released it; claim \
+         it again"
+    )]
+    ClaimLost {
+        /// The group.
+        group: String,
+    },
+    /// The group does not follow setpoints.
+    #[error("group {group} {stop}")]
+    Stopped {
+        /// The group.
+        group: String,
+        /// Why.
+        stop: Stop,
+    },
+    /// The group did not come to the phase in the time given to the call.
+    #[error(
+        "group {group} is {} after {waited:?}, not {expected}",
+        phase.map_or("in an unknown phase", Phase::name)
+    )]
+    NotReached {
+        /// The group.
+        group: String,
+        /// The phase of the group. `None` when no state came, or for a code that this client does not know.
+        phase: Option<Phase>,
+        /// The phase that was waited for.
+        expected: Phase,
+        /// The time given.
+        waited: Duration,
+    },
     /// The daemon did not answer a request in time. Whether it was carried out is unknown.
     #[error(
         "motord did not answer {operation} within {waited:?}: the states show whether it was carried out"
@@ -127,11 +175,41 @@ impl Error {
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
-            Self::UnknownGroup { .. } | Self::UnknownJoint { .. } | Self::SetpointCount { .. } => 64,
+            Self::UnknownGroup { .. } | Self::UnknownJoint { .. } => 64,
+            Self::SetpointCount { .. } | Self::NotSet { .. } | Self::OtherClaim => 64,
             Self::Instance(InstanceError::Name { .. } | InstanceError::PathLength { .. }) => 64,
             Self::Permission { .. } | Self::Instance(InstanceError::NotPrivate { .. }) => 77,
             Self::Version { .. } | Self::NotUnderstood { .. } => 76,
             _ => 69,
+        }
+    }
+
+    /// Whether the same program may succeed later without anybody's help, by trying again or by claiming again: the daemon
+    /// comes back, an owner leaves, a motor gets power. Not transient are a mistake of the program or the installation, and a
+    /// stop or a fault that a person must look at.
+    #[must_use]
+    pub const fn is_transient(&self) -> bool {
+        match self {
+            Self::NotRunning { .. }
+            | Self::Silent { .. }
+            | Self::Timeout { .. }
+            | Self::Restarted
+            | Self::NotHeard { .. }
+            | Self::ClaimLost { .. }
+            | Self::NotReached { .. }
+            | Self::NoAnswer { .. } => true,
+            Self::Refused { refusal, .. } => refusal.is_transient(),
+            Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. }),
+            Self::Version { .. }
+            | Self::Permission { .. }
+            | Self::UnknownGroup { .. }
+            | Self::UnknownJoint { .. }
+            | Self::SetpointCount { .. }
+            | Self::NotSet { .. }
+            | Self::OtherClaim
+            | Self::Stopped { .. }
+            | Self::NotUnderstood { .. }
+            | Self::Instance(_) => false,
         }
     }
 
@@ -165,6 +243,45 @@ impl Error {
         match Refusal::try_from(code) {
             Ok(refusal) => Self::Refused { operation, refusal, about: About::of(refusal, detail, robot) },
             Err(UnknownCode(_)) => Self::NotUnderstood { operation },
+        }
+    }
+}
+
+/// Why a group does not follow setpoints.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Stop {
+    /// It was never enabled, or somebody disabled it.
+    Disabled,
+    /// It was stopped, and the cause is latched until a reset.
+    Cause {
+        /// The cause.
+        cause: Cause,
+        /// The joint that gave it, if one did.
+        joint: Option<String>,
+    },
+    /// It was stopped for a cause that this client does not know.
+    Unknown,
+}
+
+impl Stop {
+    /// The stop of `group`, which is latched. `joint` is the name of the joint that gave the cause.
+    pub(crate) fn of(group: &Group, joint: Option<String>) -> Self {
+        group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint })
+    }
+}
+
+impl fmt::Display for Stop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Disabled => write!(f, "does not follow setpoints: enable it"),
+            Self::Cause { cause, joint } => {
+                let at = joint.as_ref().map_or_else(String::new, |joint| format!(" (joint {joint})"));
+                let sentence = cause.sentence().trim_end_matches('.');
+                write!(f, "was stopped: {sentence}{at}. {}, then reset the group", cause.advice())
+            }
+            Self::Unknown => {
+                write!(f, "was stopped for a cause that this program does not know: see `motorctl status`")
+            }
         }
     }
 }
@@ -245,6 +362,19 @@ mod tests {
     fn a_refusal_of_no_joint_in_particular_names_none() {
         for refusal in OF_A_JOINT {
             assert!(!refused(refusal, NO_JOINT).contains("(joint"), "{refusal}");
+        }
+    }
+
+    #[test]
+    fn what_passes_by_itself_is_transient_and_what_a_person_must_look_at_is_not() {
+        let refused =
+            |refusal| Error::Refused { operation: Operation::Enable, refusal, about: About::Nothing };
+        let stopped = Error::Stopped { group: "leg".into(), stop: Stop::Disabled };
+        for error in [Error::Restarted, refused(Refusal::Owned), refused(Refusal::MotorOffline)] {
+            assert!(error.is_transient(), "{error}");
+        }
+        for error in [stopped, Error::OtherClaim, refused(Refusal::Latched), refused(Refusal::MotorFault)] {
+            assert!(!error.is_transient(), "{error}");
         }
     }
 }

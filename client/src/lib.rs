@@ -7,37 +7,72 @@
 //! gear. This program holds every joint of the group `all` where it is:
 //!
 //! ```no_run
-//! use motord_client::{Client, DEFAULT_INSTANCE, Error, Phase, Setpoint};
+//! use motord_client::{Client, DEFAULT_INSTANCE, Error, Phase};
 //! use std::time::Duration;
 //!
 //! fn main() -> Result<(), Error> {
-//!     let patience = Duration::from_millis(100);
+//!     let patience = Duration::from_secs(1);
 //!     let client = Client::connect(DEFAULT_INSTANCE)?;
 //!     let mut claim = client.claim("all")?;
 //!
-//!     let start = client.wait(patience)?;
-//!     let hold: Vec<Setpoint> = claim
-//!         .joints()
-//!         .iter()
-//!         .filter_map(|&joint| start.joint(joint))
-//!         .map(|joint| Setpoint::impedance(joint.position, 0.0, 20.0, 0.5, 0.0))
-//!         .collect();
-//!
 //!     // The daemon starts motors only for an owner that sends setpoints near to where the joints are.
-//!     claim.send(&hold)?;
+//!     claim.hold(&client.wait(patience)?, 20.0, 0.5)?;
+//!     claim.commit()?;
 //!     claim.enable()?;
+//!     claim.wait_for(Phase::Active, 5 * patience)?;
 //!     loop {
 //!         let state = client.wait(patience)?;
-//!         claim.send(&hold)?;
-//!         let group = state.group(claim.index());
-//!         if group.is_some_and(|group| group.phase == Some(Phase::Disarmed) && group.latched) {
-//!             return Ok(()); // Stopped: `group.cause` says why, and `claim.reset()` allows a new start.
-//!         }
+//!         state.of(&claim)?.must_be_active()?; // The error says why the group was stopped, and what to do.
+//!         claim.commit()?;
 //!     }
 //! }
 //! ```
 //!
-//! The examples `watch`, `hold` and `sine` are complete programs: `cargo run -p motord-client --example sine`.
+//! `client/examples/controller.rs` is a whole controller in less than 100 lines: copy it, and put your control law into it. It
+//! runs at 500 Hz, and survives stops, faults, lost motors and restarts of the daemon; a signal ends it with the motors
+//! stopped. `cargo run -p motord-client --example controller` moves a robot; `hold`, `sine` and `watch` are smaller.
+//!
+//! # States and setpoints, by name
+//!
+//! [`State::of`] gives the joints of a claimed group. [`Claim::set`] gives a joint its setpoint, which stays until it is given
+//! again, and [`Claim::commit`] sends those of the whole group: do it in every turn, also when nothing changed.
+//!
+//! ```no_run
+//! # use motord_client::{Claim, Client, Error, Setpoint};
+//! # fn turn(client: &Client, claim: &mut Claim) -> Result<(), Error> {
+//! let state = client.wait(std::time::Duration::from_secs(1))?;
+//! let leg = state.of(claim)?;
+//! let knee = leg.joint("fl-knee")?;
+//! println!("{:?} rad, {:?} N·m, faults: {}", knee.position(), knee.torque(), knee.faults);
+//!
+//! // Stiffness and damping pull towards a position and a velocity; a torque is added.
+//! claim.set("fl-knee", Setpoint::impedance(-1.5, 0.2, 40.0, 1.0, 0.0))?;
+//! claim.set("fl-hip", Setpoint::hold(leg.position("fl-hip")?, 40.0, 1.0))?;
+//! claim.commit()?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! A joint that was never heard has no position: [`Joint::position`] is `None`, and [`GroupView::position`] an error. The
+//! limits of a joint are [`Claim::limits`]; the limits that changed its last setpoint are [`Joint::limits`].
+//!
+//! A controller with an order of its own looks its joints up once, and uses [slots](Slot) instead of names:
+//!
+//! ```no_run
+//! # use motord_client::{Claim, Error, Setpoint, State};
+//! # fn policy(observed: &[f32]) -> Vec<f32> { observed.to_vec() }
+//! # fn turn(claim: &mut Claim, state: &State) -> Result<(), Error> {
+//! let order = claim.slots(["fl-knee", "fl-thigh", "fl-hip"])?; // Once after each claim.
+//!
+//! let legs = state.of(claim)?;
+//! let observed = order.iter().map(|&joint| legs.position(joint)).collect::<Result<Vec<_>, _>>()?;
+//! for (&joint, position) in order.iter().zip(policy(&observed)) {
+//!     claim.set(joint, Setpoint::hold(position, 40.0, 1.0))?;
+//! }
+//! claim.commit()?;
+//! # Ok(())
+//! # }
+//! ```
 //!
 //! # Timing
 //!
@@ -51,10 +86,16 @@
 //! ```
 //!
 //! A controller that wakes with [`Client::wait`] and has sent its setpoint before the lead begins is heard in the next
-//! tick: one cycle from measurement to command. A later one is heard one tick later. [`Client::spin`] saves the wake-up
-//! of some 50 µs for a core of its own. A controller may also be slower than the grid: the newest setpoint holds until
-//! the daemon's setpoint timeout (`description().setpoint_timeout`), after which the group is damped, stopped, and stays so
-//! until someone resets it. [`Group::setpoint_age`] is the age of the setpoint in use.
+//! tick: one cycle from measurement to command. A later one is heard one tick later.
+//!
+//! | call | for | costs |
+//! |---|---|---|
+//! | [`Client::wait`] | a turn in every cycle | a system call of the daemon per cycle, and a wake-up of some 50 µs |
+//! | [`Client::wait_cycles`] | a turn in every `n`th cycle; the others wake nobody | a wake-up of some 100 µs |
+//! | [`Client::spin`] | a turn in every cycle, at once | a core of its own |
+//!
+//! The newest setpoint holds until the daemon's setpoint timeout (`description().setpoint_timeout`), after which the group is
+//! damped, stopped, and stays so until someone resets it. [`Group::setpoint_age`] is the age of the setpoint in use.
 //!
 //! # When things end
 //!
@@ -63,6 +104,24 @@
 //!   50 ms. Its motors are damped without the controller's help.
 //! - The daemon is back: the next call returns [`Error::Restarted`] once, then the [`Client`] works again, with the new
 //!   [`Client::description`]. Claims are void and must be made anew; nothing moves before someone enables.
+//! - The group is stopped, for an emergency stop, a fault, a lost motor: [`GroupView::stop`] is the cause, with the joint and
+//!   what to do. The claim goes on. Leave the reset to a person who has looked at the robot.
+//! - The controller was not heard for too long, or somebody took the group away: [`Error::ClaimLost`].
+//!
+//! [`Error::is_transient`] tells the errors after which the same program may try again from those that need a person:
+//!
+//! ```no_run
+//! # use motord_client::Error;
+//! # fn control() -> Result<(), Error> { Ok(()) }
+//! // `control` connects, claims, and runs until its first error.
+//! while let Err(error) = control() {
+//!     eprintln!("{error}");
+//!     if !error.is_transient() {
+//!         std::process::exit(error.exit_status().into());
+//!     }
+//!     std::thread::sleep(std::time::Duration::from_millis(500));
+//! }
+//! ```
 //!
 //! # Threads
 //!
@@ -75,13 +134,17 @@
 mod claim;
 mod client;
 mod error;
+mod group_view;
 mod link;
+mod members;
 mod setpoint;
 mod state;
 
 pub use claim::Claim;
 pub use client::Client;
-pub use error::{About, Error};
+pub use error::{About, Error, Stop};
+pub use group_view::GroupView;
+pub use members::{JointKey, Slot};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
     GroupDescription, GroupHistory, JointDescription, JointLimits, Percentiles, Process, RobotDescription,

@@ -10,7 +10,7 @@
 //! A thread that sleeps until the next state holds none. Sending a setpoint waits for none but `robot`: it only tries `view`,
 //! which a spinning thread holds most of the time. An emergency stop waits for none but another emergency stop.
 
-use crate::Error;
+use crate::error::{Error, Stop};
 use crate::state::{Group, State};
 use motord_shared::description::RobotDescription;
 use motord_shared::instance::{Attachment, process_exists};
@@ -18,7 +18,7 @@ use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
 use motord_shared::service::ServiceError;
-use motord_shared::{AdminRequest, Instance, Lease, Operation, clock};
+use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, clock};
 use serde::de::DeserializeOwned;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
@@ -83,6 +83,8 @@ pub(crate) struct Link {
 pub(crate) struct View {
     newest: Option<State>,
     unseen: bool,
+    /// Number of the last cycle whose state was taken, of this daemon; 0 before the first.
+    taken: u64,
     silence_reported: bool,
 }
 
@@ -92,14 +94,42 @@ impl View {
         self.unseen
     }
 
-    /// The newest state, if nobody took it yet.
-    pub(crate) fn take_unseen(&mut self) -> Option<State> {
-        self.newest.filter(|_| std::mem::take(&mut self.unseen))
+    /// The newest state, if nobody took it yet and its cycle is due for one who takes every `n`th.
+    pub(crate) fn take_unseen(&mut self, n: u64) -> Option<State> {
+        let due = self.due(n);
+        let state = self.newest.as_ref().filter(|state| self.unseen && state.cycle() >= due)?;
+        (self.unseen, self.taken) = (false, state.cycle());
+        Some(*state)
+    }
+
+    /// How long after now the next `n`th cycle should be published; zero when it is late, `None` while nothing is known. The
+    /// second value is how late it is.
+    pub(crate) fn due_in(&self, n: u64, period: Duration) -> Option<(Duration, Duration)> {
+        let newest = self.newest.as_ref()?;
+        let cycles = u32::try_from(self.due(n).saturating_sub(newest.cycle())).unwrap_or(u32::MAX);
+        let due_ns = newest.publish_ns().saturating_add(nanos(period.saturating_mul(cycles)));
+        let now_ns = clock::now_ns();
+        let distance = |to: u64, from: u64| Duration::from_nanos(to.saturating_sub(from));
+        Some((distance(due_ns, now_ns), distance(now_ns, due_ns)))
+    }
+
+    /// The first cycle after the last one that was taken whose number divides by `n`.
+    fn due(&self, n: u64) -> u64 {
+        if self.taken == 0 { 0 } else { (self.taken / n + 1).saturating_mul(n) }
+    }
+
+    /// In the place of what was known before.
+    fn put(&mut self, state: State) {
+        let same_daemon = self.newest.as_ref().is_some_and(|newest| newest.boot_id() == state.boot_id());
+        let taken = if same_daemon { self.taken } else { 0 };
+        *self = Self { newest: Some(state), unseen: true, taken, silence_reported: false };
     }
 
     /// A thread may bring a state later than another thread brings its successor.
     fn is_newer(&self, state: &State) -> bool {
-        self.newest.is_none_or(|newest| newest.boot_id() != state.boot_id() || newest.cycle() < state.cycle())
+        self.newest
+            .as_ref()
+            .is_none_or(|newest| newest.boot_id() != state.boot_id() || newest.cycle() < state.cycle())
     }
 }
 
@@ -158,7 +188,7 @@ impl Link {
         }
         // A state of a daemon that has ended meanwhile belongs to no known robot.
         if state.boot_id() == self.robot().boot_id && view.is_newer(&state) {
-            *view = View { newest: Some(state), unseen: true, silence_reported: false };
+            view.put(state);
             self.cycle.store(state.cycle(), Ordering::Relaxed);
             self.heard_ns.store(now, Ordering::Relaxed);
         }
@@ -191,9 +221,65 @@ impl Link {
         Ok(if view.silence_reported { left } else { left.min(until_silence) })
     }
 
-    /// The group of the newest state, taken or not. `None` also when another thread has the state at this moment.
-    pub(crate) fn try_group(&self, index: usize) -> Option<Group> {
-        self.try_view()?.newest.and_then(|state| state.group(index))
+    /// The group of the newest state, taken or not, of a cycle after `since`. `None` also when another thread has the state at
+    /// this moment.
+    pub(crate) fn try_group(&self, index: usize, since: u64) -> Option<Group> {
+        let view = self.try_view()?;
+        view.newest.as_ref().filter(|state| state.cycle() > since)?.group(index)
+    }
+
+    /// Number of the newest cycle whose state has been published; 0 before the first.
+    pub(crate) fn newest_cycle(&self) -> Result<u64, Error> {
+        drop(self.poll()?);
+        Ok(self.cycle())
+    }
+
+    /// Sleeps until a state that comes from now on shows the group in `phase` or past it. `meanwhile` is done once a cycle,
+    /// and must [take in](Self::refresh) the states.
+    pub(crate) fn wait_for(
+        &self,
+        index: usize,
+        phase: Phase,
+        timeout: Duration,
+        mut meanwhile: impl FnMut() -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let (begun, since) = (Instant::now(), self.newest_cycle()?);
+        let mut last = None;
+        loop {
+            meanwhile()?;
+            if let Some(group) = self.try_group(index, since) {
+                last = group.phase;
+                if self.has_reached(index, &group, phase)? {
+                    return Ok(());
+                }
+            }
+            let left = timeout.saturating_sub(begun.elapsed());
+            if left.is_zero() {
+                let group = self.name_of(index);
+                return Err(Error::NotReached { group, phase: last, expected: phase, waited: timeout });
+            }
+            std::thread::sleep(left.min(self.robot().period().max(ANSWER_POLL)));
+        }
+    }
+
+    /// Whether `group` is in `phase` or past it. A group that was stopped does not start any more.
+    fn has_reached(&self, index: usize, group: &Group, phase: Phase) -> Result<bool, Error> {
+        use Phase::{Active, Damping, Disarmed, Starting};
+        let (robot, name) = (self.robot(), self.name_of(index));
+        if group.latched && matches!(phase, Starting | Active) {
+            let joint = group.cause_joint.and_then(|joint| Some(robot.joints.get(joint)?.name.clone()));
+            return Err(Error::Stopped { group: name, stop: Stop::of(group, joint) });
+        }
+        Ok(match phase {
+            Active => group.phase == Some(Active),
+            Starting => matches!(group.phase, Some(Starting | Active)),
+            Damping => matches!(group.phase, Some(Damping | Disarmed)),
+            Disarmed => group.phase == Some(Disarmed),
+        })
+    }
+
+    fn name_of(&self, index: usize) -> String {
+        self.robot().groups.get(index).map_or_else(String::new, |group| group.name.clone())
     }
 
     /// Number of the newest state's cycle; 0 before the first.

@@ -28,6 +28,12 @@ impl Setpoint {
         Self { position, velocity, kp, kd, torque, mode: SetpointMode::Impedance }
     }
 
+    /// Stay at `position`, rad, with the stiffness `kp`, N·m/rad, and the damping `kd`, N·m·s/rad.
+    #[must_use]
+    pub const fn hold(position: f32, kp: f32, kd: f32) -> Self {
+        Self::impedance(position, 0.0, kp, kd, 0.0)
+    }
+
     /// Torque alone, N·m, without stiffness or damping.
     #[must_use]
     pub const fn torque(torque: f32) -> Self {
@@ -63,5 +69,14 @@ impl From<Setpoint> for JointSetpoint {
     fn from(setpoint: Setpoint) -> Self {
         let Setpoint { position, velocity, kp, kd, torque, mode } = setpoint;
         Self { position, velocity, kp, kd, torque, mode: mode.code() }
+    }
+}
+
+impl From<&JointSetpoint> for Setpoint {
+    /// A code that this client does not know is read as impedance; it never sends one.
+    fn from(setpoint: &JointSetpoint) -> Self {
+        let JointSetpoint { position, velocity, kp, kd, torque, mode } = *setpoint;
+        let mode = SetpointMode::try_from(mode).unwrap_or(SetpointMode::Impedance);
+        Self { position, velocity, kp, kd, torque, mode }
     }
 }

@@ -39,6 +39,12 @@ impl State {
         self.message.tick_ns
     }
 
+    /// When the cycle should have begun, as the time since the zero of `CLOCK_MONOTONIC`: for the time between two states.
+    #[must_use]
+    pub fn time(&self) -> Duration {
+        Duration::from_nanos(self.message.tick_ns)
+    }
+
     /// When the states were complete, ns of `CLOCK_MONOTONIC`.
     #[must_use]
     pub fn publish_ns(&self) -> u64 {

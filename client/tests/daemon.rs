@@ -3,16 +3,20 @@
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
-use motord_client::{Claim, Client, Error, InstanceError, Obstacle, Refusal, Setpoint};
+use motord_client::{
+    Cause, Claim, Client, Error, InstanceError, JointLimits, Obstacle, Phase, Refusal, Setpoint, State, Stop,
+};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription, Telemetry};
 use motord_shared::limits::CONTROLLERS_MAX;
-use motord_shared::message::{AdminReply, GroupState, SetpointMessage, StateMessage};
+use motord_shared::message::{
+    AdminReply, GroupState, JOINT_VALID, JointState, SetpointMessage, StateMessage,
+};
 use motord_shared::ports::{DaemonPorts, Housekeeper, Request};
-use motord_shared::{Instance, Lease, Operation, clock};
+use motord_shared::{Instance, JointSetpoint, Lease, Operation, clock};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
 use std::process::{Child, Command};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -32,6 +36,11 @@ struct FakeDaemon {
     sequence: u64,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
     silent: Arc<AtomicBool>,
+    /// The second joint is not heard.
+    mute: Arc<AtomicBool>,
+    /// Code of the cause that is latched, for the second joint.
+    cause: Arc<AtomicU32>,
+    phase: Phase,
     /// Requests that get no answer.
     held: Vec<Request>,
 }
@@ -64,7 +73,25 @@ impl FakeDaemon {
             group_count: 1,
             ..StateMessage::default()
         };
-        state.groups[0] = GroupState { lease: self.owner, sequence: self.sequence, ..GroupState::default() };
+        for (place, joint) in state.joints.iter_mut().enumerate() {
+            let is_heard = place != 1 || !self.mute.load(Ordering::Relaxed);
+            let (position, flags) = if is_heard { (0.5 + place as f32, JOINT_VALID) } else { (f32::NAN, 0) };
+            *joint = JointState { position, flags, ..JointState::default() };
+        }
+        let cause = self.cause.load(Ordering::Relaxed);
+        self.phase = match self.phase {
+            _ if cause != 0 => Phase::Disarmed,
+            Phase::Starting if self.cycle.is_multiple_of(5) => Phase::Active,
+            phase => phase,
+        };
+        state.groups[0] = GroupState {
+            lease: self.owner,
+            sequence: self.sequence,
+            phase: self.phase.code(),
+            cause,
+            cause_joint: 1,
+            ..GroupState::default()
+        };
         self.ports.publish(&state).unwrap();
         self.ports.notify().unwrap();
     }
@@ -94,7 +121,14 @@ impl FakeDaemon {
             Ok(Operation::Enable) if self.sequence == 0 => {
                 (AdminReply { refusal: Refusal::NoSetpoint.code(), ..done }, vec![])
             }
-            Ok(Operation::Enable) if lease == self.owner => (done, vec![]),
+            Ok(Operation::Enable) if lease == self.owner => {
+                self.phase = Phase::Starting;
+                (done, vec![])
+            }
+            Ok(Operation::Disable) => {
+                self.phase = Phase::Disarmed;
+                (done, vec![])
+            }
             Ok(Operation::EmergencyStop) => (done, vec![]),
             _ => (AdminReply { refusal: Refusal::Busy.code(), ..done }, vec![]),
         }
@@ -122,6 +156,8 @@ struct Running {
     stop: Arc<AtomicBool>,
     /// Publishes no states; everything else goes on.
     silent: Arc<AtomicBool>,
+    mute: Arc<AtomicBool>,
+    cause: Arc<AtomicU32>,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -134,10 +170,11 @@ impl Running {
     fn start_with(runtime: &Path, boot_id: u64, joint_count: u32) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let (seen, silent) = (Arc::default(), Arc::<AtomicBool>::default());
+        let (mute, cause) = (Arc::<AtomicBool>::default(), Arc::<AtomicU32>::default());
         let (running, runtime) = (Arc::new(AtomicBool::new(false)), runtime.to_owned());
         let thread = std::thread::spawn({
             let (stop, seen, running) = (Arc::clone(&stop), Arc::clone(&seen), Arc::clone(&running));
-            let silent = Arc::clone(&silent);
+            let (silent, mute, cause) = (Arc::clone(&silent), Arc::clone(&mute), Arc::clone(&cause));
             move || {
                 let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
                 let ports = DaemonPorts::open(&lock).unwrap();
@@ -150,6 +187,9 @@ impl Running {
                     sequence: 0,
                     seen,
                     silent,
+                    mute,
+                    cause,
+                    phase: Phase::Disarmed,
                     held: vec![],
                 };
                 while !stop.load(Ordering::Relaxed) {
@@ -162,7 +202,7 @@ impl Running {
         while !running.load(Ordering::Relaxed) && !thread.is_finished() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        Self { stop, silent, seen, thread: Some(thread) }
+        Self { stop, silent, mute, cause, seen, thread: Some(thread) }
     }
 
     fn setpoints(&self) -> Vec<SetpointMessage> {
@@ -291,6 +331,197 @@ fn setpoints_arrive_whole_with_rising_sequence() {
         assert_eq!(setpoint.joints[0].torque.to_bits(), setpoint.joints[1].kd.to_bits());
         assert!(setpoint.cycle > 0);
     }
+}
+
+/// The setpoints of the last message, hip and knee.
+fn last_of(daemon: &Running, sequence: u64) -> [JointSetpoint; 2] {
+    let last =
+        until("the setpoint", || daemon.setpoints().last().filter(|last| last.sequence == sequence).copied());
+    [last.joints[0], last.joints[1]]
+}
+
+#[test]
+fn setpoints_by_name_and_by_slot_reach_their_joints_and_stay() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    let [knee, hip] = claim.slots(["knee", "hip"]).unwrap()[..] else { panic!("two slots") };
+    claim.set("knee", Setpoint::torque(2.0)).unwrap();
+    claim.set(hip, Setpoint::torque(1.0)).unwrap();
+    claim.commit().unwrap();
+    assert_eq!(last_of(&daemon, 1).map(|joint| joint.torque), [1.0, 2.0]);
+    claim.set(knee, Setpoint::torque(3.0)).unwrap();
+    claim.commit().unwrap();
+    assert_eq!(last_of(&daemon, 2).map(|joint| joint.torque), [1.0, 3.0], "the hip keeps what it was given");
+    assert_eq!(claim.setpoint("knee"), Ok(Setpoint::torque(3.0)));
+    assert_eq!(claim.limits(knee), Ok(JointLimits::default()));
+    let unknown = claim.set("toe", Setpoint::torque(0.0)).unwrap_err();
+    assert!(unknown.to_string().contains("hip, knee"), "{unknown}");
+}
+
+/// A joint without a setpoint would be limp.
+#[test]
+fn a_group_is_not_sent_before_every_joint_has_a_setpoint() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    claim.set("hip", Setpoint::damping(1.0)).unwrap();
+    assert_eq!(claim.commit(), Err(Error::NotSet { joint: "knee".into() }));
+    client.wait(PATIENCE).unwrap();
+    assert_eq!(daemon.setpoints(), []);
+    claim.set("knee", Setpoint::damping(1.0)).unwrap();
+    claim.commit().unwrap();
+}
+
+/// After a restart with another configuration it could be another joint.
+#[test]
+fn a_slot_of_another_claim_is_refused() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let old = client.claim("leg").unwrap().slot("knee").unwrap();
+    let mut claim = client.claim("leg").unwrap();
+    assert_eq!(claim.set(old, Setpoint::torque(1.0)), Err(Error::OtherClaim));
+    assert_eq!(claim.limits(old), Err(Error::OtherClaim));
+    let state = client.wait(PATIENCE).unwrap();
+    assert_eq!(state.of(&claim).unwrap().joint(old), Err(Error::OtherClaim));
+}
+
+/// The next state whose second joint is heard or not.
+fn state_with(client: &Client, is_heard: bool) -> State {
+    until("such a state", || {
+        Some(client.wait(PATIENCE).unwrap())
+            .filter(|state| state.joint(1).unwrap().position().is_some() == is_heard)
+    })
+}
+
+#[test]
+fn a_group_is_held_where_it_is_and_not_at_all_while_a_joint_is_not_heard() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    daemon.mute.store(true, Ordering::Relaxed);
+    let state = state_with(&client, false);
+    let silent = Error::NotHeard { joint: "knee".into() };
+    assert_eq!(claim.hold(&state, 5.0, 0.5), Err(silent.clone()));
+    assert!(matches!(claim.commit(), Err(Error::NotSet { .. })), "nothing was set");
+    let leg = state.of(&claim).unwrap();
+    assert_eq!((leg.position("hip"), leg.position("knee"), leg.is_heard()), (Ok(0.5), Err(silent), false));
+    daemon.mute.store(false, Ordering::Relaxed);
+    let state = state_with(&client, true);
+    claim.hold(&state, 5.0, 0.5).unwrap();
+    claim.commit().unwrap();
+    assert_eq!(
+        last_of(&daemon, 1).map(|joint| (joint.position, joint.kp, joint.kd)),
+        [(0.5, 5.0, 0.5), (1.5, 5.0, 0.5)]
+    );
+    let leg = state.of(&claim).unwrap();
+    assert_eq!(leg.positions(), Ok(vec![0.5, 1.5]));
+    assert_eq!(leg.joints().map(|(name, _)| name.to_owned()).collect::<Vec<_>>(), ["hip", "knee"]);
+}
+
+#[test]
+fn a_claim_that_was_taken_away_is_told_by_the_states() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let (client, other) = (connect(&place), connect(&place));
+    let claim = client.claim("leg").unwrap();
+    for _ in 0..20 {
+        client.wait(PATIENCE).unwrap().of(&claim).unwrap();
+    }
+    other.force_release("leg").unwrap();
+    let lost = until("the loss", || client.wait(PATIENCE).unwrap().of(&claim).err());
+    assert_eq!(lost, Error::ClaimLost { group: "leg".into() });
+    assert!(lost.is_transient());
+}
+
+#[test]
+fn the_group_is_waited_for_and_the_setpoints_go_on_meanwhile() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let (client, operator) = (connect(&place), connect(&place));
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    claim.enable().unwrap();
+    let before = daemon.setpoints().len();
+    claim.wait_for(Phase::Active, PATIENCE).unwrap();
+    operator.wait_for("leg", Phase::Starting, PATIENCE).unwrap();
+    assert!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().must_be_active().is_ok());
+    assert!(daemon.setpoints().len() > before, "the owner was heard while it waited");
+    let expected = Error::NotReached {
+        group: "leg".into(),
+        phase: Some(Phase::Active),
+        expected: Phase::Disarmed,
+        waited: Duration::from_millis(20),
+    };
+    assert_eq!(operator.wait_for("leg", Phase::Disarmed, Duration::from_millis(20)), Err(expected));
+    claim.disable().unwrap();
+    claim.wait_for(Phase::Disarmed, PATIENCE).unwrap();
+}
+
+#[test]
+fn a_stop_while_a_group_should_start_is_told_at_once_with_its_cause_and_joint() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    claim.enable().unwrap();
+    daemon.cause.store(Cause::MotorLost.code(), Ordering::Relaxed);
+    let stop = Stop::Cause { cause: Cause::MotorLost, joint: Some("knee".into()) };
+    let stopped = Error::Stopped { group: "leg".into(), stop: stop.clone() };
+    client.wait(PATIENCE).unwrap();
+    assert_eq!(claim.wait_for(Phase::Active, 4 * PATIENCE), Err(stopped.clone()));
+    assert_eq!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().must_be_active(), Err(stopped.clone()));
+    assert_eq!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().stop(), Some(stop));
+    assert_eq!(
+        stopped.to_string(),
+        "group leg was stopped: A motor stopped answering (joint knee). Check the motor's power, its CAN cable and its id, \
+         then reset the group"
+    );
+    claim.wait_for(Phase::Disarmed, PATIENCE).unwrap();
+}
+
+/// How often this thread has slept.
+fn sleeps() -> u64 {
+    let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("voluntary_ctxt_switches")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+#[test]
+fn a_slow_controller_gets_every_nth_state_and_sleeps_through_the_others() {
+    const N: u32 = 20;
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let first = client.wait_cycles(N, PATIENCE).unwrap().cycle();
+    let (mut last, before) = (first, sleeps());
+    for _ in 0..20 {
+        let cycle = client.wait_cycles(N, PATIENCE).unwrap().cycle();
+        assert!(cycle / u64::from(N) > last / u64::from(N), "{cycle} follows {last}");
+        last = cycle;
+    }
+    let slept = sleeps() - before;
+    assert!(slept < (last - first) / 2, "{slept} sleeps in {} cycles", last - first);
+}
+
+#[test]
+fn a_slow_controller_hears_of_a_restart_and_of_silence_like_others() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.wait_cycles(2, PATIENCE).unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    let error = until("silence", || client.wait_cycles(2, PATIENCE).err());
+    assert!(matches!(error, Error::Silent { .. }), "{error}");
+    drop(daemon);
+    let _successor = Running::start(place.path(), 2);
+    until("the restart", || (client.wait_cycles(2, PATIENCE) == Err(Error::Restarted)).then_some(()));
+    client.wait_cycles(2, PATIENCE).unwrap();
 }
 
 #[test]

@@ -42,8 +42,6 @@ const RETIRED: &[(&str, &str, Where)] = &[
     ("foreign", "unsupported frame", Names),
     // "Is told to stop" is plain English.
     ("told", "commanded, or reported", Names),
-    // Shared memory and queues have slots.
-    ("slot", "bus channel", Names),
     // The table `[exchange]` of a configuration is a promise to users.
     ("exchange", "ipc thread, or transaction", Names),
     // "Room for one more" is plain English.

@@ -1,0 +1,96 @@
+//! A controller to start from: copy it, and put your control law into `law`.
+//!
+//! It enables its group once, at its start. After a stop, or a restart of the daemon, it sends where the joints are and waits:
+//! a person looks, then runs `motorctl reset GROUP` and `motorctl enable GROUP`. A signal ends it with the motors stopped.
+
+use clap::Parser;
+use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, Slot, State};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+#[derive(Parser)]
+struct Options {
+    #[arg(long, default_value = DEFAULT_INSTANCE)]
+    instance: String,
+    #[arg(long, default_value = "all")]
+    group: String,
+}
+
+/// A turn every second cycle: 500 Hz when the daemon runs at 1 kHz.
+const EVERY: u32 = 2;
+/// Stiffness, N·m/rad, and damping, N·m·s/rad.
+const KP: f32 = 40.0;
+const KD: f32 = 1.0;
+/// Without a state for this long, something is wrong.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Longer than the motors take to be damped and stopped.
+const STOP: Duration = Duration::from_secs(5);
+
+/// Sets the setpoints at `time` after the group became active: each joint swings around its `start`, rad.
+fn law(claim: &mut Claim, joints: &[Slot], start: &[f32], time: Duration) -> Result<(), Error> {
+    for (&joint, start) in joints.iter().zip(start) {
+        let position = start + 0.1 * (3.0 * time.as_secs_f32()).sin();
+        let position = claim.limits(joint)?.clamp_position(position);
+        claim.set(joint, Setpoint::hold(position, KP, KD))?;
+    }
+    Ok(())
+}
+
+/// Sets the setpoints to where the joints are, and returns their positions, rad.
+fn rest(claim: &mut Claim, state: &State) -> Result<Vec<f32>, Error> {
+    claim.hold(state, KP, KD)?;
+    state.of(claim)?.positions()
+}
+
+/// One connection to the daemon: from the claim to the first error, or to the `end`.
+fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result<(), Error> {
+    let client = Client::connect(&options.instance)?;
+    let mut claim = client.claim(&options.group)?;
+    let joints = claim.slots(claim.names())?;
+    let mut start = rest(&mut claim, &client.wait_cycles(EVERY, PATIENCE)?)?;
+    claim.commit()?;
+    if std::mem::take(may_enable) {
+        claim.enable()?;
+    }
+    let (mut begun, mut stop) = (None, None);
+    while !end.load(Ordering::Relaxed) {
+        let state = client.wait_cycles(EVERY, PATIENCE)?;
+        let group = state.of(&claim)?;
+        if group.stop() != stop {
+            stop = group.stop();
+            println!("{}", stop.as_ref().map_or("reset".to_owned(), |stop| format!("the group {stop}")));
+        }
+        match group.phase() {
+            Some(Phase::Active) => {
+                let begun = *begun.get_or_insert(state.time());
+                law(&mut claim, &joints, &start, state.time() - begun)?;
+            }
+            // The setpoints stand while the motors take the robot over.
+            Some(Phase::Starting) => begun = None,
+            // A motor that was lost has no position: it is waited for.
+            _ if group.is_heard() => start = rest(&mut claim, &state)?,
+            _ => {}
+        }
+        claim.commit()?;
+    }
+    claim.disable()?;
+    claim.wait_for(Phase::Disarmed, STOP)
+}
+
+fn main() -> ExitCode {
+    let (options, end, mut may_enable) = (Options::parse(), Arc::new(AtomicBool::new(false)), true);
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&end)).expect("these signals may be handled");
+    }
+    while let Err(error) = control(&options, &mut may_enable, &end) {
+        eprintln!("controller: {error}");
+        if !error.is_transient() || end.load(Ordering::Relaxed) {
+            return ExitCode::from(error.exit_status());
+        }
+        std::thread::sleep(Duration::from_millis(500));
+    }
+    ExitCode::SUCCESS
+}

@@ -1,0 +1,115 @@
+//! The part of a state that a claim is about.
+
+use crate::members::{JointKey, Members};
+use crate::{Claim, Error, Group, Joint, State, Stop};
+use motord_shared::{Operation, Phase};
+use std::sync::Arc;
+
+/// A claimed group and its joints after a cycle: `state.of(&claim)?`.
+#[derive(Debug, Clone)]
+pub struct GroupView<'a> {
+    state: &'a State,
+    members: Arc<Members>,
+    group: Group,
+}
+
+impl State {
+    /// The group of `claim` in this state. Does not allocate.
+    ///
+    /// # Errors
+    /// [`Error::Restarted`] when the claim is of another daemon than the state; [`Error::ClaimLost`] when the claim no longer
+    /// owns the group; [`Error::NotUnderstood`] when the state lacks a joint of the group.
+    pub fn of(&self, claim: &Claim) -> Result<GroupView<'_>, Error> {
+        let members = Arc::clone(claim.members());
+        if self.boot_id() != members.boot_id {
+            return Err(Error::Restarted);
+        }
+        let has_all = members.joints.iter().all(|&joint| joint < self.joints().len());
+        let group = self.group(members.index).filter(|_| has_all);
+        let group = group.ok_or(Error::NotUnderstood { operation: Operation::Describe })?;
+        if self.cycle() > members.since && group.lease != Some(members.lease) {
+            return Err(Error::ClaimLost { group: members.name.clone() });
+        }
+        Ok(GroupView { state: self, members, group })
+    }
+}
+
+impl GroupView<'_> {
+    /// The group itself: phase, latched cause, counters.
+    #[must_use]
+    pub fn group(&self) -> Group {
+        self.group
+    }
+
+    /// Where the group is between standing still and following setpoints. `None` for a code that this client does not know.
+    #[must_use]
+    pub fn phase(&self) -> Option<Phase> {
+        self.group.phase
+    }
+
+    /// The group follows setpoints.
+    #[must_use]
+    pub fn is_active(&self) -> bool {
+        self.group.phase == Some(Phase::Active)
+    }
+
+    /// Why the group was stopped; `None` when no cause is latched.
+    #[must_use]
+    pub fn stop(&self) -> Option<Stop> {
+        let name = |joint| {
+            Some(self.members.names[self.members.joints.iter().position(|&own| own == joint)?].clone())
+        };
+        self.group.latched.then(|| Stop::of(&self.group, self.group.cause_joint.and_then(name)))
+    }
+
+    /// # Errors
+    /// [`Error::Stopped`] with the cause when the group does not follow setpoints.
+    pub fn must_be_active(&self) -> Result<(), Error> {
+        if self.is_active() {
+            return Ok(());
+        }
+        Err(Error::Stopped { group: self.members.name.clone(), stop: self.stop().unwrap_or(Stop::Disabled) })
+    }
+
+    /// A joint, by its name or slot.
+    ///
+    /// # Errors
+    /// [`Error::UnknownJoint`], which names those of the group; [`Error::OtherClaim`].
+    pub fn joint(&self, joint: impl JointKey) -> Result<Joint, Error> {
+        Ok(self.at(joint.place(&self.members)?))
+    }
+
+    /// The position of a joint, rad.
+    ///
+    /// # Errors
+    /// Those of [`joint`](Self::joint); [`Error::NotHeard`] while the motor has not reported it.
+    pub fn position(&self, joint: impl JointKey) -> Result<f32, Error> {
+        let place = joint.place(&self.members)?;
+        let unheard = || Error::NotHeard { joint: self.members.names[place].clone() };
+        self.at(place).position().ok_or_else(unheard)
+    }
+
+    /// The positions of all joints, rad, in the order of the group. Allocates.
+    ///
+    /// # Errors
+    /// [`Error::NotHeard`] while a motor has not reported its position.
+    pub fn positions(&self) -> Result<Vec<f32>, Error> {
+        self.members.names.iter().map(|name| self.position(name)).collect()
+    }
+
+    /// Every joint of the group with its name, in the order of the group.
+    pub fn joints(&self) -> impl ExactSizeIterator<Item = (&str, Joint)> {
+        self.members.names.iter().enumerate().map(|(place, name)| (name.as_str(), self.at(place)))
+    }
+
+    /// Every motor of the group has reported its position since it is online.
+    #[must_use]
+    pub fn is_heard(&self) -> bool {
+        self.joints().all(|(_, joint)| joint.position().is_some())
+    }
+
+    /// [`State::of`] has checked that the state has every joint of the group.
+    fn at(&self, place: usize) -> Joint {
+        self.state.joint(self.members.joints[place]).expect("the state has every joint of the group")
+    }
+}

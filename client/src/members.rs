@@ -1,0 +1,88 @@
+//! The joints of a claimed group, by name.
+
+use crate::Error;
+use motord_shared::Lease;
+use motord_shared::description::{JointLimits, RobotDescription};
+
+/// The place of a joint in its claim's group, looked up once: `claim.slot("fl-knee")?`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slot {
+    lease: Lease,
+    place: usize,
+}
+
+/// A joint of a claimed group: its name, or its [`Slot`], which saves the comparison of names.
+pub trait JointKey: sealed::Sealed {
+    #[doc(hidden)]
+    fn place(&self, members: &Members) -> Result<usize, Error>;
+}
+
+mod sealed {
+    /// Only names and slots are keys.
+    pub trait Sealed {}
+    impl Sealed for &str {}
+    impl Sealed for &String {}
+    impl Sealed for super::Slot {}
+}
+
+impl JointKey for &str {
+    fn place(&self, members: &Members) -> Result<usize, Error> {
+        members.place(self)
+    }
+}
+
+impl JointKey for &String {
+    fn place(&self, members: &Members) -> Result<usize, Error> {
+        members.place(self)
+    }
+}
+
+impl JointKey for Slot {
+    /// A slot of another claim may mean another joint.
+    fn place(&self, members: &Members) -> Result<usize, Error> {
+        if self.lease == members.lease { Ok(self.place) } else { Err(Error::OtherClaim) }
+    }
+}
+
+/// A group while it is claimed.
+#[derive(Debug)]
+pub struct Members {
+    pub(crate) boot_id: u64,
+    pub(crate) lease: Lease,
+    /// The states of later cycles show the lease for as long as it holds.
+    pub(crate) since: u64,
+    /// Name of the group, and its index in the description.
+    pub(crate) name: String,
+    pub(crate) index: usize,
+    /// The joints, by index in the description.
+    pub(crate) joints: Vec<usize>,
+    pub(crate) names: Vec<String>,
+    pub(crate) limits: Vec<JointLimits>,
+}
+
+impl Members {
+    /// The group with this index of `robot`.
+    pub(crate) fn new(robot: &RobotDescription, index: usize, lease: Lease, since: u64) -> Self {
+        let group = &robot.groups[index];
+        let joints = || group.joints.iter().map(|&joint| &robot.joints[joint]);
+        Self {
+            boot_id: robot.boot_id,
+            lease,
+            since,
+            name: group.name.clone(),
+            index,
+            joints: group.joints.clone(),
+            names: joints().map(|joint| joint.name.clone()).collect(),
+            limits: joints().map(|joint| joint.limits).collect(),
+        }
+    }
+
+    pub(crate) fn slot(&self, name: &str) -> Result<Slot, Error> {
+        Ok(Slot { lease: self.lease, place: self.place(name)? })
+    }
+
+    fn place(&self, name: &str) -> Result<usize, Error> {
+        let unknown = || Error::UnknownJoint { name: name.to_owned(), known: self.names.join(", ") };
+        self.names.iter().position(|known| known == name).ok_or_else(unknown)
+    }
+}
