@@ -132,8 +132,6 @@ pub enum Wrong {
     DevicePath { path: String },
     #[error("{name:?} is used by an earlier bus; two buses cannot share it")]
     DuplicateDevice { name: String },
-    #[error("motord does not drive serial buses yet; put the motors on a CAN bus")]
-    SerialBus,
     #[error("no motor is on this bus; remove it, or put one there")]
     EmptyBus,
     #[error(

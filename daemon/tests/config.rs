@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use motord::commands::check::{EXIT_CONFIG, check};
 use motord_configuration::{ConfigError, Loaded, Machine, load, parse, reference};
-use motord_core::settings::{IpcMode, SafeStop};
+use motord_core::settings::{BusKind, IpcMode, SafeStop};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -298,7 +298,7 @@ const REFUSED: &[Case] = &[
     ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor \"knee\" is in no group"),
 ];
 
-/// The serial bus of [`with_serial`], and what must be reported of it besides that it is not driven.
+/// The serial bus of [`with_serial`], and the mistakes that must be reported of it.
 const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\nevery = 2\n";
 const SERIAL: &[Case] = &[
     ("device = '/dev/null'", "", "bus.device", "is missing"),
@@ -409,20 +409,8 @@ fn every_bad_configuration_is_refused_with_its_line_its_key_and_a_reason() {
     }
 }
 
-/// `run` cannot open a serial bus, so `check` must not promise that it can.
 #[test]
-fn a_serial_bus_is_refused_with_the_line_of_its_type() {
-    let text = with_serial();
-    let line = 1 + text.lines().position(|line| line == "type = 'serial'").expect("it has one");
-    let expected = format!(
-        "robot.toml:{line}: bus.type: motord does not drive serial buses yet; put the motors on a CAN bus"
-    );
-    assert_eq!(only_error(&text), expected);
-}
-
-/// Who has a serial bus reads of its other mistakes, too.
-#[test]
-fn a_serial_bus_is_judged_although_it_is_not_driven() {
+fn every_mistake_of_a_serial_bus_is_refused_with_its_key() {
     for (line, instead, key, reason) in SERIAL {
         let text = with_serial();
         assert!(text.contains(line), "nothing to damage: {line}");
@@ -430,8 +418,16 @@ fn a_serial_bus_is_judged_although_it_is_not_driven() {
         let complaint =
             error.lines().find(|error| error.contains(&format!(" {key}: ")) && error.contains(reason));
         assert!(complaint.is_some(), "{instead}: expected {key}: {reason}, got {error}");
-        assert!(error.contains("does not drive serial buses"), "{error}");
     }
+}
+
+#[test]
+fn a_serial_bus_is_driven_with_the_turnaround_and_the_turns_that_it_was_given() {
+    let settings = judge(&with_serial()).expect("it is good").settings;
+    let bus = settings.buses.iter().find(|bus| bus.name == "gripper").expect("it has one");
+    let BusKind::Serial { device, baud, turnaround } = &bus.kind else { panic!("{:?}", bus.kind) };
+    assert_eq!((device.as_str(), *baud, bus.every), ("/dev/null", 921_600, 2));
+    assert_eq!(*turnaround, std::time::Duration::from_micros(500));
 }
 
 #[test]
@@ -774,7 +770,9 @@ fn shipped_names() -> Vec<String> {
 #[test]
 fn every_shipped_configuration_passes_check() {
     let names = shipped_names();
-    for known in ["arm-gim.toml", "minimal.toml", "quadruped-simulated.toml", "quadruped.toml"] {
+    for known in
+        ["arm-gim.toml", "arm-native.toml", "minimal.toml", "quadruped-simulated.toml", "quadruped.toml"]
+    {
         assert!(names.contains(&known.to_owned()), "{known} is among {names:?}");
     }
     for name in names {

@@ -50,7 +50,6 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
             })
         }
         BusType::Serial => {
-            findings.error(keys.kind.at, Wrong::SerialBus);
             let hint = "give the serial device, such as device = \"/dev/ttyUSB0\"";
             let device = required(&keys.device, hint, findings)?;
             let baud = keys.baud.value as u32;
