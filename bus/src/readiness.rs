@@ -38,6 +38,12 @@ impl Ready {
         index < MAX_BUSES && self.0 & (1 << index) != 0
     }
 
+    /// How many buses are ready.
+    #[must_use]
+    pub const fn count(self) -> usize {
+        self.0.count_ones() as usize
+    }
+
     /// Whether any bus is ready.
     #[must_use]
     pub const fn any(self) -> bool {

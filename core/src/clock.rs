@@ -9,8 +9,9 @@ pub trait Clock {
     /// The present time.
     fn now(&self) -> Instant;
 
-    /// Total time that the computer was suspended since it was started. No system call.
-    fn suspended(&self) -> Duration;
+    /// The present time, and the total time that the computer was suspended since it was started: never more than that. No
+    /// system call.
+    fn now_and_suspended(&self) -> (Instant, Duration);
 
     /// Returns at `instant`, or at once when it has passed. At most one system call.
     fn sleep_until(&mut self, instant: Instant);
@@ -36,8 +37,8 @@ impl Clock for VirtualClock {
         Instant::from_nanos(self.0.load(Ordering::Relaxed))
     }
 
-    fn suspended(&self) -> Duration {
-        Duration::ZERO
+    fn now_and_suspended(&self) -> (Instant, Duration) {
+        (self.now(), Duration::ZERO)
     }
 
     fn sleep_until(&mut self, instant: Instant) {

@@ -73,8 +73,8 @@ impl Clock for Virtual {
         self.0
     }
 
-    fn suspended(&self) -> Duration {
-        Duration::ZERO
+    fn now_and_suspended(&self) -> (Instant, Duration) {
+        (self.now(), Duration::ZERO)
     }
 
     fn sleep_until(&mut self, instant: Instant) {

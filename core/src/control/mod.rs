@@ -118,6 +118,18 @@ impl Control {
         }
     }
 
+    /// The command of a joint in this cycle.
+    #[must_use]
+    pub fn command(&self, joint: usize) -> &Command {
+        &self.commands[joint]
+    }
+
+    /// Motors are asked for their faults.
+    #[must_use]
+    pub fn polls_faults(&self) -> bool {
+        self.context.safety.fault_poll_hz > 0.0
+    }
+
     /// Begins a cycle: draws the consequences of time, and makes one command per joint. Does not allocate; bounded by
     /// motors and groups.
     pub fn decide(&mut self, wake: Wake) -> &[Command] {
@@ -150,6 +162,7 @@ impl Control {
     }
 
     /// The motor of `joint` answered at `at`. An answer that cannot be true is not used. Does not allocate; bounded by motors.
+    #[inline]
     pub fn receive(&mut self, joint: usize, reported: Reported, at: Instant) {
         let Place { group, place } = self.places[joint];
         let report = self.groups[group].receive(place, reported, at, &mut self.context);
@@ -193,7 +206,7 @@ impl Control {
     /// The joint of `bus` whose motor should be asked for its faults now, if one should. Round robin; bounded by the
     /// motors of the bus.
     pub fn fault_poll(&mut self, bus: usize) -> Option<usize> {
-        if self.context.safety.fault_poll_hz <= 0.0 {
+        if !self.polls_faults() {
             return None;
         }
         let health = &self.buses[bus];
@@ -282,17 +295,6 @@ impl Control {
     pub fn setpoint_age(&self) -> Option<Duration> {
         let active = self.groups.iter().filter(|group| group.phase() == Phase::Active);
         active.filter_map(|group| group.setpoint_age(self.context.wake.begun)).max()
-    }
-
-    /// Cycles without a reply, over all motors.
-    #[must_use]
-    pub fn missed(&self) -> u64 {
-        self.motors().map(|motor| u64::from(motor.replies().missed)).sum()
-    }
-
-    /// Time from command to reply of every motor that answered in this cycle, ns, by joint; 0 for the others.
-    pub fn reply_latencies(&self) -> impl Iterator<Item = u32> + '_ {
-        self.motors().map(|motor| motor.replies().latency_now_ns())
     }
 
     /// The state of every joint after this cycle, by joint.

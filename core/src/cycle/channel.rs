@@ -112,6 +112,18 @@ impl BusChannel {
         self.senders.clear();
     }
 
+    /// Begins a batch of commands with a frame for each motor that `command` has one for.
+    #[inline]
+    pub(super) fn begin_commands(&mut self, mut command: impl FnMut(usize) -> Option<Frame>) {
+        self.begin(Batch::Commands);
+        for &(_, motor) in &self.routes {
+            if let Some(frame) = command(motor) {
+                self.frames.push(frame);
+                self.senders.push(motor);
+            }
+        }
+    }
+
     /// Adds the frame of a motor, if there is one. There is reserved space for one frame per motor of the bus.
     pub(super) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
         if let Some(frame) = frame {
@@ -147,6 +159,7 @@ impl BusChannel {
         self.account(0, unsent)
     }
 
+    #[inline]
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> bool {
         let accepted = accepted.min(self.frames.len());
         let dropped = self.frames.len() - accepted;
@@ -157,11 +170,13 @@ impl BusChannel {
     }
 
     /// When all replies to this batch are expected to have arrived.
+    #[inline]
     pub(super) fn expected(&self) -> Instant {
         self.sent_at + self.expected[self.batch as usize].0
     }
 
     /// Every reply to this batch has arrived: learns how long that takes.
+    #[inline]
     pub(super) fn complete(&mut self) {
         if !self.frames.is_empty() {
             self.expected[self.batch as usize].observe(self.replied_at.since(self.sent_at));
@@ -169,6 +184,7 @@ impl BusChannel {
     }
 
     /// The cycle waits for a reply; never on a line.
+    #[inline]
     pub(super) fn is_open(&self, drives: &[Drive]) -> bool {
         match self.pace {
             Pace::EachCycle => self.routes.iter().any(|&(_, motor)| drives[motor].is_open()),
@@ -203,6 +219,7 @@ impl BusChannel {
     }
 
     /// The counters and the condition, as they are published.
+    #[inline]
     pub(super) const fn report(&self) -> BusState {
         BusState { condition: self.condition.code(), ..self.counters }
     }

@@ -10,12 +10,12 @@
 //! | records, events | cycle | telemetry | dropped and counted |
 
 use super::replacement::{Indexed, Replacements, Supply, replacements};
+use crate::control::Event;
 use crate::control::Wake;
-use crate::control::{Control, Event};
 use motord_bus::time::nanos;
-use motord_bus::{Bus, Instant};
+use motord_bus::{Bus, Duration, Instant};
 use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
-use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage};
+use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage, message};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -49,16 +49,25 @@ pub struct Record {
 }
 
 impl Record {
-    pub(super) fn of(wake: &Wake, published: Instant, control: &Control) -> Self {
-        let mut reply_latency_ns = [0; JOINTS_MAX];
-        control.reply_latencies().zip(&mut reply_latency_ns).for_each(|(latency, entry)| *entry = latency);
+    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints.
+    pub(super) fn of(
+        wake: &Wake,
+        published: Instant,
+        setpoint_age: Option<Duration>,
+        state: &StateMessage,
+    ) -> Self {
+        let (mut reply_latency_ns, mut missed) = ([0; JOINTS_MAX], 0);
+        for (joint, latency) in state.joints().iter().zip(&mut reply_latency_ns) {
+            missed += u64::from(joint.missed);
+            *latency = if joint.flags & message::JOINT_FRESH == 0 { 0 } else { joint.reply_latency_ns };
+        }
         Self {
             cycle: wake.cycle,
             scheduled: wake.scheduled,
             wake_latency_ns: nanos(wake.begun.since(wake.scheduled)),
             cycle_ns: nanos(published.since(wake.begun)),
-            setpoint_age_ns: control.setpoint_age().map(nanos),
-            missed: control.missed(),
+            setpoint_age_ns: setpoint_age.map(nanos),
+            missed,
             missed_ticks: wake.missed_ticks,
             reply_latency_ns,
         }

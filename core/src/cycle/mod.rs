@@ -43,8 +43,6 @@ pub struct Cycle<C> {
     timing: Timing,
     channels: Vec<BusChannel>,
     drives: Vec<Drive>,
-    /// The bus of each motor.
-    bus_of: Vec<usize>,
     /// The buses that are serial lines.
     lines: Vec<usize>,
     /// Some motors take turns.
@@ -109,7 +107,6 @@ impl<C: Clock> Cycle<C> {
             timing: Timing::new(settings),
             channels: channels.collect(),
             drives: drives.collect(),
-            bus_of: settings.motors.iter().map(|motor| motor.bus).collect(),
             lines: (0..settings.buses.len()).filter(|&bus| settings.buses[bus].is_line()).collect(),
             takes_turns: settings.buses.iter().any(|bus| bus.is_line() || bus.every > 1),
             control: Control::new(settings, boot_id),
@@ -177,7 +174,7 @@ impl<C: Clock> Cycle<C> {
     /// Real-time: does not allocate; blocks only in the clock, at most until the replies are overdue.
     pub fn run(&mut self, tick: Tick) -> Tick {
         self.clock.sleep_until(tick.at);
-        let begun = self.clock.now();
+        let (begun, suspended) = self.clock.now_and_suspended();
         let missed = begun.since(tick.at).as_nanos() / self.timing.period.as_nanos();
         let missed = u32::try_from(missed).unwrap_or(u32::MAX);
         let reached = tick.later(missed, self.timing.period);
@@ -187,7 +184,7 @@ impl<C: Clock> Cycle<C> {
             scheduled: tick.at,
             begun,
             missed_ticks: u64::from(missed),
-            suspended: self.clock.suspended(),
+            suspended,
         });
         reached.later(1, self.timing.period)
     }
@@ -202,10 +199,12 @@ impl<C: Clock> Cycle<C> {
         }
         self.serve(wake.begun);
         let sent = self.transmit(wake);
-        self.collect(sent + self.timing.reply_deadline);
+        let open = self.collect(sent + self.timing.reply_deadline);
         self.control.end_cycle();
         self.publish(wake);
-        self.poll_faults(wake.scheduled + self.timing.period);
+        if self.control.polls_faults() {
+            self.poll_faults(open, wake.scheduled + self.timing.period);
+        }
     }
 
     /// Reads each serial line, once in a cycle: a reply must be there before the motor's next turn is decided, and before
@@ -243,32 +242,31 @@ impl<C: Clock> Cycle<C> {
     /// Decides, and sends one frame to each motor whose turn it is. Returns when the last frames were handed over whose replies
     /// this cycle awaits. Bounded by motors; one system call per bus.
     fn transmit(&mut self, wake: &Wake) -> Instant {
-        let Self { control, drives, channels, bus_of, clock, .. } = self;
-        let commands = control.decide(*wake);
-        let mut now = clock.now();
-        channels.iter_mut().for_each(|channel| channel.begin(Batch::Commands));
-        for (motor, command) in commands.iter().enumerate() {
-            channels[bus_of[motor]].queue(motor, drives[motor].request(command, now));
-        }
+        self.control.decide(*wake);
+        let mut sent = wake.begun;
         for bus in 0..self.channels.len() {
             if !self.channels[bus].is_line() {
-                now = self.send(bus, wake);
+                sent = self.send(bus, wake);
             }
         }
         // A serial port takes longer to write to than a CAN socket, and no reply of it is awaited in this cycle.
         for line in 0..self.lines.len() {
-            let bus = self.lines[line];
-            self.queue_question(bus);
-            self.send(bus, wake);
+            self.send(self.lines[line], wake);
         }
-        now
+        sent
     }
 
-    /// Sends the queued frames of a bus. Returns when they were handed over. One system call.
+    /// Sends one frame to each motor of a bus whose turn it is. Returns when they were handed over. Bounded by the motors of
+    /// the bus; one system call.
     fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
-        let Self { control, drives, channels, clock, timing, .. } = self;
+        let now = self.clock.now();
+        let Self { control, drives, channels, .. } = self;
+        channels[bus].begin_commands(|motor| drives[motor].request(control.command(motor), now));
+        if channels[bus].is_line() {
+            self.queue_question(bus, now);
+        }
+        let Self { control, drives, channels, timing, .. } = self;
         let channel = &mut channels[bus];
-        let now = clock.now();
         // A process that was frozen since it decided goes on here, when others may have stopped its motors.
         let is_stale = now.since(wake.begun) > timing.stale_after;
         let unsent = |motor: usize| {
@@ -284,41 +282,49 @@ impl<C: Clock> Cycle<C> {
     }
 
     /// Queues the question to a motor of a line, when it is the turn of the questions.
-    fn queue_question(&mut self, bus: usize) {
+    fn queue_question(&mut self, bus: usize, now: Instant) {
         if !self.control.begin_questions(bus) || !self.channels[bus].is_idle() {
             return;
         }
         let Some(motor) = self.control.fault_poll(bus) else { return };
-        let frame = self.drives[motor].request(&Command::GetFault, self.clock.now());
+        let frame = self.drives[motor].request(&Command::GetFault, now);
         self.channels[bus].queue(motor, frame);
     }
 
     /// Waits for the replies to all open requests, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per
     /// bus beside those of busy polling.
-    /// The first wait lasts for the expected reply time: waking for every single frame would cost more calls.
-    fn collect(&mut self, deadline: Instant) {
+    /// The first wait lasts for the expected reply time: waking for every single frame would cost more calls. Returns the buses
+    /// whose replies have not all come.
+    fn collect(&mut self, deadline: Instant) -> Ready {
         let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
-        let open = self.channels.iter().filter(|channel| channel.is_open(&self.drives));
-        let Some(expected) = open.map(BusChannel::expected).max() else {
+        let mut open = self.open_buses();
+        let open_channels = self.channels.iter().enumerate().filter(|&(bus, _)| open.contains(bus));
+        let Some(expected) = open_channels.map(|(_, channel)| channel.expected()).max() else {
             // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
             self.receive(None);
-            return;
+            return open;
         };
-        let mut ready = self.wait(Interest::Nothing, (expected - self.timing.busy_poll).min(deadline));
+        self.clock.sleep_until((expected - self.timing.busy_poll).min(deadline));
+        let mut ready = None;
         loop {
             let read = self.receive(ready);
             calls = calls.saturating_sub(1 + read);
             self.busy_poll(deadline);
-            let open = self.open_buses();
-            if open == 0 || self.clock.now() >= deadline {
+            open = self.open_buses();
+            if !open.any() || self.clock.now() >= deadline {
                 break;
             }
             // Enough is left for a wait that no frame ends, and a last read of each open bus.
-            let patient = calls <= 2 * open;
-            ready = self.wait(if patient { Interest::Nothing } else { Interest::OpenBuses }, deadline);
+            ready = if calls <= 2 * open.count() {
+                self.clock.sleep_until(deadline);
+                None
+            } else {
+                Some(self.wait(open, deadline))
+            };
         }
-        let Self { channels, drives, .. } = self;
-        channels.iter_mut().filter(|channel| !channel.is_open(drives)).for_each(BusChannel::complete);
+        let channels = self.channels.iter_mut().enumerate();
+        channels.filter(|&(bus, _)| !open.contains(bus)).for_each(|(_, channel)| channel.complete());
+        open
     }
 
     /// Reads the open buses again and again without a sleep, for as long as configured and at most until `deadline`: the
@@ -329,7 +335,7 @@ impl<C: Clock> Cycle<C> {
         }
         let until = deadline.min(self.clock.now() + self.timing.busy_poll);
         for _ in 0..READS_MAX {
-            let open = Ready::of(self.channels.iter().map(|channel| channel.is_open(&self.drives)));
+            let open = self.open_buses();
             if !open.any() || self.clock.now() >= until {
                 break;
             }
@@ -337,23 +343,19 @@ impl<C: Clock> Cycle<C> {
         }
     }
 
-    /// Waits until something of interest arrives, at most until `until`. Returns the buses that are worth reading; `None` when
-    /// they are not known. One system call.
-    fn wait(&mut self, interest: Interest, until: Instant) -> Option<Ready> {
+    /// Waits until something arrives on an `open` bus, at most until `until`. Returns the buses that are worth reading. One
+    /// system call.
+    fn wait(&mut self, open: Ready, until: Instant) -> Ready {
         let mut readiness = [Readiness::Never; BUSES_MAX];
-        for (readiness, channel) in readiness.iter_mut().zip(&self.channels) {
-            *readiness = match interest {
-                Interest::OpenBuses if channel.is_open(&self.drives) => channel.readiness(),
-                Interest::OpenBuses | Interest::Nothing => Readiness::Never,
-            };
+        for (bus, (readiness, channel)) in readiness.iter_mut().zip(&self.channels).enumerate() {
+            *readiness = if open.contains(bus) { channel.readiness() } else { Readiness::Never };
         }
-        let ready = self.clock.wait(&readiness[..self.channels.len().min(BUSES_MAX)], until);
-        (interest == Interest::OpenBuses).then_some(ready)
+        self.clock.wait(&readiness[..self.channels.len().min(BUSES_MAX)], until)
     }
 
-    /// How many buses have an open request. Bounded by motors.
-    fn open_buses(&self) -> usize {
-        self.channels.iter().filter(|channel| channel.is_open(&self.drives)).count()
+    /// The buses with an open request whose reply this cycle awaits. Bounded by motors.
+    fn open_buses(&self) -> Ready {
+        Ready::of(self.channels.iter().map(|channel| channel.is_open(&self.drives)))
     }
 
     /// Reads the buses that are `ready`, or all when that is not known; no line. Returns how many were read. One system call for each of
@@ -397,7 +399,8 @@ impl<C: Clock> Cycle<C> {
         let now = self.clock.now();
         self.report(wake, now);
         let Self { link, control, .. } = self;
-        link.publish(Record::of(wake, now, control));
+        let record = Record::of(wake, now, control.setpoint_age(), link.state().0);
+        link.publish(record);
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);
         }
@@ -405,14 +408,14 @@ impl<C: Clock> Cycle<C> {
         link.lose(control.clear_events());
     }
 
-    /// Asks at most one motor of each bus but lines for its faults, where request and reply still fit before `end`, the next tick, and waits
+    /// Asks at most one motor of each bus but lines for its faults, where none of its replies is `open`, and request and reply still fit before `end`, the next tick; waits
     /// for the replies at most until then. One system call per bus that is asked, and those of [`collect`](Self::collect).
-    fn poll_faults(&mut self, end: Instant) {
+    fn poll_faults(&mut self, open: Ready, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;
         for bus in 0..self.channels.len() {
             let channel = &self.channels[bus];
-            if channel.is_line() || channel.is_open(&self.drives) || now + channel.poll_time() > end {
+            if channel.is_line() || open.contains(bus) || now + channel.poll_time() > end {
                 continue;
             }
             let Some(motor) = self.control.fault_poll(bus) else { continue };
@@ -434,15 +437,6 @@ fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration
         BusKind::SocketCan { .. } => Duration::ZERO,
         BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].transaction_least,
     }
-}
-
-/// The events that end a wait early.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Interest {
-    /// None: the wait lasts until its end.
-    Nothing,
-    /// An arrival on a bus with an open request.
-    OpenBuses,
 }
 
 /// One point of the time grid: when a cycle should begin. Ticks are a period apart.

@@ -120,6 +120,7 @@ impl Drive {
     }
 
     /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Opens a request. Constant time.
+    #[inline]
     pub fn request(&mut self, command: &Command, now: Instant) -> Option<Frame> {
         let bytes = match &mut self.dialect {
             Dialect::Mit(mit) => mit.encode(command),
@@ -155,11 +156,13 @@ impl Drive {
 
     /// A reply is awaited.
     #[must_use]
+    #[inline]
     pub const fn is_open(&self) -> bool {
         self.correlator.is_open()
     }
 
     /// Judges `payload`, which arrived at `at` under this drive's reply id. Constant time.
+    #[inline]
     pub fn receive(&mut self, payload: &[u8], at: Instant) -> Received {
         match &mut self.dialect {
             Dialect::Mit(mit) => receive(&mut self.correlator, mit, payload, at),

@@ -12,8 +12,8 @@ impl Clock for Monotonic {
         clock::monotonic()
     }
 
-    fn suspended(&self) -> Duration {
-        clock::suspended()
+    fn now_and_suspended(&self) -> (Instant, Duration) {
+        clock::monotonic_and_suspended()
     }
 
     fn sleep_until(&mut self, instant: Instant) {

@@ -81,7 +81,7 @@ pub struct Virtual {
     now: Rc<Cell<Instant>>,
     /// How long each reading of the clock takes.
     pub reading: Rc<Cell<Duration>>,
-    /// How often the cycle waited for buses.
+    /// How often the cycle slept, or waited for buses.
     pub waits: Rc<Cell<u32>>,
     /// How much too late the next sleep ends.
     pub late: Rc<Cell<Duration>>,
@@ -107,11 +107,12 @@ impl Clock for Virtual {
         self.now.get()
     }
 
-    fn suspended(&self) -> Duration {
-        self.suspended.get()
+    fn now_and_suspended(&self) -> (Instant, Duration) {
+        (self.now(), self.suspended.get())
     }
 
     fn sleep_until(&mut self, instant: Instant) {
+        self.waits.set(self.waits.get() + 1);
         self.now.set(self.now.get().max(instant + self.late.take()));
     }
 

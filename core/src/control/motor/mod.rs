@@ -97,10 +97,6 @@ impl Motor {
         self.measured.as_ref()
     }
 
-    pub(super) const fn replies(&self) -> &Replies {
-        &self.replies
-    }
-
     /// A cycle of its turn is over, and the next begins.
     pub(super) fn pass_cycle(&mut self) {
         self.replies.pass();

@@ -19,7 +19,7 @@ enum Answer {
 }
 
 #[derive(Debug, Default)]
-pub(in crate::control) struct Replies {
+pub(super) struct Replies {
     /// A question was sent in this turn whose answer is a state.
     asked: bool,
     /// The command of this turn was a stop.
@@ -31,7 +31,7 @@ pub(in crate::control) struct Replies {
     /// Turns since its last state; 0 when that came in the last one.
     pub(super) age_cycles: u32,
     /// Turns without a reply since the start, modulo 2³².
-    pub(in crate::control) missed: u32,
+    pub(super) missed: u32,
     /// Replies after their turn, modulo 2³².
     pub(super) late: u32,
     /// States that the joint cannot have had, modulo 2³².
@@ -101,10 +101,5 @@ impl Replies {
     /// The state of this turn has arrived by `cycle`, and no late reply is to be expected.
     pub(super) fn is_settled(&self, cycle: u64) -> bool {
         self.answered() && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
-    }
-
-    /// Time from command to reply in this cycle, ns; 0 when none came.
-    pub(in crate::control) fn latency_now_ns(&self) -> u32 {
-        if self.is_new() { self.latency_ns } else { 0 }
     }
 }
