@@ -145,6 +145,122 @@ fn encode_refuses_an_unknown_key_and_a_member_that_contradicts_the_frame() {
     }
 }
 
+/// Random bytes, the same in every run (SplitMix64).
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> [u8; 8] {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB)).to_le_bytes()
+    }
+
+    /// A native payload: in most, command, result and ids are those of the document.
+    fn native(&mut self) -> [u8; 8] {
+        let [choice, command, sub, id, ..] = self.next();
+        let mut bytes = self.next();
+        if choice & 1 != 0 {
+            const COMMANDS: &[u8] =
+                b"\x81\x82\x83\x84\x91\x92\x93\x94\x95\x96\x97\xA1\xA2\xB1\xB2\xB3\xB4\xB5\xC1";
+            bytes[0] = COMMANDS[usize::from(command) % COMMANDS.len()];
+        }
+        if choice & 2 != 0 {
+            bytes[1] = sub % 3;
+        }
+        if choice & 4 != 0 {
+            (bytes[2], bytes[3]) = (id % 0x21, 0);
+        }
+        bytes
+    }
+
+    /// GIM document, table 3.
+    fn serial(&mut self) -> Vec<u8> {
+        let ([id, choice, len, ..], payload) = (self.next(), self.native());
+        let (kind, len) = if choice < 16 { (1, len % 9) } else { (0, 8) };
+        [&[id, kind, len, id ^ kind ^ len], &payload[..len.into()]].concat()
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
+}
+
+/// Makes frames; whatever `decode` reads of them must be made again, byte for byte.
+fn is_identity(layout: &[&str], asked: &str, make: impl Fn(&mut Noise) -> Vec<u8>) {
+    let mut noise = Noise(asked.len() as u64);
+    let frames: Vec<String> = (0..3_000).map(|_| hex(&make(&mut noise))).collect();
+    let decode = [layout, &["--asked", asked, "-"]].concat();
+    let decoded = text(&frame("decode", &decode, &frames.join("\n")));
+    assert_eq!(decoded.lines().count(), frames.len());
+    let read = frames.iter().zip(decoded.lines()).filter(|(_, object)| !object.contains("\"reject\""));
+    let (frames, objects): (Vec<&String>, Vec<&str>) = read.unzip();
+    assert!(frames.len() > 2_500, "{layout:?}: {} of 3000 frames were read", frames.len());
+    let encoded = text(&frame("encode", &[layout, &["-"]].concat(), &objects.join("\n")));
+    for ((frame, object), again) in frames.iter().zip(objects).zip(encoded.lines()) {
+        assert_eq!(**frame, again, "{layout:?}: {object}");
+    }
+    assert_eq!(encoded.lines().count(), frames.len());
+}
+
+#[test]
+fn every_frame_that_decode_reads_is_the_frame_that_encode_makes_of_it() {
+    const CONSTANTS: [&str; 4] = ["--torque-constant", "0.067", "--gear-ratio", "36"];
+    for (direction, asked) in [("to-motor", "state"), ("to-host", "state"), ("to-host", "calibration")] {
+        for constants in [&CONSTANTS[..], &[]] {
+            let layout = |protocol| [&["--protocol", protocol, "--direction", direction], constants].concat();
+            is_identity(&layout("gim-can"), asked, |noise| noise.native().to_vec());
+            is_identity(&layout("gim-rs485"), asked, Noise::serial);
+        }
+    }
+    for (profile, length) in [("steadywin", 6), ("GIM4310-36", 6), ("DM-J4310-2EC", 8), ("RS00", 8)] {
+        let layout = |direction| ["--protocol", "mit", "--direction", direction, "--profile", profile];
+        is_identity(&layout("to-motor"), "state", |noise| noise.next().to_vec());
+        is_identity(&layout("to-host"), "state", |noise| noise.next()[..length].to_vec());
+    }
+}
+
+#[test]
+fn a_key_that_is_there_twice_or_that_the_frame_does_not_have_is_refused() {
+    let native = "gim-can";
+    let cases = [
+        (native, r#"{"kind":"start_motor","kind":"stop_motor"}"#, "'kind' is there twice"),
+        (native, r#"{"kind":"start_motor","as_mit":{"kp":1,"kp":2}}"#, "'kp' is there twice"),
+        (native, r#"{"kind":"start_motor","pos_int":5}"#, "'pos_int' is not in this frame"),
+        ("mit", r#"{"kind":"stop_motor","pos_int":5,"kp":500}"#, "is not in this frame"),
+        (
+            native,
+            r#"{"kind":"torque_control","torque_nm":1,"duration_ms":0,"pos_int":4,"kp":3}"#,
+            "is not in this frame",
+        ),
+        (
+            native,
+            r#"{"kind":"retrieve_configuration","conf_type":0,"conf_id":20,"position_rad":1}"#,
+            "'position_rad' is not in",
+        ),
+        (
+            native,
+            r#"{"kind":"start_motor","as_mit":{"kind":"stop_motor"}}"#,
+            "'kind' is \\\"stop_motor\\\", but the frame has",
+        ),
+        (
+            native,
+            r#"{"kind":"start_motor","as_mit":{"kind":"dynamic_control","pos_int":0,"vel_int":0,"kp_int":0,"kd_int":0,"torque_int":0}}"#,
+            "'as_mit' is",
+        ),
+        (
+            native,
+            r#"{"kind":"start_motor","as_mit":{"kind":"dynamic_control","pos_int":37120,"vel_int":0,"kp_int":0,"kd_int":0,"torque_int":0,"bogus":1}}"#,
+            "'bogus' is not in this frame",
+        ),
+        ("mit", r#"{"kind":"stop_motor","as_mit":{"kind":"stop_motor"}}"#, "'as_mit' is not in this frame"),
+    ];
+    for (protocol, object, reason) in cases {
+        let output = frame("encode", &["--protocol", protocol, "--direction", "to-motor", object], "");
+        assert_eq!(output.status.code(), Some(65), "{object}");
+        assert!(text(&output).contains(reason), "{object}: {}", text(&output));
+    }
+}
+
 #[test]
 fn encode_makes_the_same_of_physical_values_alone_and_of_raw_codes_alone() {
     let physical = ["pos_rad", "vel_rad_s", "kp", "kd", "torque_nm"];

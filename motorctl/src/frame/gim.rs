@@ -68,6 +68,9 @@ const KINDS: [(CommandCode, &str); CommandCode::ALL.len()] = [
     (CommandCode::UpdateFirmware, "update_firmware"),
 ];
 
+/// The key of the control frame that a motor in MIT mode reads from a command.
+pub(super) const AS_MIT: &str = "as_mit";
+
 /// The kind of a frame whose command is not in the vendor's list.
 const UNKNOWN: &str = "unknown";
 
@@ -106,7 +109,7 @@ pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object,
 
 /// Encodes a command. With `mit_safe` its free bytes are such that a motor in MIT mode takes it for no torque.
 pub(super) fn encode_command(object: &Object, mit_safe: bool) -> Result<Vec<u8>, Refused> {
-    let filler = match object.object("as_mit") {
+    let filler = match object.object(AS_MIT) {
         Err(Refused::Missing { .. }) => [0; 8],
         control => mit::command(&control?)?.encode(),
     };

@@ -14,6 +14,7 @@ mod refused;
 mod robot;
 mod scale;
 mod serial;
+mod strict;
 
 use clap::{Args, Subcommand, ValueEnum};
 use motord_protocol::profile::PROFILES;
@@ -26,6 +27,7 @@ use serde_json::{Value, json};
 use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
 use std::str::FromStr;
+use strict::Strict;
 
 /// The two directions of conversion.
 #[derive(Debug, Subcommand)]
@@ -216,7 +218,27 @@ impl Reading {
         };
         let decoded = Self { asked, scale: object.scale(), ..*self }.decode(&bytes)?;
         agreement::check(&object, &decoded)?;
+        if object.has(gim::AS_MIT) {
+            self.check_as_mit(&object, &bytes)?;
+        }
         Ok(bytes)
+    }
+
+    /// The object says how a motor in MIT mode reads the command: it must read it so.
+    fn check_as_mit(&self, object: &Object, bytes: &[u8]) -> Result<(), Refused> {
+        let payload = match (self.protocol, self.direction) {
+            (Protocol::GimCan, Direction::ToMotor) => bytes,
+            (Protocol::GimRs485, Direction::ToMotor) => serial::payload(bytes),
+            _ => return Err(Refused::UnknownKey { key: gim::AS_MIT.into() }),
+        };
+        let given = object.object(gim::AS_MIT)?.with_scale(self.profile, self.scale)?;
+        let read = mit::decode_command(payload, Object::new(self.profile, given.scale()))?;
+        agreement::check(&given, &read)?;
+        if mit::command(&given)? == mit::command(&read)? {
+            return Ok(());
+        }
+        let (received, expected) = (Value::from(given).to_string(), Value::from(read).to_string());
+        Err(Refused::Contradiction { key: gim::AS_MIT.into(), received, expected })
     }
 }
 
@@ -299,11 +321,9 @@ fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     let reading = Reading { protocol, direction, asked: Asked::State, profile, scale };
     for argument in &arguments.objects {
         let text = if argument == "-" { io::read_to_string(io::stdin())? } else { argument.clone() };
-        for value in serde_json::Deserializer::from_str(&text).into_iter::<Value>() {
-            let bytes = value
-                .and_then(serde_json::from_value)
-                .map_err(Refused::Json)
-                .and_then(|object| reading.encode(object, arguments.mit_safe));
+        for given in serde_json::Deserializer::from_str(&text).into_iter::<Strict>() {
+            let object = given.map_err(Refused::Json).and_then(Object::given);
+            let bytes = object.and_then(|object| reading.encode(object, arguments.mit_safe));
             report.line(bytes.map(|bytes| hex::digits(&bytes)))?;
         }
     }

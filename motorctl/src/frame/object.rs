@@ -3,19 +3,16 @@
 use crate::frame::hex;
 use crate::frame::refused::Refused;
 use crate::frame::scale::{self, Scale};
+use crate::frame::strict::Strict;
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{FaultBits, Field, Profile, ScaleError, Scales};
-use serde::Deserialize;
 use serde_json::{Map, Value};
 
 /// A JSON object of one frame, the profile of its motor, and the scale of the codes in it.
-#[derive(Debug, Clone, Default, Deserialize)]
-#[serde(transparent)]
+#[derive(Debug, Clone)]
 pub(super) struct Object {
     members: Map<String, Value>,
-    #[serde(skip)]
     profile: Option<&'static Profile>,
-    #[serde(skip)]
     scale: Option<Scale>,
 }
 
@@ -29,6 +26,15 @@ impl Object {
     /// No member yet. Codes have this scale.
     pub(super) fn new(profile: &'static Profile, scale: Option<Scale>) -> Self {
         Self { members: Map::new(), profile: Some(profile), scale }
+    }
+
+    /// The object that somebody gave.
+    pub(super) fn given(Strict { value, repeated }: Strict) -> Result<Self, Refused> {
+        match (value, repeated) {
+            (_, Some(key)) => Err(Refused::Repeated { key }),
+            (Value::Object(members), None) => Ok(Self { members, profile: None, scale: None }),
+            (other, None) => Err(Refused::NoObject { received: other.to_string() }),
+        }
     }
 
     /// The object with the scale of its own constants, else with this one.

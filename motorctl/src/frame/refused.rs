@@ -17,6 +17,10 @@ pub(super) enum Refused {
     Hex { received: String },
     #[error("not a JSON object: {0}")]
     Json(serde_json::Error),
+    #[error("not a JSON object: {received}")]
+    NoObject { received: String },
+    #[error("'{key}' is there twice")]
+    Repeated { key: String },
     #[error("kind '{received}' does not exist in this protocol and direction")]
     Kind { received: String },
     #[error("'{key}' is missing")]

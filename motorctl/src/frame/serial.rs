@@ -7,6 +7,8 @@ use motord_bus::serial::framing::{FRAME_LEN_MAX, FrameType, SerialFrame};
 use motord_protocol::DecodeError;
 use serde_json::json;
 
+/// Bytes before the payload (GIM document, table 3).
+const HEADER_LEN: usize = 4;
 /// The kind of a frame that says that a request could not be read.
 const ACK: &str = "ack_error";
 
@@ -49,4 +51,9 @@ pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> R
     };
     let frame = frame.ok_or(DecodeError::Length { least: 0, most: 8, received: payload.len() })?;
     Ok(frame.write(&mut [0; FRAME_LEN_MAX]).to_vec())
+}
+
+/// The bytes behind the header of a frame.
+pub(super) fn payload(frame: &[u8]) -> &[u8] {
+    frame.get(HEADER_LEN..).unwrap_or_default()
 }
