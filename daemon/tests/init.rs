@@ -50,6 +50,15 @@ fn the_rate_is_the_highest_for_which_the_buses_have_time() {
 }
 
 #[test]
+fn the_motors_of_a_serial_line_take_turns_that_the_line_has_time_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("motord.toml");
+    let loaded = written(&file, &["--legs", "1", "--protocol", "gim", "--buses", "/dev/ttyUSB0", "--yes"]);
+    assert_eq!(loaded.settings.motors.len(), 3);
+    assert!(loaded.settings.buses[0].every > 1, "three motors in one cycle");
+}
+
+#[test]
 fn an_existing_file_is_replaced_only_when_that_is_asked_for() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");

@@ -51,19 +51,25 @@ const SIX_LEGS: [(&str, &str); 6] = [
 ];
 
 impl Draft {
-    /// The TOML text at this cycle rate. Whether motord can run it is for the configuration's own checks to say.
+    /// A motor is on a serial line.
+    #[must_use]
+    pub fn has_serial_bus(&self) -> bool {
+        self.buses().iter().any(Bus::is_serial)
+    }
+
+    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every` cycles. Whether motord can run it is for the configuration's own checks to say.
     ///
     /// # Errors
     ///
     /// When the robot has no leg, no joint, no bus or too many of them, or a model that nobody knows.
-    pub fn text(&self, rate_hz: f64) -> Result<String, InitError> {
+    pub fn text(&self, rate_hz: f64, every: u32) -> Result<String, InitError> {
         let (profile, model) = Profile::of_model(&self.model).ok_or_else(|| self.unknown_model())?;
         self.check_counts()?;
         let rate_hz = toml::Value::from(rate_hz);
         let mut text = format!("{HEAD}\n[daemon]\ninstance = \"robot\"\n\n[cycle]\nrate-hz = {rate_hz}\n");
         let buses = self.buses();
         for bus in &buses {
-            text += &bus.text();
+            text += &bus.text(every);
         }
         for leg in 0..self.legs {
             let (bus, first) = self.bus_of(leg, buses.len());
@@ -161,11 +167,11 @@ impl Bus {
         self.device.as_ref().is_some_and(|device| device.starts_with('/'))
     }
 
-    fn text(&self) -> String {
+    fn text(&self, every: u32) -> String {
         let kind = match &self.device {
             None => "type = \"simulated\"".into(),
             Some(device) if self.is_serial() => {
-                format!("type = \"serial\"\ndevice = {}\nbaud = 921600", quoted(device))
+                format!("type = \"serial\"\ndevice = {}\nbaud = 921600\nevery = {every}", quoted(device))
             }
             Some(interface) => {
                 format!("type = \"socketcan\"\ninterface = {}\nbitrate = 1000000", quoted(interface))

@@ -16,6 +16,9 @@ use std::path::{Path, PathBuf};
 /// The rates that are tried where none is asked for, Hz: the first that the buses have time for is taken.
 const RATES_HZ: [f64; 8] = [1000.0, 500.0, 400.0, 250.0, 200.0, 100.0, 50.0, 20.0];
 
+/// The values of `every` that are tried for serial buses, in this order.
+const TURNS: [u32; 9] = [1, 2, 4, 5, 8, 10, 20, 25, 50];
+
 /// Why no configuration is written.
 #[derive(Debug, thiserror::Error)]
 pub enum InitError {
@@ -70,8 +73,10 @@ impl Configuration {
     /// When an answer cannot be used, or when no rate fits.
     pub fn of(draft: &Draft, rate_hz: Option<f64>) -> Result<Self, InitError> {
         let mut refused = None;
-        for rate_hz in rate_hz.map_or_else(|| RATES_HZ.to_vec(), |asked| vec![asked]) {
-            let text = draft.text(rate_hz)?;
+        let rates = rate_hz.map_or_else(|| RATES_HZ.to_vec(), |asked| vec![asked]);
+        let turns = if draft.has_serial_bus() { &TURNS[..] } else { &TURNS[..1] };
+        for (rate_hz, every) in rates.iter().flat_map(|&rate| turns.iter().map(move |&every| (rate, every))) {
+            let text = draft.text(rate_hz, every)?;
             match config::parse(Path::new("motord.toml"), text.as_bytes(), &Machine::here()) {
                 Ok(loaded) => return Ok(Self { text, settings: loaded.settings }),
                 Err(error) => refused = Some(error),
