@@ -24,7 +24,7 @@ const EVERY: u32 = 2;
 /// Stiffness, N·m/rad, and damping, N·m·s/rad.
 const KP: f32 = 40.0;
 const KD: f32 = 1.0;
-/// Without a state for this long, something is wrong.
+/// Without a state for this long, the daemon is gone: a shorter stall is no reason to give the robot up.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Longer than the motors take to be damped and stopped.
 const STOP: Duration = Duration::from_secs(5);
@@ -48,6 +48,7 @@ fn rest(claim: &mut Claim, state: &State) -> Result<Vec<f32>, Error> {
 /// One connection to the daemon: from the claim to the first error, or to the `end`.
 fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
+    client.set_silence(PATIENCE);
     let mut claim = client.claim(&options.group)?;
     let joints = claim.slots(claim.names())?;
     let mut start = rest(&mut claim, &client.wait_cycles(EVERY, PATIENCE)?)?;

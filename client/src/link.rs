@@ -85,6 +85,8 @@ pub(crate) struct View {
     unseen: bool,
     /// Number of the last cycle whose state was taken, of this daemon; 0 before the first.
     taken: u64,
+    /// From a tick to the publication of its state as a rule, ns: a cycle that was late does not count much.
+    publish_delay_ns: u64,
     silence_reported: bool,
 }
 
@@ -107,7 +109,8 @@ impl View {
     pub(crate) fn due_in(&self, n: u64, period: Duration) -> Option<(Duration, Duration)> {
         let newest = self.newest.as_ref()?;
         let cycles = u32::try_from(self.due(n).saturating_sub(newest.cycle())).unwrap_or(u32::MAX);
-        let due_ns = newest.publish_ns().saturating_add(nanos(period.saturating_mul(cycles)));
+        let tick_ns = newest.tick_ns().saturating_add(nanos(period.saturating_mul(cycles)));
+        let due_ns = tick_ns.saturating_add(self.publish_delay_ns);
         let now_ns = clock::now_ns();
         let distance = |to: u64, from: u64| Duration::from_nanos(to.saturating_sub(from));
         Some((distance(due_ns, now_ns), distance(now_ns, due_ns)))
@@ -121,8 +124,15 @@ impl View {
     /// In the place of what was known before.
     fn put(&mut self, state: State) {
         let same_daemon = self.newest.as_ref().is_some_and(|newest| newest.boot_id() == state.boot_id());
-        let taken = if same_daemon { self.taken } else { 0 };
-        *self = Self { newest: Some(state), unseen: true, taken, silence_reported: false };
+        let delay_ns = state.publish_ns().saturating_sub(state.tick_ns());
+        let before_ns = self.publish_delay_ns;
+        let (taken, publish_delay_ns) = match same_daemon {
+            true => {
+                (self.taken, delay_ns.min(before_ns.saturating_add(delay_ns.saturating_sub(before_ns) / 8)))
+            }
+            false => (0, delay_ns),
+        };
+        *self = Self { newest: Some(state), unseen: true, taken, publish_delay_ns, silence_reported: false };
     }
 
     /// A thread may bring a state later than another thread brings its successor.
@@ -413,4 +423,55 @@ pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 fn nanos(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_shared::StateMessage;
+
+    const PERIOD: Duration = Duration::from_millis(1);
+
+    /// The state of a cycle that was published so long after its tick.
+    fn state(boot_id: u64, cycle: u64, delay_ns: u64) -> State {
+        let tick_ns = cycle * nanos(PERIOD);
+        State::from(StateMessage {
+            boot_id,
+            cycle,
+            tick_ns,
+            publish_ns: tick_ns + delay_ns,
+            ..Default::default()
+        })
+    }
+
+    #[test]
+    fn every_nth_cycle_is_due_and_after_a_gap_the_grid_is_kept() {
+        let mut view = View::default();
+        let mut take = |cycle| {
+            view.put(state(1, cycle, 0));
+            view.take_unseen(5).map(|state| state.cycle())
+        };
+        let given: Vec<u64> = [7, 8, 9, 10, 11, 14, 17, 19, 20].into_iter().filter_map(&mut take).collect();
+        assert_eq!(given, [7, 10, 17, 20]);
+        view.put(state(2, 3, 0));
+        assert_eq!(view.take_unseen(5).map(|state| state.cycle()), Some(3), "another daemon counts anew");
+    }
+
+    #[test]
+    fn one_late_cycle_hardly_moves_the_time_when_the_next_state_is_due() {
+        let mut view = View::default();
+        (1..100).for_each(|cycle| view.put(state(1, cycle, 700_000)));
+        assert_eq!(view.publish_delay_ns, 700_000);
+        view.put(state(1, 100, 1_500_000));
+        assert_eq!(view.publish_delay_ns, 800_000);
+        view.put(state(1, 101, 700_000));
+        assert_eq!(view.publish_delay_ns, 700_000);
+        view.put(State::from(StateMessage {
+            boot_id: 1,
+            cycle: 102,
+            publish_ns: u64::MAX,
+            ..Default::default()
+        }));
+        assert!(view.due_in(5, Duration::MAX).is_some(), "hostile times do no harm");
+    }
 }

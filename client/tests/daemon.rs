@@ -68,6 +68,7 @@ impl FakeDaemon {
         let mut state = StateMessage {
             boot_id: self.boot_id,
             cycle: self.cycle,
+            tick_ns: clock::now_ns(),
             publish_ns: clock::now_ns(),
             joint_count,
             group_count: 1,
@@ -192,10 +193,12 @@ impl Running {
                     phase: Phase::Disarmed,
                     held: vec![],
                 };
+                let mut tick = Instant::now();
                 while !stop.load(Ordering::Relaxed) {
                     daemon.cycle(joint_count);
                     running.store(true, Ordering::Relaxed);
-                    std::thread::sleep(Duration::from_millis(1));
+                    tick = Instant::now().max(tick + Duration::from_millis(1));
+                    std::thread::sleep(tick.saturating_duration_since(Instant::now()));
                 }
             }
         });

@@ -1,0 +1,248 @@
+//! Goal: the controller that users copy, `client/examples/controller.rs`, survives as one process whatever happens to its
+//! daemon and its motors, and never starts a stopped robot by itself.
+//! Method: the example as it was built; a daemon in a process of its own, on simulated motors whose faults this test asks for;
+//! and an operator, who resets and enables.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord::buses::{self, Buses};
+use motord::threads::Daemon;
+use motord_bus::{Bus, clock};
+use motord_client::{Cause, Client, Error, Phase, RUNTIME_DIR_VARIABLE, State};
+use motord_configuration::{self as config, Machine};
+use motord_shared::instance::Instance;
+use motord_simulator::{FaultVerb, SharedBus};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use std::io::{BufRead, Write};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// A stall of a shared machine stops nothing; one of a second does.
+const CONFIG: &str = r#"
+[daemon]
+instance = "robot"
+[cycle]
+rate-hz = 250
+max-lateness-ms = 500.0
+max-skipped-percent = 100.0
+[safety]
+setpoint-timeout-ms = 500.0
+lost-cycles = 50
+deadman-ms = 2000.0
+start-timeout-ms = 5000.0
+[[bus]]
+name = "can"
+type = "simulated"
+[[motor]]
+name = "hip"
+bus = "can"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+[[motor]]
+name = "knee"
+bus = "can"
+id = 2
+protocol = "mit"
+model = "GIM8108-8"
+[[group]]
+name = "leg"
+joints = ["hip", "knee"]
+"#;
+const GROUP: &str = "leg";
+const PATIENCE: Duration = Duration::from_secs(30);
+/// The example tries again every 0.5 s: if it started the robot by itself, it would do so in this time.
+const WATCH: Duration = Duration::from_secs(1);
+
+/// A process that does not outlive its test.
+struct Process(Child);
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _gone = self.0.kill();
+        let _status = self.0.wait();
+    }
+}
+
+impl Process {
+    fn signal(&self, signal: Signal) {
+        kill(Pid::from_raw(self.0.id().try_into().unwrap()), signal).unwrap();
+    }
+
+    /// The process is the one that was started, and runs.
+    fn must_run(&mut self) {
+        assert_eq!(self.0.try_wait().unwrap(), None, "it has ended");
+    }
+
+    /// A line on its standard input.
+    fn say(&mut self, line: &str) {
+        writeln!(self.0.stdin.as_mut().unwrap(), "{line}").unwrap();
+    }
+}
+
+/// Runs a daemon whose faults are read from standard input; an empty line ends it as SIGTERM does.
+#[test]
+#[ignore = "the process that the other test disturbs"]
+fn daemon_process() {
+    let Some(runtime) = std::env::var_os(RUNTIME_DIR_VARIABLE) else { return };
+    let settings =
+        config::parse(Path::new("robot.toml"), CONFIG.as_bytes(), &Machine::here()).unwrap().settings;
+    let bus = SharedBus::new(buses::simulate(&settings, 0, 1));
+    let lock = Arc::new(Instance::below(Path::new(&runtime), "robot").unwrap().lock().unwrap());
+    let opened: Vec<Box<dyn Bus>> = vec![Box::new(bus.clone())];
+    let daemon = Daemon::start(settings, None, Buses { buses: opened, locks: Vec::new() }, &lock).unwrap();
+    for line in std::io::stdin().lock().lines().map_while(Result::ok).take_while(|line| !line.is_empty()) {
+        bus.lock().inject(clock::monotonic(), &line.parse::<FaultVerb>().unwrap()).unwrap();
+    }
+    daemon.end().unwrap();
+}
+
+fn daemon(runtime: &TempDir) -> Process {
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--ignored", "--exact", "daemon_process"]).env(RUNTIME_DIR_VARIABLE, runtime.path());
+    Process(command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+}
+
+fn controller(runtime: &TempDir) -> Process {
+    let here = std::env::current_exe().unwrap();
+    let program = here.parent().unwrap().with_file_name("examples").join("controller");
+    assert!(program.is_file(), "{} is missing: cargo build -p motord-client --examples", program.display());
+    let mut command = Command::new(program);
+    command.args(["--instance", "robot", "--group", GROUP]).env(RUNTIME_DIR_VARIABLE, runtime.path());
+    Process(command.spawn().unwrap())
+}
+
+fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
+    let deadline = Instant::now() + PATIENCE;
+    loop {
+        if let Some(found) = attempt() {
+            return found;
+        }
+        assert!(Instant::now() < deadline, "{what} did not happen");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn connect(runtime: &TempDir) -> Client {
+    until("a connection", || Client::connect_in(runtime.path(), "robot").ok())
+}
+
+fn state(client: &Client) -> State {
+    until("a state", || client.wait(Duration::from_secs(1)).ok())
+}
+
+/// Every joint follows the controller's law: stiff, and its setpoint swings.
+fn await_motion(client: &Client) {
+    let mut seen = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
+    until("motion", || {
+        let state = state(client);
+        for (seen, joint) in seen.iter_mut().zip(state.joints()) {
+            let stiff = state.group(0)?.phase == Some(Phase::Active) && joint.applied.kp > 39.0;
+            let position = joint.applied.position;
+            *seen = if stiff { [seen[0].min(position), seen[1].max(position)] } else { *seen };
+        }
+        seen.iter().all(|[low, high]| high - low > 0.1).then_some(())
+    });
+}
+
+/// The group is stopped for `cause`, and nobody starts it again.
+fn await_stop(client: &Client, cause: Option<Cause>) {
+    until("the stop", || {
+        let group = state(client).group(0)?;
+        (group.phase == Some(Phase::Disarmed) && group.cause == cause).then_some(())
+    });
+    let begun = Instant::now();
+    while begun.elapsed() < WATCH {
+        assert_eq!(state(client).group(0).unwrap().phase, Some(Phase::Disarmed), "it was started again");
+    }
+}
+
+/// An operator starts the group again, once the controller owns it.
+fn start_again(client: &Client) {
+    until("the start", || {
+        let _nothing_latched = client.reset(GROUP);
+        client.enable(GROUP).ok()?;
+        client.wait_for(GROUP, Phase::Active, PATIENCE).ok()
+    });
+    await_motion(client);
+}
+
+/// The group stops for one of several causes: which is first when a whole process stands still depends on the machine.
+fn await_any_stop(client: &Client) {
+    let cause = until("the stop", || {
+        let group = client.wait(Duration::from_secs(1)).ok()?.group(0)?;
+        group.cause.filter(|_| group.phase == Some(Phase::Disarmed))
+    });
+    assert!(matches!(cause, Cause::TimeBase | Cause::SetpointTimeout), "{cause}");
+    await_stop(client, Some(cause));
+}
+
+#[test]
+fn the_controller_to_copy_survives_everything_as_one_process_and_starts_nothing_by_itself() {
+    let runtime = TempDir::new().unwrap();
+    let mut controller = controller(&runtime);
+    let mut first = daemon(&runtime);
+    let client = connect(&runtime);
+    await_motion(&client);
+
+    client.emergency_stop().unwrap();
+    await_stop(&client, Some(Cause::EmergencyStop));
+    start_again(&client);
+
+    first.say("hip fault 0x02");
+    await_stop(&client, Some(Cause::MotorFault));
+    first.say("hip ok");
+    until("the end of the fault", || client.clear_fault("hip").ok());
+    start_again(&client);
+
+    first.say("knee off");
+    await_stop(&client, Some(Cause::MotorLost));
+    first.say("knee ok");
+    start_again(&client);
+    controller.must_run();
+
+    first.signal(Signal::SIGSTOP);
+    std::thread::sleep(Duration::from_secs(2));
+    first.signal(Signal::SIGCONT);
+    await_any_stop(&client);
+    start_again(&client);
+    controller.must_run();
+
+    first.say("");
+    assert!(first.0.wait().unwrap().success(), "the daemon ends by itself");
+    let mut second = daemon(&runtime);
+    until("the restart", || {
+        matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted)).then_some(())
+    });
+    await_stop(&client, None);
+    start_again(&client);
+
+    second.0.kill().unwrap();
+    second.0.wait().unwrap();
+    let _third = daemon(&runtime);
+    until("the restart", || {
+        matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted)).then_some(())
+    });
+    await_stop(&client, None);
+    start_again(&client);
+
+    controller.must_run();
+    controller.signal(Signal::SIGTERM);
+    assert!(controller.0.wait().unwrap().success(), "a signal ends it");
+    let end = state(&client).group(0).unwrap();
+    assert_eq!(
+        (end.phase, end.cause),
+        (Some(Phase::Disarmed), None),
+        "it has stopped the motors, and nothing is wrong"
+    );
+}
+
+#[test]
+fn the_controller_to_copy_has_less_than_a_hundred_lines() {
+    let text = include_str!("../../client/examples/controller.rs");
+    assert!(text.lines().count() < 100, "{}", text.lines().count());
+}
