@@ -93,8 +93,31 @@ impl SocketCanBus {
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
         let interface = settings.interface;
         let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
-        let socket = open_socket(interface, link.index, |socket| configure(socket, settings))?;
-        Ok(Self {
+        let filters = exact(&settings.host_ids);
+        let configure = |socket: &CanSocket| configure(socket, &filters, settings.queue_length());
+        let socket = open_socket(interface, link.index, configure)?;
+        Ok(Self::new(socket, link))
+    }
+
+    /// Opens an interface as it is, changes none of its settings, and receives every data frame: for tools that look for
+    /// motors.
+    ///
+    /// # Errors
+    ///
+    /// The fault of the interface, with its remedy.
+    pub fn open_as_is(interface: InterfaceName) -> Result<Self, OpenError> {
+        /// Requests that may wait for the wire.
+        const QUEUE: u32 = 8;
+        const DEFAULT_BITRATE: u32 = 1_000_000;
+        let link = Link::read(interface)?;
+        link.check(link.bitrate.unwrap_or(DEFAULT_BITRATE), QUEUE)?;
+        let any = [(0, libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG)];
+        let socket = open_socket(interface, link.index, |socket| configure(socket, &any, QUEUE))?;
+        Ok(Self::new(socket, link))
+    }
+
+    fn new(socket: CanSocket, link: Link) -> Self {
+        Self {
             socket,
             link,
             outgoing: Batch::new(Inbox::CAPACITY, CLASSIC_BYTES),
@@ -102,7 +125,7 @@ impl SocketCanBus {
             realtime: RealtimeOffset::measure(),
             latest: clock::monotonic(),
             dropped: 0,
-        })
+        }
     }
 
     /// The settings of the interface when it was opened.
@@ -183,13 +206,13 @@ fn errno(error: &io::Error) -> Errno {
     Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
 }
 
-fn configure(socket: &CanSocket, settings: &Settings) -> io::Result<()> {
-    socket.set_filters(&exact(&settings.host_ids))?;
+fn configure(socket: &CanSocket, filters: &[(u32, u32)], queue_length: u32) -> io::Result<()> {
+    socket.set_filters(filters)?;
     socket.set_error_filter(ERROR_FILTER)?;
     socket.set_recv_own_msgs(false)?;
     socket.set_timestamping(libc::SOF_TIMESTAMPING_RX_SOFTWARE | libc::SOF_TIMESTAMPING_SOFTWARE)?;
     socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
-    limit_queue(socket, settings.queue_length())
+    limit_queue(socket, queue_length)
 }
 
 /// One filter for each id.
