@@ -140,6 +140,16 @@ mod members;
 mod setpoint;
 mod state;
 
+/// The directory that the daemons of this computer and its tools share: locks of CAN interfaces lie there. It may not exist yet.
+///
+/// # Errors
+///
+/// When the name is none, or the directory may not be entered or is not private.
+pub fn runtime_directory(instance: &str) -> Result<std::path::PathBuf, Error> {
+    let instance = motord_shared::Instance::find(instance).map_err(Error::of_instance)?;
+    Ok(instance.runtime().to_owned())
+}
+
 pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error, Stop};
