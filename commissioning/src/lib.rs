@@ -41,7 +41,7 @@ pub use apply::{Apply, Change, Event, Failed, changes};
 pub use error::Error;
 pub use link::{Heard, Link, Wire};
 pub use mit::Mit;
-pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor};
+pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, scan};
 pub use survey::{Question, Survey, constants, survey};
 #[cfg(feature = "linux")]

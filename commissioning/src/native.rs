@@ -6,7 +6,7 @@ use crate::mit::Mit;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::gim::{
     Calibration, Command, ConfigurationItem, ConfigurationKey, ExecutionTime, Finite, Outcome, Pending,
-    Refusal, Reply, State, Value, decode_reply,
+    Refusal, Reply, State, Value, decode_command, decode_reply,
 };
 use motord_protocol::{FaultBits, Scales};
 
@@ -362,10 +362,7 @@ impl<'l> Native<'l> {
     fn reader(&self, command: &Command) -> impl FnMut(Heard) -> Option<Answer> + use<> {
         let (command, scales) = (*command, self.scales);
         let host_id = self.host_id.filter(|_| self.link.wire() == Wire::Can);
-        let pending = match command {
-            Command::Calibration(_) => Pending::Calibration,
-            _ => Pending::Other,
-        };
+        let pending = pending(&command);
         move |heard| match heard {
             Heard::Frame(frame) if host_id.is_none_or(|host_id| host_id == frame.id()) => {
                 let reply = decode_reply(frame.payload(), pending, &scales).ok()?;
@@ -390,6 +387,22 @@ impl<'l> Native<'l> {
 
     fn not_read(&self, command: &Command) -> Error {
         Error::NotRead { id: self.id, request: command.code().name() }
+    }
+}
+
+/// Whether `reply` can answer `request`, by the command and the numbers that a reply repeats: for a serial bus, which finds
+/// replies among noise by it.
+#[must_use]
+pub fn answers(request: &[u8], reply: &[u8]) -> bool {
+    let Ok(command) = decode_command(request) else { return false };
+    let scales = Scales::fixed(12.5, 65.0, 1.0);
+    decode_reply(reply, pending(&command), &scales).is_ok_and(|reply| reply.answers(&command))
+}
+
+fn pending(command: &Command) -> Pending {
+    match command {
+        Command::Calibration(_) => Pending::Calibration,
+        _ => Pending::Other,
     }
 }
 
@@ -437,7 +450,7 @@ pub(crate) fn same(key: ConfigurationKey, a: Value, b: Value) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_protocol::gim::{CommandCode, decode_command};
+    use motord_protocol::gim::CommandCode;
     use motord_protocol::mit::ControlCodes;
 
     /// The result is at 1, but at 2 where a number of the request is repeated, and at 3 where two are (GIM document 3.2).

@@ -262,11 +262,11 @@ fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Result<(
     Ok((answers.into_iter().map(|answer| judge(link, id, answer)).collect(), collided))
 }
 
-/// A serial adapter may hold an answer back for longer than a scan of CAN waits.
+/// A serial adapter may hold an answer back for longer than a scan of CAN waits, and a late answer would count for the next id.
 fn window_of(link: &Link) -> Duration {
     match link.wire() {
         Wire::Can => Duration::ZERO,
-        Wire::Serial => link.patience() / 2,
+        Wire::Serial => link.patience(),
     }
 }
 
@@ -299,6 +299,10 @@ fn classify(id: u8, answer: &Frame) -> (Family, Option<Refusal>) {
         [0x84 | 0xB2, ..] if payload.len() == 8 => {
             let scales = Scales::fixed(12.5, 65.0, 1.0);
             match decode_reply(payload, Pending::Other, &scales) {
+                Ok(Reply::Configuration {
+                    key: ConfigurationItem::CAN_ID,
+                    outcome: Ok(Value::Integer(own)),
+                }) if own & 0xFF != i32::from(id) => (Family::Unknown { answer: *answer }, None),
                 Ok(Reply::Configuration { key: ConfigurationItem::CAN_ID, outcome }) => {
                     native(outcome.map(drop))
                 }

@@ -3,6 +3,7 @@
 use crate::demo::DemoError;
 use crate::exit_status;
 use crate::frame::FrameFailure;
+use crate::wire::WireFailure;
 use motord_client::Error;
 use std::io;
 
@@ -21,14 +22,9 @@ pub(crate) enum Failure {
     /// Frames were refused.
     #[error(transparent)]
     Frame(#[from] FrameFailure),
-    /// A joint's zero was to be moved without confirmation.
-    #[error(
-        "this permanently stores the present position of {joint} as its zero: repeat the command with --yes to confirm"
-    )]
-    Unconfirmed {
-        /// The joint.
-        joint: String,
-    },
+    /// A command on the bus failed, or was not confirmed.
+    #[error(transparent)]
+    Wire(#[from] WireFailure),
     /// A signal ended the command.
     #[error("interrupted")]
     Interrupted,
@@ -42,14 +38,19 @@ impl Failure {
             Self::Output(_) => exit_status::IO,
             Self::Demo(error) => error.status(),
             Self::Frame(failure) => failure.status(),
-            Self::Unconfirmed { .. } => exit_status::USAGE,
+            Self::Wire(failure) => failure.status(),
             Self::Interrupted => exit_status::INTERRUPTED,
         }
     }
 
     /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.
     pub(crate) fn is_closed_pipe(&self) -> bool {
-        let (Self::Output(error) | Self::Frame(FrameFailure::Io(error))) = self else { return false };
+        let (Self::Output(error)
+        | Self::Frame(FrameFailure::Io(error))
+        | Self::Wire(WireFailure::Output(error))) = self
+        else {
+            return false;
+        };
         error.kind() == io::ErrorKind::BrokenPipe
     }
 }

@@ -1,7 +1,9 @@
-//! `motorctl`: the tool for operators and scripts. It talks to a running motord through the client crate.
+//! `motorctl`: the tool for operators and scripts. It talks to a running motord through the client crate, and to motors on a bus
+//! that no daemon uses.
 //!
-//! Exit statuses follow sysexits(3): 64 for a wrong call, 69 when no daemon answers, 77 when it may not be reached, 1
-//! when it refused or the demo fell short.
+//! Exit statuses follow sysexits(3): 64 for a wrong call, 65 for a file with mistakes, 69 when no daemon or motor answers, 75
+//! when the bus is in use, 77 when it may not be reached, 78 for a configuration with mistakes, 1 when it refused or the demo
+//! fell short.
 
 #![forbid(unsafe_code)]
 
@@ -18,6 +20,7 @@ mod report;
 mod status;
 mod table;
 mod watch;
+mod wire;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
@@ -41,6 +44,7 @@ Examples:
   motorctl demo                     run a trot with 12 simulated motors, without a robot
   motorctl status                   show the state of the robot, and the next steps after a stop
   motorctl estop                    damp and stop every motor now
+  motorctl scan --bus can0          find the motors of a bus, without a daemon
   motorctl --instance arm watch     watch another daemon on this computer";
 
 #[derive(Debug, Subcommand)]
@@ -123,14 +127,24 @@ enum Command {
     #[command(subcommand)]
     Fault(Fault),
     /// Store the present position of a stopped joint as its zero, in the motor itself.
-    #[command(after_help = "Example:\n  motorctl zero fl-knee --yes")]
+    ///
+    /// With --bus or --config the command goes to the wire, without a daemon; the motor stops.
+    #[command(
+        after_help = "Examples:\n  motorctl zero fl-knee --yes\n  motorctl zero --bus can0 --id 3 --at 0.5 --yes"
+    )]
     Zero {
-        /// Name of the joint.
-        joint: String,
-        /// Confirm the change.
-        #[arg(long)]
-        yes: bool,
+        /// Name of the joint, through the daemon.
+        #[arg(value_name = "JOINT")]
+        name: Option<String>,
+        #[command(flatten)]
+        target: wire::Target,
+        #[command(flatten)]
+        zero: wire::Zero,
+        #[command(flatten)]
+        confirm: wire::Confirm,
     },
+    #[command(flatten)]
+    Wire(wire::Command),
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
     Frame(frame::Frame),
@@ -154,11 +168,21 @@ struct Group {
 
 #[derive(Debug, Subcommand)]
 enum Fault {
+    /// Read the faults of a motor, from the wire.
+    #[command(after_help = "Example:\n  motorctl fault get --bus can0 --id 3 --protocol gim")]
+    Get(wire::Reading),
     /// Clear the fault of a motor. The motor reports it again while its cause remains.
-    #[command(after_help = "Example:\n  motorctl fault clear fl-knee")]
+    ///
+    /// With --bus or --config the command goes to the wire, without a daemon.
+    #[command(
+        after_help = "Examples:\n  motorctl fault clear fl-knee\n  motorctl fault clear --bus can0 --id 3"
+    )]
     Clear {
-        /// Name of the joint.
-        joint: String,
+        /// Name of the joint, through the daemon.
+        #[arg(value_name = "JOINT")]
+        name: Option<String>,
+        #[command(flatten)]
+        target: wire::Target,
     },
 }
 
@@ -194,8 +218,10 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Reset(Group { group }) => operate::reset(instance, group.as_deref()),
         Command::Estop => operate::estop(instance),
         Command::Release { group, .. } => operate::release(instance, &group),
-        Command::Fault(Fault::Clear { joint }) => operate::clear_fault(instance, &joint),
-        Command::Zero { joint, yes } => operate::zero(instance, &joint, yes),
+        Command::Fault(Fault::Get(reading)) => Ok(wire::get_fault(instance, &reading)?),
+        Command::Fault(Fault::Clear { name, target }) => clear_fault(instance, name, &target),
+        Command::Zero { name, target, zero, confirm } => set_zero(instance, name, &target, zero, confirm),
+        Command::Wire(command) => Ok(wire::run(instance, command)?),
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Manual { directory } => Ok(clap_mangen::generate_to(Arguments::command(), directory)?),
         Command::DemoController { seconds } => demo::control(instance, seconds),
@@ -203,4 +229,40 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
             Err(demo::guard(parent, &program, &arguments).into())
         }
     }
+}
+
+/// Through the daemon for a joint, on the wire for a motor of a bus.
+fn clear_fault(instance: &str, name: Option<String>, target: &wire::Target) -> Result<(), Failure> {
+    match name {
+        Some(joint) if !target.is_given() => operate::clear_fault(instance, &joint),
+        Some(_) => Err(both()),
+        None => Ok(wire::clear_fault(instance, target)?),
+    }
+}
+
+/// Through the daemon for a joint, on the wire for a motor of a bus.
+fn set_zero(
+    instance: &str,
+    name: Option<String>,
+    target: &wire::Target,
+    zero: wire::Zero,
+    confirm: wire::Confirm,
+) -> Result<(), Failure> {
+    match name {
+        Some(_) if target.is_given() => Err(both()),
+        Some(joint) if zero.at == 0.0 && !zero.force => operate::zero(instance, &joint, confirm),
+        Some(_) => Err(wire::WireFailure::Usage(
+            "--at and --force are for the wire: use them with --config and --joint".into(),
+        )
+        .into()),
+        None => Ok(wire::zero(instance, target, zero, confirm)?),
+    }
+}
+
+fn both() -> Failure {
+    wire::WireFailure::Usage(
+        "JOINT is for the daemon, --bus for the wire: use --config and --joint for a joint on the wire"
+            .into(),
+    )
+    .into()
 }

@@ -1,6 +1,7 @@
 //! The commands of an operator: one request each, and a sentence about its effect.
 
 use crate::failure::Failure;
+use crate::wire::Confirm;
 use motord_client::{Client, Error};
 use std::io::{self, Write};
 
@@ -38,10 +39,8 @@ pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
 }
 
 /// `motorctl zero`: stores the present position of a stopped joint as its zero.
-pub(crate) fn zero(instance: &str, joint: &str, confirmed: bool) -> Result<(), Failure> {
-    if !confirmed {
-        return Err(Failure::Unconfirmed { joint: joint.to_owned() });
-    }
+pub(crate) fn zero(instance: &str, joint: &str, confirm: Confirm) -> Result<(), Failure> {
+    confirm.ask(&format!("This permanently stores the present position of {joint} as its zero."))?;
     Client::connect(instance)?.set_zero(joint)?;
     say(&format!("{joint}: the present position is now zero"))
 }

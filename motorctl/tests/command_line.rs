@@ -20,6 +20,34 @@ const COMMANDS: [&[&str]; 11] = [
     &["zero", "fl-knee", "--yes"],
 ];
 
+/// The commands that go to the wire.
+const ON_A_BUS: [&str; 24] = [
+    "scan",
+    "ping",
+    "id",
+    "version",
+    "fault get",
+    "start",
+    "stop",
+    "torque",
+    "speed",
+    "position",
+    "jog",
+    "indicator",
+    "parameter get",
+    "parameter set",
+    "config get",
+    "config list",
+    "config set",
+    "config dump",
+    "config diff",
+    "config apply",
+    "config reset",
+    "protocol",
+    "calibrate",
+    "firmware-mode",
+];
+
 /// Runs motorctl in an empty runtime directory.
 fn motorctl(arguments: &[&str]) -> Output {
     let runtime = TempDir::new().unwrap();
@@ -36,11 +64,41 @@ fn stderr(output: &Output) -> String {
 fn every_command_has_help_with_an_example() {
     for command in COMMANDS {
         let name = command.iter().take(if command[0] == "fault" { 2 } else { 1 });
-        let arguments: Vec<&str> = name.copied().chain(["--help"]).collect();
+        assert_has_example(&name.copied().collect::<Vec<_>>());
+    }
+    for command in ON_A_BUS {
+        assert_has_example(&command.split(' ').collect::<Vec<_>>());
+    }
+}
+
+fn assert_has_example(command: &[&str]) {
+    let arguments: Vec<&str> = command.iter().copied().chain(["--help"]).collect();
+    let output = motorctl(&arguments);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}");
+    assert!(text.contains(&format!("motorctl {}", command.join(" "))), "{arguments:?}: {text}");
+}
+
+#[test]
+fn without_a_motor_every_command_on_a_bus_says_how_to_name_one() {
+    for command in ON_A_BUS.into_iter().filter(|command| !["scan", "firmware-mode"].contains(command)) {
+        let complete = match command {
+            "torque" | "speed" | "position" => format!("{command} 0.1 --seconds 1"),
+            "jog" => "jog --seconds 1".to_owned(),
+            "parameter set" | "config set" => {
+                format!("{command} {} 1", if command.starts_with('p') { "0" } else { "can-id" })
+            }
+            "config get" => "config get can-id".to_owned(),
+            "config diff" | "config apply" => format!("{command} Cargo.toml"),
+            "protocol" => "protocol gim".to_owned(),
+            "calibrate" => "calibrate phase".to_owned(),
+            command => command.to_owned(),
+        };
+        let arguments: Vec<&str> = complete.split(' ').collect();
         let output = motorctl(&arguments);
-        let text = String::from_utf8(output.stdout).unwrap();
-        assert_eq!(output.status.code(), Some(0), "{arguments:?}");
-        assert!(text.contains(&format!("  motorctl {}", command[0])), "{arguments:?}: {text}");
+        let expected =
+            if command.starts_with("config diff") || command.starts_with("config apply") { 65 } else { 64 };
+        assert_eq!(output.status.code(), Some(expected), "{complete}: {}", stderr(&output));
     }
 }
 

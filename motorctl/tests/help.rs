@@ -1,11 +1,14 @@
 //! Every example of every `--help` works as it is printed.
 //!
 //! Method: the examples are read from the printed help and run by a shell, in a directory with what they name: a
-//! `robot.toml`, a robot with a controller, a second robot `arm`, a `candump`. The robots are simulated.
+//! `robot.toml`, a robot with a controller, a second robot `arm`, a `candump`, a motor on a bus. All are simulated.
 //! `motord-sim` alone is run only up to its CAN interfaces, which are not there.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+mod line;
+
+use line::Line;
 use motord_client::{Client, Setpoint};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -136,9 +139,16 @@ impl Place {
         assert!(latched || self.shell("motorctl reset").status.success());
     }
 
-    /// Runs an example; whatever runs until it is ended runs shortly.
+    /// Runs an example; whatever runs until it is ended runs shortly. One with a bus has a line of its own, with a motor 3.
     fn example(&self, example: &str) {
-        let line = example
+        let wire = example.contains("--bus").then(Line::knee);
+        let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
+        // A whole scan of a serial line takes a quarter of a minute.
+        let ids =
+            if example.contains("motorctl scan") && !example.contains("--ids") { " --ids 1-4" } else { "" };
+        let line = format!("{example}{ids}")
+            .replace("--bus can0", &format!("--bus {device}"))
+            .replace("--bus /dev/ttyUSB0", &format!("--bus {device}"))
             .replace("/etc/motord/motord.toml", "motord.toml")
             .replace("motorctl demo", "motorctl demo --seconds 2")
             .replace("--seconds 2 --seconds 60", "--seconds 2")

@@ -32,7 +32,18 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &["motord-checker"],
     ),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
-    ("motorctl", &["motord-client", "motord-bus", "motord-protocol"], &[]),
+    (
+        "motorctl",
+        &[
+            "motord-client",
+            "motord-commissioning",
+            "motord-configuration",
+            "motord-core",
+            "motord-bus",
+            "motord-protocol",
+        ],
+        &["motord-simulator"],
+    ),
     // It judges the others, and shares no code with them.
     ("motord-checker", &["motord-bus"], &[]),
 ];

@@ -42,6 +42,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "daemon/src/commands/init",
     "configuration/src",
     "motorctl/src/frame",
+    "motorctl/src/wire",
     "protocol/src",
     "simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.

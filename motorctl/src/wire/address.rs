@@ -1,0 +1,264 @@
+//! `motorctl id` and `motorctl protocol`: how a motor is reached.
+
+use crate::json;
+use crate::wire::confirm::Confirm;
+use crate::wire::failure::WireFailure;
+use crate::wire::memory::{outcome_of, text};
+use crate::wire::say;
+use crate::wire::target::{Protocol, Session, Target, parse_host_id, parse_id};
+use motord_bus::FrameId;
+use motord_commissioning::{Apply, Change, Error, Event, Failed, Wire, changes, identify};
+use motord_protocol::gim::{ConfigurationItem, Value};
+use serde::Serialize;
+use std::io;
+
+const CAN_ID: &str = "can-id";
+const HOST_ID: &str = "host-id";
+const BAUD: &str = "can-baud-rate";
+const PROTOCOL: &str = "can-protocol";
+
+/// The new address.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    target: Target,
+    /// The new id, 1 to 254.
+    #[arg(long, value_name = "ID", value_parser = parse_id)]
+    set_id: Option<u8>,
+    /// The new host id: the id that the motor's answers bear. Unique on its bus; 0x100 + id is what motord expects.
+    #[arg(long, value_name = "ID", value_parser = parse_host_id)]
+    set_host_id: Option<FrameId>,
+    /// The new bit rate of its CAN, bit/s. The unit of the stored number is in no document: it is inferred from the present one.
+    #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
+    set_bitrate: Option<u32>,
+    /// The new protocol over CAN. There is no way back from MIT over CAN.
+    #[arg(long, value_name = "PROTOCOL")]
+    set_protocol: Option<Protocol>,
+    #[command(flatten)]
+    confirm: Confirm,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    fn changes_nothing(&self) -> bool {
+        self.set_id.is_none()
+            && self.set_host_id.is_none()
+            && self.set_bitrate.is_none()
+            && self.set_protocol.is_none()
+    }
+}
+
+/// `motorctl id`: shows or changes the address of a motor.
+pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+    if let (Some(id), Some(host_id)) = (arguments.set_id, arguments.set_host_id)
+        && u16::from(id) == host_id.raw()
+    {
+        let usage = "id and host id must differ: two nodes would send frames with one id".to_owned();
+        return Err(WireFailure::Usage(usage));
+    }
+    let mut session = arguments.target.open_native(instance)?;
+    let present = read(&mut session)?;
+    if arguments.changes_nothing() {
+        return show(&session, &present, arguments.json);
+    }
+    let wanted = wanted(&session, &present, arguments)?;
+    check_free(&mut session, &wanted)?;
+    write(&mut session, &changes(&present, &wanted), arguments.confirm)
+}
+
+/// `motorctl protocol`: changes the protocol over CAN.
+pub(crate) fn protocol(
+    instance: &str,
+    target: &Target,
+    to: Protocol,
+    confirm: Confirm,
+) -> Result<(), WireFailure> {
+    let mut session = target.open(instance)?;
+    if session.protocol == to && session.line.link.wire() == Wire::Can {
+        return say(&format!("{}: speaks this protocol already", session.name()));
+    }
+    if session.protocol == Protocol::Mit {
+        let reason = "over CAN there is no way back from MIT: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
+        return Err(session.unfit(reason));
+    }
+    let present = read(&mut session)?;
+    let wanted = with(&present, PROTOCOL, protocol_number(to));
+    write(&mut session, &changes(&present, &wanted), confirm)
+}
+
+type Values = Vec<(&'static ConfigurationItem, Value)>;
+
+fn read(session: &mut Session) -> Result<Values, Error> {
+    let items = [CAN_ID, HOST_ID, PROTOCOL, BAUD].into_iter().filter_map(ConfigurationItem::by_name);
+    let mut motor = session.native();
+    items.map(|item| Ok((item, motor.configuration(item.key())?))).collect()
+}
+
+fn integer(values: &Values, name: &str) -> i32 {
+    let found = values.iter().find(|(item, _)| item.name == name);
+    found.map_or(0, |(_, value)| if let Value::Integer(value) = value { *value } else { 0 })
+}
+
+fn with(values: &Values, name: &str, new: i32) -> Values {
+    let replaced = |&(item, value): &(&'static ConfigurationItem, Value)| {
+        (item, if item.name == name { Value::Integer(new) } else { value })
+    };
+    values.iter().map(replaced).collect()
+}
+
+const fn protocol_number(protocol: Protocol) -> i32 {
+    match protocol {
+        Protocol::Gim => 0,
+        Protocol::Mit => 1,
+    }
+}
+
+fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<Values, WireFailure> {
+    let mut wanted = present.clone();
+    if let Some(id) = arguments.set_id {
+        wanted = with(&wanted, CAN_ID, id.into());
+    }
+    if let Some(host_id) = arguments.set_host_id {
+        wanted = with(&wanted, HOST_ID, host_id.raw().into());
+    }
+    if let Some(protocol) = arguments.set_protocol {
+        wanted = with(&wanted, PROTOCOL, protocol_number(protocol));
+    }
+    if let Some(rate) = arguments.set_bitrate {
+        let code = rate_code(integer(present, BAUD), session.line.bitrate, rate)
+            .map_err(|why| session.unfit(&why))?;
+        wanted = with(&wanted, BAUD, code);
+    }
+    if session.line.link.wire() == Wire::Can && integer(&wanted, CAN_ID) == integer(&wanted, HOST_ID) {
+        let reason = "its id and its host id would be equal: two nodes would send frames with one id; use --set-host-id";
+        return Err(session.unfit(reason));
+    }
+    Ok(wanted)
+}
+
+/// The stored number for `rate`, by the unit that the present number must have.
+fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
+    let unit: u32 = match present {
+        1..=10 => 100_000,
+        100..=1000 => 1000,
+        100_000..=1_000_000 => 1,
+        _ => return Err(format!("its bit rate is stored as {present}, whose unit cannot be inferred")),
+    };
+    let present_rate = present.unsigned_abs() * unit;
+    if bus.is_some_and(|bus| bus.abs_diff(present_rate) > bus / 100) {
+        return Err(format!(
+            "its bit rate is stored as {present}, which does not fit to the {} bit/s of this bus",
+            bus.unwrap_or(0)
+        ));
+    }
+    if !rate.is_multiple_of(unit) {
+        return Err(format!(
+            "its bit rate is stored in units of {unit} bit/s, which {rate} is no multiple of"
+        ));
+    }
+    i32::try_from(rate / unit).map_err(|error| error.to_string())
+}
+
+/// Nobody else has the new id, and no motor has the new host id as its own.
+fn check_free(session: &mut Session, wanted: &Values) -> Result<(), WireFailure> {
+    let own = session.id;
+    for raw in [integer(wanted, CAN_ID), integer(wanted, HOST_ID)] {
+        let Ok(id @ 1..=254) = u8::try_from(raw) else { continue };
+        if id != own
+            && session.line.link.wire() == Wire::Can
+            && identify(&mut session.line.link, id)?.is_some()
+        {
+            return Err(session.unfit(&format!("a motor with id {id} is on this bus already")));
+        }
+    }
+    let id = integer(wanted, CAN_ID) as u8;
+    if id != own
+        && session.line.link.wire() == Wire::Serial
+        && identify(&mut session.line.link, id)?.is_some()
+    {
+        return Err(session.unfit(&format!("a motor with id {id} is on this line already")));
+    }
+    Ok(())
+}
+
+fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Address {
+        id: i32,
+        host_id: i32,
+        can_protocol: &'static str,
+        can_baud_rate: i32,
+    }
+    let can_protocol = if integer(present, PROTOCOL) == 0 { "gim" } else { "mit" };
+    let [id, host_id, can_baud_rate] = [CAN_ID, HOST_ID, BAUD].map(|name| integer(present, name));
+    if as_json {
+        let address = Address { id, host_id, can_protocol, can_baud_rate };
+        return Ok(json::write_line(&mut io::stdout().lock(), &address)?);
+    }
+    say(&format!(
+        "{}: id {id}, host id {host_id:#05X}, {can_protocol} over CAN, bit rate stored as {can_baud_rate}",
+        session.name()
+    ))
+}
+
+fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<(), WireFailure> {
+    let (name, wire) = (session.name(), session.line.link.wire());
+    if changes.is_empty() {
+        return say(&format!("{name}: nothing differs"));
+    }
+    let apply = Apply { changes };
+    apply.check(&mut session.native())?;
+    let described: Vec<String> = changes
+        .iter()
+        .map(|change| format!("{} from {} to {}", change.item.name, text(change.from), text(change.to)))
+        .collect();
+    let to_mit = changes.iter().any(|change| change.item.name == PROTOCOL && change.to == Value::Integer(1));
+    let way_back = match (to_mit, wire) {
+        (true, _) => {
+            "\nOver CAN there is no way back from MIT: only its serial port (RS485, RS232) changes it again."
+        }
+        (false, _) => "",
+    };
+    confirm.ask(&format!(
+        "This permanently changes {} of {name}. Connect it alone: every motor with this id would change.{way_back}",
+        described.join(", ")
+    ))?;
+    let written = apply.run(&mut session.native(), &mut |event| {
+        if let Event::Written(change, confirmation) = event {
+            say(&format!(
+                "{name}: {} was {}, {}",
+                change.item.name,
+                text(change.from),
+                outcome_of(confirmation)
+            ))?;
+        }
+        Ok::<(), WireFailure>(())
+    });
+    written.map_err(|failed| match failed {
+        Failed::Motor { source, .. } => WireFailure::Motor(source),
+        Failed::Journal(failure) => failure,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rate_code;
+
+    #[test]
+    fn the_unit_of_a_bit_rate_is_inferred_or_nothing_is_written() {
+        assert_eq!(rate_code(10, None, 500_000), Ok(5));
+        assert_eq!(rate_code(500, Some(500_000), 1_000_000), Ok(1000));
+        assert_eq!(rate_code(1_000_000, Some(1_000_000), 500_000), Ok(500_000));
+        for (present, bus, rate) in [
+            (0, None, 500_000),
+            (11, None, 500_000),
+            (10, Some(500_000), 500_000),
+            (10, None, 250_000),
+            (-5, None, 500_000),
+        ] {
+            assert!(rate_code(present, bus, rate).is_err(), "{present} {bus:?} {rate}");
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! Asking before something that cannot be taken back.
+
+use crate::wire::failure::WireFailure;
+use std::io::{self, BufRead, IsTerminal, Write};
+
+/// The confirmation of a command that moves a motor, or changes it for good.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub(crate) struct Confirm {
+    /// Confirm in advance: do not ask. Without it, the command asks at a terminal and refuses elsewhere.
+    #[arg(long)]
+    yes: bool,
+}
+
+impl Confirm {
+    /// Says the effect, and goes on only with consent.
+    ///
+    /// # Errors
+    ///
+    /// [`WireFailure::Unconfirmed`] when nobody can be asked, [`WireFailure::Declined`].
+    pub(crate) fn ask(self, effect: &str) -> Result<(), WireFailure> {
+        if self.yes {
+            return Ok(());
+        }
+        if !io::stdin().is_terminal() {
+            return Err(WireFailure::Unconfirmed { warning: effect.to_owned() });
+        }
+        eprint!("{effect}\nType yes to go on: ");
+        let _flushed = io::stderr().flush();
+        let mut answer = String::new();
+        let read = io::stdin().lock().read_line(&mut answer);
+        if read.is_ok() && answer.trim() == "yes" { Ok(()) } else { Err(WireFailure::Declined) }
+    }
+}

@@ -1,0 +1,120 @@
+//! Why a command on the bus failed.
+
+use crate::exit_status;
+use motord_bus::socketcan::OpenError;
+use motord_bus::{LockError, serial};
+use motord_commissioning::Error;
+use motord_configuration::ConfigError;
+use std::io;
+use std::path::PathBuf;
+
+/// Why a command on the bus failed.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum WireFailure {
+    /// The call is wrong. Nothing was sent.
+    #[error("{0}")]
+    Usage(String),
+    /// A person must confirm, and nobody can be asked. Nothing was sent.
+    #[error("{warning}\nmotorctl: not done: repeat the command with --yes, or from a terminal")]
+    Unconfirmed {
+        /// The effect of the command.
+        warning: String,
+    },
+    /// The person did not confirm. Nothing was done.
+    #[error("not done")]
+    Declined,
+    /// The CAN interface cannot be used.
+    #[error(transparent)]
+    Can(#[from] OpenError),
+    /// The serial port cannot be used.
+    #[error(transparent)]
+    Serial(#[from] serial::OpenError),
+    /// A daemon, or another tool, uses the interface.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// The configuration is refused.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// Nobody answers.
+    #[error(
+        "no motor answers as id {id} on {bus}: check its power, the wiring, the termination and the bit rate; a motor with a \
+         fault may answer only `motorctl fault get --protocol mit` or `--protocol gim`"
+    )]
+    NoMotor {
+        /// The id.
+        id: u8,
+        /// The bus.
+        bus: String,
+    },
+    /// The motor does not understand this command, or would misunderstand it.
+    #[error("motor {id}: {reason}")]
+    Unfit {
+        /// The motor.
+        id: u8,
+        /// A sentence with a way out.
+        reason: String,
+    },
+    /// A transaction failed.
+    #[error(transparent)]
+    Motor(#[from] Error),
+    /// A configuration was not written to its end.
+    #[error("{reason}; {} tells what was done", .journal.display())]
+    Apply {
+        /// Why.
+        reason: String,
+        /// The journal.
+        journal: PathBuf,
+    },
+    /// The configurations differ.
+    #[error("{count} items differ")]
+    Differs {
+        /// How many.
+        count: usize,
+    },
+    /// Standard output cannot be written.
+    #[error("cannot write the output: {0}")]
+    Output(#[from] io::Error),
+    /// A file cannot be read or written.
+    #[error("{}: {source}", .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        source: io::Error,
+    },
+    /// A file is not what it should be.
+    #[error("{}: {reason}", .path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+}
+
+impl WireFailure {
+    /// The exit status, of sysexits(3).
+    pub(crate) fn status(&self) -> u8 {
+        match self {
+            Self::Usage(_) | Self::Unconfirmed { .. } => exit_status::USAGE,
+            Self::Can(_) | Self::NoMotor { .. } | Self::Motor(Error::Silent { .. } | Error::Bus(_)) => {
+                exit_status::UNAVAILABLE
+            }
+            Self::Serial(source) => match source {
+                serial::OpenError::Permission { .. } => exit_status::PERMISSION,
+                serial::OpenError::Held { .. } => exit_status::BUSY,
+                _ => exit_status::UNAVAILABLE,
+            },
+            Self::Lock(LockError::Held { .. }) | Self::Motor(Error::InUse { .. }) => exit_status::BUSY,
+            Self::Lock(LockError::File { .. }) => exit_status::PERMISSION,
+            Self::Config(_) => exit_status::CONFIG,
+            Self::File { .. } | Self::Output(_) => exit_status::IO,
+            Self::Malformed { .. } => exit_status::DATA,
+            Self::Motor(Error::Interrupted) => exit_status::INTERRUPTED,
+            Self::Declined
+            | Self::Unfit { .. }
+            | Self::Motor(_)
+            | Self::Apply { .. }
+            | Self::Differs { .. } => 1,
+        }
+    }
+}

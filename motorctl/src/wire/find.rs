@@ -1,0 +1,207 @@
+//! `motorctl scan` and `motorctl ping`.
+
+use crate::interrupt::Interrupt;
+use crate::json;
+use crate::table::{Cell, Palette, Table};
+use crate::wire::failure::WireFailure;
+use crate::wire::target::{self, OpenLine, Target};
+use motord_bus::FrameId;
+use motord_commissioning::{Error, Family, Found, Progress, Report, Scan, Unprompted, scan};
+use serde::Serialize;
+use std::io::{self, IsTerminal};
+use std::ops::RangeInclusive;
+use std::sync::mpsc::{self, Receiver, Sender};
+
+/// Where and how to scan.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Arguments {
+    /// CAN interface or serial device. Repeat the option for several; they are scanned side by side.
+    #[arg(long = "bus", value_name = "BUS", required = true)]
+    buses: Vec<String>,
+    /// Bit/s of the serial devices.
+    #[arg(long, value_name = "BIT/S", default_value_t = target::BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    baud: u32,
+    /// The ids to ask: FIRST-LAST, within 1 to 254.
+    #[arg(long, value_name = "IDS", default_value = "1-254", value_parser = parse_ids)]
+    ids: RangeInclusive<u8>,
+    /// Ask silent ids for their fault, too: a motor with a fault may answer nothing else. Only where every driver on the bus is
+    /// known to be an SDC101, SDC102 or SDC103: other drivers take the question for a speed limit.
+    #[arg(long)]
+    in_fault: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_ids(text: &str) -> Result<RangeInclusive<u8>, String> {
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    let ids = target::parse_id(first)?..=target::parse_id(last)?;
+    if ids.is_empty() { Err("expected FIRST-LAST".to_owned()) } else { Ok(ids) }
+}
+
+#[derive(Serialize)]
+struct Motor<'a> {
+    bus: &'a str,
+    id: u8,
+    host_id: Option<u16>,
+    protocol: &'static str,
+    family: &'static str,
+    refuses: Option<String>,
+    answer: Option<String>,
+}
+
+impl<'a> Motor<'a> {
+    fn new(bus: &'a str, found: &Found) -> Self {
+        let (protocol, answer) = match found.family {
+            Family::Native => ("gim", None),
+            Family::Mit => ("mit", None),
+            Family::OtherMit { .. } => ("mit-other", None),
+            Family::Unknown { answer } => ("unknown", Some(format!("{answer:?}"))),
+        };
+        Self {
+            bus,
+            id: found.id,
+            host_id: found.host_id.map(FrameId::raw),
+            protocol,
+            family: found.family.describe(),
+            refuses: found.refusal.map(|refusal| refusal.to_string()),
+            answer,
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct Scanned<'a> {
+    motors: Vec<Motor<'a>>,
+    notes: Vec<String>,
+}
+
+/// `motorctl scan`: the motors of some buses.
+pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+    let interrupt = Interrupt::register();
+    let opened = arguments.buses.iter().map(|bus| target::open(instance, bus, arguments.baud));
+    let lines = opened.collect::<Result<Vec<OpenLine>, WireFailure>>()?;
+    let settings = Scan { ids: arguments.ids.clone(), in_fault: arguments.in_fault, ..Scan::default() };
+    let (sender, receiver) = mpsc::channel();
+    let reports = std::thread::scope(|scope| {
+        let scans: Vec<_> = lines
+            .into_iter()
+            .map(|line| {
+                let (sender, interrupt, settings) = (sender.clone(), interrupt.clone(), settings.clone());
+                scope.spawn(move || one(line, &settings, &sender, &interrupt))
+            })
+            .collect();
+        drop(sender);
+        show_progress(&receiver, &arguments.ids, scans.len());
+        let joined = scans.into_iter().map(|scan| scan.join().unwrap_or(Err(Error::Interrupted)));
+        joined.collect::<Vec<Result<Report, Error>>>()
+    });
+    let reports = reports.into_iter().collect::<Result<Vec<Report>, Error>>()?;
+    print(&arguments.buses, &reports, arguments.json)
+}
+
+fn one(
+    mut line: OpenLine,
+    settings: &Scan,
+    sender: &Sender<Progress>,
+    interrupt: &Interrupt,
+) -> Result<Report, Error> {
+    scan(&mut line.link, settings, &mut |progress| {
+        let _unread = sender.send(progress);
+        !interrupt.came()
+    })
+}
+
+/// One line that is overwritten, at a terminal only. Ends when the last scan does.
+fn show_progress(receiver: &Receiver<Progress>, ids: &RangeInclusive<u8>, buses: usize) {
+    let total = (usize::from(ids.end() - ids.start()) + 1) * buses;
+    let mut asked = 0;
+    for _ in receiver {
+        asked += 1;
+        if io::stderr().is_terminal() {
+            eprint!("\r{asked} of {total} ids asked");
+        }
+    }
+    if io::stderr().is_terminal() {
+        eprint!("\r{:40}\r", "");
+    }
+}
+
+fn print(buses: &[String], reports: &[Report], as_json: bool) -> Result<(), WireFailure> {
+    let named = || buses.iter().zip(reports);
+    let motors: Vec<Motor<'_>> =
+        named().flat_map(|(bus, report)| report.found.iter().map(|found| Motor::new(bus, found))).collect();
+    let notes: Vec<String> = named().flat_map(|(bus, report)| notes(bus, report)).collect();
+    let out = &mut io::stdout().lock();
+    if as_json {
+        return Ok(json::write_line(out, &Scanned { motors, notes })?);
+    }
+    let mut table = Table::new(&["bus", "id", "host id", "protocol", "driver"]);
+    for motor in &motors {
+        let host_id = motor.host_id.map_or("-".to_owned(), |id| format!("{id:#05X}"));
+        let driver = [Some(motor.family.to_owned()), motor.refuses.clone(), motor.answer.clone()];
+        let driver = driver.into_iter().flatten().collect::<Vec<_>>().join("; ");
+        let cells = [motor.bus.to_owned(), motor.id.to_string(), host_id, motor.protocol.to_owned(), driver];
+        table.row(cells.map(Cell::plain).into());
+    }
+    table.write(out, Palette::of_stdout())?;
+    let count = motors.len();
+    let plural = if count == 1 { "" } else { "s" };
+    eprintln!(
+        "{count} motor{plural}; motors without power, with another bit rate or with a fault are silent"
+    );
+    notes.iter().for_each(|note| eprintln!("{note}"));
+    Ok(())
+}
+
+fn notes(bus: &str, report: &Report) -> Vec<String> {
+    let mut notes = Vec::new();
+    let doubled = report.found.windows(2).filter(|pair| pair[0].id == pair[1].id).map(|pair| pair[0].id);
+    for id in doubled.chain(report.collisions.iter().copied()) {
+        notes.push(format!(
+            "{bus}: several motors answer as id {id}: connect them one at a time, and give each its own id"
+        ));
+    }
+    for driver in &report.unprompted {
+        notes.push(match driver {
+            Unprompted::CanSimple { node } => format!(
+                "{bus}: a CANSimple driver (SDC104, ODrive) with node id {node} sends heartbeats: not supported; its 32 ids \
+                 were not asked"
+            ),
+            Unprompted::CustomFault { id } => format!(
+                "{bus}: a driver with the \"custom\" protocol (GDZ, GDS) and id {} reports a fault: not supported",
+                id.raw()
+            ),
+        });
+    }
+    notes
+}
+
+/// `motorctl ping`: whether a motor answers, how, and how fast.
+pub(crate) fn ping(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Ping<'a> {
+        bus: &'a str,
+        id: u8,
+        host_id: Option<u16>,
+        protocol: &'static str,
+        answer_us: u64,
+    }
+    let mut session = target.open(instance)?;
+    let begun = session.line.link.now();
+    let protocol = match session.protocol {
+        target::Protocol::Mit => session.mit().stop().map(|_| "mit"),
+        target::Protocol::Gim => session.native().version().map(|_| "gim"),
+    }?;
+    let elapsed = session.line.link.now().since(begun);
+    let host_id = session.host_id.map(FrameId::raw);
+    let answer_us = u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX);
+    let out = &mut io::stdout().lock();
+    if as_json {
+        let ping = Ping { bus: &session.line.name, id: session.id, host_id, protocol, answer_us };
+        return Ok(json::write_line(out, &ping)?);
+    }
+    let host = host_id.map_or_else(String::new, |id| format!(", host id {id:#05X}"));
+    let line = format!("{} answers in {answer_us} µs, protocol {protocol}{host}", session.name());
+    super::say(&line)
+}

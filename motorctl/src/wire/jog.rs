@@ -1,0 +1,193 @@
+//! `motorctl jog`: a joint moves slowly while a key is held.
+
+use crate::interrupt::Interrupt;
+use crate::wire::confirm::Confirm;
+use crate::wire::failure::WireFailure;
+use crate::wire::motion::{Jogged, PERIOD, ranged};
+use crate::wire::say;
+use crate::wire::target::{Session, Target};
+use motord_commissioning::Error;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
+use std::io::{self, IsTerminal, Stdin, Write};
+use std::os::fd::AsFd;
+use std::time::{Duration, Instant};
+
+/// A key counts as held for so long after it came. Terminals repeat it about 30 times a second, after a first pause.
+const HELD: Duration = Duration::from_millis(150);
+
+/// How to jog.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    target: Target,
+    /// Speed while a key is held, rad/s.
+    #[arg(long, value_name = "RAD/S", default_value_t = 0.3, value_parser = |text: &str| ranged(text, 0.0, 3.0))]
+    rad_s: f64,
+    /// Stop when the shaft has turned so far from where it began, rad. With --config, the joint's limits hold, too.
+    #[arg(long, value_name = "RAD", default_value_t = 1.0, value_parser = |text: &str| ranged(text, 0.0, 12.0))]
+    max_travel_rad: f64,
+    /// Gain of a motor in MIT, N·m·s/rad: it pushes with the gain times the speed at most.
+    #[arg(long, value_name = "KD", default_value_t = 2.0, value_parser = |text: &str| ranged(text, 0.0, 5.0))]
+    kd: f64,
+    /// Instead of keys: move for so long, s, in the direction of --backward, then stop.
+    #[arg(long, value_name = "S", value_parser = |text: &str| ranged(text, 0.0, 10.0))]
+    seconds: Option<f64>,
+    /// With --seconds: move backward.
+    #[arg(long, requires = "seconds")]
+    backward: bool,
+    #[command(flatten)]
+    confirm: Confirm,
+}
+
+/// `motorctl jog`.
+pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+    if arguments.seconds.is_none() && !io::stdin().is_terminal() {
+        let usage = "holding a key needs a terminal: use --seconds elsewhere";
+        return Err(WireFailure::Usage(usage.to_owned()));
+    }
+    let mut session = arguments.target.open(instance)?;
+    let name = session.name();
+    arguments.confirm.ask(&format!(
+        "This starts {name} and moves it at {} rad/s, at most {} rad from where it is.\n\
+         Make sure that the joint is clear, and that it cannot fall when it is limp.",
+        arguments.rad_s, arguments.max_travel_rad
+    ))?;
+    let interrupt = Interrupt::register();
+    let allowed = limits(&session);
+    let (mut motor, begin) = Jogged::start(&mut session, arguments.kd as f32)?;
+    let moved = hold_to_run(&mut motor, begin, allowed, arguments, &interrupt);
+    let stopped = motor.stop().map_err(WireFailure::Motor);
+    let position = moved?;
+    stopped?;
+    say(&format!("{name}: stopped at {position:.3} rad"))
+}
+
+/// The limits of the joint on the motor's side, rad, when a configuration tells them.
+fn limits(session: &Session) -> [f64; 2] {
+    let Some(settings) = &session.settings else { return [f64::NEG_INFINITY, f64::INFINITY] };
+    let ends = settings.limits.position.map(|end| f64::from(settings.transmission.position_to_motor(end)));
+    [ends[0].min(ends[1]), ends[0].max(ends[1])]
+}
+
+/// The last position, rad.
+fn hold_to_run(
+    motor: &mut Jogged<'_>,
+    begin: f64,
+    allowed: [f64; 2],
+    arguments: &Arguments,
+    interrupt: &Interrupt,
+) -> Result<f64, WireFailure> {
+    let mut hand = Hand::new(arguments);
+    let mut position = begin;
+    while let Some(direction) = hand.direction()
+        && !interrupt.came()
+    {
+        // At an end only the way back is open.
+        let blocked = if direction > 0.0 {
+            position >= (begin + arguments.max_travel_rad).min(allowed[1])
+        } else {
+            position <= (begin - arguments.max_travel_rad).max(allowed[0])
+        };
+        let velocity = if blocked { 0.0 } else { direction * arguments.rad_s };
+        let [at, speed] = motor.follow(velocity)?;
+        position = at;
+        if (at - begin).abs() > 1.2 * arguments.max_travel_rad || speed.abs() > 3.0 * arguments.rad_s + 1.0 {
+            return Err(
+                Error::Protocol { id: 0, reason: "it moved beyond its bounds, and was stopped" }.into()
+            );
+        }
+        hand.show(position);
+        interrupt.pause_until(Instant::now() + PERIOD);
+    }
+    Ok(position)
+}
+
+/// The direction that a person or the command line asks for.
+enum Hand {
+    Keys { keys: Keys, direction: f64, held_until: Instant },
+    Timed { direction: f64, until: Instant },
+}
+
+impl Hand {
+    fn new(arguments: &Arguments) -> Self {
+        let now = Instant::now();
+        match arguments.seconds {
+            Some(seconds) => {
+                let direction = if arguments.backward { -1.0 } else { 1.0 };
+                Self::Timed { direction, until: now + Duration::from_secs_f64(seconds) }
+            }
+            None => {
+                eprintln!("hold + or - to move, q to stop");
+                Self::Keys { keys: Keys::open(), direction: 0.0, held_until: now }
+            }
+        }
+    }
+
+    /// 1 forward, -1 backward, 0 at rest; `None` to end.
+    fn direction(&mut self) -> Option<f64> {
+        let now = Instant::now();
+        match self {
+            Self::Timed { direction, until } => (now < *until).then_some(*direction),
+            Self::Keys { keys, direction, held_until } => {
+                while let Some(key) = keys.next() {
+                    *direction = match key {
+                        b'+' | b'=' => 1.0,
+                        b'-' | b'_' => -1.0,
+                        _ => return None,
+                    };
+                    *held_until = now + HELD;
+                }
+                Some(if now < *held_until { *direction } else { 0.0 })
+            }
+        }
+    }
+
+    fn show(&self, position: f64) {
+        if matches!(self, Self::Keys { .. }) {
+            eprint!("\r{position:8.3} rad ");
+            let _flushed = io::stderr().flush();
+        }
+    }
+}
+
+/// Single keys of the terminal, without waiting for one. The terminal is as before when this is dropped.
+struct Keys {
+    input: Stdin,
+    before: Option<Termios>,
+}
+
+impl Keys {
+    fn open() -> Self {
+        let input = io::stdin();
+        let before = tcgetattr(&input).ok();
+        if let Some(before) = &before {
+            let mut raw = before.clone();
+            raw.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
+            let _kept = tcsetattr(&input, SetArg::TCSANOW, &raw);
+        }
+        Self { input, before }
+    }
+
+    fn next(&mut self) -> Option<u8> {
+        let mut polled = [PollFd::new(self.input.as_fd(), PollFlags::POLLIN)];
+        if poll(&mut polled, PollTimeout::ZERO) != Ok(1) {
+            return None;
+        }
+        let mut key = [0];
+        // A terminal that is gone ends the motion, as any other key does.
+        match nix::unistd::read(&self.input, &mut key) {
+            Ok(1) => Some(key[0]),
+            _ => Some(b'q'),
+        }
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        if let Some(before) = &self.before {
+            let _restored = tcsetattr(&self.input, SetArg::TCSANOW, before);
+        }
+        eprintln!();
+    }
+}

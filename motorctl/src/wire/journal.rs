@@ -1,0 +1,93 @@
+//! The journal of an application: what was written to a motor, on disk before the write is.
+
+use crate::wire::failure::WireFailure;
+use motord_commissioning::{Change, Confirmation, Event};
+use serde_json::{Value as Json, json};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// One JSON object a line, appended: `begin`, then `writing` and `written` of each item, then `end`.
+pub(crate) struct Journal {
+    path: PathBuf,
+    file: File,
+    last: Option<Json>,
+}
+
+impl Journal {
+    /// Opens the journal of `file`: `FILE.journal`, or `path`.
+    pub(crate) fn open(file: &Path, path: Option<&Path>) -> Result<Self, WireFailure> {
+        let path = path.map_or_else(
+            || {
+                let mut name = file.as_os_str().to_owned();
+                name.push(".journal");
+                PathBuf::from(name)
+            },
+            Path::to_owned,
+        );
+        let failed = |source| WireFailure::File { path: path.clone(), source };
+        let last = std::fs::read_to_string(&path).ok().and_then(|text| {
+            text.lines()
+                .last()
+                .map(|line| serde_json::from_str(line).unwrap_or_else(|_| json!({ "event": "cut line" })))
+        });
+        let file = OpenOptions::new().append(true).create(true).open(&path).map_err(failed)?;
+        Ok(Self { path, file, last })
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The last line of an earlier application that did not come to its end.
+    pub(crate) fn unfinished(&self) -> Option<String> {
+        let last = self.last.as_ref()?;
+        (last["event"] != "end").then(|| last.to_string())
+    }
+
+    pub(crate) fn begin(&mut self, motor: &str, changes: &[Change]) -> Result<(), WireFailure> {
+        let items: Vec<&str> = changes.iter().map(|change| change.item.name).collect();
+        self.append(json!({ "event": "begin", "motor": motor, "items": items }))
+    }
+
+    /// On disk before this returns.
+    pub(crate) fn note(&mut self, event: &Event) -> Result<(), WireFailure> {
+        let item = |event: &str, change: &Change| {
+            json!({
+                "event": event,
+                "item": change.item.name,
+                "from": change.from.as_f64(),
+                "to": change.to.as_f64(),
+            })
+        };
+        self.append(match event {
+            Event::Writing(change) => item("writing", change),
+            Event::Written(change, confirmation) => {
+                let mut line = item("written", change);
+                line["confirmed"] = match confirmation {
+                    Confirmation::ReadBack(_) => "read back",
+                    Confirmation::AnswersInMit => "answers in MIT",
+                    Confirmation::Unreachable => "out of reach until the bus has the new bit rate",
+                }
+                .into();
+                line
+            }
+            Event::Refreshing => json!({ "event": "refreshing" }),
+        })
+    }
+
+    pub(crate) fn end(&mut self, outcome: &str) -> Result<(), WireFailure> {
+        self.append(json!({ "event": "end", "outcome": outcome }))
+    }
+
+    fn append(&mut self, mut line: Json) -> Result<(), WireFailure> {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        line["unix_s"] = since.as_secs().into();
+        // A line that was cut off by a power cut ends here.
+        let start = if self.last.take().is_some_and(|last| last["event"] == "cut line") { "\n" } else { "" };
+        let text = format!("{start}{line}\n");
+        let written = self.file.write_all(text.as_bytes()).and_then(|()| self.file.sync_data());
+        written.map_err(|source| WireFailure::File { path: self.path.clone(), source })
+    }
+}

@@ -1,0 +1,246 @@
+//! `motorctl parameter` and `motorctl config get|set|list`: what a motor stores, item by item.
+
+use crate::json;
+use crate::table::{Cell, Palette, Table};
+use crate::wire::confirm::Confirm;
+use crate::wire::failure::WireFailure;
+use crate::wire::say;
+use crate::wire::target::{Target, number};
+use motord_commissioning::{Confirmation, Error, Native};
+use motord_protocol::gim::{
+    Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Refusal, Value,
+    ValueType,
+};
+use serde::Serialize;
+use std::io;
+
+/// Reads a parameter's name or number.
+pub(crate) fn parse_parameter(text: &str) -> Result<&'static Parameter, String> {
+    let by_number = || u8::try_from(number(text)?).ok().and_then(Parameter::by_id);
+    Parameter::by_name(text).or_else(by_number).ok_or_else(|| {
+        let names: Vec<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
+        format!("expected one of {}", names.join(", "))
+    })
+}
+
+/// Reads a configuration item's name.
+pub(crate) fn parse_item(text: &str) -> Result<&'static ConfigurationItem, String> {
+    ConfigurationItem::by_name(text).ok_or_else(|| {
+        let names: Vec<&str> = CONFIGURATION.iter().map(|item| item.name).collect();
+        format!("expected one of {}", names.join(", "))
+    })
+}
+
+/// Reads the value of an item: an integer, decimal or with 0x, or a float.
+pub(crate) fn parse_value(item: &ConfigurationItem, text: &str) -> Result<Value, String> {
+    let name = item.name;
+    match item.value_type {
+        ValueType::Integer => {
+            let hex = || i32::try_from(number(text).filter(|_| text.starts_with("0x"))?).ok();
+            let value = text.parse().ok().or_else(hex).map(Value::Integer);
+            value.ok_or_else(|| format!("{name} is an integer of 32 bits, not `{text}`"))
+        }
+        ValueType::Float => {
+            let value = text.parse().ok().and_then(Finite::new).map(Value::Float);
+            value.ok_or_else(|| format!("{name} is a finite number, not `{text}`"))
+        }
+    }
+}
+
+/// A value as text: every float survives.
+pub(crate) fn text(value: Value) -> String {
+    match value {
+        Value::Integer(value) => value.to_string(),
+        Value::Float(value) => value.get().to_string(),
+    }
+}
+
+/// `motorctl parameter get`: one, or all.
+pub(crate) fn get_parameter(
+    instance: &str,
+    target: &Target,
+    parameter: Option<&'static Parameter>,
+    as_json: bool,
+) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Stored {
+        name: &'static str,
+        value: u32,
+    }
+    let mut session = target.open_native(instance)?;
+    let mut motor = session.native();
+    let wanted = PARAMETERS.iter().filter(|row| parameter.is_none_or(|parameter| parameter.id == row.id));
+    let read = wanted.map(|row| Ok(Stored { name: row.name, value: motor.parameter(row.id)? }));
+    let stored = read.collect::<Result<Vec<_>, Error>>()?;
+    let out = &mut io::stdout().lock();
+    if as_json {
+        return Ok(json::write_line(out, &stored)?);
+    }
+    let mut table = Table::new(&["parameter", "value"]);
+    stored.iter().for_each(|row| table.row(vec![Cell::plain(row.name), Cell::plain(row.value)]));
+    Ok(table.write(out, Palette::of_stdout())?)
+}
+
+/// `motorctl parameter set`.
+pub(crate) fn set_parameter(
+    instance: &str,
+    target: &Target,
+    parameter: &'static Parameter,
+    value: u32,
+    confirm: Confirm,
+) -> Result<(), WireFailure> {
+    let mut session = target.open_native(instance)?;
+    let name = session.name();
+    let mut motor = session.native();
+    let before = motor.parameter(parameter.id)?;
+    confirm.ask(&format!(
+        "This changes {} of {name} from {before} to {value}, at once, until it is powered off. A gain that is too high makes \
+         the motor swing.",
+        parameter.name
+    ))?;
+    motor.set_parameter(parameter.id, value)?;
+    say(&format!("{name}: {} was {before}, reads {value} now", parameter.name))
+}
+
+#[derive(Serialize)]
+struct Row {
+    name: &'static str,
+    value: Option<serde_json::Value>,
+    refused: Option<String>,
+    unit: &'static str,
+    r#type: &'static str,
+    access: &'static str,
+    effective: &'static str,
+}
+
+impl Row {
+    fn new(item: &'static ConfigurationItem, read: Result<Value, Refusal>) -> Self {
+        Self {
+            name: item.name,
+            value: read.ok().map(|value| match value {
+                Value::Integer(value) => value.into(),
+                Value::Float(value) => value.get().into(),
+            }),
+            refused: read.err().map(|refusal| refusal.to_string()),
+            unit: item.unit,
+            r#type: if item.value_type == ValueType::Integer { "integer" } else { "float" },
+            access: if item.access == Access::ReadWrite { "read, write" } else { "read" },
+            effective: if item.effective == Effective::Immediately { "at once" } else { "after a reboot" },
+        }
+    }
+}
+
+/// An item as the motor tells it; a refusal is an answer, too.
+pub(crate) fn read(
+    motor: &mut Native<'_>,
+    item: &'static ConfigurationItem,
+) -> Result<Result<Value, Refusal>, Error> {
+    match motor.configuration(item.key()) {
+        Ok(value) => Ok(Ok(value)),
+        Err(Error::Refused { refusal, .. }) => Ok(Err(refusal)),
+        Err(error) => Err(error),
+    }
+}
+
+/// `motorctl config get` and `list`.
+pub(crate) fn get(
+    instance: &str,
+    target: &Target,
+    item: Option<&'static ConfigurationItem>,
+    as_json: bool,
+) -> Result<(), WireFailure> {
+    let mut session = target.open_native(instance)?;
+    let mut motor = session.native();
+    let mut rows = Vec::new();
+    for row in CONFIGURATION.iter().filter(|row| item.is_none_or(|item| item.key() == row.key())) {
+        rows.push(Row::new(row, read(&mut motor, row)?));
+    }
+    let out = &mut io::stdout().lock();
+    match (as_json, item) {
+        (true, Some(_)) => Ok(json::write_line(out, &rows.first())?),
+        (true, None) => Ok(json::write_line(out, &rows)?),
+        (false, _) => {
+            let mut table = Table::new(&["item", "value", "unit", "type", "access", "effective"]);
+            for row in rows {
+                let value = row.value.map(|value| value.to_string()).or(row.refused).unwrap_or_default();
+                let cells = [
+                    row.name.to_owned(),
+                    value,
+                    row.unit.into(),
+                    row.r#type.into(),
+                    row.access.into(),
+                    row.effective.into(),
+                ];
+                table.row(cells.map(Cell::plain).into());
+            }
+            Ok(table.write(out, Palette::of_stdout())?)
+        }
+    }
+}
+
+/// `motorctl config set`.
+pub(crate) fn set(
+    instance: &str,
+    target: &Target,
+    item: &'static ConfigurationItem,
+    value: &str,
+    confirm: Confirm,
+) -> Result<(), WireFailure> {
+    let value = parse_value(item, value).map_err(WireFailure::Usage)?;
+    if item.access == Access::ReadOnly {
+        let usage = format!("{} can only be read (GIM document, Table 7)", item.name);
+        return Err(WireFailure::Usage(usage));
+    }
+    let mut session = target.open_native(instance)?;
+    let name = session.name();
+    let mut motor = session.native();
+    let before = motor.configuration(item.key())?;
+    confirm.ask(&format!(
+        "This permanently changes {} of {name} from {} to {} {}.{}",
+        item.name,
+        text(before),
+        text(value),
+        item.unit,
+        warning(item)
+    ))?;
+    let confirmation = motor.set_configuration(item, value)?;
+    say(&format!("{name}: {} was {}, {}{}", item.name, text(before), outcome_of(confirmation), when(item)))
+}
+
+/// The consequence of an item that changes more than itself.
+fn warning(item: &ConfigurationItem) -> &'static str {
+    match item.name {
+        "can-id" | "host-id" => {
+            "\nThe motor answers under the new id from then on: no other motor of the bus may have it."
+        }
+        "can-baud-rate" => {
+            "\nOver CAN it is out of reach until the bus has the new rate. No document gives the unit."
+        }
+        "can-protocol" => {
+            "\nOver CAN there is no way back from MIT: only a serial port (RS485, RS232) changes it again."
+        }
+        "zero-position" => {
+            "\nThe motor reports another position then: `motorctl zero` checks that, this does not."
+        }
+        _ => "",
+    }
+}
+
+/// How a write was confirmed, as the end of a sentence.
+pub(crate) fn outcome_of(confirmation: Confirmation) -> String {
+    match confirmation {
+        Confirmation::ReadBack(value) => format!("reads {} now", text(value)),
+        Confirmation::AnswersInMit => "the motor answers in MIT now".to_owned(),
+        Confirmation::Unreachable => {
+            "written; the motor is out of reach until this bus has its bit rate, too: then read it back"
+                .to_owned()
+        }
+    }
+}
+
+pub(crate) fn when(item: &ConfigurationItem) -> &'static str {
+    match item.effective {
+        Effective::Immediately => "",
+        Effective::AfterReboot => "; effective after the motor was powered off and on",
+    }
+}

@@ -1,0 +1,354 @@
+//! The commands that go to the wire, without a daemon. They take the lock of the bus, which a daemon holds as long as it runs.
+
+mod address;
+mod confirm;
+mod failure;
+mod file;
+mod find;
+mod jog;
+mod journal;
+mod memory;
+mod motion;
+mod service;
+mod status;
+mod target;
+mod zero;
+
+pub(crate) use confirm::Confirm;
+pub(crate) use failure::WireFailure;
+pub(crate) use status::clear_fault;
+pub(crate) use target::Target;
+pub(crate) use zero::{Arguments as Zero, run as zero};
+
+use clap::{Args, Subcommand};
+use motion::{Bounds, Goal, finite};
+use motord_protocol::gim::{ConfigurationItem, Parameter};
+use std::io::{self, Write};
+use std::path::PathBuf;
+use target::Protocol;
+
+/// The commands on a bus.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Find the motors of one or several buses, without moving one.
+    ///
+    /// Motors in MIT mode stop. Nothing is sent that moves a motor or changes one, whatever protocol it speaks. Motors that have
+    /// no power, another bit rate, or a fault are silent. Not for a bus on which another program drives motors.
+    #[command(
+        after_help = "Examples:\n  motorctl scan --bus can0\n  motorctl scan --bus can0 --ids 1-32 --json | jq '.motors | length'"
+    )]
+    Scan(find::Arguments),
+    /// Ask one motor for an answer: whether, how, and how fast it answers.
+    #[command(
+        after_help = "Examples:\n  motorctl ping --bus can0 --id 3\n  motorctl ping --bus /dev/ttyUSB0 --id 3 --json | jq .answer_us"
+    )]
+    Ping {
+        #[command(flatten)]
+        target: Target,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Show or change a motor's id, host id, bit rate and protocol.
+    ///
+    /// Connect the motor alone: every motor with the old id would change. Each change is read back under the new address.
+    #[command(
+        after_help = "Examples:\n  motorctl id --bus can0 --id 3\n  motorctl id --bus can0 --id 3 --set-id 5 --set-host-id 0x105 --yes"
+    )]
+    Id(address::Arguments),
+    /// Show the version of a motor's firmware.
+    #[command(after_help = "Example:\n  motorctl version --bus can0 --id 3")]
+    Version {
+        #[command(flatten)]
+        target: Target,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Start a motor: it is energised, and follows the next control command.
+    #[command(after_help = "Example:\n  motorctl start --bus can0 --id 3 --yes")]
+    Start {
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+    /// Stop a motor: it is limp then.
+    #[command(
+        after_help = "Examples:\n  motorctl stop --bus can0 --id 3\n  motorctl stop --bus can0 --id 3 --control"
+    )]
+    Stop {
+        #[command(flatten)]
+        target: Target,
+        /// End only the control command that is being executed; the motor stays started.
+        #[arg(long)]
+        control: bool,
+    },
+    /// Hold a torque for some time, then stop.
+    ///
+    /// The motor's own torque constant and gear ratio turn the torque into a current: compare them with its data sheet first
+    /// (`motorctl config list`). The motor is stopped at the end, at Ctrl-C, and beyond a bound.
+    #[command(
+        after_help = "Example:\n  motorctl torque 0.3 --seconds 0.5 --max-travel-rad 3 --max-rad-s 30 --bus can0 --id 3 --yes"
+    )]
+    Torque {
+        /// Torque at the output shaft, N·m.
+        #[arg(value_name = "NM", value_parser = finite, allow_negative_numbers = true)]
+        torque: f64,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        bounds: Bounds,
+    },
+    /// Hold a speed for some time, then stop.
+    #[command(after_help = "Example:\n  motorctl speed 0.5 --seconds 0.5 --bus can0 --id 3 --yes")]
+    Speed {
+        /// Speed of the output shaft, rad/s.
+        #[arg(value_name = "RAD/S", value_parser = finite, allow_negative_numbers = true)]
+        speed: f64,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        bounds: Bounds,
+    },
+    /// Go to a position, hold it for some time, then stop.
+    #[command(after_help = "Example:\n  motorctl position 0.2 --seconds 1 --bus can0 --id 3 --yes")]
+    Position {
+        /// Position of the output shaft, rad, as the motor counts it.
+        #[arg(value_name = "RAD", value_parser = finite, allow_negative_numbers = true)]
+        position: f64,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        bounds: Bounds,
+    },
+    /// PTS control, which no driver supports: refused in the words of the vendor's document.
+    #[command(hide = true)]
+    Pts,
+    /// Move a joint slowly and softly while a key is held.
+    #[command(
+        after_help = "Examples:\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --yes\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --backward --rad-s 0.1 --yes"
+    )]
+    Jog(jog::Arguments),
+    /// Read what a motor measures: voltages, currents, temperatures, angles, power.
+    #[command(
+        after_help = "Examples:\n  motorctl indicator --bus can0 --id 3\n  motorctl indicator bus-voltage iq --bus can0 --id 3 --json | jq '.[0].value'"
+    )]
+    Indicator(status::Indicators),
+    /// The gains of the running control loops, until the motor is powered off.
+    #[command(subcommand)]
+    Parameter(ParameterCommand),
+    /// The stored configuration of a motor.
+    #[command(subcommand)]
+    Config(ConfigCommand),
+    /// Change the protocol that a motor speaks over CAN.
+    ///
+    /// Over CAN there is no way back from MIT: the serial port (RS485, RS232) stays native, and changes it again.
+    #[command(
+        after_help = "Examples:\n  motorctl protocol mit --bus can0 --id 3 --yes\n  motorctl protocol gim --bus /dev/ttyUSB0 --id 3 --yes"
+    )]
+    Protocol {
+        /// The new protocol.
+        #[arg(value_name = "PROTOCOL")]
+        to: Protocol,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+    /// Calibrate the phase order or the encoder of a motor: its shaft turns by itself.
+    #[command(after_help = "Example:\n  motorctl calibrate encoder --bus can0 --id 3 --yes")]
+    Calibrate {
+        /// The part that is calibrated.
+        what: service::Kind,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+    /// Put a motor into firmware mode, for the vendor's tool: it leaves the bus.
+    #[command(after_help = "Example:\n  motorctl firmware-mode --bus can0 --id 3 --repeat-id 3 --yes")]
+    FirmwareMode(service::Firmware),
+}
+
+/// `motorctl parameter`.
+#[derive(Debug, Subcommand)]
+pub(crate) enum ParameterCommand {
+    /// Read one parameter, or all.
+    #[command(after_help = "Example:\n  motorctl parameter get --bus can0 --id 3 --json | jq '.[0].value'")]
+    Get {
+        /// Its name or number.
+        #[arg(value_name = "NAME", value_parser = memory::parse_parameter)]
+        parameter: Option<&'static Parameter>,
+        #[command(flatten)]
+        target: Target,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Change a parameter, and read it back. No document gives a unit: change it a little.
+    #[command(after_help = "Example:\n  motorctl parameter set position-kp 110 --bus can0 --id 3 --yes")]
+    Set {
+        /// Its name or number.
+        #[arg(value_name = "NAME", value_parser = memory::parse_parameter)]
+        parameter: &'static Parameter,
+        /// The new value, 0 to 4294967295.
+        value: u32,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+}
+
+/// `motorctl config`.
+#[derive(Debug, Subcommand)]
+pub(crate) enum ConfigCommand {
+    /// Read one item.
+    #[command(
+        after_help = "Example:\n  motorctl config get torque-constant --bus can0 --id 3 --json | jq .value"
+    )]
+    Get {
+        /// Its name: `motorctl config list` shows them.
+        #[arg(value_name = "NAME", value_parser = memory::parse_item)]
+        item: &'static ConfigurationItem,
+        #[command(flatten)]
+        output: Reading,
+    },
+    /// Read all items.
+    #[command(after_help = "Example:\n  motorctl config list --bus can0 --id 3")]
+    List(Reading),
+    /// Change one item, and read it back.
+    #[command(after_help = "Example:\n  motorctl config set over-voltage 52 --bus can0 --id 3 --yes")]
+    Set {
+        /// Its name.
+        #[arg(value_name = "NAME", value_parser = memory::parse_item)]
+        item: &'static ConfigurationItem,
+        /// The new value.
+        #[arg(allow_hyphen_values = true)]
+        value: String,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+    /// Write all items to a file.
+    #[command(after_help = "Example:\n  motorctl config dump knee.toml --force --bus can0 --id 3")]
+    Dump {
+        /// The file; standard output without it.
+        file: Option<PathBuf>,
+        /// Replace a file that exists.
+        #[arg(long)]
+        force: bool,
+        #[command(flatten)]
+        target: Target,
+    },
+    /// Compare a motor with a file. Exit status 1: they differ.
+    #[command(
+        after_help = "Example:\n  motorctl config dump knee.toml --force --bus can0 --id 3 && \\\n    motorctl config diff knee.toml --bus can0 --id 3"
+    )]
+    Diff {
+        /// The file of `motorctl config dump`.
+        file: PathBuf,
+        #[command(flatten)]
+        output: Reading,
+    },
+    /// Write what differs from a file, item by item, each read back. It stops at the first refusal.
+    #[command(
+        after_help = "Example:\n  motorctl config dump knee.toml --force --bus can0 --id 3 && \\\n    motorctl config apply knee.toml --bus can0 --id 3 --yes"
+    )]
+    Apply {
+        /// The file of `motorctl config dump`.
+        file: PathBuf,
+        /// The journal: each write is in it before it is sent. Default: the file's name with .journal.
+        #[arg(long, value_name = "FILE")]
+        journal: Option<PathBuf>,
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+    /// Give every item the driver's default. Connect the motor alone.
+    #[command(after_help = "Example:\n  motorctl config reset --bus can0 --id 3 --yes")]
+    Reset {
+        #[command(flatten)]
+        target: Target,
+        #[command(flatten)]
+        confirm: Confirm,
+    },
+}
+
+/// A motor that is only read.
+#[derive(Debug, Args)]
+pub(crate) struct Reading {
+    #[command(flatten)]
+    target: Target,
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// `motorctl fault get`.
+pub(crate) fn get_fault(instance: &str, reading: &Reading) -> Result<(), WireFailure> {
+    status::fault(instance, &reading.target, reading.json)
+}
+
+/// Runs a command on the bus. Locks lie in the runtime directory of `instance`.
+pub(crate) fn run(instance: &str, command: Command) -> Result<(), WireFailure> {
+    match command {
+        Command::Scan(arguments) => find::run(instance, &arguments),
+        Command::Ping { target, json } => find::ping(instance, &target, json),
+        Command::Id(arguments) => address::run(instance, &arguments),
+        Command::Version { target, json } => status::version(instance, &target, json),
+        Command::Start { target, confirm } => status::start(instance, &target, confirm),
+        Command::Stop { target, control } => status::stop(instance, &target, control),
+        Command::Torque { torque, target, bounds } => {
+            motion::run(instance, &target, Goal::Torque(torque), &bounds)
+        }
+        Command::Speed { speed, target, bounds } => {
+            motion::run(instance, &target, Goal::Speed(speed), &bounds)
+        }
+        Command::Position { position, target, bounds } => {
+            motion::run(instance, &target, Goal::Position(position), &bounds)
+        }
+        Command::Pts => service::pts(),
+        Command::Jog(arguments) => jog::run(instance, &arguments),
+        Command::Indicator(arguments) => status::indicators(instance, &arguments),
+        Command::Parameter(command) => parameter(instance, command),
+        Command::Config(command) => config(instance, command),
+        Command::Protocol { to, target, confirm } => address::protocol(instance, &target, to, confirm),
+        Command::Calibrate { what, target, confirm } => service::calibrate(instance, &target, what, confirm),
+        Command::FirmwareMode(arguments) => service::firmware_mode(instance, &arguments),
+    }
+}
+
+fn parameter(instance: &str, command: ParameterCommand) -> Result<(), WireFailure> {
+    match command {
+        ParameterCommand::Get { parameter, target, json } => {
+            memory::get_parameter(instance, &target, parameter, json)
+        }
+        ParameterCommand::Set { parameter, value, target, confirm } => {
+            memory::set_parameter(instance, &target, parameter, value, confirm)
+        }
+    }
+}
+
+fn config(instance: &str, command: ConfigCommand) -> Result<(), WireFailure> {
+    match command {
+        ConfigCommand::Get { item, output } => memory::get(instance, &output.target, Some(item), output.json),
+        ConfigCommand::List(output) => memory::get(instance, &output.target, None, output.json),
+        ConfigCommand::Set { item, value, target, confirm } => {
+            memory::set(instance, &target, item, &value, confirm)
+        }
+        ConfigCommand::Dump { file, force, target } => file::dump(instance, &target, file.as_deref(), force),
+        ConfigCommand::Diff { file, output } => file::diff(instance, &output.target, &file, output.json),
+        ConfigCommand::Apply { file, journal, target, confirm } => {
+            file::apply(instance, &target, &file, journal.as_deref(), confirm)
+        }
+        ConfigCommand::Reset { target, confirm } => file::reset(instance, &target, confirm),
+    }
+}
+
+fn say(sentence: &str) -> Result<(), WireFailure> {
+    Ok(writeln!(io::stdout(), "{sentence}")?)
+}

@@ -1,0 +1,82 @@
+//! `motorctl calibrate` and `motorctl firmware-mode`.
+
+use crate::interrupt::Interrupt;
+use crate::wire::confirm::Confirm;
+use crate::wire::failure::WireFailure;
+use crate::wire::say;
+use crate::wire::target::{Target, parse_id};
+use motord_commissioning::CALIBRATION_MAX;
+use motord_protocol::gim::Calibration;
+
+/// What is calibrated (GIM document, Table 11).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Kind {
+    /// The order of the phases.
+    Phase,
+    /// The encoder.
+    Encoder,
+}
+
+/// `motorctl calibrate`.
+pub(crate) fn calibrate(
+    instance: &str,
+    target: &Target,
+    kind: Kind,
+    confirm: Confirm,
+) -> Result<(), WireFailure> {
+    let mut session = target.open_native(instance)?;
+    let name = session.name();
+    let (what, calibration) = match kind {
+        Kind::Phase => ("the phase order", Calibration::PHASE_ORDER),
+        Kind::Encoder => ("the encoder", Calibration::ENCODER),
+    };
+    confirm.ask(&format!(
+        "This calibrates {what} of {name}. The shaft turns by itself, for up to {} s, and the result replaces the present \
+         calibration. Take the load off, and make sure that the shaft is clear.",
+        CALIBRATION_MAX.as_secs()
+    ))?;
+    let interrupt = Interrupt::register();
+    let calibrated = session.native().calibrate(calibration, &mut |elapsed| {
+        eprint!("\r{:3} s of at most {} s", elapsed.as_secs(), CALIBRATION_MAX.as_secs());
+        !interrupt.came()
+    });
+    eprintln!();
+    calibrated?;
+    say(&format!("{name}: {what} calibrated"))
+}
+
+/// The consent to firmware mode.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Firmware {
+    #[command(flatten)]
+    target: Target,
+    /// The id of the motor once more: a motor in firmware mode cannot be used without the vendor's tool.
+    #[arg(long, value_name = "ID", value_parser = parse_id, required = true)]
+    repeat_id: u8,
+    #[command(flatten)]
+    confirm: Confirm,
+}
+
+/// `motorctl firmware-mode`.
+pub(crate) fn firmware_mode(instance: &str, arguments: &Firmware) -> Result<(), WireFailure> {
+    if arguments.target.id.is_some_and(|id| id != arguments.repeat_id) {
+        return Err(WireFailure::Usage("--repeat-id is not the id of the motor".to_owned()));
+    }
+    let mut session = arguments.target.open_native(instance)?;
+    if session.id != arguments.repeat_id {
+        return Err(session.unfit("--repeat-id is another id"));
+    }
+    let name = session.name();
+    arguments.confirm.ask(&format!(
+        "This puts {name} into firmware mode. It leaves the bus, answers nothing, and needs the vendor's tool; whether a power \
+         cycle brings it back is in no document."
+    ))?;
+    session.native().enter_firmware_mode()?;
+    say(&format!("{name}: in firmware mode; it answers nothing now"))
+}
+
+/// `motorctl pts`: the document lists the command and says that it is not supported.
+pub(crate) fn pts() -> Result<(), WireFailure> {
+    let reason = "PTS (position/torque/speed) control: \"Not supported.\" (GIM document 3.2.10); nothing was sent. Use torque, speed or position";
+    Err(WireFailure::Usage(reason.to_owned()))
+}

@@ -1,0 +1,187 @@
+//! `motorctl version`, `fault` and `indicator` on the bus.
+
+use crate::interrupt::Interrupt;
+use crate::json;
+use crate::table::{Cell, Palette, Table};
+use crate::wire::confirm::Confirm;
+use crate::wire::failure::WireFailure;
+use crate::wire::say;
+use crate::wire::target::{Protocol, Session, Target};
+use motord_commissioning::Error;
+use motord_protocol::Faults;
+use motord_protocol::gim::{INDICATORS, Indicator};
+use serde::Serialize;
+use std::io;
+use std::time::{Duration, Instant};
+
+/// `motorctl version`.
+pub(crate) fn version(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Version {
+        id: u8,
+        version: u32,
+    }
+    let mut session = target.open_native(instance)?;
+    let version = session.native().version()?;
+    if as_json {
+        return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
+    }
+    say(&format!("{}: firmware version {version} ({version:#010X})", session.name()))
+}
+
+/// `motorctl fault get`.
+pub(crate) fn fault(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Named {
+        name: &'static str,
+        meaning: &'static str,
+    }
+    #[derive(Serialize)]
+    struct Report {
+        id: u8,
+        bits: u32,
+        faults: Vec<Named>,
+        unknown_bits: u32,
+    }
+    let mut session = target.open(instance)?;
+    let faults = read_faults(&mut session)?;
+    let named = |fault: &motord_protocol::fault::Fault| Named { name: fault.name, meaning: fault.sentence };
+    if as_json {
+        let report = Report {
+            id: session.id,
+            bits: faults.0,
+            faults: faults.named().map(named).collect(),
+            unknown_bits: faults.unknown(),
+        };
+        return Ok(json::write_line(&mut io::stdout().lock(), &report)?);
+    }
+    if faults.is_none() {
+        return say(&format!("{}: no fault", session.name()));
+    }
+    for fault in faults.named() {
+        say(&format!("{}: {}: {}", session.name(), fault.name, fault.sentence))?;
+    }
+    match faults.unknown() {
+        0 => Ok(()),
+        bits => say(&format!("{}: fault bits {bits:#04X}, which are in no document", session.name())),
+    }
+}
+
+fn read_faults(session: &mut Session) -> Result<Faults, Error> {
+    match session.protocol {
+        Protocol::Mit => session.mit().fault(),
+        Protocol::Gim => Ok(session.native().fault()?.faults()),
+    }
+}
+
+/// `motorctl fault clear --bus`: clears, and reads again.
+pub(crate) fn clear_fault(instance: &str, target: &Target) -> Result<(), WireFailure> {
+    let mut session = target.open(instance)?;
+    let cleared = match session.protocol {
+        Protocol::Mit => session.mit().clear_fault(),
+        Protocol::Gim => session.native().acknowledge_fault(),
+    };
+    cleared?;
+    let left = read_faults(&mut session)?;
+    if left.is_none() {
+        return say(&format!("{}: the fault is cleared", session.name()));
+    }
+    let names: Vec<&str> = left.named().map(|fault| fault.name).collect();
+    let reason =
+        format!("the fault came back, its cause remains: {} (bits {:#04X})", names.join(", "), left.0);
+    Err(session.unfit(&reason))
+}
+
+/// `motorctl start`: enters the running state, without a command to follow.
+pub(crate) fn start(instance: &str, target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
+    let mut session = target.open_native(instance)?;
+    confirm.ask(&format!(
+        "This starts {}: it is energised then, and follows the next control command.",
+        session.name()
+    ))?;
+    session.native().start()?;
+    say(&format!("{}: started; `motorctl stop` stops it", session.name()))
+}
+
+/// `motorctl stop`: leaves the running state. With `control_only`, only the command that is being executed ends.
+pub(crate) fn stop(instance: &str, target: &Target, control_only: bool) -> Result<(), WireFailure> {
+    let mut session = target.open(instance)?;
+    let done = match (session.protocol, control_only) {
+        (Protocol::Mit, true) => {
+            return Err(session.unfit("MIT has no such command: leave --control out"));
+        }
+        (Protocol::Mit, false) => session.mit().stop().map(drop),
+        (Protocol::Gim, true) => session.native().stop_control(),
+        (Protocol::Gim, false) => session.native().stop(),
+    };
+    done?;
+    say(&format!(
+        "{}: {}",
+        session.name(),
+        if control_only { "the control command ended" } else { "stopped" }
+    ))
+}
+
+/// Which indicators, and how often.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Indicators {
+    /// The indicator, by its name or number. The default is all of them.
+    #[arg(value_name = "NAME", value_parser = parse_indicator)]
+    indicators: Vec<&'static Indicator>,
+    #[command(flatten)]
+    target: Target,
+    /// Read again every second until Ctrl-C.
+    #[arg(long)]
+    watch: bool,
+    /// Print one JSON object for each reading.
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
+    let by_number = || u8::try_from(super::target::number(text)?).ok().and_then(Indicator::by_id);
+    Indicator::by_name(text).or_else(by_number).ok_or_else(|| {
+        let names: Vec<&str> = INDICATORS.iter().map(|indicator| indicator.name).collect();
+        format!("expected one of {}", names.join(", "))
+    })
+}
+
+/// `motorctl indicator`.
+pub(crate) fn indicators(instance: &str, arguments: &Indicators) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Reading {
+        name: &'static str,
+        value: f32,
+        unit: &'static str,
+    }
+    let interrupt = Interrupt::register();
+    let mut session = arguments.target.open_native(instance)?;
+    let wanted: Vec<&Indicator> = match &arguments.indicators[..] {
+        [] => INDICATORS.iter().collect(),
+        wanted => wanted.to_vec(),
+    };
+    loop {
+        let mut motor = session.native();
+        let read = wanted.iter().map(|indicator| {
+            let value = motor.indicator(indicator.id)?;
+            Ok(Reading { name: indicator.name, value, unit: indicator.unit })
+        });
+        let readings = read.collect::<Result<Vec<_>, Error>>()?;
+        let out = &mut io::stdout().lock();
+        if arguments.json {
+            json::write_line(out, &readings)?;
+        } else {
+            let mut table = Table::new(&["indicator", "value", "unit"]);
+            for Reading { name, value, unit } in readings {
+                table.row(vec![Cell::plain(name), Cell::number(Some(value.into()), 3), Cell::plain(unit)]);
+            }
+            table.write(out, Palette::of_stdout())?;
+        }
+        if arguments.watch {
+            interrupt.pause_until(Instant::now() + Duration::from_secs(1));
+        }
+        if !arguments.watch || interrupt.came() {
+            return Ok(());
+        }
+    }
+}

@@ -1,0 +1,294 @@
+//! The motor that a command is for, and the way to it.
+
+use crate::wire::failure::WireFailure;
+use motord_bus::serial::{self, SerialBus};
+use motord_bus::socketcan::{InterfaceName, SocketCanBus};
+use motord_bus::{BusLock, Duration, FrameId};
+use motord_commissioning::{Family, Found, Link, MachineTime, Mit, Native, Wire, answers, identify};
+use motord_configuration as config;
+use motord_core::settings::{BusKind, MotorProtocol, MotorSettings};
+use motord_protocol::Scales;
+use std::fs::DirBuilder;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+/// Bit/s of a serial line (GIM document, Table 1).
+pub(crate) const BAUD: u32 = 921_600;
+/// A serial request that is older has no answer any more.
+const REPLY_TIMEOUT: Duration = Duration::from_millis(50);
+
+/// A protocol, as it is named on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum Protocol {
+    /// The MIT protocol, on CAN only.
+    Mit,
+    /// The native GIM protocol.
+    Gim,
+}
+
+/// The bus that a command uses, without a daemon.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Line {
+    /// CAN interface (can0) or serial device (/dev/ttyUSB0) of the motor: the command goes to the wire, without a daemon.
+    #[arg(long, value_name = "BUS")]
+    pub(crate) bus: Option<String>,
+    /// Bit/s of a serial device.
+    #[arg(long, value_name = "BIT/S", default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) baud: u32,
+}
+
+/// A motor on a bus, without a daemon.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Target {
+    #[command(flatten)]
+    pub(crate) line: Line,
+    /// The motor's id, 1 to 254.
+    #[arg(long, value_name = "ID", value_parser = parse_id)]
+    pub(crate) id: Option<u8>,
+    /// The id that the motor's answers bear. Without it, the answer tells.
+    #[arg(long, value_name = "ID", value_parser = parse_host_id)]
+    pub(crate) host_id: Option<FrameId>,
+    /// The motor's protocol. Without it, the motor is asked, and one that is in MIT mode stops.
+    #[arg(long, value_name = "PROTOCOL")]
+    pub(crate) protocol: Option<Protocol>,
+    /// A configuration of motord that says where the motor is: with --joint, instead of --bus and --id.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["bus", "id"])]
+    pub(crate) config: Option<PathBuf>,
+    /// The motor's name in the configuration.
+    #[arg(long, value_name = "NAME", requires = "config")]
+    pub(crate) joint: Option<String>,
+}
+
+/// Reads an id, decimal or with 0x.
+///
+/// # Errors
+///
+/// A sentence.
+pub(crate) fn parse_id(text: &str) -> Result<u8, String> {
+    match number(text) {
+        Some(id @ 1..=254) => Ok(id as u8),
+        _ => Err("expected 1 to 254".to_owned()),
+    }
+}
+
+/// Reads a host id, decimal or with 0x.
+///
+/// # Errors
+///
+/// A sentence.
+pub(crate) fn parse_host_id(text: &str) -> Result<FrameId, String> {
+    let id = number(text).and_then(|raw| u16::try_from(raw).ok()).and_then(FrameId::new);
+    id.ok_or_else(|| "expected 0 to 0x7FF".to_owned())
+}
+
+pub(crate) fn number(text: &str) -> Option<u32> {
+    match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(hex) => u32::from_str_radix(hex, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+/// A bus that is open and locked.
+pub(crate) struct OpenLine {
+    /// As on the command line.
+    pub(crate) name: String,
+    pub(crate) link: Link,
+    /// Of the CAN interface; `None` where it has none.
+    pub(crate) bitrate: Option<u32>,
+    _lock: BusLock,
+}
+
+/// Opens and locks the bus `name`.
+///
+/// # Errors
+///
+/// Why it cannot be used.
+pub(crate) fn open(instance: &str, name: &str, baud: u32) -> Result<OpenLine, WireFailure> {
+    if name.contains('/') {
+        return open_serial(instance, name, baud);
+    }
+    let interface: InterfaceName = name.parse().map_err(|_| {
+        WireFailure::Usage(format!(
+            "`{name}` is neither a CAN interface, as `ip link` lists them, nor the path of a device"
+        ))
+    })?;
+    let lock = BusLock::interface(&lock_directory(instance)?, interface)?;
+    let bus = SocketCanBus::open_as_is(interface)?;
+    let bitrate = bus.link().bitrate;
+    Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, MachineTime), bitrate, _lock: lock })
+}
+
+fn open_serial(instance: &str, device: &str, baud: u32) -> Result<OpenLine, WireFailure> {
+    let lock = BusLock::device(&lock_directory(instance)?, device)?;
+    let settings = serial::Settings {
+        device: device.to_owned(),
+        baud,
+        addresses: Vec::new(),
+        reply_timeout: REPLY_TIMEOUT,
+        answers,
+    };
+    let link = Link::serial(SerialBus::open(&settings)?, MachineTime);
+    Ok(OpenLine { name: device.to_owned(), link, bitrate: None, _lock: lock })
+}
+
+/// The directory of the daemon's locks; made when no daemon ever ran.
+fn lock_directory(instance: &str) -> Result<PathBuf, WireFailure> {
+    let directory =
+        motord_client::runtime_directory(instance).map_err(|error| WireFailure::Usage(error.to_string()))?;
+    let made = DirBuilder::new().recursive(true).mode(0o700).create(&directory);
+    made.map_err(|source| WireFailure::File { path: directory.clone(), source })?;
+    Ok(directory)
+}
+
+/// A motor that answered, or whose protocol was given.
+pub(crate) struct Session {
+    pub(crate) line: OpenLine,
+    pub(crate) id: u8,
+    pub(crate) host_id: Option<FrameId>,
+    pub(crate) protocol: Protocol,
+    /// Its settings, when a configuration named it.
+    pub(crate) settings: Option<MotorSettings>,
+}
+
+impl Target {
+    /// The command is for the wire, not for a daemon.
+    pub(crate) fn is_given(&self) -> bool {
+        self.line.bus.is_some() || self.config.is_some()
+    }
+
+    /// Opens the bus, and finds the motor and its protocol.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be reached.
+    pub(crate) fn open(&self, instance: &str) -> Result<Session, WireFailure> {
+        let place = self.place()?;
+        let line = open(instance, &place.bus, place.baud)?;
+        let Place { id, host_id, settings, .. } = place;
+        let mut session =
+            Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
+        match (self.protocol, session.line.link.wire()) {
+            (Some(Protocol::Mit), Wire::Serial) => {
+                Err(session.unfit("a serial line is always native: leave --protocol mit out"))
+            }
+            (Some(_), _) => Ok(session),
+            (None, _) => session.identify().map(|()| session),
+        }
+    }
+
+    /// As [`open`](Self::open), for a command that only the native protocol has.
+    ///
+    /// # Errors
+    ///
+    /// Why it cannot be reached, or that it speaks MIT.
+    pub(crate) fn open_native(&self, instance: &str) -> Result<Session, WireFailure> {
+        let session = self.open(instance)?;
+        if session.protocol == Protocol::Mit {
+            return Err(session.unfit(
+                "it speaks MIT over CAN, which has no such command: use its serial port (RS485 or RS232), where it is native",
+            ));
+        }
+        Ok(session)
+    }
+
+    fn place(&self) -> Result<Place, WireFailure> {
+        match (&self.line.bus, self.id, &self.config, &self.joint) {
+            (Some(bus), Some(id), None, _) => {
+                let (bus, baud) = (bus.clone(), self.line.baud);
+                Ok(Place { bus, baud, id, host_id: self.host_id, settings: None })
+            }
+            (None, None, Some(file), Some(joint)) => self.configured(file, joint),
+            _ => {
+                Err(WireFailure::Usage("name the motor: --bus and --id, or --config and --joint".to_owned()))
+            }
+        }
+    }
+
+    fn configured(&self, file: &Path, joint: &str) -> Result<Place, WireFailure> {
+        let settings = config::load(file)?.settings;
+        let motor = settings.motors.iter().find(|motor| motor.name == joint);
+        let motor = motor
+            .ok_or_else(|| WireFailure::Usage(format!("{}: there is no motor {joint}", file.display())))?;
+        let (bus, baud) = match &settings.buses[motor.bus].kind {
+            BusKind::SocketCan { interface, .. } => (interface.clone(), BAUD),
+            BusKind::Serial { device, baud, .. } => (device.clone(), *baud),
+            BusKind::Simulated { .. } => {
+                return Err(WireFailure::Usage(format!(
+                    "{joint} is simulated inside of the daemon: it has no wire"
+                )));
+            }
+        };
+        let settings = Some(motor.clone());
+        Ok(Place { bus, baud, id: motor.id, host_id: self.host_id.or(Some(motor.host_id)), settings })
+    }
+}
+
+/// Where a motor is.
+struct Place {
+    bus: String,
+    baud: u32,
+    id: u8,
+    host_id: Option<FrameId>,
+    settings: Option<MotorSettings>,
+}
+
+impl Session {
+    /// The motor, in the native protocol.
+    pub(crate) fn native(&mut self) -> Native<'_> {
+        Native::new(&mut self.line.link, self.id, self.host_id)
+    }
+
+    /// The motor, in MIT. Without a configuration the vendor is SteadyWin, and torques are fractions of the full scale.
+    pub(crate) fn mit(&mut self) -> Mit<'_> {
+        let (scales, profile) = match &self.settings {
+            Some(settings) => (settings.scales, settings.profile),
+            None => (Scales::fixed(12.5, 65.0, 1.0), &motord_protocol::profile::STEADYWIN),
+        };
+        Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
+    }
+
+    /// The motor in words.
+    pub(crate) fn name(&self) -> String {
+        match &self.settings {
+            Some(settings) => format!("{} (motor {} on {})", settings.name, self.id, self.line.name),
+            None => format!("motor {} on {}", self.id, self.line.name),
+        }
+    }
+
+    pub(crate) fn unfit(&self, reason: &str) -> WireFailure {
+        WireFailure::Unfit { id: self.id, reason: reason.to_owned() }
+    }
+
+    fn identify(&mut self) -> Result<(), WireFailure> {
+        let Found { host_id, family, .. } = identify(&mut self.line.link, self.id)?
+            .ok_or_else(|| WireFailure::NoMotor { id: self.id, bus: self.line.name.clone() })?;
+        self.protocol = match family {
+            Family::Native => Protocol::Gim,
+            Family::Mit => Protocol::Mit,
+            Family::OtherMit { .. } if self.settings.is_some() => Protocol::Mit,
+            Family::OtherMit { .. } | Family::Unknown { .. } => return Err(self.unfit(family.describe())),
+        };
+        if self.line.link.wire() == Wire::Can {
+            let expected = self.host_id.or(host_id);
+            if expected != host_id {
+                let raw = |id: Option<FrameId>| id.map_or(0, FrameId::raw);
+                let reason = format!("its answers bear {:#05X}, not {:#05X}", raw(host_id), raw(expected));
+                return Err(self.unfit(&reason));
+            }
+        }
+        self.host_id = host_id;
+        match &self.settings {
+            Some(settings)
+                if !matches!(
+                    (settings.protocol, self.protocol),
+                    (MotorProtocol::Mit, Protocol::Mit) | (MotorProtocol::Gim, Protocol::Gim)
+                ) && self.line.link.wire() == Wire::Can =>
+            {
+                let reason =
+                    format!("it does not speak {}, which its configuration says", settings.protocol.name());
+                Err(self.unfit(&reason))
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! `motorctl` on a bus: native motors on an RS485 line, which is a pseudo terminal here.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+mod line;
+
+use line::{Line, motor};
+use motord_bus::Duration;
+use motord_protocol::gim::{CONFIGURATION, INDICATORS, PARAMETERS};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+/// Calls of motorctl from the directory of a line.
+trait Calls {
+    fn command(&self, line: &str) -> Command;
+    fn motorctl(&self, line: &str) -> Output;
+    fn good(&self, line: &str) -> String;
+    fn json(&self, line: &str) -> Value;
+    fn bad(&self, line: &str, status: i32) -> String;
+}
+
+impl Calls for Line {
+    /// Runs motorctl without a terminal. `@` is the bus and the knee.
+    fn command(&self, line: &str) -> Command {
+        let line =
+            line.replace('@', &format!("--bus {} --id 3", self.device())).replace("LINE", &self.device());
+        let runtime = self.path("run");
+        std::fs::create_dir_all(&runtime).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+        command.args(line.split_whitespace()).current_dir(self.path(".")).stdin(Stdio::null());
+        command.env("MOTORD_RUNTIME_DIR", runtime).env_remove("MOTORD_INSTANCE");
+        command
+    }
+
+    fn motorctl(&self, line: &str) -> Output {
+        self.command(line).output().unwrap()
+    }
+
+    /// Standard output of a call that succeeds.
+    fn good(&self, line: &str) -> String {
+        let output = self.motorctl(line);
+        assert!(output.status.success(), "{line}: {} {}", output.status, text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    fn json(&self, line: &str) -> Value {
+        serde_json::from_str(&self.good(&format!("{line} --json"))).unwrap()
+    }
+
+    /// Standard error of a call that fails with this status.
+    fn bad(&self, line: &str, status: i32) -> String {
+        let output = self.motorctl(line);
+        assert_eq!(
+            output.status.code(),
+            Some(status),
+            "{line}: {} {}",
+            text(&output.stdout),
+            text(&output.stderr)
+        );
+        text(&output.stderr)
+    }
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_scan_of_a_line_finds_its_motors_and_tells_their_host_ids() {
+    let line = Line::new(vec![motor("knee", 3), motor("ankle", 4), motor("hip", 9)]);
+    let scanned = line.json("scan --bus LINE --ids 1-12");
+    let motors: Vec<_> = scanned["motors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|m| (m["id"].clone(), m["host_id"].clone()))
+        .collect();
+    let expected = [(3, 0x43), (4, 0x44), (9, 0x49)].map(|(id, host)| (Value::from(id), Value::from(host)));
+    assert_eq!(motors, expected);
+    assert_eq!(scanned["motors"][0]["protocol"], "gim");
+    let said = line.good("scan --bus LINE --ids 3");
+    assert!(said.contains("0x043") && said.contains("SDC101"), "{said}");
+}
+
+#[test]
+fn a_motor_is_pinged_and_tells_its_version_and_address() {
+    let line = Line::knee();
+    assert_eq!(line.json("ping @")["host_id"], 0x43);
+    assert_eq!(line.json("version @")["version"], 0x0001_0203);
+    assert_eq!(line.json("id @")["host_id"], 0x43);
+    let silent = line.bad("ping --bus LINE --id 7", 69);
+    assert!(silent.contains("no motor answers as id 7"), "{silent}");
+}
+
+#[test]
+fn every_indicator_of_the_document_is_read_with_its_unit() {
+    let line = Line::knee();
+    let readings = line.json("indicator @");
+    for (row, reading) in INDICATORS.iter().zip(readings.as_array().unwrap()) {
+        assert_eq!((reading["name"].as_str(), reading["unit"].as_str()), (Some(row.name), Some(row.unit)));
+        assert!(reading["value"].is_number(), "{reading}");
+        assert_eq!(line.json(&format!("indicator {} @", row.name))[0]["name"], row.name);
+    }
+    assert_eq!(line.json("indicator 0x00 @")[0]["value"], 48.0);
+    line.bad("indicator nonsense @", 64);
+}
+
+#[test]
+fn every_parameter_of_the_document_is_written_and_read_back() {
+    let line = Line::knee();
+    for (index, row) in PARAMETERS.iter().enumerate() {
+        let said = line.good(&format!("parameter set {} {} @ --yes", row.name, 500 + index));
+        assert!(said.contains(&format!("reads {} now", 500 + index)), "{said}");
+    }
+    let stored = line.json("parameter get @");
+    for (index, row) in PARAMETERS.iter().enumerate() {
+        assert_eq!(
+            (&stored[index]["name"], &stored[index]["value"]),
+            (&row.name.into(), &(500 + index).into())
+        );
+    }
+    line.bad("parameter set position-kp -1 @ --yes", 64);
+}
+
+#[test]
+fn every_configuration_item_of_the_document_is_listed_with_type_access_unit_and_effect() {
+    let line = Line::knee();
+    let rows = line.json("config list @");
+    assert_eq!(rows.as_array().unwrap().len(), CONFIGURATION.len());
+    for (item, row) in CONFIGURATION.iter().zip(rows.as_array().unwrap()) {
+        assert_eq!((row["name"].as_str(), row["unit"].as_str()), (Some(item.name), Some(item.unit)));
+        assert!(row["value"].is_number(), "{row}");
+        assert_eq!(line.json(&format!("config get {} @", item.name))["name"], item.name);
+    }
+    let of = |name: &str| rows.as_array().unwrap().iter().find(|row| row["name"] == name).unwrap().clone();
+    assert_eq!(of("power-off-position")["access"], "read");
+    assert_eq!(of("pwm-frequency")["effective"], "after a reboot");
+    assert_eq!(of("torque-constant")["type"], "float");
+}
+
+#[test]
+fn a_configuration_item_is_written_and_read_back_and_a_refusal_is_the_vendors() {
+    let line = Line::knee();
+    let said = line.good("config set over-voltage 52 @ --yes");
+    assert!(said.contains("was 56, reads 52 now"), "{said}");
+    let said = line.good("config set torque-constant 0.1 @ --yes");
+    assert!(said.contains("reads 0.1 now"), "{said}");
+    let said = line.good("config set pwm-frequency 16000 @ --yes");
+    assert!(said.contains("powered off and on"), "{said}");
+    let refused = line.bad("config set gear-ratio 0 @ --yes", 1);
+    assert!(refused.contains("modify configuration: the motor refused: data format (RES 0x07)"), "{refused}");
+    for wrong in [
+        "config set power-off-position 3 @ --yes",
+        "config set gear-ratio 6.5 @ --yes",
+        "config set nonsense 1 @ --yes",
+        "config set torque-constant inf @ --yes",
+    ] {
+        line.bad(wrong, 64);
+    }
+}
+
+#[test]
+fn a_motor_moves_for_a_bounded_time_and_stops() {
+    let line = Line::knee();
+    line.good("start @ --yes");
+    line.good("stop @ --control");
+    line.good("stop @");
+    let said = line.good("torque 0.3 --seconds 0.3 --max-travel-rad 9 --max-rad-s 40 @ --yes");
+    assert!(said.contains("stopped; last at"), "{said}");
+    line.good("speed -0.5 --seconds 0.3 @ --yes");
+    let at = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    line.good(&format!("position {:.3} --seconds 0.6 @ --yes", at + 0.2));
+    let after = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    assert!((after - at - 0.2).abs() < 0.05, "{at} {after}");
+    line.good("jog --seconds 0.3 --backward @ --yes");
+    let back = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    assert!(back < after - 0.03, "{after} {back}");
+}
+
+#[test]
+fn a_motion_beyond_its_bounds_is_refused_or_stopped() {
+    let line = Line::knee();
+    line.bad("speed 9 --seconds 1 @ --yes", 64);
+    line.bad("position 3 --seconds 1 @ --yes", 64);
+    line.bad("torque nan --seconds 1 @ --yes", 64);
+    line.bad("torque 1 --seconds 0 @ --yes", 64);
+    let stopped = line.bad("torque 2 --seconds 5 @ --yes", 1);
+    assert!(stopped.contains("stopped at a bound"), "{stopped}");
+    std::thread::sleep(Duration::from_millis(800));
+    let speed = line.json("indicator shaft-speed @")[0]["value"].as_f64().unwrap();
+    assert!(speed.abs() < 40.0, "limp since, {speed} rpm");
+}
+
+#[test]
+fn a_zero_is_moved_to_a_known_angle_and_checked() {
+    let line = Line::knee();
+    let said = line.good("zero @ --at 0.5 --yes");
+    assert!(said.contains("reports 0.500 rad now"), "{said}");
+    line.good("zero @ --yes");
+    let at = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    assert!(at.abs() < 0.01, "{at}");
+    line.bad("zero @ --at 9 --yes", 64);
+    line.bad("zero knee @ --yes", 64);
+}
+
+#[test]
+fn a_fault_is_read_in_words_and_cleared() {
+    let line = Line::knee();
+    assert!(line.good("fault get @").contains("no fault"));
+    line.inject("knee fault 0x42");
+    // Silent but for its fault: it cannot be identified.
+    line.bad("ping @", 69);
+    let fault = line.json("fault get @ --protocol gim");
+    let names: Vec<_> =
+        fault["faults"].as_array().unwrap().iter().map(|fault| fault["name"].clone()).collect();
+    assert_eq!(names, ["over-voltage", "over-current"]);
+    assert!(line.good("fault clear @ --protocol gim").contains("cleared"));
+    line.good("ping @");
+}
+
+#[test]
+fn a_calibration_waits_for_its_end() {
+    let line = Line::knee();
+    for what in ["phase", "encoder"] {
+        let output = line.motorctl(&format!("calibrate {what} @ --yes"));
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("1 s of at most 60 s"), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn ids_and_protocol_are_changed_and_confirmed() {
+    let line = Line::new(vec![motor("knee", 3), motor("ankle", 4)]);
+    let taken = line.bad("id @ --set-id 4 --yes", 1);
+    assert!(taken.contains("id 4 is on this line already"), "{taken}");
+    line.good("id @ --set-id 5 --set-host-id 0x55 --yes");
+    assert_eq!(line.json("id --bus LINE --id 5")["host_id"], 0x55);
+    line.bad("ping @", 69);
+    line.good("id --bus LINE --id 5 --set-bitrate 500000 --yes");
+    assert_eq!(line.json("id --bus LINE --id 5")["can_baud_rate"], 5);
+    let said = line.good("protocol mit --bus LINE --id 5 --yes");
+    assert!(said.contains("can-protocol was 0, reads 1 now"), "{said}");
+    line.good("protocol gim --bus LINE --id 5 --yes");
+    assert_eq!(line.json("id --bus LINE --id 5")["can_protocol"], "gim");
+    line.bad("id @ --set-id 6 --set-host-id 6 --yes", 64);
+}
+
+#[test]
+fn pts_control_is_refused_in_the_words_of_the_document() {
+    let refused = Line::knee().bad("pts", 64);
+    assert!(refused.contains("\"Not supported.\"") && refused.contains("3.2.10"), "{refused}");
+}
+
+#[test]
+fn a_motor_in_firmware_mode_is_silent() {
+    let line = Line::knee();
+    line.bad("firmware-mode @ --repeat-id 4 --yes", 64);
+    line.bad("firmware-mode @ --yes", 64);
+    assert!(line.good("firmware-mode @ --repeat-id 3 --yes").contains("in firmware mode"));
+    line.bad("fault get @ --protocol gim", 69);
+}
+
+#[test]
+fn every_command_that_moves_or_changes_a_motor_refuses_without_a_terminal_or_yes() {
+    let line = Line::knee();
+    std::fs::write(line.path("knee.toml"), "[configuration]\npole-pairs = 7\n").unwrap();
+    let before = line.good("config list @");
+    for destructive in [
+        "start @",
+        "torque 0.1 --seconds 1 @",
+        "speed 0.1 --seconds 1 @",
+        "position 0.1 --seconds 1 @",
+        "jog --seconds 1 @",
+        "zero @",
+        "parameter set position-kp 1 @",
+        "config set pole-pairs 7 @",
+        "config apply knee.toml @",
+        "config reset @",
+        "id @ --set-id 5",
+        "protocol mit @",
+        "calibrate encoder @",
+        "firmware-mode @ --repeat-id 3",
+    ] {
+        let refused = line.bad(destructive, 64);
+        assert!(refused.contains("This ") && refused.contains("--yes"), "{destructive}: {refused}");
+    }
+    assert_eq!(line.good("config list @"), before);
+    assert_eq!(line.json("indicator shaft-speed @")[0]["value"], 0.0);
+}
+
+#[test]
+fn wrong_arguments_are_refused_before_anybody_is_asked() {
+    let line = Line::knee();
+    std::fs::write(line.path("bad.toml"), "[configuration]\npole-pears = 7\n").unwrap();
+    for (wrong, status) in [
+        ("speed 0.1 --seconds 1 --bus LINE --id 0", 64),
+        ("speed 0.1 --seconds 1 --bus LINE --id 255", 64),
+        ("speed 0.1 --seconds 1 --bus LINE", 64),
+        ("start", 64),
+        ("config set pole-pairs many @", 64),
+        ("config apply bad.toml @", 65),
+        ("config apply missing.toml @", 74),
+        ("ping --bus can/0 --id 3", 69),
+        ("ping --bus nosuchcan9 --id 3", 69),
+        ("scan --bus LINE --ids 9-3", 64),
+    ] {
+        let said = line.bad(wrong, status);
+        assert!(!said.contains("--yes"), "{wrong}: {said}");
+    }
+}
+
+/// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its line.
+#[test]
+fn three_motors_survive_a_factory_reset_by_dump_and_apply() {
+    for id in [3, 17, 99] {
+        let line = Line::new(vec![motor("knee", id)]);
+        let here = format!("--bus LINE --id {id}");
+        line.good(&format!("config set rated-current {id} {here} --yes"));
+        line.good(&format!("config dump knee.toml {here}"));
+        line.bad(&format!("config dump knee.toml {here}"), 74);
+        let said = line.good(&format!("config reset {here} --yes"));
+        assert!(said.contains("it answers as id 1"), "{said}");
+        let differing = line.bad("config diff knee.toml --bus LINE --id 1", 1);
+        assert!(differing.contains("items differ"), "{differing}");
+        line.good("config apply knee.toml --bus LINE --id 1 --yes");
+        line.good(&format!("config diff knee.toml {here}"));
+        let journal = std::fs::read_to_string(line.path("knee.toml.journal")).unwrap();
+        assert!(journal.lines().last().unwrap().contains("\"done\""), "{journal}");
+    }
+}
+
+#[test]
+fn an_application_stops_at_the_first_refusal_and_says_so() {
+    let line = Line::knee();
+    std::fs::write(
+        line.path("knee.toml"),
+        "[configuration]\npole-pairs = 13\ngear-ratio = 0\nunder-voltage = 13\n",
+    )
+    .unwrap();
+    let refused = line.bad("config apply knee.toml @ --yes", 1);
+    assert!(
+        refused.contains("data format (RES 0x07); 1 of 3 items were written before it, none after"),
+        "{refused}"
+    );
+    assert_eq!(line.json("config get pole-pairs @")["value"], 13);
+    assert_eq!(line.json("config get under-voltage @")["value"], 12);
+    let journal = std::fs::read_to_string(line.path("knee.toml.journal")).unwrap();
+    let events: Vec<Value> = journal.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let noted: Vec<_> =
+        events.iter().map(|event| (event["event"].as_str().unwrap(), event["item"].as_str())).collect();
+    let expected = [
+        ("begin", None),
+        ("writing", Some("pole-pairs")),
+        ("written", Some("pole-pairs")),
+        ("writing", Some("gear-ratio")),
+        ("end", None),
+    ];
+    assert_eq!(noted, expected);
+}
+
+/// Goal: after a power cut in the middle of an application, a file tells what was done. Method: the motor loses its power while
+/// items are written, and the tool is killed while it waits.
+#[test]
+fn a_power_cut_in_the_middle_of_an_application_leaves_a_journal_that_tells_it() {
+    let line = Line::knee();
+    let items: Vec<String> = CONFIGURATION
+        .iter()
+        .filter(|item| item.name.ends_with("-kp") || item.name.ends_with("-ki"))
+        .map(|item| format!("{} = 777\n", item.name))
+        .collect();
+    std::fs::write(line.path("knee.toml"), format!("[configuration]\n{}", items.concat())).unwrap();
+    line.inject("line glue 16ms");
+    let mut child = line
+        .command("config apply knee.toml @ --yes")
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let journal = line.path("knee.toml.journal");
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
+    while read(&journal).matches("\"written\"").count() < 2 {
+        assert!(child.try_wait().unwrap().is_none(), "{}", read(&journal));
+    }
+    line.inject("knee off");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let noted = read(&journal);
+    let written = noted.lines().filter(|line| line.contains("\"written\"")).count();
+    assert!((2..items.len()).contains(&written) && !noted.contains("\"end\""), "{noted}");
+
+    line.inject("line ok");
+    line.inject("knee ok");
+    let output = line.motorctl("config apply knee.toml @ --yes");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("an earlier application was cut off"), "{}", text(&output.stderr));
+    line.good("config diff knee.toml @");
+}
+
+#[test]
+fn a_bus_that_another_process_holds_is_refused_with_its_number() {
+    let line = Line::knee();
+    let mut first =
+        line.command("indicator @ --watch").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(400));
+    let refused = line.bad("ping @", 75);
+    assert!(refused.contains(&format!("process {}", first.id())), "{refused}");
+    first.kill().unwrap();
+    first.wait().unwrap();
+    line.good("ping @");
+}
+
+#[test]
+fn a_line_with_an_echo_and_losses_is_read_all_the_same() {
+    let line = Line::knee();
+    line.inject("line echo");
+    line.good("ping @");
+    assert_eq!(line.json("config get gear-ratio @")["value"], 8);
+    line.good("config set over-voltage 51 @ --yes");
+}
+
+#[test]
+fn a_configuration_file_says_where_a_motor_is_and_which_limits_its_zero_must_keep() {
+    let line = Line::knee();
+    let config = format!(
+        "[[bus]]\nname = \"line\"\ntype = \"serial\"\ndevice = \"{}\"\nevery = 10\n[[motor]]\nname = \"knee\"\nbus = \"line\"\nid = 3\n\
+         host-id = 0x43\nprotocol = \"gim\"\nmodel = \"GIM8108-8\"\n[motor.limits]\nposition-rad = [0.2, 1.0]\n",
+        line.device()
+    );
+    std::fs::write(line.path("robot.toml"), config).unwrap();
+    let knee = "--config robot.toml --joint knee";
+    assert!(line.good(&format!("ping {knee}")).contains("knee (motor 3"));
+    let outside = line.bad(&format!("zero {knee} --yes"), 1);
+    assert!(outside.contains("outside of its limits 0.200 to 1.000 rad"), "{outside}");
+    line.good(&format!("zero {knee} --at 0.5 --yes"));
+    line.good(&format!("zero {knee} --force --yes"));
+    line.bad("ping --config robot.toml --joint elbow", 64);
+}
