@@ -21,6 +21,10 @@ pub(super) struct BusChannel {
     frames: Vec<Frame>,
     senders: Vec<usize>,
     inbox: Inbox,
+    /// Replies to the last batch that have not come, as far as nothing else did.
+    awaited: usize,
+    /// The last read brought something else than replies.
+    is_surprised: bool,
     counters: BusState,
     condition: BusCondition,
     sent_at: Instant,
@@ -89,6 +93,8 @@ impl BusChannel {
             senders: Vec::with_capacity(routes.len()),
             routes,
             inbox: Inbox::new(),
+            awaited: 0,
+            is_surprised: false,
             counters: BusState::default(),
             condition: BusCondition::Active,
             sent_at: Instant::ZERO,
@@ -163,6 +169,7 @@ impl BusChannel {
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> bool {
         let accepted = accepted.min(self.frames.len());
         let dropped = self.frames.len() - accepted;
+        self.awaited = accepted;
         self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
@@ -224,6 +231,15 @@ impl BusChannel {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 
+    /// The most arrivals of the next read: as many as are awaited. To look for one more, in vain, costs as much as half a frame.
+    /// What came besides waits for a later read, which takes all that there is.
+    const fn space(&self) -> usize {
+        match (self.pace, self.awaited) {
+            (Pace::EachCycle, 1..) if !self.is_surprised => self.awaited,
+            _ => Inbox::CAPACITY,
+        }
+    }
+
     /// Reads at most one inbox full, and gives every frame to the motor that it is from: its payload, or `None` for a request
     /// that the motor refused. Bounded by the inbox times the motors of the bus; at most one system call.
     pub(super) fn receive(
@@ -231,10 +247,11 @@ impl BusChannel {
         now: Instant,
         mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
     ) {
-        self.inbox.clear();
+        self.inbox.clear_for(self.space());
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, counters, condition, replied_at, .. } = self;
+        let Self { inbox, routes, counters, condition, replied_at, awaited, is_surprised, .. } = self;
+        *is_surprised = false;
         for arrival in inbox.arrivals() {
             count(&mut counters.received);
             let mut deliver = |id: FrameId, payload| {
@@ -248,11 +265,16 @@ impl BusChannel {
                 Content::Error(error) => {
                     count(&mut counters.errors);
                     *condition = error.state().map_or(*condition, condition_of);
+                    *is_surprised = true;
                     continue;
                 }
             };
+            *is_surprised |= !matches!(received, Received::Reply(_));
             match received {
-                Received::Reply(_) => *replied_at = arrival.at,
+                Received::Reply(_) => {
+                    *replied_at = arrival.at;
+                    *awaited = awaited.saturating_sub(1);
+                }
                 Received::Duplicate => count(&mut counters.duplicate),
                 Received::UnexpectedId => count(&mut counters.unexpected_id),
                 Received::Malformed => count(&mut counters.malformed),

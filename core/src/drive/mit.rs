@@ -148,6 +148,12 @@ impl Mit {
         codes.ok().map(ControlCodes::pack)
     }
 
+    /// Read as a state, the payload continues the motion.
+    #[cold]
+    fn may_continue(&self, payload: &[u8], at: Instant) -> bool {
+        self.profile.decode_state(payload, &self.scales).is_ok_and(|state| self.continues(&state, at))
+    }
+
     /// The motor can have reached `state` since its last accepted state. No such state is known after a long silence.
     fn continues(&self, state: &State, at: Instant) -> bool {
         let Some(last) = self.last else { return false };
@@ -179,9 +185,7 @@ impl Decoder for Mit {
         if !self.profile.fits_state(payload) {
             return Payload::Unreadable;
         }
-        let asks_fault = open == Some(Question::Fault);
-        let state = || self.profile.decode_state(payload, &self.scales);
-        match asks_fault && state().is_ok_and(|state| self.continues(&state, at)) {
+        match open == Some(Question::Fault) && self.may_continue(payload, at) {
             true => Payload::Continuation,
             false => Payload::Plain,
         }

@@ -51,7 +51,7 @@ impl Profile {
     /// # Errors
     ///
     /// When no state has so many bytes.
-    #[inline]
+    #[inline(always)]
     pub fn decode_state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
         must_fit(payload, self.reply.lengths)?;
         let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, self.reply.lengths)) };
