@@ -31,6 +31,7 @@ const UNEXPECTED_ID: u16 = 0x7F0;
 /// - Every motor hears every frame, so a motor whose id is another's host id obeys its answers.
 /// - Two motors that begin one id at once: equal bytes merge into one frame; different ones destroy each other:
 ///   the wire is taken for the length of the frame, the host sees an error frame, and they try again one by one.
+/// - On a serial line answers that overlap destroy each other, whatever they say, and are not sent again.
 ///
 /// After construction no method of [`Bus`] allocates; each moves at most 4096 frames.
 #[derive(Debug, Clone)]
@@ -298,13 +299,22 @@ impl SimulatedBus {
         // On a serial bus a frame of the host waits for its turn, too.
         let handed_over = self.queue.front().map(|queued| queued.ready);
         let ready = handed_over.filter(|_| winner.sender == Sender::Host).unwrap_or(winner.ready);
-        let sender = if matches!(winner.sender, Sender::Motor(_)) && self.answers.collide(&winner, start) {
+        let is_answer = matches!(winner.sender, Sender::Motor(_));
+        let sender = if is_answer && self.collide(&winner, start) {
             Sender::Several
         } else {
             self.withdraw(&winner, start);
             winner.sender
         };
         self.wire = Some(Transfer { sender, frame: winner.frame, ready, ends });
+    }
+
+    /// Another motor's answer destroys the winner's.
+    fn collide(&mut self, winner: &Contender, start: Instant) -> bool {
+        match self.settings.kind {
+            BusKind::Can => self.answers.collide(winner, start),
+            BusKind::Serial => self.answers.clash(winner, start),
+        }
     }
 
     fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
@@ -343,6 +353,7 @@ impl SimulatedBus {
     /// Every node but the sender hears a frame when it is complete.
     fn complete(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
         if sender == Sender::Several {
+            self.host_ready = self.host_ready.min(ends);
             let error = ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] };
             return self.arrive(ends, Content::Error(error));
         }

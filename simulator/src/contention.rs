@@ -100,6 +100,18 @@ impl Answers {
         collided
     }
 
+    /// Whether another motor sends while the winner does, on a line without arbitration: nobody's bytes are whole, and none tries
+    /// again.
+    pub(crate) fn clash(&mut self, winner: &Contender, start: Instant) -> bool {
+        let together = |answer: &Answer| !answer.held && answer.contender.ready < start + winner.duration;
+        let clashes =
+            self.waiting.iter().any(|answer| together(answer) && answer.contender.sender != winner.sender);
+        if clashes {
+            self.waiting.retain(|answer| !together(answer));
+        }
+        clashes
+    }
+
     /// Removes the winner, and the answers that send the same bits at `start`.
     pub(crate) fn withdraw(&mut self, winner: &Contender, start: Instant) {
         self.waiting.retain(|Answer { contender, held }| {

@@ -4,6 +4,9 @@ use crate::fault::Fault;
 use crate::random::Random;
 use motord_bus::{Duration, Instant};
 
+/// A header and a payload.
+const FRAME_BYTES: usize = 12;
+
 /// Carries the bytes in both directions. Its seed determines which of them suffer.
 #[derive(Debug, Clone)]
 pub(crate) struct Line {
@@ -80,6 +83,12 @@ impl Line {
                 self.handover = self.handover.min(now + self.faults.glue.unwrap_or(Duration::ZERO));
             }
         }
+    }
+
+    /// As many bytes of noise as a frame has, on their way to the host.
+    pub(crate) fn bring_noise(&mut self, now: Instant) {
+        let noise = [self.random.next().to_le_bytes(), self.random.next().to_le_bytes()].concat();
+        self.bring(now, &noise[..FRAME_BYTES]);
     }
 
     /// Appends what the host reads at `now`.

@@ -3,7 +3,7 @@
 use crate::line::Line;
 use crate::motor::Motor;
 use crate::{Fault, FaultVerb, InjectError, SimulatedBus};
-use motord_bus::{Bus, Content, Frame, FrameId, Inbox, Instant, Readiness};
+use motord_bus::{Bus, Content, ErrorFrame, Frame, FrameId, Inbox, Instant, Readiness};
 
 /// Id of the receiver, type, payload length, XOR of the three.
 const HEADER: usize = 4;
@@ -95,9 +95,15 @@ impl SerialSlave {
         self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         for arrival in self.inbox.arrivals() {
-            if let Content::Frame(frame) = arrival.content {
-                self.line.bring(now, &header(frame.id(), NORMAL, frame.payload().len()));
-                self.line.bring(now, frame.payload());
+            match arrival.content {
+                Content::Frame(frame) => {
+                    self.line.bring(now, &header(frame.id(), NORMAL, frame.payload().len()));
+                    self.line.bring(now, frame.payload());
+                }
+                Content::Error(error) if error.class & ErrorFrame::PROTOCOL != 0 => {
+                    self.line.bring_noise(now)
+                }
+                Content::Error(_) | Content::Refused(_) | Content::Unsupported(_) => {}
             }
         }
         self.line.hand_over(now, answers);
@@ -283,5 +289,21 @@ mod tests {
         let mut slave = slave();
         slave.inject(Instant::ZERO, &"motor off".parse().unwrap()).unwrap();
         assert!(answers(&mut slave, &[0x01, 0x00, 0x07, 0x06]).is_empty());
+    }
+
+    #[test]
+    fn two_motors_with_one_id_answer_over_each_other() {
+        let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
+        let motor =
+            |name: &str| MotorSettings { name: name.into(), is_new: true, ..MotorSettings::default() };
+        let mut slave = SerialSlave::new(SimulatedBus::new(settings, vec![motor("a"), motor("b")], 0), 0);
+        let noise = answers(&mut slave, &GET_VERSION);
+        assert!(noise.len() == 12 && noise != VERSION, "{noise:02X?}");
+        let later = Instant::from_nanos(20_000_000);
+        slave.inject(later, &"b off".parse().unwrap()).unwrap();
+        let mut read = Vec::new();
+        slave.transact(later, &GET_VERSION, &mut read);
+        slave.transact(Instant::from_nanos(30_000_000), &[], &mut read);
+        assert_eq!(read, VERSION);
     }
 }
