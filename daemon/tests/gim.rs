@@ -237,7 +237,7 @@ fn a_duration_is_a_watchdog_in_the_drive_if_its_end_goes_limp() {
         activate(&mut robot, &joints);
         (0..200).for_each(|_| robot.follow(&joints));
         let killed = robot.now();
-        let mut later = |after: Duration| {
+        let later = |after: Duration| {
             robot.buses[0].clone().receive(killed + after, &mut Inbox::new());
             robot.truth(0).velocity()
         };
