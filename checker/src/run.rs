@@ -308,6 +308,9 @@ impl Checker {
     }
 
     fn judge_meaning(&mut self, cycle: &Cycle, motor: usize, meaning: Meaning) {
+        let excluded =
+            [&cycle.before, &cycle.state].iter().all(|state| state.joints[motor].mode == Mode::Excluded);
+        assert!(!excluded || meaning == Meaning::Stop, "I4: {meaning:?} to an excluded motor");
         let group = self.robot.groups.iter().position(|group| group.motors.contains(&motor));
         let group = group.expect("every motor is in a group");
         match meaning {

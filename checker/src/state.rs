@@ -54,6 +54,7 @@ pub enum Mode {
     Active,
     Damping,
     Fault,
+    Excluded,
 }
 
 /// One group.

@@ -265,6 +265,25 @@ impl Client {
         self.service(Operation::ClearFault, joint)
     }
 
+    /// Leaves a joint out of its group, which must be disarmed: its motor gets stop frames only, and its setpoints are ignored.
+    /// The group can be enabled without it if the configuration allows that.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`set_zero`](Self::set_zero).
+    pub fn exclude(&self, joint: &str) -> Result<(), Error> {
+        self.service(Operation::Exclude, joint)
+    }
+
+    /// Ends the exclusion of a joint. Its motor is looked for again.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`set_zero`](Self::set_zero).
+    pub fn include(&self, joint: &str) -> Result<(), Error> {
+        self.service(Operation::Include, joint)
+    }
+
     /// Counters and latencies since the daemon started.
     ///
     /// # Errors

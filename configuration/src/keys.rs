@@ -174,6 +174,10 @@ sections! {
             "Behaviour of the motor past the end of its position scale; SteadyWin's documents do not state it. `stop`: not known, never go there. `wrap`: the code wraps round, and positions are unwrapped.";
         "fault-policy" fault_policy: FaultPolicy, "" = is(FaultPolicy::StopGroup),
             "Who stops when this motor reports a fault.";
+        "may-be-excluded" may_be_excluded: bool, "" = is(false),
+            "Its group may run without this joint while the joint is excluded (`motorctl exclude`).";
+        "excluded" excluded: bool, "" = is(false),
+            "The joint is excluded from the start, because it is not there. Its motor gets stop frames only, and its setpoints are ignored.";
     }
 
     /// `[motor.limits]`. The protocol's scale bounds the first five.

@@ -173,6 +173,8 @@ pub enum Wrong {
         "a command that ends after {duration_ms} ms can end before the next, which comes every {round_ms} ms; give it at least {least_ms} ms, or 0 for none"
     )]
     ShortDuration { duration_ms: i64, round_ms: f64, least_ms: f64 },
+    #[error("its group cannot be enabled without this joint; add may-be-excluded = true if it may")]
+    ExcludedInVain,
     #[error("unknown model {model:?}; {hint}")]
     UnknownModel { model: String, hint: String },
     #[error("has no effect on a {model}, whose torque code is in N·m and not a current; remove it")]

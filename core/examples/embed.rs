@@ -156,6 +156,8 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         transmission: Transmission::new(1.0, 0.0),
         capabilities: capabilities(MotorProtocol::Mit, profile, &scales),
         duration: ExecutionTime::default(),
+        may_be_excluded: false,
+        excluded: false,
         damping_kd: 2.0,
         beyond_range: BeyondRange::Stop,
         fault_policy: FaultPolicy::StopGroup,

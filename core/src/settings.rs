@@ -303,6 +303,10 @@ pub struct MotorSettings {
     pub beyond_range: BeyondRange,
     /// The part of the robot that stops when this motor reports a fault.
     pub fault_policy: FaultPolicy,
+    /// Its group may run while the joint is excluded.
+    pub may_be_excluded: bool,
+    /// The joint is excluded when the daemon starts.
+    pub excluded: bool,
     /// `[motor.limits]`.
     pub limits: LimitSettings,
     /// `[motor.simulation]`, for simulated buses.

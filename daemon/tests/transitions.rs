@@ -119,11 +119,14 @@ fn in_mode(mode: MotorMode) -> Robot {
         MotorMode::Starting => in_phase(Phase::Starting),
         MotorMode::Active => in_phase(Phase::Active),
         MotorMode::Damping => in_phase(Phase::Damping),
-        MotorMode::Offline | MotorMode::Idle | MotorMode::Fault => in_phase(Phase::Disarmed),
+        MotorMode::Offline | MotorMode::Idle | MotorMode::Fault | MotorMode::Excluded => {
+            in_phase(Phase::Disarmed)
+        }
     };
     match mode {
         MotorMode::Offline => robot.disturb("hip off"),
         MotorMode::Fault => robot.disturb("hip fault 0x40"),
+        MotorMode::Excluded => drop(robot.operate(Operation::Exclude).expect("the group is disarmed")),
         _ => return robot,
     }
     robot.steps(300);
@@ -133,32 +136,38 @@ fn in_mode(mode: MotorMode) -> Robot {
 
 #[test]
 fn every_event_in_every_mode_of_a_motor_leads_where_the_table_says() {
-    use MotorMode::{Active, Damping, Fault, Idle, Offline, Starting};
+    use MotorMode::{Active, Damping, Excluded, Fault, Idle, Offline, Starting};
     #[rustfmt::skip]
-    const TABLE: [(&str, Event, [&str; 6]); 8] = [
+    const TABLE: [(&str, Event, [&str; 7]); 10] = [
         ("it is off", |robot| happens(|| robot.disturb("hip off")),
             ["Offline", "Idle Offline", "Starting Offline; MotorLost", "Active Offline; MotorLost",
-                "Damping Offline; MotorLost", "Fault Offline"]),
+                "Damping Offline; MotorLost", "Fault Offline", "Excluded"]),
         ("nothing is wrong with it any more", |robot| happens(|| robot.disturb("hip ok")),
-            ["Offline Idle", "Idle", "Starting Active", "Active", "Damping Idle", "Fault"]),
+            ["Offline Idle", "Idle", "Starting Active", "Active", "Damping Idle", "Fault", "Excluded"]),
         ("it has a fault", |robot| happens(|| robot.disturb("hip fault 0x40")),
             ["Offline", "Idle Fault", "Starting Fault; MotorFault", "Active Fault; MotorFault",
-                "Damping Fault; MotorFault", "Fault"]),
+                "Damping Fault; MotorFault", "Fault", "Excluded"]),
         ("its fault is cleared", |robot| ask(robot, Operation::ClearFault),
             ["MotorOffline: Offline", "Idle", "NotDisarmed: Starting Active", "NotDisarmed: Active",
-                "NotDisarmed: Damping Idle", "Idle"]),
+                "NotDisarmed: Damping Idle", "Idle", "Excluded: Excluded"]),
         ("its zero is set", |robot| ask(robot, Operation::SetZero),
             ["MotorOffline: Offline", "Idle", "NotDisarmed: Starting Active", "NotDisarmed: Active",
-                "NotDisarmed: Damping Idle", "MotorFault: Fault"]),
+                "NotDisarmed: Damping Idle", "MotorFault: Fault", "Excluded: Excluded"]),
         ("its group is enabled", |robot| ask(robot, Operation::Enable),
             ["MotorOffline: Offline", "Starting Active", "NotDisarmed: Starting Active", "NotDisarmed: Active",
-                "NotDisarmed: Damping Idle", "MotorFault: Fault"]),
+                "NotDisarmed: Damping Idle", "MotorFault: Fault", "Excluded: Excluded"]),
         ("its group is disabled", |robot| ask(robot, Operation::Disable),
-            ["Offline", "Idle", "Damping Idle", "Damping Idle", "Damping Idle", "Fault"]),
+            ["Offline", "Idle", "Damping Idle", "Damping Idle", "Damping Idle", "Fault", "Excluded"]),
         ("another motor is off", |robot| happens(|| robot.disturb("knee off")),
             ["Offline", "Idle", "Starting Damping Idle; MotorLost", "Active Damping Idle; MotorLost",
-                "Damping Idle; MotorLost", "Fault"]),
+                "Damping Idle; MotorLost", "Fault", "Excluded"]),
+        ("it is excluded", |robot| ask(robot, Operation::Exclude),
+            ["Excluded", "Excluded", "NotDisarmed: Starting Active", "NotDisarmed: Active",
+                "NotDisarmed: Damping Idle", "Excluded", "Excluded"]),
+        ("it is included", |robot| ask(robot, Operation::Include),
+            ["Offline", "Idle", "NotDisarmed: Starting Active", "NotDisarmed: Active",
+                "NotDisarmed: Damping Idle", "Fault", "Idle"]),
     ];
-    let modes = [Offline, Idle, Starting, Active, Damping, Fault];
+    let modes = [Offline, Idle, Starting, Active, Damping, Fault, Excluded];
     judge(&TABLE, |mode| in_mode(modes[mode]), |robot| robot.mode(0));
 }

@@ -145,6 +145,21 @@ enum Command {
     },
     #[command(flatten)]
     Wire(wire::Command),
+    /// Leave a joint out of its group while the group is disarmed: the joint is not there, or broken.
+    ///
+    /// Its motor gets stop frames only, and its setpoints are ignored. The group can be enabled without the joint only where
+    /// the configuration has `may-be-excluded = true` for it.
+    #[command(after_help = "Example:\n  motorctl exclude rr-knee")]
+    Exclude {
+        /// Name of the joint.
+        joint: String,
+    },
+    /// End the exclusion of a joint while its group is disarmed.
+    #[command(after_help = "Example:\n  motorctl include rr-knee")]
+    Include {
+        /// Name of the joint.
+        joint: String,
+    },
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
     Frame(frame::Frame),
@@ -222,6 +237,8 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Fault(Fault::Clear { name, target }) => clear_fault(instance, name, &target),
         Command::Zero { name, target, zero, confirm } => set_zero(instance, name, &target, zero, confirm),
         Command::Wire(command) => Ok(wire::run(instance, command)?),
+        Command::Exclude { joint } => operate::exclude(instance, &joint),
+        Command::Include { joint } => operate::include(instance, &joint),
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Manual { directory } => Ok(clap_mangen::generate_to(Arguments::command(), directory)?),
         Command::DemoController { seconds } => demo::control(instance, seconds),

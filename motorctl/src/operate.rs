@@ -38,6 +38,18 @@ pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
     say(&format!("{joint}: the fault was cleared; `motorctl status` shows it again if its cause remains"))
 }
 
+/// `motorctl exclude`: leaves a joint out of its group.
+pub(crate) fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
+    Client::connect(instance)?.exclude(joint)?;
+    say(&format!("{joint}: is excluded until `motorctl include {joint}`, or until the daemon starts again"))
+}
+
+/// `motorctl include`: ends the exclusion of a joint.
+pub(crate) fn include(instance: &str, joint: &str) -> Result<(), Failure> {
+    Client::connect(instance)?.include(joint)?;
+    say(&format!("{joint}: is looked for again"))
+}
+
 /// `motorctl zero`: stores the present position of a stopped joint as its zero.
 pub(crate) fn zero(instance: &str, joint: &str, confirm: Confirm) -> Result<(), Failure> {
     confirm.ask(&format!("This permanently stores the present position of {joint} as its zero."))?;

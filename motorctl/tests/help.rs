@@ -132,7 +132,7 @@ impl Place {
     fn stop_robot(&self, latched: bool) {
         self.shell("motorctl estop");
         let deadline = Instant::now() + PATIENCE;
-        let is_at_rest = "motorctl status --json | jq -e '.groups[0].phase == \"disarmed\" and all(.joints[]; .mode == \"idle\")'";
+        let is_at_rest = "motorctl status --json | jq -e '.groups[0].phase == \"disarmed\" and all(.joints[].mode; . == \"idle\" or . == \"excluded\")'";
         while !self.shell(is_at_rest).status.success() {
             assert!(Instant::now() < deadline, "the robot does not stop");
         }
@@ -186,7 +186,7 @@ fn hold(runtime: &Path, end: &AtomicBool) {
         let Ok(state) = client.wait(Duration::from_secs(1)) else { continue };
         let hold: Vec<_> = state
             .joints()
-            .map(|joint| Setpoint::impedance(joint.position().unwrap(), 0.0, 5.0, 0.5, 0.0))
+            .map(|joint| Setpoint::impedance(joint.position().unwrap_or(0.0), 0.0, 5.0, 0.5, 0.0))
             .collect();
         let _taken_away = claim.send(&hold);
     }

@@ -66,6 +66,7 @@ codes! {
         Active = 3 "active" "The motor follows setpoints.",
         Damping = 4 "damping" "The motor is being damped; it will be stopped.",
         Fault = 5 "fault" "The motor reported a fault; it is stopped until the fault is cleared.",
+        Excluded = 6 "excluded" "The joint is excluded: its motor gets stop frames only, and its group runs without it.",
     }
 }
 
@@ -185,6 +186,8 @@ codes! {
         ClearFault = 9 "clear-fault" "Clear the fault of a motor.",
         Describe = 10 "describe" "Give names and limits of joints, groups and buses, as JSON.",
         Telemetry = 11 "telemetry" "Give counters and latency percentiles, as JSON.",
+        Exclude = 12 "exclude" "Leave a joint out of its group: it is not there, or it is broken.",
+        Include = 13 "include" "End the exclusion of a joint.",
     }
 }
 
@@ -215,6 +218,7 @@ codes! {
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
         Moving = 24 "moving" "The joint moves, or its velocity is not known.",
         Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log says in what; `motorctl setup` compares all of them.",
+        Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
     }
 }
 
@@ -232,6 +236,8 @@ impl Operation {
             | Self::EmergencyStop
             | Self::SetZero
             | Self::ClearFault
+            | Self::Exclude
+            | Self::Include
             | Self::Describe
             | Self::Telemetry => None,
         }
@@ -271,7 +277,8 @@ impl Refusal {
             | Self::NotConfirmed
             | Self::DuplicateId
             | Self::Moving
-            | Self::Mismatch => Detail::Joint,
+            | Self::Mismatch
+            | Self::Excluded => Detail::Joint,
             Self::NotOwner
             | Self::NoOwner
             | Self::EmergencyStopActive
@@ -311,7 +318,8 @@ impl Refusal {
             | Self::NoLease
             | Self::Malformed
             | Self::DuplicateId
-            | Self::Mismatch => false,
+            | Self::Mismatch
+            | Self::Excluded => false,
         }
     }
 }

@@ -82,6 +82,8 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
         beyond_range: capability.beyond_range,
         fault_policy: keys.fault_policy.value,
+        may_be_excluded: keys.may_be_excluded.value,
+        excluded: excluded(keys, findings),
         limits,
         simulation,
     })
@@ -254,6 +256,15 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             findings.warn(keys.host_id.at, Wrong::HostIdOutranks { host_id, command, default });
         }
     }
+}
+
+/// A group never starts without a joint that it may not run without: worth a warning.
+fn excluded(keys: &keys::Motor, findings: &mut Findings<'_>) -> bool {
+    let excluded = keys.excluded.value;
+    if excluded && !keys.may_be_excluded.value {
+        findings.warn(keys.excluded.at, Wrong::ExcludedInVain);
+    }
+    excluded
 }
 
 /// Whether each command lasts until the next, with some to spare.

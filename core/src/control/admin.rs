@@ -51,6 +51,8 @@ impl Control {
                 self.stop_all(Cause::EmergencyStop, None);
                 Ok(0)
             }
+            Operation::Exclude => self.exclude(request, true),
+            Operation::Include => self.exclude(request, false),
             Operation::Describe | Operation::Telemetry => Err((Refusal::UnknownOperation, request.operation)),
         };
         Some(reply(outcome))
@@ -130,6 +132,9 @@ impl Control {
 
     fn may_start(&self, motor: &Motor) -> Result<(), Refused> {
         let detail = motor.joint as u32;
+        if motor.is_excluded() {
+            return if motor.settings.may_be_excluded { Ok(()) } else { Err((Refusal::Excluded, detail)) };
+        }
         if self.buses[motor.settings.bus].cause().is_some() {
             return Err((Refusal::BusDown, detail));
         }
@@ -172,7 +177,7 @@ impl Control {
         if group.phase() != Phase::Disarmed {
             return Err((Refusal::NotNeutral, 0));
         }
-        for motor in &group.motors {
+        for motor in group.motors.iter().filter(|motor| !motor.is_excluded()) {
             let detail = motor.joint as u32;
             match motor.mode() {
                 _ if !self.buses[motor.settings.bus].is_up() => return Err((Refusal::BusDown, detail)),
@@ -182,6 +187,22 @@ impl Control {
             }
         }
         Ok(())
+    }
+
+    fn exclude(&mut self, request: &AdminRequest, excluded: bool) -> Result<u64, Refused> {
+        let joint = request.joint;
+        let Place { group, place } =
+            *self.places.get(joint as usize).ok_or((Refusal::UnknownJoint, joint))?;
+        let Self { groups, context, .. } = self;
+        let group = &mut groups[group];
+        if group.phase() != Phase::Disarmed {
+            return Err((Refusal::NotDisarmed, joint));
+        }
+        if group.motors[place].request.is_some() {
+            return Err((Refusal::Busy, joint));
+        }
+        group.exclude(place, excluded, context);
+        Ok(0)
     }
 
     fn serve(&mut self, kind: Kind, ticket: u32, request: &AdminRequest) -> Option<AdminReply> {
@@ -206,6 +227,7 @@ impl Control {
         match (motor.mode(), kind) {
             (_, _) if motor.request.is_some() => Err((Refusal::Busy, joint)),
             (MotorMode::Offline, _) => Err((Refusal::MotorOffline, joint)),
+            (MotorMode::Excluded, _) => Err((Refusal::Excluded, joint)),
             (MotorMode::Fault, Kind::SetZero) => Err((Refusal::MotorFault, joint)),
             // Nobody means to make zero the place where a turning joint just is, and its next state does not confirm it.
             (_, Kind::SetZero) if !motor.is_at_rest(self.context.safety.rest_velocity) => {

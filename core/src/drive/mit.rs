@@ -29,7 +29,7 @@ const SILENCE_MAX: Duration = Duration::from_millis(100);
 const POSITION_MARGIN: f32 = 0.05;
 const VELOCITY_MARGIN: f32 = 15.0;
 
-/// What the next state is compared with.
+/// The state that the next is compared with.
 #[derive(Debug, Clone, Copy)]
 struct Last {
     /// rad.

@@ -172,6 +172,7 @@ fn joint(joint: &JointState) -> Joint {
             MotorMode::Active => Mode::Active,
             MotorMode::Damping => Mode::Damping,
             MotorMode::Fault => Mode::Fault,
+            MotorMode::Excluded => Mode::Excluded,
         },
         age_cycles: joint.age_cycles,
         missed: joint.missed,

@@ -158,6 +158,12 @@ impl Group {
         }
     }
 
+    /// Excludes the motor at `place`, or ends that. The setpoints were checked for the other case.
+    pub(super) fn exclude(&mut self, place: usize, excluded: bool, cx: &mut Context) {
+        self.motors[place].exclude(excluded, cx);
+        self.setpoints.forget();
+    }
+
     /// Leaves the latched cause, if there is one.
     pub(super) fn reset(&mut self, cx: &mut Context) {
         if self.cause.take().is_some() {
@@ -178,7 +184,8 @@ impl Group {
 
     /// The first motor whose setpoint would make it jump.
     pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
-        self.motors.iter().enumerate().find_map(|(place, motor)| {
+        let included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
+        included.into_iter().find_map(|(place, motor)| {
             let wanted = self.setpoints.get(place)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;

@@ -70,7 +70,11 @@ impl Group {
     }
 
     /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a disarmed group's motor is no cause.
+    /// Nor is anything about an excluded motor.
     pub(in crate::control) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
+        if self.motors.iter().any(|motor| motor.is_excluded() && Some(motor.joint) == joint) {
+            return;
+        }
         let moving = self.phase != Phase::Disarmed;
         let latches = moving || matches!(cause, Cause::EmergencyStop | Cause::Shutdown);
         if latches && self.latch(cause, joint) {

@@ -43,7 +43,10 @@ impl Group {
             return;
         }
         let mut motors = self.motors.iter();
-        let broken = motors.find_map(|motor| Some((buses[motor.settings.bus].cause()?, motor.joint)));
+        let broken = motors.find_map(|motor| {
+            let cause = buses[motor.settings.bus].cause()?;
+            (!motor.is_excluded()).then_some((cause, motor.joint))
+        });
         if let Some((cause, joint)) = broken {
             self.stop(cause, Some(joint), cx);
         }
@@ -109,6 +112,9 @@ impl Group {
 
     fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {
         let motor = &mut self.motors[place];
+        if motor.is_excluded() {
+            return Report::None;
+        }
         motor.report_fault(bits, at, cx);
         if bits.is_none() {
             return Report::None;

@@ -68,7 +68,7 @@ impl Motor {
             joint,
             settings: settings.clone(),
             turn,
-            mode: Mode::OFFLINE,
+            mode: if settings.excluded { Mode::EXCLUDED } else { Mode::OFFLINE },
             measured: None,
             measured_at: Instant::ZERO,
             applied: Applied::NEUTRAL,
@@ -117,9 +117,26 @@ impl Motor {
         self.may_run && !matches!(self.mode, Mode::Fault { .. })
     }
 
-    /// It answered after it was started.
+    /// It answered after it was started; an excluded one is not started.
     pub(super) fn is_ready(&self) -> bool {
-        self.mode == Mode::Starting(Start::Ready)
+        self.mode == Mode::Starting(Start::Ready) || self.is_excluded()
+    }
+
+    /// An operator or the configuration says that it is not there.
+    pub(super) const fn is_excluded(&self) -> bool {
+        matches!(self.mode, Mode::Excluded(_))
+    }
+
+    /// From now on nothing that it reports is used; or it is looked for again. Only while its group is disarmed.
+    pub(super) fn exclude(&mut self, excluded: bool, cx: &mut Context) {
+        if self.is_excluded() != excluded {
+            self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
+            self.measured = None;
+            self.fault = Faults::NONE;
+            self.applied = Applied::NEUTRAL;
+            self.replies.silent = 0;
+            self.changed(cx);
+        }
     }
 
     /// Two motors answer to its id.
@@ -129,20 +146,26 @@ impl Motor {
 
     /// It has never answered since the daemon started.
     pub(super) fn was_never_heard(&self) -> bool {
-        self.measured_at == Instant::ZERO
+        self.measured_at == Instant::ZERO && !self.is_excluded()
     }
 
     pub(super) fn is_overheated(&self) -> bool {
-        self.heat.is_overheated()
+        self.heat.is_overheated() && !self.is_excluded()
     }
 
     pub(super) const fn begin_start(&mut self) {
+        if self.is_excluded() {
+            return;
+        }
         self.mode = Mode::STARTING;
         self.may_run = true;
     }
 
     /// From now on it follows setpoints; the slew limits start from where it stands.
     pub(super) fn activate(&mut self) {
+        if self.is_excluded() {
+            return;
+        }
         self.mode = Mode::Active;
         let position = self.measured.map_or(0.0, |measured| measured.position);
         self.applied.setpoint = Setpoint::impedance(Impedance::new(position, 0.0, 0.0, 0.0, 0.0));
@@ -207,7 +230,7 @@ impl Motor {
     const fn doubts(&mut self) -> bool {
         let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
         let refused = core::mem::replace(&mut self.refused, false);
-        let doubts = refused || silent && !matches!(self.mode, Mode::Offline(_));
+        let doubts = (refused || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
         doubts && self.settings.capabilities.answers_fault_question
     }
 
@@ -223,6 +246,10 @@ impl Motor {
         runs: Option<bool>,
         cx: &mut Context,
     ) -> Result<(), Cause> {
+        if self.is_excluded() {
+            self.confirm_stop(runs);
+            return Ok(());
+        }
         match self.judge(reported, at) {
             Verdict::Sound(measured) => {
                 self.take_state(measured, at, latency, runs, cx);
@@ -261,8 +288,7 @@ impl Motor {
     ) {
         self.measured = Some(measured);
         self.measured_at = at;
-        let confirms = self.settings.capabilities.state_confirms_stop && runs != Some(true);
-        self.may_run &= !(self.replies.asked_stop && confirms);
+        self.confirm_stop(runs);
         self.replies.state(latency);
         match &mut self.mode {
             Mode::Offline(_) => {
@@ -275,6 +301,12 @@ impl Motor {
         let is_off = self.mode == Mode::Active && runs == Some(false);
         self.off_states = if is_off { self.off_states.saturating_add(1) } else { 0 };
         self.confirm_zero(cx);
+    }
+
+    /// A state came that says whether it `runs`, or nothing of it: the answer to a stop confirms the stop.
+    fn confirm_stop(&mut self, runs: Option<bool>) {
+        let confirms = self.settings.capabilities.state_confirms_stop && runs != Some(true);
+        self.may_run &= !(self.replies.asked_stop && confirms);
     }
 
     /// It answered, but not with a state.
@@ -370,7 +402,7 @@ impl Motor {
             return false;
         }
         self.replies.age();
-        let counts = !matches!(self.mode, Mode::Offline(_)) && self.request.is_none();
+        let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
         // It answers, but has reported no state for too long while it is meant to move: it refuses its commands.
         let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
         let lost = blind || counts && self.replies.miss(cycle) >= lost_cycles;

@@ -9,6 +9,8 @@
 //!   (any mode)              │
 //!                           └── fault cleared on request ── Fault ◀── fault reported (any mode)
 //!
+//!   Offline, Idle, Fault ──excluded──▶ Excluded ──included──▶ Offline
+//!
 //!   Starting:   Neutral(n) ──NEUTRAL_CYCLES──▶ Commanded ──any answer──▶ Answered ──state──▶ Ready
 //! ```
 
@@ -29,6 +31,8 @@ const PROBES_PER_FAULT: u32 = 5;
 pub(super) enum Mode {
     /// It does not answer.
     Offline(Probe),
+    /// It is not there, or broken, an operator says. It gets stops only: it may still run, or come back.
+    Excluded(Probe),
     /// It is stopped.
     Idle,
     /// It is being started.
@@ -70,12 +74,14 @@ pub(super) enum Start {
 impl Mode {
     /// Offline; the first probe, in the next cycle, is a stop: the motor may receive and only not be received.
     pub(super) const OFFLINE: Self = Self::Offline(Probe { next: Instant::ZERO, count: 0 });
+    pub(super) const EXCLUDED: Self = Self::Excluded(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const STARTING: Self = Self::Starting(Start::Neutral(0));
     pub(super) const FAULT: Self = Self::Fault { asks: false };
 
     pub(super) const fn code(&self) -> MotorMode {
         match self {
             Self::Offline(_) => MotorMode::Offline,
+            Self::Excluded(_) => MotorMode::Excluded,
             Self::Idle => MotorMode::Idle,
             Self::Starting(_) => MotorMode::Starting,
             Self::Active => MotorMode::Active,
@@ -94,6 +100,7 @@ impl Mode {
     pub(super) fn command(&mut self, now: Instant) -> Command {
         match self {
             Self::Offline(probe) => probe.command(now),
+            Self::Excluded(probe) => probe.stop(now),
             Self::Starting(start) => start.command(),
             Self::Fault { asks } => {
                 *asks = !*asks;
@@ -105,6 +112,13 @@ impl Mode {
 }
 
 impl Probe {
+    fn stop(&mut self, now: Instant) -> Command {
+        match self.command(now) {
+            Command::Nothing => Command::Nothing,
+            _ => Command::Stop,
+        }
+    }
+
     fn command(&mut self, now: Instant) -> Command {
         if now < self.next {
             return Command::Nothing;
