@@ -2,6 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+#[path = "socketcan/counting.rs"]
+mod counting;
+
 use motord_bus::conformance::{Condition, Fixture, Stimulus};
 use motord_bus::serial::framing::SerialFrame;
 use motord_bus::serial::{Address, OpenError, SerialBus, SerialSender, Settings};
@@ -277,6 +280,10 @@ impl Fixture for Pty {
         frames.map(|it| frame(it.receiver(), it.payload().try_into().unwrap())).collect()
     }
 
+    fn allocations(&self) -> Option<u64> {
+        Some(counting::allocations())
+    }
+
     fn set(&mut self, condition: Condition) -> bool {
         if condition == Condition::Gone {
             self.motors = None;
@@ -289,4 +296,5 @@ motord_bus::conformance! {
     []
     mod pty = Pty::new;
     a_bus_that_is_gone_says_so,
+    a_running_bus_allocates_nothing,
 }

@@ -22,19 +22,18 @@ mod robot;
 use hdrhistogram::Histogram;
 use motord::buses::{self, reconnector::Reconnector};
 use motord::host::clock::Monotonic;
-use motord::host::rt::{self, SchedulingRequest};
-use motord_bus::{Bus, clock, wait};
+use motord_bus::{Bus, clock};
 use motord_core::clock::Clock;
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble, link};
 use motord_core::settings::{BusKind, Settings};
 use motord_shared::{BusCondition, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
-use motord_simulator::{FaultVerb, SerialPort, SerialSlave, SimulatedBus};
-use std::path::{Path, PathBuf};
+use robot::port::{Motors, prepare_thread};
+use std::path::Path;
+use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
-use std::sync::{Arc, Barrier};
-use std::thread::{JoinHandle, scope, sleep, spawn};
+use std::thread::{scope, sleep};
 use std::time::Duration;
 use tempfile::TempDir;
 
@@ -72,48 +71,6 @@ fn settings(device: &Path) -> Settings {
     text += &format!("[[group]]\nname = \"legs\"\njoints = [{legs}]\n");
     text += "[[group]]\nname = \"hand\"\njoints = ['wrist', 'jaw']\n";
     robot::settings(&text)
-}
-
-/// Real-time scheduling, where it is permitted.
-fn prepare_thread(priority: u8) {
-    let _not_permitted = rt::prepare_thread(SchedulingRequest { cpu: None, priority: Some(priority) });
-}
-
-/// The motors of the line, served by a thread of their own.
-struct Motors {
-    verbs: Sender<FaultVerb>,
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Motors {
-    fn start(settings: &Settings, link: PathBuf) -> Self {
-        let (wire, motors) = buses::physics(settings, LINE);
-        let slave = SerialSlave::new(SimulatedBus::new(wire, motors, 7), 7);
-        let mut port = SerialPort::open(slave, Some(link)).unwrap();
-        let (verbs, given) = channel::<FaultVerb>();
-        let end = Arc::new(AtomicBool::new(false));
-        let ended = Arc::clone(&end);
-        let thread = spawn(move || {
-            // Above the cycle: motors do not wait for a processor.
-            prepare_thread(60);
-            while !ended.load(Ordering::Relaxed) {
-                let now = clock::monotonic();
-                let until = port.due().min(now + Duration::from_millis(5));
-                let _ready = wait(&[port.readiness()], now, until);
-                given.try_iter().for_each(|verb| port.inject(clock::monotonic(), &verb).unwrap());
-                port.serve(clock::monotonic());
-            }
-        });
-        Self { verbs, end, thread: Some(thread) }
-    }
-}
-
-impl Drop for Motors {
-    fn drop(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        let _panicked = self.thread.take().map(JoinHandle::join);
-    }
 }
 
 /// The measurements of the CAN buses of one robot.
@@ -288,7 +245,7 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
     let place = TempDir::new().unwrap();
     let device = place.path().join("ttyUSB0");
     let settings = settings(&device);
-    let motors = Motors::start(&settings, device);
+    let motors = Motors::start(&settings, LINE, device);
     let (broken, hears_broken) = channel();
     let stop = AtomicBool::new(false);
     scope(|threads| {
@@ -300,13 +257,13 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         together.wait();
         // Well, ill, well, ill, …, and twice as long well in the end, so that a port is opened again.
         let part = time / (2 * MISFORTUNES.len() as u32 + 2);
-        let verbs = &motors.verbs;
+        let motors = &motors;
         threads.spawn(move || {
             for misfortune in misfortunes {
                 sleep(part);
-                verbs.send(misfortune.parse().unwrap()).unwrap();
+                motors.suffer(misfortune);
                 sleep(part);
-                verbs.send("arm ok".parse().unwrap()).unwrap();
+                motors.suffer("arm ok");
             }
         });
         robot.measure(time);

@@ -127,7 +127,7 @@ fn noise(random: &mut Random, into: &mut Vec<u8>) {
         _ => into.extend(framed(random.next() as u8, reply(other, random))),
     }
     // An ACK frame without a payload is found in noise too easily to be accepted before a reply that follows it.
-    if random.next() % 16 == 0 {
+    if random.next().is_multiple_of(16) {
         into.extend([host, 1, 0, host ^ 1]);
     }
 }

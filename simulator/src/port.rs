@@ -107,7 +107,7 @@ impl SerialPort {
             return self.slave.inject(now, verb);
         }
         match verb.fault {
-            Fault::Gone => self.terminal = None,
+            Fault::Gone => self.unplug(),
             Fault::Blocked => self.flow(FlowArg::TCOOFF)?,
             Fault::Ok => {
                 if self.terminal.is_none() {
@@ -124,6 +124,12 @@ impl SerialPort {
     fn flow(&self, flow: FlowArg) -> Result<(), InjectError> {
         let Some(terminal) = &self.terminal else { return Err(InjectError::Unplugged(Errno::ENODEV as i32)) };
         tcflow(&terminal.host_end, flow).map_err(|errno| InjectError::Unplugged(errno as i32))
+    }
+
+    /// The link goes, too: the kernel may give the name of the terminal to another one.
+    fn unplug(&mut self) {
+        self.terminal = None;
+        let _already_gone = self.link.as_ref().map(std::fs::remove_file);
     }
 
     fn plug(&mut self) -> Result<(), std::io::Error> {

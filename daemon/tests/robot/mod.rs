@@ -8,6 +8,7 @@
 pub mod checker;
 pub mod fuzz_client;
 pub mod line;
+pub mod port;
 pub mod random;
 
 use motord::buses;

@@ -1,0 +1,66 @@
+//! The simulated motors of a serial bus behind a pseudo terminal, served by a thread of their own.
+
+use motord::buses;
+use motord::host::rt::{self, SchedulingRequest};
+use motord_bus::{Duration, clock};
+use motord_core::settings::Settings;
+use motord_simulator::{Motor, SerialPort, SerialSlave, SimulatedBus};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::{JoinHandle, sleep, spawn};
+
+/// How often the bytes of the line are moved: within the turnaround that a line has by default.
+const TURN: Duration = Duration::from_micros(100);
+
+/// Real-time scheduling, where it is permitted.
+pub fn prepare_thread(priority: u8) {
+    let _not_permitted = rt::prepare_thread(SchedulingRequest { cpu: None, priority: Some(priority) });
+}
+
+/// The motors of one line.
+pub struct Motors {
+    port: Arc<Mutex<SerialPort>>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Motors {
+    /// The motors of the bus with this index. `link` leads to their terminal.
+    pub fn start(settings: &Settings, bus: usize, link: PathBuf) -> Self {
+        let (wire, motors) = buses::physics(settings, bus);
+        let slave = SerialSlave::new(SimulatedBus::new(wire, motors, 7), 7);
+        let port =
+            Arc::new(Mutex::new(SerialPort::open(slave, Some(link)).expect("there are pseudo terminals")));
+        let end = Arc::new(AtomicBool::new(false));
+        let (served, ended) = (Arc::clone(&port), Arc::clone(&end));
+        let thread = spawn(move || {
+            // Above the cycle: motors do not wait for a processor.
+            prepare_thread(60);
+            while !ended.load(Ordering::Relaxed) {
+                served.lock().expect("nobody panicked").serve(clock::monotonic());
+                sleep(TURN);
+            }
+        });
+        Self { port, end, thread: Some(thread) }
+    }
+
+    /// Gives the line, or one of its motors, a fault.
+    pub fn suffer(&self, verb: &str) {
+        let verb = verb.parse().unwrap_or_else(|error| panic!("{verb}: {error}"));
+        let mut port = self.port.lock().expect("nobody panicked");
+        port.inject(clock::monotonic(), &verb).expect("the line has it");
+    }
+
+    /// Looks at every motor.
+    pub fn each<T>(&self, of: impl Fn(&Motor) -> T) -> Vec<T> {
+        self.port.lock().expect("nobody panicked").bus().motors().iter().map(of).collect()
+    }
+}
+
+impl Drop for Motors {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        let _panicked = self.thread.take().map(JoinHandle::join);
+    }
+}

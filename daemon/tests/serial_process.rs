@@ -1,0 +1,171 @@
+//! Motors on a serial line, and the programs that stop them: the daemon, its dead man's switch, `motord safe-stop`.
+//!
+//! Method: the real programs; simulated motors on a pseudo terminal. A motor that runs is one that another sender started behind the
+//! back of the dead daemon.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+mod robot;
+
+use motord_bus::serial::SerialSender;
+use motord_bus::{Frame, FrameId, Refusal};
+use motord_simulator::Mode;
+use robot::port::Motors;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+/// The command that starts a motor, neutral for one in MIT mode.
+const START: [u8; 8] = [0x91, 0, 0x80, 0, 0, 0, 0x08, 0];
+
+/// Two native motors on a line, and a directory for everything.
+struct Arm {
+    place: TempDir,
+    motors: Motors,
+    device: String,
+}
+
+impl Arm {
+    fn new() -> Self {
+        let place = TempDir::new().unwrap();
+        let link = place.path().join("ttyUSB0");
+        let device = link.to_str().unwrap().to_owned();
+        let motors = Motors::start(&robot::settings(&config("one", &device)), 0, link);
+        let arm = Self { place, motors, device };
+        for name in ["one", "two"] {
+            fs::write(arm.file(name), config(name, &arm.device)).unwrap();
+        }
+        arm
+    }
+
+    fn file(&self, instance: &str) -> std::path::PathBuf {
+        self.place.path().join(format!("{instance}.toml"))
+    }
+
+    fn motord(&self, command: &str, instance: &str) -> Command {
+        let mut motord = Command::new(env!("CARGO_BIN_EXE_motord"));
+        motord.arg(command).arg("--config").arg(self.file(instance));
+        motord.env("MOTORD_RUNTIME_DIR", self.place.path()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        motord
+    }
+
+    /// Starts a program, and waits until its log says `text`.
+    fn start(&self, command: &str, text: &str) -> Program {
+        let mut child = self.motord(command, "one").spawn().unwrap();
+        let mut log = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+        assert!(log.any(|line| line.contains(text)), "{command} never said {text}");
+        Program { child, _log: Box::new(log) }
+    }
+
+    /// Starts both motors.
+    fn start_motors(&self) {
+        let sender = SerialSender::open(&self.device, 921_600).unwrap();
+        let begun = Instant::now();
+        while self.modes().contains(&Mode::Stopped) {
+            for id in [1, 2] {
+                let sent = sender.send(&Frame::full(FrameId::from(id), START));
+                assert!(matches!(sent, Ok(()) | Err(Refusal::Full)), "{sent:?}");
+                sleep(Duration::from_millis(3));
+            }
+            assert!(begun.elapsed() < PATIENCE, "{:?}", self.modes());
+        }
+    }
+
+    fn modes(&self) -> Vec<Mode> {
+        self.motors.each(motord_simulator::Motor::mode)
+    }
+
+    fn must_stop(&self) {
+        let begun = Instant::now();
+        while self.modes() != [Mode::Stopped; 2] {
+            assert!(begun.elapsed() < PATIENCE, "{:?}", self.modes());
+            sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+/// A program that runs until it is dropped.
+struct Program {
+    child: Child,
+    /// Whoever closes it ends the program by a signal.
+    _log: Box<dyn Iterator<Item = String>>,
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        let _ended = self.child.kill();
+        let _reaped = self.child.wait();
+    }
+}
+
+fn config(instance: &str, device: &str) -> String {
+    let mut text = format!(
+        "[daemon]\ninstance = \"{instance}\"\n[cycle]\nmax-lateness-ms = 500.0\n[safety]\ndamp-seconds = 10.0\n\
+         [[bus]]\nname = \"arm\"\ntype = \"serial\"\ndevice = \"{device}\"\nevery = 5\n"
+    );
+    for (id, name) in [(1, "wrist"), (2, "jaw")] {
+        text += &robot::motor(id, name, "arm", "").replace("\"mit\"", "\"gim\"");
+    }
+    text
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn the_switch_stops_the_motors_of_a_line_whose_daemon_was_killed() {
+    let arm = Arm::new();
+    let _switch = arm.start("deadman", "ready");
+    let daemon = arm.start("run", "dead man's switch: yes");
+    drop(daemon);
+    arm.start_motors();
+    arm.must_stop();
+}
+
+#[test]
+fn a_safe_stop_stops_the_motors_of_a_line() {
+    let arm = Arm::new();
+    arm.start_motors();
+    let output = arm.motord("safe-stop", "one").output().unwrap();
+    assert!(output.status.success(), "{}", text(&output));
+    assert_eq!(arm.modes(), [Mode::Stopped; 2]);
+}
+
+#[test]
+fn a_safe_stop_says_that_it_did_not_reach_a_line() {
+    for (misfortune, complaint) in
+        [("arm gone", "there is no such device"), ("arm blocked", "refuses frames")]
+    {
+        let arm = Arm::new();
+        arm.motors.suffer(misfortune);
+        let output = arm.motord("safe-stop", "one").output().unwrap();
+        assert_eq!(output.status.code(), Some(69), "{misfortune}: {}", text(&output));
+        assert!(text(&output).contains(complaint), "{misfortune}: {}", text(&output));
+    }
+}
+
+#[test]
+fn a_second_daemon_and_a_safe_stop_are_refused_by_the_process_that_drives_the_line() {
+    let arm = Arm::new();
+    let daemon = arm.start("run", "ready");
+    let holder = format!("is in use by process {}", daemon.child.id());
+    for (command, status) in [("run", 75), ("safe-stop", 69)] {
+        let output = arm.motord(command, "two").output().unwrap();
+        assert_eq!(output.status.code(), Some(status), "{command}: {}", text(&output));
+        assert!(text(&output).contains(&holder), "{command}: {}", text(&output));
+    }
+    // A lock file that somebody deleted does not let two daemons in.
+    for entry in fs::read_dir(arm.place.path()).unwrap().map(Result::unwrap) {
+        if entry.file_name().to_string_lossy().starts_with("pts-") {
+            fs::remove_file(entry.path()).unwrap();
+        }
+    }
+    let output = arm.motord("run", "two").output().unwrap();
+    assert_eq!(output.status.code(), Some(69), "{}", text(&output));
+    assert!(text(&output).contains("is in use by another process"), "{}", text(&output));
+}
