@@ -181,6 +181,52 @@ fn await_any_stop(client: &Client) {
     await_stop(client, Some(cause));
 }
 
+/// An emergency stop, and an operator who disables the group or takes it away.
+fn stops_by_people(client: &Client) {
+    client.emergency_stop().unwrap();
+    await_stop(client, Some(Cause::EmergencyStop));
+    start_again(client);
+
+    client.disable(GROUP).unwrap();
+    await_stop(client, None);
+    start_again(client);
+
+    client.force_release(GROUP).unwrap();
+    await_stop(client, Some(Cause::OwnerLost));
+    start_again(client);
+}
+
+fn stops_by_motors(client: &Client, daemon: &mut Process) {
+    daemon.say("hip fault 0x02");
+    await_stop(client, Some(Cause::MotorFault));
+    daemon.say("hip ok");
+    until("the end of the fault", || client.clear_fault("hip").ok());
+    start_again(client);
+
+    daemon.say("knee off");
+    await_stop(client, Some(Cause::MotorLost));
+    daemon.say("knee ok");
+    start_again(client);
+}
+
+fn daemon_stands_still(client: &Client, daemon: &Process) {
+    daemon.signal(Signal::SIGSTOP);
+    std::thread::sleep(Duration::from_secs(2));
+    daemon.signal(Signal::SIGCONT);
+    await_any_stop(client);
+    start_again(client);
+}
+
+/// A daemon has taken the place of another one. Nothing is latched, and nothing moves.
+fn successor(runtime: &TempDir, client: &Client) -> Process {
+    let successor = daemon(runtime);
+    let is_restarted = || matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted));
+    until("the restart", || is_restarted().then_some(()));
+    await_stop(client, None);
+    start_again(client);
+    successor
+}
+
 #[test]
 fn the_controller_to_copy_survives_everything_as_one_process_and_starts_nothing_by_itself() {
     let runtime = TempDir::new().unwrap();
@@ -188,57 +234,24 @@ fn the_controller_to_copy_survives_everything_as_one_process_and_starts_nothing_
     let mut first = daemon(&runtime);
     let client = connect(&runtime);
     await_motion(&client);
-
-    client.emergency_stop().unwrap();
-    await_stop(&client, Some(Cause::EmergencyStop));
-    start_again(&client);
-
-    first.say("hip fault 0x02");
-    await_stop(&client, Some(Cause::MotorFault));
-    first.say("hip ok");
-    until("the end of the fault", || client.clear_fault("hip").ok());
-    start_again(&client);
-
-    first.say("knee off");
-    await_stop(&client, Some(Cause::MotorLost));
-    first.say("knee ok");
-    start_again(&client);
-    controller.must_run();
-
-    first.signal(Signal::SIGSTOP);
-    std::thread::sleep(Duration::from_secs(2));
-    first.signal(Signal::SIGCONT);
-    await_any_stop(&client);
-    start_again(&client);
+    stops_by_people(&client);
+    stops_by_motors(&client, &mut first);
+    daemon_stands_still(&client, &first);
     controller.must_run();
 
     first.say("");
     assert!(first.0.wait().unwrap().success(), "the daemon ends by itself");
-    let mut second = daemon(&runtime);
-    until("the restart", || {
-        matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted)).then_some(())
-    });
-    await_stop(&client, None);
-    start_again(&client);
-
+    let mut second = successor(&runtime, &client);
     second.0.kill().unwrap();
     second.0.wait().unwrap();
-    let _third = daemon(&runtime);
-    until("the restart", || {
-        matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted)).then_some(())
-    });
-    await_stop(&client, None);
-    start_again(&client);
+    let _third = successor(&runtime, &client);
 
     controller.must_run();
     controller.signal(Signal::SIGTERM);
     assert!(controller.0.wait().unwrap().success(), "a signal ends it");
     let end = state(&client).group(0).unwrap();
-    assert_eq!(
-        (end.phase, end.cause),
-        (Some(Phase::Disarmed), None),
-        "it has stopped the motors, and nothing is wrong"
-    );
+    let stopped = (Some(Phase::Disarmed), None);
+    assert_eq!((end.phase, end.cause), stopped, "it has stopped the motors, and nothing is wrong");
 }
 
 #[test]

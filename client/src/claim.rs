@@ -102,17 +102,18 @@ impl Claim {
     /// nor waits.
     ///
     /// # Errors
-    /// [`Error::UnknownJoint`], which names those of the group; [`Error::OtherClaim`].
+    /// [`Error::UnknownJoint`], which names those of the group; [`Error::OtherClaim`]; [`Error::BadSetpoint`] for a value that
+    /// is not finite, or a gain that is negative. The setpoint from before stands then.
     pub fn set(&mut self, joint: impl JointKey, setpoint: Setpoint) -> Result<(), Error> {
         let place = joint.place(&self.members)?;
-        self.put(place, setpoint);
+        self.put(place, self.members.checked(place, setpoint)?);
         Ok(())
     }
 
     /// The setpoint of a joint as it was set last; all zero before.
     ///
     /// # Errors
-    /// Those of [`set`](Self::set).
+    /// [`Error::UnknownJoint`], [`Error::OtherClaim`].
     pub fn setpoint(&self, joint: impl JointKey) -> Result<Setpoint, Error> {
         Ok(Setpoint::from(&self.message.joints[joint.place(&self.members)?]))
     }
@@ -121,21 +122,23 @@ impl Claim {
     /// N·m·s/rad.
     ///
     /// # Errors
-    /// [`Error::NotHeard`] naming a joint whose motor has not reported its position; no setpoint has changed then.
-    /// [`Error::Restarted`] when the state is of another daemon.
+    /// [`Error::NotHeard`] naming a joint whose motor has not reported its position, [`Error::BadSetpoint`] for a gain that
+    /// is not finite or negative, [`Error::Restarted`] when the state is of another daemon. No setpoint has changed then.
     pub fn hold(&mut self, state: &State, kp: f32, kd: f32) -> Result<(), Error> {
         let members = Arc::clone(&self.members);
         if state.boot_id() != members.boot_id {
             return Err(Error::Restarted);
         }
-        let position = |place: usize| state.joint(members.joints[place])?.position();
-        if let Some(silent) = (0..members.joints.len()).find(|&place| position(place).is_none()) {
-            return Err(Error::NotHeard { joint: members.names[silent].clone() });
+        let hold = |place: usize| {
+            let position = state.joint(members.joints[place]).and_then(|joint| joint.position());
+            let unheard = || Error::NotHeard { joint: members.names[place].clone() };
+            members.checked(place, Setpoint::hold(position.ok_or_else(unheard)?, kp, kd))
+        };
+        for place in 0..members.joints.len() {
+            hold(place)?;
         }
         for place in 0..members.joints.len() {
-            position(place)
-                .into_iter()
-                .for_each(|position| self.put(place, Setpoint::hold(position, kp, kd)));
+            self.put(place, hold(place)?);
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use crate::state::Group;
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
 use motord_shared::service::{self, Obstacle, Part};
-use motord_shared::{Cause, Instance, InstanceError, Operation, Phase, Refusal, ServiceError};
+use motord_shared::{Cause, Instance, InstanceError, Operation, Phase, Refusal, Rejection, ServiceError};
 use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -102,6 +102,14 @@ pub enum Error {
         /// The joint.
         joint: String,
     },
+    /// The daemon would reject the setpoint, and with it those of the whole group.
+    #[error("the setpoint of joint {joint} is not sent: {}", rejection.sentence())]
+    BadSetpoint {
+        /// The joint.
+        joint: String,
+        /// Why it would be rejected.
+        rejection: Rejection,
+    },
     /// The motor has not reported its position since it is online.
     #[error("joint {joint} has not reported where it is: check that its motor has power")]
     NotHeard {
@@ -176,7 +184,10 @@ impl Error {
     pub const fn exit_status(&self) -> u8 {
         match self {
             Self::UnknownGroup { .. } | Self::UnknownJoint { .. } => 64,
-            Self::SetpointCount { .. } | Self::NotSet { .. } | Self::OtherClaim => 64,
+            Self::SetpointCount { .. }
+            | Self::NotSet { .. }
+            | Self::BadSetpoint { .. }
+            | Self::OtherClaim => 64,
             Self::Instance(InstanceError::Name { .. } | InstanceError::PathLength { .. }) => 64,
             Self::Permission { .. } | Self::Instance(InstanceError::NotPrivate { .. }) => 77,
             Self::Version { .. } | Self::NotUnderstood { .. } => 76,
@@ -206,6 +217,7 @@ impl Error {
             | Self::UnknownJoint { .. }
             | Self::SetpointCount { .. }
             | Self::NotSet { .. }
+            | Self::BadSetpoint { .. }
             | Self::OtherClaim
             | Self::Stopped { .. }
             | Self::NotUnderstood { .. }

@@ -126,7 +126,7 @@
 //! # Threads
 //!
 //! Threads may share a [`Client`], and a [`Claim`] may be handed to another thread. Each state is given to one of the threads
-//! that ask for it. A thread that waits for a state keeps no other from sending setpoints or from an emergency stop. Ordinary
+//! that ask for it: two control loops need a client each. A thread that waits for a state keeps no other from sending setpoints or from an emergency stop. Ordinary
 //! requests of one client follow one another; an emergency stop waits for none of them.
 
 #![forbid(unsafe_code)]

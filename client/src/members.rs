@@ -1,6 +1,6 @@
 //! The joints of a claimed group, by name.
 
-use crate::Error;
+use crate::{Error, Setpoint};
 use motord_shared::Lease;
 use motord_shared::description::{JointLimits, RobotDescription};
 
@@ -79,6 +79,14 @@ impl Members {
 
     pub(crate) fn slot(&self, name: &str) -> Result<Slot, Error> {
         Ok(Slot { lease: self.lease, place: self.place(name)? })
+    }
+
+    /// `setpoint`, for the joint at `place`, if the daemon would not reject it for its values.
+    pub(crate) fn checked(&self, place: usize, setpoint: Setpoint) -> Result<Setpoint, Error> {
+        match setpoint.rejection() {
+            Some(rejection) => Err(Error::BadSetpoint { joint: self.names[place].clone(), rejection }),
+            None => Ok(setpoint),
+        }
     }
 
     fn place(&self, name: &str) -> Result<usize, Error> {

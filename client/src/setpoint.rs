@@ -1,6 +1,6 @@
 //! The setpoint of a joint.
 
-use motord_shared::{JointSetpoint, SetpointMode};
+use motord_shared::{JointSetpoint, Rejection, SetpointMode};
 
 /// The setpoint of a joint in one cycle. The motor's torque is `kp · (position - p) + kd · (velocity - v) + torque`,
 /// within the limits of the joint.
@@ -62,6 +62,15 @@ impl Setpoint {
     #[must_use]
     pub const fn position_only(position: f32) -> Self {
         Self { position, mode: SetpointMode::Position, ..Self::torque(0.0) }
+    }
+
+    /// Why the daemon would reject it, as far as the values alone tell.
+    pub(crate) fn rejection(&self) -> Option<Rejection> {
+        let Self { position, velocity, kp, kd, torque, .. } = *self;
+        match [position, velocity, kp, kd, torque].iter().all(|value| value.is_finite()) {
+            false => Some(Rejection::NotFinite),
+            true => (kp < 0.0 || kd < 0.0).then_some(Rejection::Negative),
+        }
     }
 }
 

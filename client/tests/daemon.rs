@@ -4,7 +4,8 @@
 
 use iceoryx2::prelude::{Config, FileName, NodeBuilder, SemanticString as _, ServiceName, ZeroCopySend};
 use motord_client::{
-    Cause, Claim, Client, Error, InstanceError, JointLimits, Obstacle, Phase, Refusal, Setpoint, State, Stop,
+    Cause, Claim, Client, Error, InstanceError, JointLimits, Obstacle, Phase, Refusal, Rejection, Setpoint,
+    State, Stop,
 };
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription, Telemetry};
 use motord_shared::limits::CONTROLLERS_MAX;
@@ -361,6 +362,27 @@ fn setpoints_by_name_and_by_slot_reach_their_joints_and_stay() {
     assert_eq!(claim.limits(knee), Ok(JointLimits::default()));
     let unknown = claim.set("toe", Setpoint::torque(0.0)).unwrap_err();
     assert!(unknown.to_string().contains("hip, knee"), "{unknown}");
+}
+
+/// The daemon would reject the whole group, and stop it a setpoint timeout later for a cause that hides the mistake.
+#[test]
+fn a_setpoint_that_the_daemon_would_reject_is_told_at_once_and_changes_nothing() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    claim.set("knee", Setpoint::torque(1.0)).unwrap();
+    for (bad, rejection) in [
+        (Setpoint::torque(f32::NAN), Rejection::NotFinite),
+        (Setpoint::hold(f32::INFINITY, 1.0, 1.0), Rejection::NotFinite),
+        (Setpoint::damping(-1.0), Rejection::Negative),
+    ] {
+        assert_eq!(claim.set("knee", bad), Err(Error::BadSetpoint { joint: "knee".into(), rejection }));
+    }
+    let state = client.wait(PATIENCE).unwrap();
+    assert!(matches!(claim.hold(&state, f32::NAN, 0.5), Err(Error::BadSetpoint { .. })));
+    assert!(matches!(claim.hold(&state, 5.0, -0.5), Err(Error::BadSetpoint { .. })));
+    assert_eq!(claim.setpoint("knee"), Ok(Setpoint::torque(1.0)));
 }
 
 /// A joint without a setpoint would be limp.
