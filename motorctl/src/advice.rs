@@ -1,9 +1,70 @@
 //! Instructions for the operator of a stopped group.
 
-use motord_client::Cause;
+use motord_client::{Cause, DEFAULT_INSTANCE};
+use std::fmt;
 
-/// The next steps of the operator after a stop with this `cause`, in a group named `group`.
-pub(crate) fn advice(cause: Option<Cause>, group: &str) -> String {
-    let remedy = cause.map_or("Install the same version of motorctl and motord", Cause::advice);
-    format!("{remedy}. Then run `motorctl reset {group}` and `motorctl enable {group}`.")
+/// The next steps of the operator after a stop.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Advice {
+    /// A sentence without its full stop.
+    pub(crate) remedy: &'static str,
+    /// Lines to paste into a shell, in their order. They end with the reset: no motor moves by them.
+    pub(crate) commands: Vec<String>,
+    /// The line that starts the group again.
+    pub(crate) enable: String,
+}
+
+impl Advice {
+    /// After a stop of `group` for `cause`, which `joint` gave.
+    pub(crate) fn new(cause: Option<Cause>, instance: &str, group: &str, joint: Option<&str>) -> Self {
+        let motorctl = motorctl(instance);
+        let fault = joint.filter(|_| cause == Some(Cause::MotorFault));
+        let clear = fault.map(|joint| format!("{motorctl} fault clear {joint}"));
+        let remedy = match cause {
+            None => "Install the same version of motorctl and motord",
+            Some(Cause::MotorFault) if clear.is_some() => "Remove the cause of the fault",
+            Some(cause) => cause.advice(),
+        };
+        Self {
+            remedy,
+            commands: clear.into_iter().chain([format!("{motorctl} reset {group}")]).collect(),
+            enable: format!("{motorctl} enable {group}"),
+        }
+    }
+}
+
+impl fmt::Display for Advice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}. Then run ", self.remedy)?;
+        self.commands.iter().try_for_each(|command| write!(f, "`{command}`, "))?;
+        write!(f, "and `{}`.", self.enable)
+    }
+}
+
+/// The beginning of a command line for `instance`.
+pub(crate) fn motorctl(instance: &str) -> String {
+    if instance == DEFAULT_INSTANCE {
+        "motorctl".to_owned()
+    } else {
+        format!("motorctl --instance {instance}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn advice_is_lines_to_paste_with_instance_joint_and_group() {
+        let advice = Advice::new(Some(Cause::MotorFault), "demo", "legs", Some("fl-knee"));
+        assert_eq!(
+            advice.commands,
+            ["motorctl --instance demo fault clear fl-knee", "motorctl --instance demo reset legs"]
+        );
+        let advice = Advice::new(Some(Cause::OwnerLost), DEFAULT_INSTANCE, "legs", Some("fl-knee"));
+        assert_eq!(
+            advice.to_string(),
+            "Start the controller again. Then run `motorctl reset legs`, and `motorctl enable legs`."
+        );
+    }
 }

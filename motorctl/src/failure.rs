@@ -25,6 +25,9 @@ pub(crate) enum Failure {
     /// A command on the bus failed, or was not confirmed.
     #[error(transparent)]
     Wire(#[from] WireFailure),
+    /// The monitor was started without a terminal.
+    #[error("the monitor needs a terminal: use `motorctl status`, or `motorctl watch --json` for scripts")]
+    NoTerminal,
     /// A signal ended the command.
     #[error("interrupted")]
     Interrupted,
@@ -39,8 +42,14 @@ impl Failure {
             Self::Demo(error) => error.status(),
             Self::Frame(failure) => failure.status(),
             Self::Wire(failure) => failure.status(),
+            Self::NoTerminal => exit_status::USAGE,
             Self::Interrupted => exit_status::INTERRUPTED,
         }
+    }
+
+    /// Nothing is left to say: standard output has the reason, or the sender of a signal knows it.
+    pub(crate) fn is_printed(&self) -> bool {
+        matches!(self, Self::Interrupted | Self::Demo(DemoError::Printed(_)))
     }
 
     /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.

@@ -1,6 +1,6 @@
 //! Ctrl-C and its relatives, as a question that can be asked.
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::flag;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,11 +14,11 @@ const GLANCE: Duration = Duration::from_millis(50);
 pub(crate) struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// From now on SIGINT, SIGTERM and SIGHUP end nothing, but are noticed.
+    /// From now on SIGINT, SIGQUIT, SIGTERM and SIGHUP end nothing, but are noticed.
     pub(crate) fn register() -> Self {
         let flag = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            flag::register(signal, Arc::clone(&flag)).expect("these three can be handled by any process");
+        for signal in [SIGINT, SIGQUIT, SIGTERM, SIGHUP] {
+            flag::register(signal, Arc::clone(&flag)).expect("each of these can be handled by any process");
         }
         Self(flag)
     }

@@ -15,6 +15,7 @@ mod frame;
 mod interrupt;
 mod json;
 mod latency;
+mod monitor;
 mod operate;
 mod report;
 mod status;
@@ -45,7 +46,7 @@ Examples:
   motorctl status                   show the state of the robot, and the next steps after a stop
   motorctl estop                    damp and stop every motor now
   motorctl scan --bus can0          find the motors of a bus, without a daemon
-  motorctl --instance arm watch     watch another daemon on this computer";
+  motorctl --instance arm monitor   watch another daemon on this computer";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -79,7 +80,19 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Show the state repeatedly until Ctrl-C, also across restarts of the daemon.
+    /// Show the robot on the whole terminal, with keys to stop, disable and reset it.
+    ///
+    /// SPACE is the emergency stop, without a question; `?` explains the other keys. It also works over ssh, and outlives
+    /// restarts of the daemon. Without a terminal use `status` or `watch`.
+    #[command(after_help = "Examples:\n  motorctl monitor\n  motorctl --instance arm monitor --hz 4")]
+    Monitor {
+        /// Refreshes per second, 0.1 to 100.
+        #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = watch::parse_hz)]
+        hz: f64,
+    },
+    /// Print the state repeatedly until Ctrl-C, also across restarts of the daemon.
+    ///
+    /// On a terminal, without `--json`, it is `motorctl monitor`.
     #[command(
         after_help = "Examples:\n  motorctl watch --hz 2\n  motorctl watch --json | jq -c '.joints[0].position_rad'"
     )]
@@ -213,8 +226,7 @@ fn main() -> ExitCode {
     match run(&arguments.instance, arguments.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
-        // The sender of the signal needs no message.
-        Err(failure @ Failure::Interrupted) => ExitCode::from(failure.status()),
+        Err(failure) if failure.is_printed() => ExitCode::from(failure.status()),
         Err(failure) => {
             eprintln!("motorctl: {failure}");
             ExitCode::from(failure.status())
@@ -226,6 +238,8 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
     match command {
         Command::Demo { seconds, config, json } => Ok(demo::run(seconds, config.as_deref(), json)?),
         Command::Status { json } => status::run(instance, json),
+        Command::Monitor { hz } => monitor::run(instance, hz),
+        Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),
         Command::Watch { hz, json } => watch::run(instance, hz, json),
         Command::Latency { json } => latency::run(instance, json),
         Command::Enable(Group { group }) => operate::enable(instance, group.as_deref()),

@@ -1,6 +1,6 @@
 //! The state of the robot as `status` and `watch` print it, for scripts and for operators.
 
-use crate::advice::advice;
+use crate::advice::Advice;
 use crate::table::{Cell, Colour, Palette, Table};
 use motord_client::{
     Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
@@ -14,93 +14,100 @@ use std::io::{self, Write};
 const UNKNOWN: &str = "unknown";
 
 /// The robot after one cycle, as `--json` prints it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub(crate) struct Report {
-    instance: String,
-    version: String,
-    pid: u32,
-    rate_hz: f64,
-    cycle: u64,
+    pub(crate) instance: String,
+    pub(crate) version: String,
+    pub(crate) pid: u32,
+    pub(crate) rate_hz: f64,
+    pub(crate) cycle: u64,
     /// The cycle has real-time scheduling and locked memory.
-    realtime: bool,
-    emergency_stop: bool,
-    shutting_down: bool,
+    pub(crate) realtime: bool,
+    pub(crate) emergency_stop: bool,
+    pub(crate) shutting_down: bool,
     /// The configuration's file was changed since the daemon read it.
-    config_changed: bool,
+    pub(crate) config_changed: bool,
     /// Ticks that were missed since the daemon started.
-    overruns: u64,
-    groups: Vec<GroupReport>,
-    joints: Vec<JointReport>,
-    buses: Vec<BusReport>,
+    pub(crate) overruns: u64,
+    pub(crate) groups: Vec<GroupReport>,
+    pub(crate) joints: Vec<JointReport>,
+    pub(crate) buses: Vec<BusReport>,
 }
 
 /// A group of joints.
-#[derive(Debug, Serialize)]
-struct GroupReport {
-    name: String,
-    phase: &'static str,
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct GroupReport {
+    pub(crate) name: String,
+    pub(crate) phase: &'static str,
     /// The owner's lease; `null` when nobody owns the group.
-    lease: Option<u64>,
+    pub(crate) lease: Option<u64>,
     /// Age of the setpoint in use when the cycle began; `null` when there is none.
-    setpoint_age_us: Option<f64>,
-    accepted: u32,
+    pub(crate) setpoint_age_us: Option<f64>,
+    pub(crate) accepted: u32,
     /// Rejected setpoint messages by reason; only reasons that occurred.
-    rejected: BTreeMap<&'static str, u32>,
+    pub(crate) rejected: BTreeMap<&'static str, u32>,
     /// The latched stop; `null` when there is none.
-    stop: Option<Stop>,
+    pub(crate) stop: Option<Stop>,
 }
 
 /// Why a group was stopped, and what helps.
-#[derive(Debug, Serialize)]
-struct Stop {
-    cause: &'static str,
-    sentence: &'static str,
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct Stop {
+    pub(crate) cause: &'static str,
+    pub(crate) sentence: &'static str,
     /// The joint that gave the cause.
-    joint: Option<String>,
-    advice: String,
+    pub(crate) joint: Option<String>,
+    pub(crate) advice: String,
+    /// The commands of the advice.
+    #[serde(skip)]
+    pub(crate) steps: Advice,
 }
 
 /// A joint.
-#[derive(Debug, Serialize)]
-struct JointReport {
-    name: String,
-    bus: String,
-    mode: &'static str,
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct JointReport {
+    pub(crate) name: String,
+    pub(crate) bus: String,
+    pub(crate) mode: &'static str,
     /// `null`, like velocity and torque, before the motor has reported it.
-    position_rad: Option<f32>,
-    velocity_rad_s: Option<f32>,
-    torque_nm: Option<f32>,
+    pub(crate) position_rad: Option<f32>,
+    pub(crate) velocity_rad_s: Option<f32>,
+    pub(crate) torque_nm: Option<f32>,
+    /// Lowest and highest position that its limits allow.
+    pub(crate) position_range_rad: [f32; 2],
+    /// Largest torque that its limits allow.
+    pub(crate) torque_max_nm: f32,
     /// `null` when the protocol does not report it.
-    temperature_celsius: Option<f32>,
-    faults: Vec<String>,
+    pub(crate) temperature_celsius: Option<f32>,
+    pub(crate) faults: Vec<String>,
     /// Limits that acted on the applied setpoint.
-    limits: Vec<&'static str>,
+    pub(crate) limits: Vec<&'static str>,
     /// The motor has reported position, velocity and torque since it came online.
-    valid: bool,
+    pub(crate) valid: bool,
     /// Cycles since the last reply.
-    age_cycles: u32,
+    pub(crate) age_cycles: u32,
     /// Cycles without a reply.
-    missed: u32,
+    pub(crate) missed: u32,
     /// Replies that came after their cycle was over.
-    late: u32,
+    pub(crate) late: u32,
     /// States that the joint cannot have had.
-    implausible: u32,
-    reply_latency_us: f64,
+    pub(crate) implausible: u32,
+    pub(crate) reply_latency_us: f64,
 }
 
 /// A bus and its counters.
-#[derive(Debug, Serialize)]
-struct BusReport {
-    name: String,
-    condition: &'static str,
-    sent: u32,
-    dropped: u32,
-    received: u32,
-    unexpected_id: u32,
-    duplicate: u32,
-    malformed: u32,
-    errors: u32,
-    lost: u32,
+#[derive(Debug, Clone, Default, Serialize)]
+pub(crate) struct BusReport {
+    pub(crate) name: String,
+    pub(crate) condition: &'static str,
+    pub(crate) sent: u32,
+    pub(crate) dropped: u32,
+    pub(crate) received: u32,
+    pub(crate) unexpected_id: u32,
+    pub(crate) duplicate: u32,
+    pub(crate) malformed: u32,
+    pub(crate) errors: u32,
+    pub(crate) lost: u32,
 }
 
 impl Report {
@@ -175,12 +182,14 @@ impl GroupReport {
 
 impl Stop {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
-        let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint));
+        let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint)).map(|joint| &joint.name);
+        let steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));
         Self {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
             sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
-            joint: joint.map(|joint| joint.name.clone()),
-            advice: advice(group.cause, name),
+            joint: joint.cloned(),
+            advice: steps.to_string(),
+            steps,
         }
     }
 }
@@ -194,6 +203,8 @@ impl From<(&JointDescription, Joint)> for JointReport {
             position_rad: joint.position(),
             velocity_rad_s: joint.velocity(),
             torque_nm: joint.torque(),
+            position_range_rad: description.limits.position,
+            torque_max_nm: description.limits.torque,
             temperature_celsius: joint.temperature,
             faults: joint.faults.names().collect(),
             limits: joint.limits.iter().map(motord_client::Limit::name).collect(),

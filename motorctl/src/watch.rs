@@ -7,7 +7,7 @@ use crate::report::Report;
 use crate::status;
 use crate::table::Palette;
 use motord_client::{Client, Error, State};
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 /// Reads refreshes per second.
@@ -29,12 +29,12 @@ pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure>
     let interrupt = Interrupt::register();
     let client = status::connect(instance)?;
     let period = Duration::from_secs_f64(1.0 / hz);
-    let mut screen = Screen::new(as_json);
+    let mut output = Output::new(as_json);
     let mut next = Instant::now();
     while !interrupt.came() {
         match client.wait(status::PATIENCE) {
-            Ok(state) => screen.show(&client, &state)?,
-            Err(error) => screen.lose(&error)?,
+            Ok(state) => output.show(&client, &state)?,
+            Err(error) => output.lose(&error)?,
         }
         next = (next + period).max(Instant::now());
         interrupt.pause_until(next);
@@ -43,19 +43,16 @@ pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure>
 }
 
 /// Where the refreshes go.
-struct Screen {
+struct Output {
     as_json: bool,
-    /// A terminal shows one table; elsewhere they follow each other.
-    clears: bool,
     palette: Palette,
     /// The daemon is away, and a message has said so.
     lost: bool,
 }
 
-impl Screen {
+impl Output {
     fn new(as_json: bool) -> Self {
-        let clears = !as_json && io::stdout().is_terminal();
-        Self { as_json, clears, palette: Palette::of_stdout(), lost: false }
+        Self { as_json, palette: Palette::of_stdout(), lost: false }
     }
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
@@ -68,7 +65,9 @@ impl Screen {
             report.write(&mut text, self.palette)?;
             writeln!(text)?;
         }
-        self.refresh(&text)
+        let out = &mut io::stdout().lock();
+        out.write_all(&text)?;
+        Ok(out.flush()?)
     }
 
     /// Says once that the daemon is away: repeated messages would only scroll.
@@ -78,14 +77,5 @@ impl Screen {
             eprintln!("motorctl: waiting for the daemon to return");
         }
         Ok(())
-    }
-
-    fn refresh(&self, text: &[u8]) -> Result<(), Failure> {
-        let out = &mut io::stdout().lock();
-        if self.clears {
-            out.write_all(b"\x1b[H\x1b[2J")?;
-        }
-        out.write_all(text)?;
-        Ok(out.flush()?)
     }
 }

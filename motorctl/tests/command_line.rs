@@ -6,8 +6,9 @@ use std::process::{Command, Output};
 use tempfile::TempDir;
 
 /// Every command a person sees, with arguments that are complete.
-const COMMANDS: [&[&str]; 11] = [
+const COMMANDS: [&[&str]; 12] = [
     &["demo"],
+    &["monitor"],
     &["status"],
     &["watch"],
     &["latency"],

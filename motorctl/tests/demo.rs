@@ -48,7 +48,7 @@ fn twelve_simulated_motors_trot_at_the_promised_rate_without_a_missed_reply() {
     let text = String::from_utf8(output.stdout).unwrap();
     let run: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
     let number = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{value} in {run}"));
-    assert_eq!(run["motors"], 12);
+    assert_eq!((&run["motors"], &run["passed"]), (&Value::from(12), &Value::from(true)));
     assert!((number(&run["rate_hz"]) - 1000.0).abs() <= 10.0, "{run}");
     assert_eq!(run["missed_replies"], 0, "{run}");
     assert!(number(&run["tracking_rms_rad"]) < 0.05, "{run}");

@@ -159,6 +159,7 @@ impl Place {
             )
             .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
             .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
+        let line = if line.contains(" monitor") { on_a_terminal(&line) } else { line };
         // A demo judges the machine, too, and may need a second try on a busy one.
         let tries = if line.contains("demo") { 5 } else { 1 };
         let mut outputs = (0..tries).map(|_| self.shell(&line));
@@ -176,6 +177,12 @@ impl Place {
             "{example} finds nothing: {said}"
         );
     }
+}
+
+/// The line on a terminal of its own, until Ctrl-C a second later.
+fn on_a_terminal(line: &str) -> String {
+    let line = format!("timeout --foreground --preserve-status -s INT 1 {line}");
+    format!("TERM=xterm script -qec '{line}' /dev/null </dev/null")
 }
 
 /// Claims the legs and holds them where they are, until `end`.

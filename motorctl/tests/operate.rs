@@ -142,7 +142,7 @@ fn an_emergency_stop_says_what_to_do_and_a_reset_takes_it_back() {
     assert_eq!(status["emergency_stop"], true);
     assert_eq!(status["groups"][0]["stop"]["cause"], "emergency-stop");
     let said = text(&daemon.motorctl(&["status"]).stdout);
-    assert!(said.contains("motorctl reset all"), "{said}");
+    assert!(said.contains("`motorctl --instance bench reset all`"), "{said}");
 
     assert!(daemon.motorctl(&["reset"]).status.success());
     let status = daemon.status();

@@ -11,6 +11,7 @@ mod child;
 mod controller;
 mod daemon;
 mod gait;
+mod machine;
 mod progress;
 mod report;
 mod tracking;
@@ -26,12 +27,15 @@ use crate::table::Palette;
 use child::Child;
 use controller::{GROUP, Message};
 use daemon::Daemon;
+use machine::Machine;
 use motord_client::{Cause, Error};
-use progress::ProgressLine;
+use progress::Display;
 use report::{Report, Shortfall};
-use std::io::{self, BufRead, BufReader};
+use serde_json::json;
+use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitStatus;
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracking::Tracking;
@@ -106,8 +110,16 @@ pub(crate) enum DemoError {
     #[error(transparent)]
     Client(#[from] Error),
     /// The run ended, but missed a limit.
-    #[error("the demo failed: {}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
-    Shortfalls(Vec<Shortfall>),
+    #[error("{}", report::failures(.overload.as_deref(), .shortfalls).join("; "))]
+    Shortfalls {
+        /// A reason of the computer's own, to be told first.
+        overload: Option<String>,
+        /// The limits.
+        shortfalls: Vec<Shortfall>,
+    },
+    /// It failed with this exit status, and standard output says why.
+    #[error("the demo failed")]
+    Printed(u8),
     /// A signal ended the demo, for example by Ctrl-C.
     #[error("interrupted; the daemon and its controller are stopped")]
     Interrupted,
@@ -119,6 +131,7 @@ impl DemoError {
         match self {
             Self::NoDaemon(_) => exit_status::UNAVAILABLE,
             Self::Interrupted => exit_status::INTERRUPTED,
+            Self::Printed(status) => *status,
             Self::Client(error) => exit_status::of_client(error),
             _ => 1,
         }
@@ -139,48 +152,84 @@ pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
     if (2.0..=3600.0).contains(&seconds) { Ok(seconds) } else { Err("expected 2 to 3600 seconds".to_owned()) }
 }
 
-/// Runs the demo and judges it.
+/// Runs the demo, judges it, and ends with the verdict: `PASS` or `FAIL: why`, for scripts `"passed"`.
 ///
 /// # Errors
 ///
 /// When anything failed, or the run was not good enough.
 pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<(), DemoError> {
+    let overload = Machine::read().and_then(Machine::overload);
+    if let Some(overload) = overload.as_ref().filter(|_| !as_json) {
+        eprintln!("motorctl: {overload}: the demo may fail because of it");
+    }
+    let outcome = play(seconds, config, as_json, overload);
+    let out = &mut io::stdout().lock();
+    let printed = match (&outcome, as_json) {
+        (Err(DemoError::Interrupted), _) => Ok(()),
+        (Ok(()), false) => writeln!(out, "PASS"),
+        (Err(error), false) => writeln!(out, "FAIL: {error}"),
+        // The report has told it.
+        (Ok(()) | Err(DemoError::Shortfalls { .. }), true) => Ok(()),
+        (Err(error), true) => {
+            json::write_line(out, &json!({ "passed": false, "failures": [error.to_string()] }))
+        }
+    };
+    printed.map_err(DemoError::system("write the output"))?;
+    match outcome {
+        Err(error) if !as_json && !matches!(error, DemoError::Interrupted) => {
+            Err(DemoError::Printed(error.status()))
+        }
+        outcome => outcome,
+    }
+}
+
+fn play(
+    seconds: f64,
+    config: Option<&Path>,
+    as_json: bool,
+    overload: Option<String>,
+) -> Result<(), DemoError> {
     let interrupt = Interrupt::register();
     let directory = WorkDirectory::new(config)?;
     let mut daemon = Daemon::start(&directory)?;
-    let client = daemon.connect(&interrupt)?;
-    let tracking = trot(&mut daemon, seconds, &interrupt)?;
-    let telemetry = client.telemetry()?;
-    let report = Report::new(&client.description(), &telemetry, &tracking);
-    let shortfalls = report.shortfalls(&client.description());
+    let client = Arc::new(daemon.connect(&interrupt)?);
+    let display = Display::open(seconds, &client, as_json).map_err(DemoError::system("use the terminal"))?;
+    let tracking = trot(&mut daemon, seconds, display, &interrupt)?;
+    let mut report = Report::new(&client.description(), &client.telemetry()?, &tracking);
+    let shortfalls = report.judge(&client.description(), overload.as_deref());
     drop(client);
     daemon.stop()?;
 
     print(&report, as_json).map_err(DemoError::system("write the output"))?;
-    if shortfalls.is_empty() { Ok(()) } else { Err(DemoError::Shortfalls(shortfalls)) }
+    if shortfalls.is_empty() { Ok(()) } else { Err(DemoError::Shortfalls { overload, shortfalls }) }
 }
 
 /// Runs the controller, and shows what it tells.
-fn trot(daemon: &mut Daemon<'_>, seconds: f64, interrupt: &Interrupt) -> Result<Vec<Tracking>, DemoError> {
+fn trot(
+    daemon: &mut Daemon<'_>,
+    seconds: f64,
+    mut display: Display,
+    interrupt: &Interrupt,
+) -> Result<Vec<Tracking>, DemoError> {
     let mut controller = daemon.start_controller(seconds)?;
     let messages = messages(&mut controller);
-    let mut line = ProgressLine::new(seconds);
     let mut heard = Instant::now();
     let mut tracking = None;
     loop {
-        match messages.recv_timeout(GLANCE) {
+        let goes_on = display.turn(GLANCE).map_err(DemoError::system("use the terminal"))?;
+        if !goes_on || interrupt.came() {
+            return Err(DemoError::Interrupted);
+        }
+        match messages.recv_timeout(display.patience(GLANCE)) {
             Ok(message) => {
                 heard = Instant::now();
                 match message {
-                    Message::Progress(progress) => line.show(&progress),
+                    Message::Progress(progress) => display.show(&progress, seconds),
                     Message::Outcome(outcome) => tracking = Some(outcome),
                 }
             }
             Err(RecvTimeoutError::Disconnected) => break,
             Err(RecvTimeoutError::Timeout) => {}
-        }
-        if interrupt.came() {
-            return Err(DemoError::Interrupted);
         }
         daemon.check()?;
         if heard.elapsed() > SILENCE_MAX {

@@ -15,6 +15,10 @@ const TRACKING_RMS_MAX: f64 = 0.05;
 /// The run, as `--json` prints it.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Report {
+    /// The run missed no limit.
+    pub(crate) passed: bool,
+    /// Why it did not pass, a reason of the computer's own first.
+    pub(crate) failures: Vec<String>,
     /// Motors that were moved and answered.
     pub(crate) motors: usize,
     /// From the daemon's first cycle to its last, s.
@@ -84,6 +88,8 @@ impl Report {
         };
         let worst = |error: fn(&Tracking) -> f64| tracking.iter().map(error).fold(0.0, worse);
         Self {
+            passed: false,
+            failures: Vec::new(),
             motors: tracking.iter().filter(|tracking| tracking.samples > 0).count(),
             seconds: telemetry.seconds,
             cycles: telemetry.cycles,
@@ -100,15 +106,24 @@ impl Report {
         }
     }
 
+    /// Takes in the verdict on a run on `robot`, on a computer with this `overload`. Returns the limits that it missed.
+    pub(crate) fn judge(&mut self, robot: &RobotDescription, overload: Option<&str>) -> Vec<Shortfall> {
+        let shortfalls = self.shortfalls(robot);
+        self.passed = shortfalls.is_empty();
+        self.failures = failures(overload, &shortfalls);
+        shortfalls
+    }
+
     /// The limits that the run missed on `robot`; empty when it was good.
-    pub(crate) fn shortfalls(&self, robot: &RobotDescription) -> Vec<Shortfall> {
+    fn shortfalls(&self, robot: &RobotDescription) -> Vec<Shortfall> {
         let (motors, rate) = (robot.joints.len(), robot.rate_hz);
         // Asked this way round, a rate or an error that is not a number falls short.
         let on_time = (self.rate_hz - rate).abs() <= RATE_TOLERANCE * rate;
         let on_track = self.tracking_rms_rad < TRACKING_RMS_MAX;
         let checks = [
-            (self.motors == motors, Shortfall::Motors { expected: motors, received: self.motors }),
+            // A computer without time explains the others.
             (on_time, Shortfall::Rate { expected: rate, received: self.rate_hz }),
+            (self.motors == motors, Shortfall::Motors { expected: motors, received: self.motors }),
             (self.missed_replies == 0, Shortfall::MissedReplies(self.missed_replies)),
             (on_track, Shortfall::Tracking { expected: TRACKING_RMS_MAX, received: self.tracking_rms_rad }),
         ];
@@ -148,6 +163,12 @@ impl Report {
              {missed_replies}"
         )
     }
+}
+
+/// The reasons of a failure in words: the computer's own first, none when nothing fell short.
+pub(crate) fn failures(overload: Option<&str>, shortfalls: &[Shortfall]) -> Vec<String> {
+    let overload = overload.filter(|_| !shortfalls.is_empty()).map(str::to_owned);
+    overload.into_iter().chain(shortfalls.iter().map(ToString::to_string)).collect()
 }
 
 /// The larger of two errors; NaN, which is no measurement at all, is the worst.
@@ -211,6 +232,19 @@ mod tests {
             let shortfalls = shortfalls(&telemetry, &[tracked(0.0), tracked(0.0)]);
             assert!(matches!(shortfalls[..], [Shortfall::Rate { .. }]), "{seconds} s");
         }
+    }
+
+    #[test]
+    fn an_overloaded_computer_is_told_first_and_only_of_a_run_that_failed() {
+        let mut report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.01)]);
+        report.judge(&description(), Some("overloaded"));
+        assert!(report.passed && report.failures.is_empty());
+        let slow = Telemetry { seconds: 3.1, missed_replies: 2, ..telemetry() };
+        let mut report = Report::new(&description(), &slow, &[tracked(0.01), tracked(0.01)]);
+        report.judge(&description(), Some("overloaded"));
+        assert!(!report.passed);
+        assert_eq!((report.failures.len(), report.failures[0].as_str()), (3, "overloaded"));
+        assert!(report.failures[1].contains("is the computer overloaded?"), "{:?}", report.failures);
     }
 
     #[test]

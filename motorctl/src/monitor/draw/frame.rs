@@ -1,0 +1,106 @@
+//! The first line, which says whose state this is and how old, and the last ones, which name the keys.
+
+use super::super::picture::{Loss, Picture, Reading};
+use super::super::request::{Notice, Tone};
+use super::super::view::{Page, View};
+use super::text::{alarm, dim, duration, shortened, warning, wrapped};
+use ratatui::style::Stylize;
+use ratatui::text::{Line, Span};
+
+const KEYS: [(&str, &str); 8] = [
+    ("SPACE", "e-stop"),
+    ("d", "disable"),
+    ("r", "reset"),
+    ("?", "help"),
+    ("q", "quit"),
+    ("Tab", "page"),
+    ("s", "sort"),
+    ("/", "filter"),
+];
+
+/// The daemon, and what is wrong with it.
+pub(super) fn head(picture: &Picture, width: usize) -> Vec<Line<'static>> {
+    let mut lines: Vec<Line<'static>> = picture.reading.iter().map(daemon).collect();
+    if let Some(loss) = &picture.loss {
+        lines.extend(lost(loss, width));
+    }
+    let Some(reading) = &picture.reading else { return lines };
+    let alarms = [
+        (reading.report.shutting_down, "The daemon is shutting down."),
+        (reading.report.config_changed, "The configuration file has changed: restart the daemon to use it."),
+    ];
+    lines.extend(alarms.iter().filter(|(is_on, _)| *is_on).map(|(_, text)| Line::from(warning(*text))));
+    lines
+}
+
+fn daemon(reading: &Reading) -> Line<'static> {
+    let report = &reading.report;
+    let mut line = Line::from(vec![
+        Span::from(format!(" {} ", report.instance)).bold().reversed(),
+        Span::from(format!(" motord {} ({})  {} Hz  ", report.version, report.pid, report.rate_hz)),
+    ]);
+    if report.emergency_stop {
+        line.push_span(Span::from(" EMERGENCY STOP ").bold().white().on_red());
+        line.push_span("  ");
+    }
+    if !report.realtime {
+        line.push_span(warning("not real-time  "));
+    }
+    if report.overruns > 0 {
+        line.push_span(warning(format!("{} overruns  ", report.overruns)));
+    }
+    line
+}
+
+/// The state below is old then, and this says so.
+fn lost(loss: &Loss, width: usize) -> Vec<Line<'static>> {
+    let text = format!(" NO CONTACT for {}: {}", duration(loss.lasting), loss.reason);
+    let lines = wrapped(&text, width, 1).into_iter();
+    lines.map(|line| Span::from(format!("{line:<width$}")).bold().white().on_red().into()).collect()
+}
+
+/// The outcome of the last request, and the keys.
+pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize) -> Vec<Line<'static>> {
+    let mut lines = Vec::new();
+    for (tone, text) in notice.texts() {
+        let wrapped = wrapped(&text, width, 1).into_iter();
+        lines.extend(wrapped.map(|line| match tone {
+            Tone::Plain => Line::from(line),
+            Tone::Warning => warning(line).into(),
+            Tone::Alarm => Span::from(format!("{line:<width$}")).bold().white().on_red().into(),
+        }));
+    }
+    lines.push(if view.is_filtering {
+        let text = format!("filter: {}▏", view.filter);
+        vec![Span::from(text).bold(), dim("  Enter keeps it, Esc clears it, SPACE stops")].into()
+    } else {
+        keys(view, picture, width)
+    });
+    lines
+}
+
+fn keys(view: &View, picture: &Picture, width: usize) -> Line<'static> {
+    let mut line = Line::default();
+    for (key, name) in KEYS {
+        let style = if key == "SPACE" { alarm(key) } else { Span::from(key).bold() };
+        let entry = [style, Span::from(format!(" {name}  "))];
+        let entry_width: usize = entry.iter().map(Span::width).sum();
+        if line.width() + entry_width <= width + 2 {
+            line.spans.extend(entry);
+        }
+    }
+    let choice = choice(view, picture);
+    if !choice.is_empty() && line.width() < width {
+        line.push_span(dim(shortened(&choice, width - line.width())));
+    }
+    line
+}
+
+/// The group that d and r act on, where that is not every group, and the filter.
+fn choice(view: &View, picture: &Picture) -> String {
+    let group = view.group.zip(picture.reading.as_ref());
+    let group =
+        group.and_then(|(group, reading)| Some(format!("g {} ", reading.robot.groups.get(group)?.name)));
+    let filter = (!view.filter.is_empty() && view.page == Page::Joints).then(|| format!("/{}", view.filter));
+    group.into_iter().chain(filter).collect()
+}

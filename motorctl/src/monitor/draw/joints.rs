@@ -1,0 +1,187 @@
+//! The joints, one in a row.
+
+use super::super::picture::Reading;
+use super::super::view::{Order, View};
+use super::text::{bold, dim, left, number, right};
+use crate::report::JointReport;
+use motord_client::MotorMode;
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::text::{Line, Span};
+
+/// From this width on there is place for every column.
+const WIDE: usize = 78;
+const NAME_MAX: usize = 16;
+
+/// The heading, and the rows that the filter of `view` lets through, in its order.
+pub(super) fn table(reading: &Reading, view: &View, width: usize) -> (Line<'static>, Vec<Line<'static>>) {
+    let joints = &reading.report.joints;
+    let names = joints.iter().map(|joint| joint.name.chars().count()).max().unwrap_or(0).clamp(5, NAME_MAX);
+    let columns = Columns { names, bar: if width < WIDE { 8 } else { 12 }, is_wide: width >= WIDE };
+    let mut shown: Vec<&JointReport> = joints.iter().filter(|joint| passes(joint, &view.filter)).collect();
+    sort(&mut shown, view.order);
+    let mut heading = columns.heading();
+    // The rows of a long table are told here, and a narrow one has no place for both.
+    if columns.is_wide {
+        heading.push_span(bold(" notes"));
+    }
+    if view.order != Order::Trouble {
+        heading.push_span(dim(format!("  by {}", view.order.name())));
+    }
+    (heading, shown.into_iter().map(|joint| columns.row(joint)).collect())
+}
+
+fn passes(joint: &JointReport, filter: &str) -> bool {
+    let mut texts = [joint.name.as_str(), &joint.bus, joint.mode].into_iter();
+    texts.any(|text| text.contains(filter))
+}
+
+fn sort(joints: &mut [&JointReport], order: Order) {
+    let largest_first = |value: fn(&JointReport) -> f64| {
+        move |a: &&JointReport, b: &&JointReport| value(b).total_cmp(&value(a))
+    };
+    match order {
+        Order::Trouble => joints.sort_by_key(|joint| trouble(joint)),
+        Order::Configuration => {}
+        Order::Name => joints.sort_by(|a, b| a.name.cmp(&b.name)),
+        Order::Position => joints.sort_by(largest_first(|joint| {
+            fraction(joint).map_or(-1.0, |fraction| (2.0 * fraction - 1.0).abs())
+        })),
+        Order::Velocity => joints.sort_by(largest_first(|joint| {
+            joint.velocity_rad_s.map_or(-1.0, |speed| f64::from(speed.abs()))
+        })),
+        Order::Torque => joints.sort_by(largest_first(|joint| torque_part(joint).unwrap_or(-1.0))),
+        Order::Temperature => {
+            joints.sort_by(largest_first(|joint| joint.temperature_celsius.map_or(-1e9, f64::from)));
+        }
+        Order::Age => joints.sort_by_key(|joint| std::cmp::Reverse(joint.age_cycles)),
+    }
+}
+
+/// Only what lasts: a limit that acts now and then would make the rows dance.
+fn trouble(joint: &JointReport) -> u8 {
+    match joint.mode {
+        mode if mode == MotorMode::Fault.name() => 0,
+        mode if mode == MotorMode::Offline.name() => 1,
+        _ => 2,
+    }
+}
+
+/// The position within the limits: 0 is the lowest, 1 the highest.
+fn fraction(joint: &JointReport) -> Option<f64> {
+    let [lowest, highest] = joint.position_range_rad.map(f64::from);
+    let fraction = (f64::from(joint.position_rad?) - lowest) / (highest - lowest);
+    Some(fraction).filter(|fraction| fraction.is_finite())
+}
+
+fn torque_part(joint: &JointReport) -> Option<f64> {
+    Some(f64::from(joint.torque_nm?.abs()) / f64::from(joint.torque_max_nm))
+}
+
+struct Columns {
+    names: usize,
+    bar: usize,
+    is_wide: bool,
+}
+
+impl Columns {
+    fn heading(&self) -> Line<'static> {
+        let names = self.names;
+        let bar = self.bar;
+        let mut text = format!("{:<names$} {:<bar$} {:>6} {:>6}", "joint", "position", "rad", "rad/s");
+        if self.is_wide {
+            text.push_str(&format!(" {:>6}", "N·m"));
+        }
+        text.push_str(&format!(" {:>4} {:>3} {:<8}", "torq", "°C", "mode"));
+        if self.is_wide {
+            text.push_str(&format!(" {:>4}", "age"));
+        }
+        bold(text).into()
+    }
+
+    fn row(&self, joint: &JointReport) -> Line<'static> {
+        let known = |value: Option<f32>| value.map(f64::from);
+        let plain = Style::new();
+        let torque = torque_part(joint).map(|part| 100.0 * part);
+        let mut spans = vec![left(&joint.name, self.names, plain), Span::raw(" ")];
+        spans.extend(bar(joint, self.bar));
+        spans.push(right(&number(known(joint.position_rad), 2), 7, plain));
+        spans.push(right(&number(known(joint.velocity_rad_s), 2), 7, plain));
+        if self.is_wide {
+            spans.push(right(&number(known(joint.torque_nm), 2), 7, plain));
+        }
+        let percent = torque.map_or_else(|| "-".to_owned(), |torque| format!("{}%", number(Some(torque), 0)));
+        spans.push(right(&percent, 5, plain));
+        spans.push(right(&number(known(joint.temperature_celsius.filter(|_| joint.valid)), 0), 4, plain));
+        spans.push(Span::raw(" "));
+        spans.push(left(joint.mode, 8, mode_style(joint.mode)));
+        if self.is_wide {
+            spans.push(right(&age(joint), 5, age_style(joint)));
+        }
+        spans.push(Span::raw(" "));
+        spans.extend(notes(joint, self.is_wide));
+        spans.into()
+    }
+}
+
+/// The position as a mark on a line that ends at the limits. A mark outside of it is an arrow.
+fn bar(joint: &JointReport, width: usize) -> [Span<'static>; 3] {
+    let inner = width.saturating_sub(2);
+    let line = |count: usize| "─".repeat(count);
+    let nothing = || Span::raw(String::new());
+    let Some(fraction) = fraction(joint) else {
+        return [dim(format!("├{}┤", line(inner))), nothing(), nothing()];
+    };
+    if fraction < 0.0 {
+        return [Span::from("◀").fg(Color::Red).bold(), dim(format!("{}┤", line(inner))), nothing()];
+    }
+    if fraction > 1.0 {
+        return [dim(format!("├{}", line(inner))), Span::from("▶").fg(Color::Red).bold(), nothing()];
+    }
+    let place = ((fraction * inner as f64) as usize).min(inner.saturating_sub(1));
+    [
+        dim(format!("├{}", line(place))),
+        Span::from("●").bold(),
+        dim(format!("{}┤", line(inner.saturating_sub(place + 1)))),
+    ]
+}
+
+fn mode_style(mode: &str) -> Style {
+    if mode == MotorMode::Fault.name() || mode == MotorMode::Offline.name() {
+        Style::new().bold().fg(Color::Red)
+    } else if mode == MotorMode::Active.name() {
+        Style::new().fg(Color::Green)
+    } else {
+        Style::new()
+    }
+}
+
+/// In at most four characters.
+fn age(joint: &JointReport) -> String {
+    match joint.age_cycles {
+        cycles @ 0..10_000 => cycles.to_string(),
+        cycles @ 10_000..1_000_000 => format!("{}k", cycles / 1000),
+        _ => "old".to_owned(),
+    }
+}
+
+fn age_style(joint: &JointReport) -> Style {
+    if joint.age_cycles == 0 { Style::new() } else { Style::new().fg(Color::Yellow) }
+}
+
+/// The worst first, as the end of a row may not fit.
+fn notes(joint: &JointReport, is_wide: bool) -> Vec<Span<'static>> {
+    let red = Style::new().bold().fg(Color::Red);
+    let yellow = Style::new().fg(Color::Yellow);
+    let mut notes: Vec<(String, Style)> = joint.faults.iter().map(|fault| (fault.clone(), red)).collect();
+    if fraction(joint).is_some_and(|fraction| !(0.0..=1.0).contains(&fraction)) {
+        notes.push(("outside limits".to_owned(), red));
+    }
+    if !is_wide && joint.age_cycles > 0 {
+        notes.push((format!("age {}", age(joint)), yellow));
+    }
+    notes.extend(joint.limits.iter().map(|limit| ((*limit).to_owned(), yellow)));
+    let counters = [("missed", joint.missed), ("late", joint.late), ("implausible", joint.implausible)];
+    let counted = counters.into_iter().filter(|(_, count)| *count > 0);
+    notes.extend(counted.map(|(name, count)| (format!("{count} {name}"), Style::new().dim())));
+    notes.into_iter().map(|(text, style)| Span::styled(text + " ", style)).collect()
+}

@@ -1,0 +1,148 @@
+//! The pages of the monitor. Each part makes its lines from the picture alone, so that a test can draw any robot.
+
+mod buses;
+mod frame;
+mod groups;
+mod joints;
+mod latencies;
+mod text;
+mod troubles;
+
+use super::picture::{Picture, Reading};
+use super::request::Notice;
+use super::view::{Page, View};
+use ratatui::Frame;
+use ratatui::buffer::Buffer;
+use ratatui::layout::Rect;
+use ratatui::text::Line;
+use text::{bold, dim};
+
+/// A terminal that shows less than this is told so.
+const HEIGHT_MIN: u16 = 8;
+const WIDTH_MIN: u16 = 40;
+
+const HELP: &[&str] = &[
+    "SPACE     emergency stop: damps and stops every motor now",
+    "d         disable: damps, then stops the chosen groups",
+    "r         reset: clears the cause of a stop; nothing moves",
+    "g         choose the group for d and r",
+    "Tab 1 2 3 joints, buses, latencies",
+    "s S       another order of the joints",
+    "/         show only joints, buses or modes with this text",
+    "arrows, PgUp, PgDn, Home, End: scroll.   q: quit",
+    "",
+    "position  the mark stands within the limits of the joint",
+    "torque    N·m, and its part of the limit",
+    "age       cycles since the last reply",
+    "notes     faults, limits that changed the setpoint, replies",
+    "          that were missed, late or implausible",
+    "bus %     part of the time that the bus is busy, at most",
+    "latency   since the start; the curve: the last readings",
+];
+
+/// Draws everything, and tells `view` what fitted.
+pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, notice: &Notice) {
+    let area = frame.area();
+    let lines = lines(area.width.into(), area.height.into(), picture, view, notice);
+    let buffer = frame.buffer_mut();
+    for (line, y) in lines.iter().zip(area.y..area.bottom()) {
+        buffer.set_line(area.x, y, line, area.width);
+    }
+    scrub(buffer, area);
+}
+
+/// Names come from another process: a character that a terminal would obey, or that would reverse the text, shows as `?`.
+fn scrub(buffer: &mut Buffer, area: Rect) {
+    for position in area.positions() {
+        let cell = &mut buffer[position];
+        if cell.symbol().chars().any(is_obeyed) {
+            cell.set_symbol("?");
+        }
+    }
+}
+
+/// Control characters, and the invisible ones that reorder or join text.
+fn is_obeyed(letter: char) -> bool {
+    letter.is_control()
+        || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
+}
+
+fn lines(
+    width: usize,
+    height: usize,
+    picture: &Picture,
+    view: &mut View,
+    notice: &Notice,
+) -> Vec<Line<'static>> {
+    let mut lines = frame::head(picture, width);
+    let mut foot = frame::foot(view, picture, notice, width);
+    let mut left = height.saturating_sub(lines.len() + foot.len());
+    if width < WIDTH_MIN.into() || height < HEIGHT_MIN.into() {
+        lines.push(dim(format!("too small: {WIDTH_MIN}x{HEIGHT_MIN} or more")).into());
+        left = left.saturating_sub(1);
+    }
+    if let Some(reading) = &picture.reading {
+        let above = groups::lines(reading, width, (height / 2).min(left));
+        left = left.saturating_sub(above.len());
+        lines.extend(above);
+        lines.extend(page(reading, picture, view, width, left));
+    } else if view.page == Page::Help {
+        lines.extend(HELP.iter().map(|line| Line::from(*line)));
+    }
+    lines.resize(height.saturating_sub(foot.len()), Line::default());
+    lines.append(&mut foot);
+    lines
+}
+
+/// The page that `view` asks for, in `height` lines.
+fn page(
+    reading: &Reading,
+    picture: &Picture,
+    view: &mut View,
+    width: usize,
+    height: usize,
+) -> Vec<Line<'static>> {
+    match view.page {
+        Page::Joints => joints_page(reading, picture, view, width, height),
+        Page::Buses => scrolled(view, height, buses::table(reading, picture)),
+        Page::Latencies => scrolled(view, height, latencies::table(reading)),
+        Page::Help => {
+            let rows = HELP.iter().map(|line| Line::from(*line)).collect();
+            scrolled(view, height, (bold(" keys and columns").into(), rows))
+        }
+    }
+}
+
+/// The joints have what the buses and latencies leave, and those leave at least half.
+fn joints_page(
+    reading: &Reading,
+    picture: &Picture,
+    view: &mut View,
+    width: usize,
+    height: usize,
+) -> Vec<Line<'static>> {
+    let mut below = buses::lines(reading, picture, width, (height / 5).max(2));
+    below.extend(latencies::lines(reading, picture, width, if height < 10 { 1 } else { 2 }));
+    below.truncate(height / 2);
+    let above = height - below.len();
+    let mut lines = scrolled(view, above, joints::table(reading, &*view, width));
+    lines.resize(above, Line::default());
+    lines.append(&mut below);
+    lines
+}
+
+/// A heading, and the rows that fit below it. The heading tells when there are more.
+fn scrolled(
+    view: &mut View,
+    height: usize,
+    (mut heading, rows): (Line<'static>, Vec<Line<'static>>),
+) -> Vec<Line<'static>> {
+    let fit = height.saturating_sub(1);
+    view.fit(rows.len(), fit);
+    if view.scroll_max > 0 {
+        let last = (view.scroll + fit).min(rows.len());
+        heading.push_span(dim(format!(" {}-{last}/{}", view.scroll + 1, rows.len())));
+    }
+    let rows = rows.into_iter().skip(view.scroll).take(fit);
+    std::iter::once(heading).chain(rows).take(height).collect()
+}

@@ -1,0 +1,164 @@
+//! Pieces of text for a screen.
+
+use ratatui::style::{Color, Style, Stylize};
+use ratatui::text::{Line, Span};
+use std::time::Duration;
+
+const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+
+/// Something to act on.
+pub(super) fn alarm(text: impl Into<String>) -> Span<'static> {
+    Span::from(text.into()).bold().fg(Color::Red)
+}
+
+/// Something to know.
+pub(super) fn warning(text: impl Into<String>) -> Span<'static> {
+    Span::from(text.into()).fg(Color::Yellow)
+}
+
+/// A heading.
+pub(super) fn bold(text: impl Into<String>) -> Span<'static> {
+    Span::from(text.into()).bold()
+}
+
+/// Something that is rarely read.
+pub(super) fn dim(text: impl Into<String>) -> Span<'static> {
+    Span::from(text.into()).dim()
+}
+
+/// `text` in `style`, in exactly `width` characters, on the left.
+pub(super) fn left(text: &str, width: usize, style: Style) -> Span<'static> {
+    let short = shortened(text, width);
+    Span::styled(format!("{short:<width$}"), style)
+}
+
+/// `text` in `style`, in at least `width` characters, on the right.
+pub(super) fn right(text: &str, width: usize, style: Style) -> Span<'static> {
+    Span::styled(format!("{text:>width$}"), style)
+}
+
+/// The first `width` characters; a longer text ends with an ellipsis.
+pub(super) fn shortened(text: &str, width: usize) -> String {
+    if text.chars().count() <= width {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(width.saturating_sub(1)).collect();
+    if width == 0 { kept } else { format!("{kept}…") }
+}
+
+/// `value` with `digits` decimals, a dash for one that is not known, and no minus sign before a zero.
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
+    let Some(value) = value.filter(|value| value.is_finite()) else { return "-".to_owned() };
+    let text = format!("{value:.digits$}");
+    let is_zero = text.chars().all(|letter| matches!(letter, '-' | '0' | '.'));
+    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
+}
+
+/// A time as a person says it.
+pub(super) fn duration(time: Duration) -> String {
+    match time.as_secs() {
+        0..100 => format!("{} s", time.as_secs()),
+        100..6000 => format!("{} min", time.as_secs() / 60),
+        6000.. => format!("{} h", time.as_secs() / 3600),
+    }
+}
+
+/// Words of `text` in lines of at most `width` characters; each line after the first begins with `indent` spaces. A word
+/// that is longer than a line stays whole.
+pub(super) fn wrapped(text: &str, width: usize, indent: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let line = lines.last().map_or("", String::as_str);
+        let is_first = line.trim().is_empty();
+        if !is_first && line.chars().count() + 1 + word.chars().count() > width {
+            lines.push(" ".repeat(indent));
+        }
+        let line = lines.last_mut().expect("there is a first line");
+        if !line.trim().is_empty() {
+            line.push(' ');
+        }
+        line.push_str(word);
+    }
+    lines
+}
+
+/// As many of `entries` in each line as fit, with a gap between them. At most `most` lines; `rest` makes the last line of
+/// the number of entries that are left out.
+pub(super) fn flowed(
+    entries: Vec<Line<'static>>,
+    width: usize,
+    most: usize,
+    rest: impl Fn(usize) -> String,
+) -> Vec<Line<'static>> {
+    const GAP: &str = "  ";
+    let mut lines: Vec<(Line<'static>, usize)> = Vec::new();
+    for mut entry in entries {
+        match lines.last_mut() {
+            Some((line, count)) if line.width() + GAP.len() + entry.width() <= width => {
+                line.push_span(GAP);
+                line.spans.append(&mut entry.spans);
+                *count += 1;
+            }
+            _ => lines.push((entry, 1)),
+        }
+    }
+    if lines.len() > most {
+        let left_out: usize = lines.drain(most.saturating_sub(1)..).map(|(_, count)| count).sum();
+        lines.push((dim(rest(left_out)).into(), 0));
+        lines.truncate(most);
+    }
+    lines.into_iter().map(|(line, _)| line).collect()
+}
+
+/// The last `width` of `values` as bars; the highest bar is the largest of them.
+pub(super) fn sparkline(values: impl DoubleEndedIterator<Item = f64>, width: usize) -> String {
+    let mut values: Vec<f64> = values.rev().take(width).collect();
+    values.reverse();
+    let largest = values.iter().copied().fold(0.0, f64::max);
+    let bar = |value: f64| {
+        let height = (value / largest * (BARS.len() - 1) as f64).round();
+        BARS[if height.is_finite() { (height as usize).min(BARS.len() - 1) } else { 0 }]
+    };
+    values.into_iter().map(bar).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_code_below_zero_is_zero() {
+        assert_eq!(number(Some(-0.0004), 3), "0.000");
+        assert_eq!(number(Some(-0.0006), 3), "-0.001");
+        assert_eq!(number(Some(f64::NAN), 3), "-");
+        assert_eq!(number(None, 3), "-");
+    }
+
+    #[test]
+    fn a_long_sentence_is_wrapped_at_its_spaces() {
+        assert_eq!(
+            wrapped("An emergency stop was requested.", 18, 2),
+            ["An emergency stop", "  was requested."]
+        );
+        assert_eq!(wrapped("motorctl", 3, 2), ["motorctl"]);
+        assert_eq!(wrapped("", 3, 2), [""]);
+    }
+
+    #[test]
+    fn entries_that_do_not_fit_are_counted() {
+        let entries = || (0..5).map(|entry| Line::from(format!("bus{entry}"))).collect();
+        let text = |most| -> Vec<String> {
+            let rest = |count| format!("{count} more");
+            flowed(entries(), 10, most, rest).iter().map(ToString::to_string).collect()
+        };
+        assert_eq!(text(3), ["bus0  bus1", "bus2  bus3", "bus4"]);
+        assert_eq!(text(2), ["bus0  bus1", "3 more"]);
+        assert_eq!(text(0), [""; 0]);
+    }
+
+    #[test]
+    fn a_sparkline_shows_the_newest_values() {
+        assert_eq!(sparkline([9.0, 0.0, 3.5, 7.0].into_iter(), 3), "▁▅█");
+        assert_eq!(sparkline([0.0, f64::NAN].into_iter(), 3), "▁▁");
+    }
+}

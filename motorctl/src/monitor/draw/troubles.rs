@@ -1,0 +1,78 @@
+//! What stands in the way of a reset: buses that are not up, faults, motors that do not answer; and what helps.
+
+use super::super::picture::Reading;
+use super::text::{alarm, bold, wrapped};
+use crate::advice::motorctl;
+use crate::report::{BusReport, JointReport};
+use motord_client::{BusCondition, Cause, MotorMode};
+use ratatui::text::Line;
+
+/// Faults and names that are written out; the others are counted.
+const FAULTS_MAX: usize = 3;
+const NAMES_MAX: usize = 4;
+
+/// Nothing for a robot that is well.
+pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
+    let down: Vec<&BusReport> = reading.report.buses.iter().filter(|bus| remedy(bus).is_some()).collect();
+    let mut lines: Vec<Line<'static>> = down.iter().flat_map(|bus| of_bus(bus, width)).collect();
+    lines.extend(faults(reading, width));
+    let offline = reading.report.joints.iter().filter(|joint| joint.mode == MotorMode::Offline.name());
+    // A motor on a bus that is down cannot answer: the bus is told already.
+    let silent: Vec<&str> = offline
+        .filter(|joint| down.iter().all(|bus| bus.name != joint.bus))
+        .map(|joint| joint.name.as_str())
+        .collect();
+    if !silent.is_empty() {
+        let verb = if silent.len() == 1 { "does" } else { "do" };
+        let help = Cause::MotorLost.advice();
+        lines.extend(sentence(&format!("{} {verb} not answer. {help}.", listed(&silent)), width));
+    }
+    lines
+}
+
+fn remedy(bus: &BusReport) -> Option<&'static str> {
+    let is = |condition: BusCondition| bus.condition == condition.name();
+    if is(BusCondition::Off) {
+        Some(Cause::BusOff.advice())
+    } else if is(BusCondition::Down) || is(BusCondition::Gone) {
+        Some(Cause::BusGone.advice())
+    } else {
+        None
+    }
+}
+
+fn of_bus(bus: &BusReport, width: usize) -> Vec<Line<'static>> {
+    let help = remedy(bus).unwrap_or_default();
+    sentence(&format!("Bus {} is {}. {help}.", bus.name, bus.condition), width)
+}
+
+fn faults(reading: &Reading, width: usize) -> Vec<Line<'static>> {
+    let is_in_fault = |joint: &&JointReport| joint.mode == MotorMode::Fault.name();
+    let faulty: Vec<&JointReport> = reading.report.joints.iter().filter(is_in_fault).collect();
+    let mut lines = Vec::new();
+    for joint in faulty.iter().take(FAULTS_MAX) {
+        let faults = if joint.faults.is_empty() { "a fault".to_owned() } else { joint.faults.join(", ") };
+        lines.extend(sentence(
+            &format!("{} reports {faults}. Remove its cause, then paste:", joint.name),
+            width,
+        ));
+        let motorctl = motorctl(&reading.report.instance);
+        lines.push(bold(format!("  {motorctl} fault clear {}", joint.name)).into());
+    }
+    if faulty.len() > FAULTS_MAX {
+        let names: Vec<&str> = faulty[FAULTS_MAX..].iter().map(|joint| joint.name.as_str()).collect();
+        lines.extend(sentence(&format!("{} in fault, too.", listed(&names)), width));
+    }
+    lines
+}
+
+fn listed(names: &[&str]) -> String {
+    if names.len() <= NAMES_MAX {
+        return names.join(", ");
+    }
+    format!("{} and {} more joints", names[..NAMES_MAX - 1].join(", "), names.len() + 1 - NAMES_MAX)
+}
+
+fn sentence(text: &str, width: usize) -> Vec<Line<'static>> {
+    wrapped(text, width, 2).into_iter().map(|line| alarm(line).into()).collect()
+}

@@ -1,0 +1,171 @@
+//! `motorctl monitor`: the robot on a whole terminal, with keys for what is urgent.
+//!
+//! ```text
+//! reader ── states, telemetry ──┐
+//! keys ──── keys ───────────────┼──▶ the thread that draws ──▶ terminal
+//!   └─ emergency stop ─▶ stop ──┤            │
+//!                        ask ◀──┴── disable, reset
+//! ```
+
+mod draw;
+mod news;
+mod picture;
+mod reader;
+mod request;
+mod terminal;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+#[path = "../../tests/tmux/mod.rs"]
+mod tmux;
+mod view;
+
+pub(crate) use terminal::is_there;
+
+use crate::failure::Failure;
+use crate::interrupt::Interrupt;
+use crate::status::{self, PATIENCE};
+use motord_client::Client;
+use news::News;
+use picture::{Loss, Picture};
+use request::{Notice, Requests};
+use std::io;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::time::{Duration, Instant};
+use terminal::Screen;
+use view::{Action, View};
+
+/// Without news the picture is drawn this often: it shows how long the daemon has been away.
+const TURN: Duration = Duration::from_millis(250);
+
+/// Shows the robot until a key or a signal ends it.
+///
+/// # Errors
+///
+/// When there is no daemon to begin with, no terminal, or the terminal goes away. Later the daemon may come and go.
+pub(crate) fn run(instance: &str, hz: f64) -> Result<(), Failure> {
+    let interrupt = Interrupt::register();
+    let client = Arc::new(status::connect(instance)?);
+    if !is_there() {
+        return Err(Failure::NoTerminal);
+    }
+    let mut monitor = Monitor::open(client, Some(instance), hz)?;
+    while !interrupt.came() {
+        match monitor.turn(TURN) {
+            Ok(true) => {}
+            Ok(false) => break,
+            // The terminal is gone, and the signal that says so is the reason to end.
+            Err(_) if interrupt.came() => break,
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(())
+}
+
+/// The monitor on the terminal. Dropping it gives the terminal back.
+pub(crate) struct Monitor {
+    screen: Screen,
+    requests: Requests,
+    news: Receiver<News>,
+    picture: Picture,
+    view: View,
+    notice: Notice,
+    lost_since: Option<Instant>,
+}
+
+impl Monitor {
+    /// Takes the terminal, and reads the state `hz` times a second. An emergency stop that fails over `client` is tried over a
+    /// new connection to `instance`.
+    ///
+    /// # Errors
+    ///
+    /// When the terminal cannot be set, or there are no threads to be had.
+    pub(crate) fn open(client: Arc<Client>, instance: Option<&str>, hz: f64) -> io::Result<Self> {
+        client.set_silence(PATIENCE);
+        let (sender, news): (Sender<News>, _) = mpsc::channel();
+        let requests = Requests::start(&client, instance, &sender)?;
+        let stopping = requests.clone();
+        let screen = Screen::open(move || stopping.stop(), &sender)?;
+        let period = Duration::from_secs_f64(1.0 / hz);
+        news::start("motorctl-read", &sender, move |news| reader::read(&client, period, news))?;
+        Ok(Self {
+            screen,
+            requests,
+            news,
+            picture: Picture::default(),
+            view: View::default(),
+            notice: Notice::default(),
+            lost_since: None,
+        })
+    }
+
+    /// Shows a line about the program that opened the monitor.
+    pub(crate) fn show_progress(&mut self, progress: String) {
+        self.notice.progress = Some(progress);
+    }
+
+    /// Draws, and takes in the news of at most `at_most`. Returns whether to go on.
+    ///
+    /// # Errors
+    ///
+    /// When the terminal cannot be written or read.
+    pub(crate) fn turn(&mut self, at_most: Duration) -> io::Result<bool> {
+        if let (Some(loss), Some(since)) = (&mut self.picture.loss, self.lost_since) {
+            loss.lasting = since.elapsed();
+        }
+        let Self { screen, picture, view, notice, .. } = self;
+        screen.terminal.draw(|frame| draw::draw(frame, picture, view, notice))?;
+        let mut news = self.news.recv_timeout(at_most).ok();
+        while let Some(message) = news {
+            if !self.take(message)? {
+                return Ok(false);
+            }
+            news = self.news.try_recv().ok();
+        }
+        Ok(true)
+    }
+
+    fn take(&mut self, news: News) -> io::Result<bool> {
+        match news {
+            News::Reading(reading) => {
+                self.view.know_groups(reading.robot.groups.len());
+                self.lost_since = None;
+                self.picture.take(*reading);
+            }
+            News::Lost(reason) => {
+                let since = *self.lost_since.get_or_insert_with(Instant::now);
+                self.picture.loss = Some(Loss { lasting: since.elapsed(), reason });
+            }
+            News::Key(key) => return Ok(self.press(&key)),
+            News::Resized => {}
+            News::Stop(outcome) => self.notice.stop_done(outcome),
+            News::Done(action, outcomes) => self.notice.done(action, &outcomes),
+            News::Ended(reason) => return Err(io::Error::other(reason)),
+        }
+        Ok(true)
+    }
+
+    fn press(&mut self, key: &ratatui::crossterm::event::KeyEvent) -> bool {
+        self.notice.forget();
+        if view::is_stop(key) {
+            // The thread of the keys has asked already.
+            self.notice.stop_asked();
+            return true;
+        }
+        match self.view.press(key) {
+            Some(Action::Quit) => return false,
+            Some(action) if !self.requests.ask(action, self.chosen()) => self.notice.busy(),
+            _ => {}
+        }
+        true
+    }
+
+    /// The names of the groups that keys act on.
+    fn chosen(&self) -> Vec<String> {
+        let Some(reading) = &self.picture.reading else { return Vec::new() };
+        let is_chosen = |index: usize| self.view.group.is_none_or(|group| group == index);
+        let groups = reading.robot.groups.iter().enumerate();
+        groups.filter(|(index, _)| is_chosen(*index)).map(|(_, group)| group.name.clone()).collect()
+    }
+}

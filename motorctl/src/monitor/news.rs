@@ -1,0 +1,55 @@
+//! The messages of the monitor's threads to the one that draws.
+
+use super::picture::Reading;
+use super::view::Action;
+use ratatui::crossterm::event::KeyEvent;
+use std::io;
+use std::sync::mpsc::Sender;
+
+/// A message.
+#[derive(Debug)]
+pub(super) enum News {
+    /// A newer state of the robot.
+    Reading(Box<Reading>),
+    /// The daemon does not answer.
+    Lost(String),
+    /// A key.
+    Key(KeyEvent),
+    /// The terminal has another size.
+    Resized,
+    /// The daemon confirmed the emergency stop, or why nobody knows.
+    Stop(Result<(), String>),
+    /// The outcome of another request, by group.
+    Done(Action, Vec<(String, Result<(), String>)>),
+    /// A thread cannot go on.
+    Ended(String),
+}
+
+/// Starts a thread that is missed when it panics.
+///
+/// # Errors
+///
+/// When there is no thread to be had.
+pub(super) fn start(
+    name: &'static str,
+    news: &Sender<News>,
+    body: impl FnOnce(&Sender<News>) + Send + 'static,
+) -> io::Result<()> {
+    let report = PanicReport { name, news: news.clone() };
+    let run = move || body(&report.news);
+    std::thread::Builder::new().name(name.to_owned()).spawn(run)?;
+    Ok(())
+}
+
+struct PanicReport {
+    name: &'static str,
+    news: Sender<News>,
+}
+
+impl Drop for PanicReport {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            let _nobody = self.news.send(News::Ended(format!("the thread {} panicked", self.name)));
+        }
+    }
+}

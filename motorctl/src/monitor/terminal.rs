@@ -1,0 +1,104 @@
+//! The terminal, as a resource that is given back: at the end, on an error, on a signal and on a panic.
+
+use super::news::News;
+use super::view::is_stop;
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event};
+use std::io::{self, IsTerminal};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
+use std::time::Duration;
+
+/// How long the thread of the keys may go on after the end.
+const GLANCE: Duration = Duration::from_millis(100);
+
+/// Whether a person sits at both ends, with a terminal that can place text.
+pub(crate) fn is_there() -> bool {
+    let is_dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
+    !is_dumb && io::stdin().is_terminal() && io::stdout().is_terminal()
+}
+
+/// The terminal in raw mode, with its alternate screen. Dropping it gives it back as it was.
+pub(super) struct Screen {
+    /// To draw on.
+    pub(super) terminal: DefaultTerminal,
+    closed: Arc<AtomicBool>,
+}
+
+impl Screen {
+    /// Takes the terminal; a panic gives it back before it is reported. From now on keys go to `news`. The key of the
+    /// emergency stop calls `stop` at once: it does not wait until a slow line has taken the next picture.
+    ///
+    /// # Errors
+    ///
+    /// When the terminal cannot be set.
+    pub(super) fn open(stop: impl Fn() + Send + 'static, news: &Sender<News>) -> io::Result<Self> {
+        let screen = Self { terminal: ratatui::try_init()?, closed: Arc::default() };
+        let closed = Arc::clone(&screen.closed);
+        super::news::start("motorctl-keys", news, move |news| {
+            if let Err(error) = hear(&stop, &closed, news) {
+                let _left = news.send(News::Ended(format!("cannot read the keys: {error}")));
+            }
+        })?;
+        Ok(screen)
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        self.closed.store(true, Ordering::Relaxed);
+        // A terminal that is gone needs nothing any more.
+        let _gone = self.terminal.show_cursor();
+        let _gone = ratatui::try_restore();
+    }
+}
+
+fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Result<()> {
+    while !closed.load(Ordering::Relaxed) {
+        if !event::poll(GLANCE)? {
+            continue;
+        }
+        let heard = match event::read()? {
+            Event::Key(key) => {
+                if is_stop(&key) {
+                    stop();
+                }
+                News::Key(key)
+            }
+            Event::Resize(..) => News::Resized,
+            _ => continue,
+        };
+        if news.send(heard).is_err() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::monitor::tmux::Tmux;
+
+    /// Takes the terminal and panics.
+    #[test]
+    #[ignore = "the process that another test runs in a terminal"]
+    fn panicking_process() {
+        let (news, _kept) = std::sync::mpsc::channel();
+        let _screen = Screen::open(|| {}, &news).unwrap();
+        panic!("on purpose");
+    }
+
+    #[test]
+    fn a_panic_gives_the_terminal_back() {
+        let Some(tmux) = Tmux::start(&[]) else { return };
+        let program = std::env::current_exe().unwrap();
+        let line =
+            "--ignored --exact --nocapture monitor::terminal::tests::panicking_process; echo status $?";
+        tmux.enter(&format!("{} {line}", program.display()));
+        tmux.until("the end", |screen| screen.contains("status 101"));
+        assert!(tmux.screen().contains("on purpose"), "{}", tmux.screen());
+        tmux.assert_given_back();
+    }
+}

@@ -1,0 +1,285 @@
+//! The choices of the person in front of the screen, and the meaning of the keys.
+
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+/// The key of the emergency stop: the largest one. It is heard in every page, also while a filter is written.
+pub(super) const STOP_KEY: KeyCode = KeyCode::Char(' ');
+/// Longest filter.
+const FILTER_MAX: usize = 32;
+
+/// Whether `key` asks for the emergency stop.
+pub(super) fn is_stop(key: &KeyEvent) -> bool {
+    key.kind == KeyEventKind::Press && key.code == STOP_KEY
+}
+
+/// A page of the monitor.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Page {
+    /// Joints, with buses and latencies in short.
+    #[default]
+    Joints,
+    /// Every counter of the buses.
+    Buses,
+    /// Percentiles of all latencies.
+    Latencies,
+    /// The keys, and the meaning of the columns.
+    Help,
+}
+
+/// The order of the joints.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) enum Order {
+    /// Motors in fault and offline first, else the order of the configuration.
+    #[default]
+    Trouble,
+    /// The order of the configuration.
+    Configuration,
+    /// By name.
+    Name,
+    /// The nearest to a limit of its position first.
+    Position,
+    /// The fastest first.
+    Velocity,
+    /// The largest part of its torque limit first.
+    Torque,
+    /// The hottest first.
+    Temperature,
+    /// The longest without a reply first.
+    Age,
+}
+
+impl Order {
+    const ALL: [Self; 8] = [
+        Self::Trouble,
+        Self::Configuration,
+        Self::Name,
+        Self::Position,
+        Self::Velocity,
+        Self::Torque,
+        Self::Temperature,
+        Self::Age,
+    ];
+
+    /// Its name on the screen.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Trouble => "trouble",
+            Self::Configuration => "configuration",
+            Self::Name => "name",
+            Self::Position => "position",
+            Self::Velocity => "velocity",
+            Self::Torque => "torque",
+            Self::Temperature => "temperature",
+            Self::Age => "age",
+        }
+    }
+
+    fn next(self, steps: usize) -> Self {
+        Self::ALL[(self as usize + steps) % Self::ALL.len()]
+    }
+}
+
+/// A request to the daemon.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Action {
+    /// Damp and stop the motors of the chosen groups.
+    Disable,
+    /// Clear the latched cause of the chosen groups.
+    Reset,
+    /// Leave the monitor.
+    Quit,
+}
+
+/// The choices.
+#[derive(Debug, Clone, Default)]
+pub(super) struct View {
+    /// The page that is shown.
+    pub(super) page: Page,
+    /// The order of the joints.
+    pub(super) order: Order,
+    /// A part of the names of joints, buses or modes that are shown.
+    pub(super) filter: String,
+    /// The filter is being written.
+    pub(super) is_filtering: bool,
+    /// First row of the page that is shown.
+    pub(super) scroll: usize,
+    /// Rows of the page beyond those that fit, as they were drawn last.
+    pub(super) scroll_max: usize,
+    /// Rows that fit, as they were drawn last.
+    pub(super) rows: usize,
+    /// The group that keys act on, by its index; `None` for all.
+    pub(super) group: Option<usize>,
+    /// Number of groups.
+    pub(super) groups: usize,
+}
+
+impl View {
+    /// Takes in a key. Returns what it asks of the daemon.
+    pub(super) fn press(&mut self, key: &KeyEvent) -> Option<Action> {
+        if key.kind == KeyEventKind::Release {
+            return None;
+        }
+        if key.modifiers.contains(KeyModifiers::CONTROL) {
+            return (key.code == KeyCode::Char('c')).then_some(Action::Quit);
+        }
+        if self.is_filtering {
+            self.write_filter(key.code);
+            return None;
+        }
+        match key.code {
+            KeyCode::Char('q') => return Some(Action::Quit),
+            KeyCode::Char('d') => return Some(Action::Disable),
+            KeyCode::Char('r') => return Some(Action::Reset),
+            code => self.choose(code),
+        }
+        None
+    }
+
+    fn choose(&mut self, code: KeyCode) {
+        match code {
+            KeyCode::Char('?' | 'h') => {
+                self.show(if self.page == Page::Help { Page::Joints } else { Page::Help });
+            }
+            KeyCode::Char('1') => self.show(Page::Joints),
+            KeyCode::Char('2') => self.show(Page::Buses),
+            KeyCode::Char('3') => self.show(Page::Latencies),
+            KeyCode::Tab => self.show(match self.page {
+                Page::Joints => Page::Buses,
+                Page::Buses => Page::Latencies,
+                Page::Latencies | Page::Help => Page::Joints,
+            }),
+            KeyCode::Char('s') => self.order = self.order.next(1),
+            KeyCode::Char('S') => self.order = self.order.next(Order::ALL.len() - 1),
+            KeyCode::Char('g') => self.group = self.next_group(),
+            KeyCode::Char('/') => {
+                self.show(Page::Joints);
+                self.is_filtering = true;
+            }
+            KeyCode::Esc if self.page == Page::Help => self.show(Page::Joints),
+            KeyCode::Esc => self.filter.clear(),
+            code => self.move_by(code),
+        }
+    }
+
+    fn show(&mut self, page: Page) {
+        self.page = page;
+        self.scroll = 0;
+    }
+
+    fn next_group(&self) -> Option<usize> {
+        let next = self.group.map_or(0, |group| group + 1);
+        // With one group there is nothing to choose.
+        (self.groups > 1 && next < self.groups).then_some(next)
+    }
+
+    fn move_by(&mut self, code: KeyCode) {
+        let page = self.rows.max(1);
+        let row = match code {
+            KeyCode::Up | KeyCode::Char('k') => self.scroll.saturating_sub(1),
+            KeyCode::Down | KeyCode::Char('j') => self.scroll + 1,
+            KeyCode::PageUp => self.scroll.saturating_sub(page),
+            KeyCode::PageDown => self.scroll + page,
+            KeyCode::Home => 0,
+            KeyCode::End => usize::MAX,
+            _ => return,
+        };
+        self.scroll = row.min(self.scroll_max);
+    }
+
+    fn write_filter(&mut self, code: KeyCode) {
+        match code {
+            KeyCode::Enter => self.is_filtering = false,
+            KeyCode::Esc => {
+                self.filter.clear();
+                self.is_filtering = false;
+            }
+            KeyCode::Backspace => {
+                self.filter.pop();
+            }
+            // A space is the emergency stop, here too.
+            KeyCode::Char(letter) if KeyCode::Char(letter) != STOP_KEY && self.filter.len() < FILTER_MAX => {
+                self.filter.push(letter);
+            }
+            _ => {}
+        }
+    }
+
+    /// Takes in what was drawn: `rows` of `all` rows fit.
+    pub(super) fn fit(&mut self, all: usize, rows: usize) {
+        self.rows = rows;
+        self.scroll_max = all.saturating_sub(rows);
+        self.scroll = self.scroll.min(self.scroll_max);
+    }
+
+    /// Takes in how many groups the robot has: another daemon may have fewer.
+    pub(super) fn know_groups(&mut self, groups: usize) {
+        self.groups = groups;
+        self.group = self.group.filter(|group| *group < groups);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(code: KeyCode) -> KeyEvent {
+        KeyEvent::new(code, KeyModifiers::NONE)
+    }
+
+    fn typed(view: &mut View, text: &str) {
+        for letter in text.chars() {
+            assert_eq!(view.press(&key(KeyCode::Char(letter))), None, "{letter}");
+        }
+    }
+
+    #[test]
+    fn letters_of_a_filter_ask_for_nothing_and_a_space_stays_the_emergency_stop() {
+        let mut view = View::default();
+        typed(&mut view, "/drq knee");
+        assert!(is_stop(&key(STOP_KEY)));
+        assert_eq!(view.filter, "drqknee");
+        view.press(&key(KeyCode::Enter));
+        assert_eq!(view.press(&key(KeyCode::Char('d'))), Some(Action::Disable));
+        view.press(&key(KeyCode::Esc));
+        assert_eq!(view.filter, "");
+    }
+
+    #[test]
+    fn no_key_with_control_or_of_a_release_asks_for_anything_but_the_end() {
+        let mut view = View::default();
+        let control = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
+        assert_eq!(view.press(&control('d')), None);
+        assert_eq!(view.press(&control('c')), Some(Action::Quit));
+        let release = KeyEvent { kind: KeyEventKind::Release, ..key(STOP_KEY) };
+        assert!(!is_stop(&release));
+        assert_eq!(view.press(&KeyEvent { code: KeyCode::Char('d'), ..release }), None);
+    }
+
+    #[test]
+    fn scrolling_ends_where_the_rows_end_and_begins_anew_on_another_page() {
+        let mut view = View::default();
+        view.fit(12, 5);
+        view.press(&key(KeyCode::End));
+        assert_eq!(view.scroll, 7);
+        view.press(&key(KeyCode::PageUp));
+        assert_eq!(view.scroll, 2);
+        view.fit(3, 5);
+        assert_eq!(view.scroll, 0);
+        view.fit(12, 5);
+        view.press(&key(KeyCode::PageDown));
+        view.press(&key(KeyCode::Tab));
+        assert_eq!((view.page, view.scroll), (Page::Buses, 0));
+    }
+
+    #[test]
+    fn a_group_that_is_gone_is_chosen_no_more() {
+        let mut view = View::default();
+        view.know_groups(2);
+        typed(&mut view, "gg");
+        assert_eq!(view.group, Some(1));
+        view.know_groups(1);
+        assert_eq!(view.group, None);
+        typed(&mut view, "g");
+        assert_eq!(view.group, None, "with one group all is that one");
+    }
+}

@@ -1,0 +1,90 @@
+//! A terminal of tmux with a shell, for programs that draw on the whole screen.
+
+use std::process::{Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// How long something may take to appear on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// A server of tmux with one terminal of 80x24. Dropping it ends it.
+pub(crate) struct Tmux {
+    socket: String,
+}
+
+impl Tmux {
+    /// Starts a shell with `environment`. `None`, which is told, where there is no tmux.
+    pub(crate) fn start(environment: &[(&str, &str)]) -> Option<Self> {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        if Command::new("tmux").arg("-V").stdout(Stdio::null()).status().is_err() {
+            eprintln!("ignored: there is no tmux on this machine");
+            return None;
+        }
+        let number = COUNT.fetch_add(1, Ordering::Relaxed);
+        let tmux = Self { socket: format!("motorctl-test-{}-{number}", std::process::id()) };
+        let variables = environment.iter().map(|(name, value)| format!("{name}='{value}' "));
+        let shell = format!("exec env {} PS1='$ ' bash --norc --noprofile", variables.collect::<String>());
+        let arguments = ["new-session", "-d", "-x80", "-y24", &shell];
+        let started = tmux.run(&arguments);
+        assert!(started.status.success(), "{started:?}");
+        tmux.until("a shell", |screen| screen.contains('$'));
+        Some(tmux)
+    }
+
+    fn run(&self, arguments: &[&str]) -> Output {
+        let mut command = Command::new("tmux");
+        command.args(["-u", "-f", "/dev/null", "-L", &self.socket]).args(arguments);
+        command.env_remove("TMUX").env("LC_ALL", "C.UTF-8").output().unwrap()
+    }
+
+    /// The text on the screen.
+    pub(crate) fn screen(&self) -> String {
+        String::from_utf8_lossy(&self.run(&["capture-pane", "-p"]).stdout).into_owned()
+    }
+
+    /// Presses keys, by the names of tmux.
+    pub(crate) fn press(&self, keys: &[&str]) {
+        self.run(&[&["send-keys"], keys].concat());
+    }
+
+    /// Types a line for the shell.
+    pub(crate) fn enter(&self, line: &str) {
+        self.press(&["-l", line]);
+        self.press(&["Enter"]);
+    }
+
+    /// Gives the terminal another size.
+    #[allow(dead_code, reason = "not every test that shares this needs it")]
+    pub(crate) fn resize(&self, width: u16, height: u16) {
+        self.run(&["resize-window", "-x", &width.to_string(), "-y", &height.to_string()]);
+    }
+
+    /// Waits until the screen is as it should be, and returns it.
+    pub(crate) fn until(&self, what: &str, is_so: impl Fn(&str) -> bool) -> String {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let screen = self.screen();
+            if is_so(&screen) {
+                return screen;
+            }
+            assert!(Instant::now() < deadline, "{what} is not to be seen:\n{screen}");
+            std::thread::sleep(GLANCE);
+        }
+    }
+
+    /// Asserts that the shell has its terminal as it was: its own screen, lines, echo, and the cursor.
+    pub(crate) fn assert_given_back(&self) {
+        self.press(&["C-l"]);
+        self.enter("stty -a | grep -ow -e '-*icanon' -e '-*echo' | tr '\\n' ' '; echo =");
+        self.until("the shell's modes", |screen| screen.contains("icanon echo ="));
+        let flags = self.run(&["display-message", "-p", "#{alternate_on} #{cursor_flag}"]);
+        assert_eq!(String::from_utf8_lossy(&flags.stdout).trim(), "0 1", "alternate screen, cursor");
+    }
+}
+
+impl Drop for Tmux {
+    fn drop(&mut self) {
+        self.run(&["kill-server"]);
+    }
+}
