@@ -515,3 +515,81 @@ fn an_echo_is_never_an_answer() {
         ));
     }
 }
+
+/// GIM document, Table 9.
+#[test]
+fn every_fault_of_the_document_is_read_and_cleared_on_both_wires() {
+    on_both_wires(|bus, link| {
+        for bit in [0x01_u8, 0x02, 0x04, 0x08, 0x10, 0x40, 0x80] {
+            inject(bus, link, &format!("knee fault {bit}"));
+            let mut knee = Native::new(link, 3, None);
+            let fault = knee.fault().unwrap();
+            assert_eq!((fault.0, fault.faults().unknown()), (bit, 0));
+            knee.acknowledge_fault().unwrap();
+            assert!(knee.fault().unwrap().faults().is_none());
+        }
+    });
+}
+
+/// Goal: each result code of Table 5, where each command has it, becomes an error with the document's word; the others keep
+/// their number. Method: a bus that answers every request with one result.
+#[test]
+fn every_result_code_of_the_document_is_an_error_with_its_word_on_both_wires() {
+    use motord_bus::{Arrival, Bus, Content, Frame, FrameId, Inbox, Readiness, Sent};
+    struct Refuser(u8, Option<Frame>);
+    impl Bus for Refuser {
+        fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+            let mut bytes: [u8; 8] = frames[0].payload().try_into().unwrap();
+            let place = match bytes[0] {
+                0x83 | 0x84 => 3,
+                0xA1 | 0xA2 | 0xB4 => 2,
+                _ => 1,
+            };
+            bytes[place] = self.0;
+            self.1 = Some(Frame::full(FrameId::new(3).unwrap(), bytes));
+            Sent::all(1)
+        }
+        fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+            if let Some(frame) = self.1.take() {
+                inbox.push(Arrival { at: now, content: Content::Frame(frame) }).unwrap();
+            }
+        }
+        fn readiness(&self) -> Readiness<'_> {
+            if self.1.is_some() { Readiness::At(START) } else { Readiness::Never }
+        }
+    }
+    for (code, word) in [
+        (0x01, "failure"),
+        (0x02, "unknown command"),
+        (0x03, "unknown id"),
+        (0x04, "read-only register"),
+        (0x05, "unknown register"),
+        (0x06, "string format"),
+        (0x07, "data format"),
+        (0x0B, "write-only register"),
+        (0x42, "reason not in the vendor's list"),
+    ] {
+        let can = Link::can(Refuser(code, None), VirtualTime::new(START));
+        let serial = Link::serial(Refuser(code, None), VirtualTime::new(START));
+        for mut link in [can, serial] {
+            let mut motor = Native::new(&mut link, 3, None);
+            let torque_constant = ConfigurationItem::TORQUE_CONSTANT;
+            let refused = [
+                motor.start().err(),
+                motor.version().err(),
+                motor.parameter(4).err(),
+                motor.indicator(9).err(),
+                motor.configuration(torque_constant).err(),
+                motor
+                    .set_configuration(torque_constant.item().unwrap(), Value::Float(Finite::default()))
+                    .err(),
+            ];
+            for error in refused {
+                let said = error.unwrap().to_string();
+                assert!(said.ends_with(&format!("the motor refused: {word} (RES {code:#04X})")), "{said}");
+            }
+        }
+    }
+    let mut link = Link::can(Refuser(0x00, None), VirtualTime::new(START));
+    Native::new(&mut link, 3, None).start().unwrap();
+}

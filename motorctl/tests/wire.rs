@@ -4,67 +4,12 @@
 
 mod line;
 
-use line::{Line, motor};
+use line::{Calls, Line, motor, text};
 use motord_bus::Duration;
 use motord_protocol::gim::{CONFIGURATION, INDICATORS, PARAMETERS};
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
-
-/// Calls of motorctl from the directory of a line.
-trait Calls {
-    fn command(&self, line: &str) -> Command;
-    fn motorctl(&self, line: &str) -> Output;
-    fn good(&self, line: &str) -> String;
-    fn json(&self, line: &str) -> Value;
-    fn bad(&self, line: &str, status: i32) -> String;
-}
-
-impl Calls for Line {
-    /// Runs motorctl without a terminal. `@` is the bus and the knee.
-    fn command(&self, line: &str) -> Command {
-        let line =
-            line.replace('@', &format!("--bus {} --id 3", self.device())).replace("LINE", &self.device());
-        let runtime = self.path("run");
-        std::fs::create_dir_all(&runtime).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
-        command.args(line.split_whitespace()).current_dir(self.path(".")).stdin(Stdio::null());
-        command.env("MOTORD_RUNTIME_DIR", runtime).env_remove("MOTORD_INSTANCE");
-        command
-    }
-
-    fn motorctl(&self, line: &str) -> Output {
-        self.command(line).output().unwrap()
-    }
-
-    /// Standard output of a call that succeeds.
-    fn good(&self, line: &str) -> String {
-        let output = self.motorctl(line);
-        assert!(output.status.success(), "{line}: {} {}", output.status, text(&output.stderr));
-        text(&output.stdout)
-    }
-
-    fn json(&self, line: &str) -> Value {
-        serde_json::from_str(&self.good(&format!("{line} --json"))).unwrap()
-    }
-
-    /// Standard error of a call that fails with this status.
-    fn bad(&self, line: &str, status: i32) -> String {
-        let output = self.motorctl(line);
-        assert_eq!(
-            output.status.code(),
-            Some(status),
-            "{line}: {} {}",
-            text(&output.stdout),
-            text(&output.stderr)
-        );
-        text(&output.stderr)
-    }
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+use std::process::Stdio;
 
 #[test]
 fn a_scan_of_a_line_finds_its_motors_and_tells_their_host_ids() {

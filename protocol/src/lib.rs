@@ -7,7 +7,7 @@
 //!   disagree, the Chinese original is followed.
 //!
 //! They apply to SteadyWin's SDC101, SDC102 and SDC103 drivers. Other drivers sold under the GIM name speak other protocols with
-//! the same leading bytes, so a motor's protocol is declared, never probed for.
+//! the same leading bytes, so a motor's protocol is declared, never guessed from what it answers.
 //!
 //! - [`mit`]: impedance control over CAN, 8 bytes there and 6 to 8 back.
 //! - [`profile`]: what differs from vendor to vendor in it, as data.

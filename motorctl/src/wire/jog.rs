@@ -6,7 +6,6 @@ use crate::wire::failure::WireFailure;
 use crate::wire::motion::{Jogged, PERIOD, ranged};
 use crate::wire::say;
 use crate::wire::target::{Session, Target};
-use motord_commissioning::Error;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
 use std::io::{self, IsTerminal, Stdin, Write};
@@ -93,9 +92,10 @@ fn hold_to_run(
         let [at, speed] = motor.follow(velocity)?;
         position = at;
         if (at - begin).abs() > 1.2 * arguments.max_travel_rad || speed.abs() > 3.0 * arguments.rad_s + 1.0 {
-            return Err(
-                Error::Protocol { id: 0, reason: "it moved beyond its bounds, and was stopped" }.into()
-            );
+            return Err(WireFailure::Unfit {
+                id: motor.id(),
+                reason: "it moved beyond its bounds, and was stopped".to_owned(),
+            });
         }
         hand.show(position);
         interrupt.pause_until(Instant::now() + PERIOD);

@@ -211,6 +211,11 @@ impl<'s> Jogged<'s> {
         }
     }
 
+    /// The motor's id.
+    pub(crate) fn id(&self) -> u8 {
+        self.session.id
+    }
+
     /// Stops the motor.
     pub(crate) fn stop(&mut self) -> Result<(), Error> {
         match self.session.protocol {

@@ -1,17 +1,22 @@
-//! Native motors on an RS485 line, which is a pseudo terminal here.
+//! Simulated motors on a bus that motorctl opens: an RS485 line, which is a pseudo terminal here, or a virtual CAN interface.
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
-use motord_bus::{Duration, clock, wait};
-use motord_simulator::{BusKind, BusSettings, Dialect, MotorSettings, SerialPort, SerialSlave, SimulatedBus};
+use motord_bus::{Duration, Instant, clock, wait};
+use motord_simulator::{
+    Bridge, BusKind, BusSettings, Dialect, FaultVerb, MotorSettings, SerialPort, SerialSlave, SimulatedBus,
+};
+use serde_json::Value;
 use std::path::PathBuf;
+use std::process::{Command, Output, Stdio};
 use std::sync::mpsc::{Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
 use tempfile::TempDir;
 
-/// A line with motors, served until it is dropped.
+/// A bus with motors, served until it is dropped.
 pub(crate) struct Line {
     directory: TempDir,
+    device: String,
     verbs: Option<Sender<String>>,
     served: Option<JoinHandle<()>>,
 }
@@ -29,7 +34,42 @@ pub(crate) fn motor(name: &str, id: u16) -> MotorSettings {
     }
 }
 
+/// The motors' side of a bus.
+trait Served: Send {
+    fn serve(&mut self, now: Instant);
+    fn inject(&mut self, now: Instant, verb: &FaultVerb);
+    fn wait(&self, now: Instant);
+}
+
+/// A longer wait would hold up a fault.
+const GLANCE: Duration = Duration::from_millis(2);
+
+impl Served for SerialPort {
+    fn serve(&mut self, now: Instant) {
+        Self::serve(self, now);
+    }
+    fn inject(&mut self, now: Instant, verb: &FaultVerb) {
+        Self::inject(self, now, verb).unwrap();
+    }
+    fn wait(&self, now: Instant) {
+        let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
+    }
+}
+
+impl Served for Bridge {
+    fn serve(&mut self, now: Instant) {
+        Self::serve(self, now);
+    }
+    fn inject(&mut self, now: Instant, verb: &FaultVerb) {
+        Self::inject(self, now, verb).unwrap();
+    }
+    fn wait(&self, now: Instant) {
+        let _ready = wait(&[self.readiness()], now, self.due().min(now + GLANCE));
+    }
+}
+
 impl Line {
+    /// An RS485 line.
     pub(crate) fn new(motors: Vec<MotorSettings>) -> Self {
         let directory = TempDir::new().unwrap();
         let settings = BusSettings {
@@ -39,21 +79,33 @@ impl Line {
             ..Default::default()
         };
         let slave = SerialSlave::new(SimulatedBus::new(settings, motors, 7), 7);
-        let mut port = SerialPort::open(slave, Some(directory.path().join("tty"))).unwrap();
+        let tty = directory.path().join("tty");
+        let port = SerialPort::open(slave, Some(tty.clone())).unwrap();
+        Self::serve(directory, tty.display().to_string(), Box::new(port))
+    }
+
+    /// The virtual CAN interface of this name, with 1 Mbit/s on the simulated wire.
+    pub(crate) fn on_can(interface: &str, motors: Vec<MotorSettings>) -> Self {
+        let settings = BusSettings { name: "line".into(), ..Default::default() };
+        let simulated = SimulatedBus::new(settings, motors, 7);
+        let bridge = Bridge::open(simulated, interface.parse().unwrap(), 1_000_000).unwrap();
+        Self::serve(TempDir::new().unwrap(), interface.to_owned(), Box::new(bridge))
+    }
+
+    fn serve(directory: TempDir, device: String, mut bus: Box<dyn Served>) -> Self {
         let (verbs, received) = channel::<String>();
         let served = std::thread::spawn(move || {
             loop {
-                port.serve(clock::monotonic());
+                bus.serve(clock::monotonic());
                 match received.try_recv() {
-                    Ok(verb) => port.inject(clock::monotonic(), &verb.parse().unwrap()).unwrap(),
+                    Ok(verb) => bus.inject(clock::monotonic(), &verb.parse().unwrap()),
                     Err(TryRecvError::Disconnected) => return,
                     Err(TryRecvError::Empty) => {}
                 }
-                let now = clock::monotonic();
-                let _ready = wait(&[port.readiness()], now, port.due().min(now + Duration::from_millis(2)));
+                bus.wait(clock::monotonic());
             }
         });
-        Self { directory, verbs: Some(verbs), served: Some(served) }
+        Self { directory, device, verbs: Some(verbs), served: Some(served) }
     }
 
     /// One motor with id 3.
@@ -74,7 +126,7 @@ impl Line {
 
     /// The device to open.
     pub(crate) fn device(&self) -> String {
-        self.path("tty").display().to_string()
+        self.device.clone()
     }
 }
 
@@ -83,4 +135,60 @@ impl Drop for Line {
         drop(self.verbs.take());
         let _ended = self.served.take().map(JoinHandle::join);
     }
+}
+
+/// Calls of motorctl from the directory of a line.
+pub(crate) trait Calls {
+    fn command(&self, line: &str) -> Command;
+    fn motorctl(&self, line: &str) -> Output;
+    fn good(&self, line: &str) -> String;
+    fn json(&self, line: &str) -> Value;
+    fn bad(&self, line: &str, status: i32) -> String;
+}
+
+impl Calls for Line {
+    /// Runs motorctl without a terminal. `@` is the bus and the knee.
+    fn command(&self, line: &str) -> Command {
+        let line =
+            line.replace('@', &format!("--bus {} --id 3", self.device())).replace("LINE", &self.device());
+        let runtime = self.path("run");
+        std::fs::create_dir_all(&runtime).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+        command.args(line.split_whitespace()).current_dir(self.path(".")).stdin(Stdio::null());
+        command.env("MOTORD_RUNTIME_DIR", runtime).env_remove("MOTORD_INSTANCE");
+        command
+    }
+
+    fn motorctl(&self, line: &str) -> Output {
+        self.command(line).output().unwrap()
+    }
+
+    /// Standard output of a call that succeeds.
+    fn good(&self, line: &str) -> String {
+        let output = self.motorctl(line);
+        assert!(output.status.success(), "{line}: {} {}", output.status, text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    fn json(&self, line: &str) -> Value {
+        serde_json::from_str(&self.good(&format!("{line} --json"))).unwrap()
+    }
+
+    /// Standard error of a call that fails with this status.
+    fn bad(&self, line: &str, status: i32) -> String {
+        let output = self.motorctl(line);
+        assert_eq!(
+            output.status.code(),
+            Some(status),
+            "{line}: {} {}",
+            text(&output.stdout),
+            text(&output.stderr)
+        );
+        text(&output.stderr)
+    }
+}
+
+/// Output as text.
+pub(crate) fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
 }

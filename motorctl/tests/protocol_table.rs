@@ -1,0 +1,236 @@
+//! The table of docs/protocol.md: every command, configuration item, parameter, indicator, fault and result code of the vendor's
+//! documents, with the line of motorctl that uses it, and the tests that prove it.
+//!
+//! The table is written from the crate that knows the documents: no row can be missing. `MOTORD_WRITE_DOCS=1` writes it.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord_protocol::fault::FAULTS;
+use motord_protocol::gim::{
+    Access, CONFIGURATION, CommandCode, ConfigurationItem, INDICATORS, PARAMETERS, Refusal,
+};
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+
+/// The line of motorctl, the test on CAN, the test on RS485.
+type Row = [&'static str; 3];
+
+const COMMANDS_ON_CAN: &str = "every_command_of_the_document_works_over_can";
+const READ_ON_BOTH: &str = "every_item_parameter_and_indicator_of_the_tables_is_read_on_both_wires";
+const IN_MIT: &str = "a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands";
+const MOVES: &str = "a_motor_moves_for_a_bounded_time_and_stops";
+const WRITTEN_ON_CAN: &str = "every_configuration_item_is_written_over_can_and_reads_back";
+const WRITTEN_ON_BOTH: &str = "every_writable_item_and_parameter_is_written_and_reads_back_on_both_wires";
+const ADDRESS: &str = "ids_and_protocol_are_changed_and_confirmed";
+const PTS: &str = "pts_control_is_refused_in_the_words_of_the_document";
+
+fn command(code: CommandCode) -> Row {
+    use CommandCode as Code;
+    match code {
+        Code::ResetConfiguration => [
+            "motorctl config reset",
+            "three_motors_survive_a_factory_reset_over_can_by_dump_and_apply",
+            "three_motors_survive_a_factory_reset_by_dump_and_apply",
+        ],
+        Code::RefreshConfiguration => ["motorctl config apply FILE", WRITTEN_ON_CAN, WRITTEN_ON_BOTH],
+        Code::ModifyConfiguration => [
+            "motorctl config set NAME VALUE",
+            WRITTEN_ON_CAN,
+            "a_configuration_item_is_written_and_read_back_and_a_refusal_is_the_vendors",
+        ],
+        Code::RetrieveConfiguration => [
+            "motorctl config list",
+            WRITTEN_ON_CAN,
+            "every_configuration_item_of_the_document_is_listed_with_type_access_unit_and_effect",
+        ],
+        Code::StartMotor => ["motorctl start", COMMANDS_ON_CAN, MOVES],
+        Code::StopMotor => ["motorctl stop", COMMANDS_ON_CAN, MOVES],
+        Code::TorqueControl => ["motorctl torque NM", COMMANDS_ON_CAN, MOVES],
+        Code::SpeedControl => ["motorctl speed RAD/S", COMMANDS_ON_CAN, MOVES],
+        Code::PositionControl => ["motorctl position RAD", COMMANDS_ON_CAN, MOVES],
+        Code::PtsControl => ["motorctl pts", PTS, PTS],
+        Code::StopControl => ["motorctl stop --control", COMMANDS_ON_CAN, MOVES],
+        Code::ModifyParameter => [
+            "motorctl parameter set NAME VALUE",
+            COMMANDS_ON_CAN,
+            "every_parameter_of_the_document_is_written_and_read_back",
+        ],
+        Code::RetrieveParameter => [
+            "motorctl parameter get",
+            COMMANDS_ON_CAN,
+            "every_parameter_of_the_document_is_written_and_read_back",
+        ],
+        Code::GetVersion => {
+            ["motorctl version", COMMANDS_ON_CAN, "a_motor_is_pinged_and_tells_its_version_and_address"]
+        }
+        Code::GetFault => ["motorctl fault get", COMMANDS_ON_CAN, "a_fault_is_read_in_words_and_cleared"],
+        Code::AcknowledgeFault => {
+            ["motorctl fault clear", COMMANDS_ON_CAN, "a_fault_is_read_in_words_and_cleared"]
+        }
+        Code::RetrieveIndicator => [
+            "motorctl indicator NAME",
+            COMMANDS_ON_CAN,
+            "every_indicator_of_the_document_is_read_with_its_unit",
+        ],
+        Code::Calibration => {
+            ["motorctl calibrate encoder", COMMANDS_ON_CAN, "a_calibration_waits_for_its_end"]
+        }
+        Code::UpdateFirmware => {
+            ["motorctl firmware-mode", COMMANDS_ON_CAN, "a_motor_in_firmware_mode_is_silent"]
+        }
+    }
+}
+
+fn item(item: &ConfigurationItem) -> Row {
+    match item.name {
+        "can-id" => ["motorctl id --set-id ID", COMMANDS_ON_CAN, ADDRESS],
+        "host-id" => ["motorctl id --set-host-id ID", COMMANDS_ON_CAN, ADDRESS],
+        "can-protocol" => ["motorctl protocol mit", IN_MIT, ADDRESS],
+        "can-baud-rate" => [
+            "motorctl id --set-bitrate RATE",
+            "a_motor_with_another_bit_rate_is_told_to_be_out_of_reach",
+            ADDRESS,
+        ],
+        "zero-position" => {
+            ["motorctl zero --at RAD", COMMANDS_ON_CAN, "a_zero_is_moved_to_a_known_angle_and_checked"]
+        }
+        _ if item.access == Access::ReadOnly => ["motorctl config get NAME", READ_ON_BOTH, READ_ON_BOTH],
+        _ => ["motorctl config set NAME VALUE", WRITTEN_ON_CAN, WRITTEN_ON_BOTH],
+    }
+}
+
+/// The commands of the MIT document, which is for CAN only.
+const MIT: [(&str, &str); 6] = [
+    ("get fault", "motorctl fault get --protocol mit"),
+    ("clear fault", "motorctl fault clear --protocol mit"),
+    ("start motor", "motorctl jog"),
+    ("stop motor", "motorctl stop"),
+    ("set zero", "motorctl zero"),
+    ("dynamic control", "motorctl jog"),
+];
+
+/// Table 9, in the words of the document.
+const TABLE_9: [(u8, &str); 8] = [
+    (0x00, "No Fault"),
+    (0x01, "FoC Frequency Too High"),
+    (0x02, "Over Voltage"),
+    (0x04, "Under Voltage"),
+    (0x08, "Over Temperature"),
+    (0x10, "Start Failure"),
+    (0x40, "Over Current"),
+    (0x80, "Software Exception"),
+];
+
+fn row(text: &mut String, number: &str, name: &str, [line, can, rs485]: Row) {
+    writeln!(text, "| {number} | {name} | `{line}` | `{can}` | `{rs485}` |").unwrap();
+}
+
+fn head(text: &mut String, title: &str, number: &str) {
+    write!(text, "\n### {title}\n\n| {number} | name | use | proved on CAN | proved on RS485 |\n|---|---|---|---|---|\n")
+        .unwrap();
+}
+
+/// The tables, as they stand in the document.
+fn tables() -> String {
+    let mut text = String::new();
+    head(&mut text, "Commands (GIM, Table 4 and 3.2.18)", "byte");
+    for code in CommandCode::ALL {
+        row(&mut text, &format!("0x{:02X}", code as u8), code.name(), command(code));
+    }
+    text += "\n### Commands of MIT\n\n| name | use | proved on CAN |\n|---|---|---|\n";
+    for (name, line) in MIT {
+        writeln!(text, "| {name} | `{line}` | `{IN_MIT}` |").unwrap();
+    }
+    head(&mut text, "Configuration items (GIM, Tables 6 and 7)", "type, id");
+    for row_of_7 in &CONFIGURATION {
+        let number = format!("{}, 0x{:02X}", row_of_7.value_type as u8, row_of_7.conf_id);
+        row(&mut text, &number, row_of_7.name, item(row_of_7));
+    }
+    head(&mut text, "Parameters (GIM, Table 8)", "id");
+    for parameter in &PARAMETERS {
+        row(
+            &mut text,
+            &format!("0x{:02X}", parameter.id),
+            parameter.name,
+            command(CommandCode::ModifyParameter),
+        );
+    }
+    head(&mut text, "Indicators (GIM, Table 10)", "id");
+    for indicator in &INDICATORS {
+        let proof = [
+            "motorctl indicator NAME",
+            COMMANDS_ON_CAN,
+            "every_indicator_of_the_document_is_read_with_its_unit",
+        ];
+        row(&mut text, &format!("0x{:02X}", indicator.id), indicator.name, proof);
+    }
+    head(&mut text, "Calibrations (GIM, Table 11)", "type");
+    for (number, name, line) in
+        [(0, "phase order", "motorctl calibrate phase"), (1, "encoder", "motorctl calibrate encoder")]
+    {
+        row(
+            &mut text,
+            &format!("0x{number:02X}"),
+            name,
+            [line, COMMANDS_ON_CAN, "a_calibration_waits_for_its_end"],
+        );
+    }
+    head(&mut text, "Faults (GIM, Table 9; MIT, 1.2)", "number");
+    for (bit, name) in TABLE_9 {
+        let test = "every_fault_of_the_document_is_read_and_cleared_on_both_wires";
+        row(&mut text, &format!("0x{bit:02X}"), name, ["motorctl fault get", test, test]);
+    }
+    head(&mut text, "Result codes (GIM, Table 5)", "RES");
+    let test = "every_result_code_of_the_document_is_an_error_with_its_word_on_both_wires";
+    row(&mut text, "0x00", "success", ["motorctl start", test, test]);
+    for code in [0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x0B] {
+        let refusal = Refusal::check(code).unwrap_err().to_string();
+        let word = refusal.trim_start_matches("the motor refused: ").split(" (").next().unwrap().to_owned();
+        row(&mut text, &format!("0x{code:02X}"), &word, ["motorctl config set NAME VALUE", test, test]);
+    }
+    text
+}
+
+const BEGIN: &str = "<!-- written by motorctl/tests/protocol_table.rs -->\n";
+
+#[test]
+fn the_tables_of_the_protocol_page_are_complete_and_present() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/protocol.md");
+    let document = std::fs::read_to_string(&path).unwrap();
+    let (before, present) = document.split_once(BEGIN).expect("the page has the tables");
+    if std::env::var_os("MOTORD_WRITE_DOCS").is_some() {
+        std::fs::write(&path, format!("{before}{BEGIN}{}", tables())).unwrap();
+    } else {
+        assert_eq!(
+            present,
+            tables(),
+            "MOTORD_WRITE_DOCS=1 cargo test -p motorctl --test protocol_table writes them"
+        );
+    }
+}
+
+#[test]
+fn every_line_of_the_tables_is_a_command_of_motorctl() {
+    let tables = tables();
+    let lines: BTreeSet<&str> = tables.split('`').filter(|text| text.starts_with("motorctl ")).collect();
+    assert!(lines.len() > 20, "{lines:?}");
+    for line in lines {
+        let words =
+            line.split(' ').skip(1).take_while(|word| word.starts_with(|c: char| c.is_ascii_lowercase()));
+        let output = Command::new(env!("CARGO_BIN_EXE_motorctl")).args(words).arg("--help").output().unwrap();
+        assert!(output.status.success(), "{line}");
+        let help = String::from_utf8(output.stdout).unwrap();
+        for option in line.split(' ').filter(|word| word.starts_with("--")) {
+            assert!(help.contains(option), "{line}: {option}");
+        }
+    }
+}
+
+#[test]
+fn the_faults_of_the_table_are_those_of_the_document() {
+    let known: u32 = TABLE_9.iter().map(|(bit, _)| u32::from(*bit)).sum();
+    let named = FAULTS.iter().map(|fault| fault.bit).filter(|bit| *bit <= 0xFF).sum();
+    assert_eq!(known, named);
+}

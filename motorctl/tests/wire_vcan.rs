@@ -1,0 +1,162 @@
+//! `motorctl` on virtual CAN interfaces, and on an RS485 line beside them.
+//!
+//! These tests need interfaces vcan0 to vcan3: `rigs/test-commissioning` boots a kernel that has them; elsewhere they are reported
+//! as ignored.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+mod line;
+
+use line::{Calls, Line, motor};
+use motord_protocol::gim::{Access, CONFIGURATION, INDICATORS, PARAMETERS, ValueType};
+use motord_simulator::{Dialect, MotorSettings};
+
+fn in_mit(name: &str, id: u16) -> MotorSettings {
+    MotorSettings { dialect: Dialect::Mit, host_id: 0x100 + id, ..motor(name, id) }
+}
+
+fn knee() -> Line {
+    Line::on_can("vcan0", vec![MotorSettings { host_id: 0x103, ..motor("knee", 3) }])
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn a_scan_finds_twelve_motors_on_four_interfaces_and_three_on_a_line_in_one_pass() {
+    let of = |id: u16| {
+        let name = format!("m{id}");
+        if id.is_multiple_of(2) {
+            in_mit(&name, id)
+        } else {
+            MotorSettings { host_id: 0x100 + id, ..motor(&name, id) }
+        }
+    };
+    let interfaces: Vec<Line> = (0..4_u16)
+        .map(|at| Line::on_can(&format!("vcan{at}"), (3 * at + 1..=3 * at + 3).map(of).collect()))
+        .collect();
+    let line = Line::new(vec![motor("m20", 20), motor("m21", 21), motor("m22", 22)]);
+    let buses: String = interfaces.iter().map(|bus| format!("--bus {} ", bus.device())).collect();
+    let scanned = line.json(&format!("scan {buses}--bus LINE --ids 1-24"));
+    let found: Vec<(String, u64, String)> = scanned["motors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|found| {
+            let text = |key: &str| found[key].as_str().unwrap().to_owned();
+            (text("bus"), found["id"].as_u64().unwrap(), text("protocol"))
+        })
+        .collect();
+    let on_can = (1..=12_u64).map(|id| {
+        let protocol = if id.is_multiple_of(2) { "mit" } else { "gim" };
+        (format!("vcan{}", (id - 1) / 3), id, protocol.to_owned())
+    });
+    let on_the_line = (20..=22).map(|id| (line.device(), id, "gim".to_owned()));
+    assert_eq!(found, on_can.chain(on_the_line).collect::<Vec<_>>());
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn every_command_of_the_document_works_over_can() {
+    let line = knee();
+    assert_eq!(line.json("ping @")["host_id"], 0x103);
+    assert_eq!(line.json("version @")["version"], 0x0001_0203);
+    assert_eq!(line.json("indicator @").as_array().unwrap().len(), INDICATORS.len());
+    for (index, row) in PARAMETERS.iter().enumerate() {
+        line.good(&format!("parameter set {} {} @ --yes", row.name, 500 + index));
+    }
+    let stored = line.json("parameter get @");
+    assert!((0..PARAMETERS.len()).all(|index| stored[index]["value"] == 500 + index));
+    line.good("start @ --yes");
+    line.good("stop @ --control");
+    line.good("stop @");
+    line.good("torque 0.3 --seconds 0.2 --max-travel-rad 9 --max-rad-s 40 @ --yes");
+    line.good("speed 0.5 --seconds 0.2 @ --yes");
+    let at = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    line.good(&format!("position {:.3} --seconds 0.6 @ --yes", at + 0.2));
+    line.good("zero @ --at 0.5 --yes");
+    line.good("calibrate phase @ --yes");
+    line.good("calibrate encoder @ --yes");
+    line.inject("knee fault 0x42");
+    assert_eq!(line.json("fault get @ --protocol gim")["bits"], 0x42);
+    line.good("fault clear @ --protocol gim");
+    line.good("id @ --set-id 5 --set-host-id 0x105 --yes");
+    line.good("firmware-mode --bus LINE --id 5 --repeat-id 5 --yes");
+    line.bad("fault get --bus LINE --id 5 --protocol gim", 69);
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn every_configuration_item_is_written_over_can_and_reads_back() {
+    let line = knee();
+    let rows = line.json("config list @");
+    let changed = CONFIGURATION.iter().zip(rows.as_array().unwrap()).filter(|(item, _)| {
+        let is_link = ["can-id", "host-id", "can-protocol", "can-baud-rate"].contains(&item.name);
+        item.access == Access::ReadWrite && !is_link
+    });
+    let items: String = changed
+        .map(|(item, row)| match item.value_type {
+            ValueType::Integer => format!("{} = {}\n", item.name, row["value"].as_i64().unwrap() + 1),
+            ValueType::Float => format!("{} = {:?}\n", item.name, row["value"].as_f64().unwrap() * 1.5),
+        })
+        .collect();
+    std::fs::write(line.path("knee.toml"), format!("[configuration]\n{items}")).unwrap();
+    let said = line.good("config apply knee.toml @ --yes");
+    assert!(said.contains("25 items written, each read back"), "{said}");
+    line.good("config diff knee.toml @");
+    let refused = line.bad("config set gear-ratio 0 @ --yes", 1);
+    assert!(refused.contains("data format (RES 0x07)"), "{refused}");
+}
+
+/// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its interface.
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn three_motors_survive_a_factory_reset_over_can_by_dump_and_apply() {
+    for id in [3, 17, 99] {
+        let line = Line::on_can("vcan0", vec![MotorSettings { host_id: 0x100 + id, ..motor("knee", id) }]);
+        let here = format!("--bus LINE --id {id}");
+        line.good(&format!("config set rated-current {id} {here} --yes"));
+        line.good(&format!("config dump knee.toml {here}"));
+        let said = line.good(&format!("config reset {here} --yes"));
+        assert!(said.contains("it answers as id 1"), "{said}");
+        line.bad("config diff knee.toml --bus LINE --id 1", 1);
+        line.good("config apply knee.toml --bus LINE --id 1 --yes");
+        line.good(&format!("config diff knee.toml {here}"));
+    }
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
+    let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
+    assert_eq!(line.json("ping @")["protocol"], "mit");
+    line.good("jog @ --seconds 0.4 --kd 5 --yes");
+    line.good("zero @ --yes");
+    line.good("stop @");
+    line.inject("knee fault 0x02");
+    assert_eq!(line.json("fault get @ --protocol mit")["bits"], 2);
+    line.good("fault clear @ --protocol mit");
+    let native = line.bad("config list @", 1);
+    assert!(native.contains("serial port"), "{native}");
+    let way_back = line.bad("protocol gim @ --yes", 1);
+    assert!(way_back.contains("no way back from MIT"), "{way_back}");
+    drop(line);
+
+    let line = knee();
+    let said = line.good("protocol mit @ --yes");
+    assert!(said.contains("the motor answers in MIT now"), "{said}");
+    assert_eq!(line.json("ping @")["protocol"], "mit");
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn an_interface_that_another_process_uses_is_refused_with_its_number() {
+    let line = knee();
+    let mut first = line.command("indicator @ --watch").stdout(std::process::Stdio::null()).spawn().unwrap();
+    let deadline = std::time::Instant::now() + std::time::Duration::from_secs(10);
+    while line.motorctl("ping @").status.code() != Some(75) {
+        assert!(std::time::Instant::now() < deadline, "the interface is not locked");
+    }
+    let refused = line.bad("ping @", 75);
+    assert!(refused.contains(&format!("process {}", first.id())), "{refused}");
+    first.kill().unwrap();
+    first.wait().unwrap();
+}
