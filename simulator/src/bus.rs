@@ -23,6 +23,10 @@ const SERIAL_PATIENCE: Duration = Duration::from_millis(2);
 /// The frames of a flood have ids from here to 0x7FF, which no motor should have.
 const UNEXPECTED_ID: u16 = 0x7F0;
 
+/// The host's report of a frame that was destroyed on the wire.
+const DESTROYED: Content =
+    Content::Error(ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] });
+
 /// A bus with its motors, in process. The time of every event follows from the times that are passed in and from the seed.
 /// So the same calls give the same bytes, on virtual and on real time.
 ///
@@ -96,7 +100,8 @@ impl SimulatedBus {
             random: Random::new(seed),
             begun: false,
             now: Instant::ZERO,
-            queue: VecDeque::with_capacity(settings.tx_queue),
+            // One more: a frame that was destroyed on the wire goes back.
+            queue: VecDeque::with_capacity(settings.tx_queue + 1),
             answers: Answers::new(motors.len()),
             wire: None,
             host_ready: Instant::ZERO,
@@ -352,10 +357,12 @@ impl SimulatedBus {
 
     /// Every node but the sender hears a frame when it is complete.
     fn complete(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
+        if self.is_disturbed(sender) {
+            return self.repeat(Transfer { sender, frame, ready, ends });
+        }
         if sender == Sender::Several {
             self.host_ready = self.host_ready.min(ends);
-            let error = ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] };
-            return self.arrive(ends, Content::Error(error));
+            return self.arrive(ends, DESTROYED);
         }
         let from_host = sender == Sender::Host;
         let direction = if from_host { Direction::ToMotor } else { Direction::ToHost };
@@ -373,6 +380,25 @@ impl SimulatedBus {
             if let Some(reply) = self.motors[index].hear(ends, &frame) {
                 self.answer(index, ends, reply);
             }
+        }
+    }
+
+    /// A motor of another bit rate destroys the frame of `sender`.
+    fn is_disturbed(&mut self, sender: Sender) -> bool {
+        let others = (0..).zip(&mut self.motors).filter(|(index, _)| sender != Sender::Motor(*index));
+        others.fold(false, |disturbed, (_, motor)| motor.disturbs() || disturbed)
+    }
+
+    /// The frame was destroyed: the host learns of it, and the sender tries again.
+    fn repeat(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
+        let contender = Contender { sender, frame, ready, duration: self.duration(&frame) };
+        match sender {
+            Sender::Host => self.queue.push_front(contender),
+            Sender::Motor(_) => self.answers.admit(contender, false, false),
+            Sender::Flood | Sender::Several => {}
+        }
+        if !self.link.is_cut() {
+            self.arrive(ends, DESTROYED);
         }
     }
 
@@ -436,7 +462,7 @@ impl Bus for SimulatedBus {
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
         self.advance(now);
         let refuse = |refusal| Sent { accepted: 0, refusal: Some(refusal) };
-        let space = self.settings.tx_queue - self.queue.len();
+        let space = self.settings.tx_queue.saturating_sub(self.queue.len());
         let space = match self.link {
             Link::Down => return refuse(Refusal::Down),
             Link::Gone => return refuse(Refusal::Gone),

@@ -72,7 +72,7 @@ pub use record::{Direction, Recorded};
 pub use serial::SerialSlave;
 pub use settings::{
     Behaviour, BeyondRange, BusKind, BusSettings, Dialect, DurationEnd, HostLoss, InFault, MotorSettings,
-    Persistence, ReplyTiming,
+    OtherBitrate, Persistence, ReplyTiming,
 };
 pub use shaft::Shaft;
 pub use shared::SharedBus;

@@ -7,7 +7,7 @@ mod mit;
 
 use crate::body::{Body, Law, STEP_NS};
 use crate::fault::{Fault, InjectError};
-use crate::settings::{BusKind, HostLoss, MotorSettings};
+use crate::settings::{BusKind, HostLoss, MotorSettings, OtherBitrate};
 use crate::shaft::Shaft;
 use crate::twin::Twin;
 use crate::wire::{POSITION, Scale, State, VELOCITY};
@@ -19,6 +19,9 @@ use motord_bus::{Duration, Frame, FrameId, Instant};
 const STEPS_MAX: u64 = 4_000;
 /// The shaft turns this fast while it is calibrated, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
+
+/// Error frames until a controller is error passive: each adds 8 to a counter that ends at 127.
+const DISTURBANCES: u8 = 16;
 
 /// The mode of a drive.
 ///
@@ -71,6 +74,8 @@ pub struct Motor {
     last_executed: Option<(Instant, Frame)>,
     /// The payload of the answer before.
     last_answer: [u8; 8],
+    /// Frames that it can still destroy.
+    disturbances: u8,
 }
 
 /// The injected faults between the drive and the wire.
@@ -126,6 +131,7 @@ impl Motor {
             impairment: Impairment { dead: !settings.has_power, ..Impairment::default() },
             last_executed: None,
             last_answer: [0; 8],
+            disturbances: DISTURBANCES,
             settings,
             kind,
             bitrate,
@@ -335,6 +341,18 @@ impl Motor {
         Some(Reply { frame: Frame::new(host_id, &payload[..length])?, after })
     }
 
+    /// Whether it destroys a frame on a CAN bus, as one of another bit rate may.
+    pub(crate) fn disturbs(&mut self) -> bool {
+        let takes_part = self.kind == BusKind::Can
+            && self.settings.behaviour.other_bitrate == OtherBitrate::Disturbs
+            && !self.configuration.listens_at(self.bitrate)
+            && !self.impairment.off
+            && !self.impairment.dead;
+        let disturbs = takes_part && self.disturbances > 0;
+        self.disturbances -= u8::from(disturbs);
+        disturbs
+    }
+
     fn is_native(&self) -> bool {
         self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0
     }
@@ -436,6 +454,7 @@ impl Motor {
 
     fn boot(&mut self, at: Instant) {
         self.impairment.dead = false;
+        self.disturbances = DISTURBANCES;
         self.configuration.boot();
         self.find_turn();
         self.silent_until = at + self.settings.boot_time;

@@ -101,7 +101,7 @@ impl SerialSlave {
                     self.line.bring(now, frame.payload());
                 }
                 Content::Error(error) if error.class & ErrorFrame::PROTOCOL != 0 => {
-                    self.line.bring_noise(now)
+                    self.line.bring_noise(now);
                 }
                 Content::Error(_) | Content::Refused(_) | Content::Unsupported(_) => {}
             }

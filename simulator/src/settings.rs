@@ -190,8 +190,8 @@ impl MotorSettings {
     }
 }
 
-/// The choices that the vendor documents leave open. Each default is the harder one for the host, except two: the silence after
-/// set zero, which only other vendors' motors have, and the stale bytes.
+/// The choices that the vendor documents leave open. Each default is the harder one for the host, except three: the silence after
+/// set zero, which only other vendors' motors have, the stale bytes, and the motor at another bit rate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
     /// The state in an answer.
@@ -212,6 +212,8 @@ pub struct Behaviour {
     pub duration_end: DurationEnd,
     /// When a written configuration item survives a loss of power.
     pub persistence: Persistence,
+    /// The reaction to a CAN bus of another bit rate.
+    pub other_bitrate: OtherBitrate,
     /// Bytes of an answer without a meaning (NULL in the GIM document) are those of the answer before, instead of zero.
     pub stale_bytes: bool,
 }
@@ -228,6 +230,7 @@ impl Default for Behaviour {
             zeroing_silence: Duration::ZERO,
             duration_end: DurationEnd::GoesLimp,
             persistence: Persistence::OnRefresh,
+            other_bitrate: OtherBitrate::Silent,
             stale_bytes: false,
         }
     }
@@ -262,6 +265,16 @@ pub enum DurationEnd {
     GoesLimp,
     /// It keeps torque or speed, and holds the position.
     HoldsCommand,
+}
+
+/// The reaction of a motor to a CAN bus that does not have the bit rate it is configured for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OtherBitrate {
+    /// It takes no part in the bus.
+    Silent,
+    /// It destroys the first 16 frames that it hears after it got power, and its controller is error passive then (ISO 11898-1:
+    /// receive error counter above 127). The senders repeat their frames.
+    Disturbs,
 }
 
 /// When a configuration item that a host has written survives a loss of power.

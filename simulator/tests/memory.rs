@@ -6,7 +6,9 @@ mod common;
 
 use common::{Bench, CLEAR_FAULT, GET_FAULT, SET_ZERO, STOP};
 use motord_bus::{Bus, Duration, Frame, FrameId, Instant};
-use motord_simulator::{Behaviour, BusSettings, Dialect, MotorSettings, Persistence, SimulatedBus};
+use motord_simulator::{
+    Behaviour, BusSettings, Dialect, MotorSettings, OtherBitrate, Persistence, SimulatedBus,
+};
 
 const INT: u8 = 0x00;
 const FLOAT: u8 = 0x01;
@@ -249,6 +251,34 @@ fn motors_of_two_rates_share_a_bus_and_each_hears_its_own() {
     assert_eq!((heard(&mut bus, 2_000_000, 1, version), heard(&mut bus, 4_000_000, 2, version)), (1, 0));
     bus.inject(Instant::from_nanos(5_000_000), &"can0 bitrate 500000".parse().unwrap()).unwrap();
     assert_eq!((heard(&mut bus, 6_000_000, 1, version), heard(&mut bus, 8_000_000, 2, version)), (0, 1));
+}
+
+#[test]
+fn a_motor_of_another_rate_may_destroy_sixteen_frames_which_are_sent_again() {
+    let behaviour = Behaviour { other_bitrate: OtherBitrate::Disturbs, ..Behaviour::default() };
+    let motor = |name: &str, id| MotorSettings {
+        name: name.into(),
+        id,
+        host_id: 0x100 + id,
+        behaviour,
+        ..settings()
+    };
+    let mut bus = SimulatedBus::new(BusSettings::default(), vec![motor("a", 1), motor("b", 2)], 0);
+    let heard = |bus: &mut SimulatedBus, now: u64, id, bytes| {
+        bus.send(Instant::from_nanos(now), &[Frame::full(FrameId::new(id).unwrap(), bytes)]);
+        let mut inbox = motord_bus::Inbox::new();
+        bus.receive(Instant::from_nanos(now + 5_000_000), &mut inbox);
+        let frames = common::frames(inbox.arrivals()).len();
+        (frames, inbox.arrivals().len() - frames)
+    };
+    assert_eq!(
+        heard(&mut bus, 0, 2, [0x83, INT, 0x18, 0, 5, 0, 0, 0]),
+        (1, 0),
+        "its answer has the old rate"
+    );
+    let version = [0xB1, 0, 0, 0, 0, 0, 0, 0];
+    assert_eq!(heard(&mut bus, 6_000_000, 1, version), (1, 16));
+    assert_eq!(heard(&mut bus, 12_000_000, 1, version), (1, 0), "error passive");
 }
 
 #[test]
