@@ -10,11 +10,14 @@ mod robot;
 use motord_bus::serial::SerialSender;
 use motord_bus::{Frame, FrameId, Refusal};
 use motord_simulator::Mode;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 use robot::port::Motors;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
-use std::thread::sleep;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -31,13 +34,19 @@ struct Arm {
 
 impl Arm {
     fn new() -> Self {
+        Self::of(|device| ["one", "two"].map(|instance| (instance, config(instance, device))).to_vec())
+    }
+
+    /// The motors of the first of these configurations, each with its instance; they get the device.
+    fn of(configurations: impl Fn(&str) -> Vec<(&'static str, String)>) -> Self {
         let place = TempDir::new().unwrap();
         let link = place.path().join("ttyUSB0");
         let device = link.to_str().unwrap().to_owned();
-        let motors = Motors::start(&robot::settings(&config("one", &device)), 0, link);
+        let configurations = configurations(&device);
+        let motors = Motors::start(&robot::settings(&configurations[0].1), 0, link);
         let arm = Self { place, motors, device };
-        for name in ["one", "two"] {
-            fs::write(arm.file(name), config(name, &arm.device)).unwrap();
+        for (instance, text) in configurations {
+            fs::write(arm.file(instance), text).unwrap();
         }
         arm
     }
@@ -115,6 +124,32 @@ fn config(instance: &str, device: &str) -> String {
 
 fn text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn the_shipped_arm_runs_on_a_line() {
+    let shipped = include_str!("../../config/arm-native.toml");
+    assert!(shipped.contains("device = \"/dev/ttyUSB0\""));
+    let arm = Arm::of(|device| vec![("one", shipped.replace("/dev/ttyUSB0", device))]);
+    let mut daemon = arm.motord("run", "one").spawn().unwrap();
+    let log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
+    let pid = Pid::from_raw(daemon.id().cast_signed());
+    let (answered, waits) = channel::<()>();
+    let _ends_the_log = spawn(move || {
+        let is_late = waits.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout);
+        is_late.then(|| kill(pid, Signal::SIGTERM))
+    });
+    let mut silent = vec!["shoulder", "elbow", "wrist", "gripper"];
+    for line in log.filter(|line| line.contains("The motor answers and is stopped")) {
+        silent.retain(|joint| !line.contains(&format!("motor=\"{joint}\"")));
+        if silent.is_empty() {
+            break;
+        }
+    }
+    drop(answered);
+    assert_eq!(silent, [""; 0], "they never answered");
+    kill(pid, Signal::SIGTERM).unwrap();
+    assert!(daemon.wait().unwrap().success(), "its motors were stopped");
 }
 
 #[test]
