@@ -232,7 +232,7 @@ impl BusChannel {
     }
 
     /// The most arrivals of the next read: as many as are awaited. To look for one more, in vain, costs as much as half a frame.
-    /// What came besides waits for a later read, which takes all that there is.
+    /// Anything else that came waits for a later read, which takes all that there is.
     const fn space(&self) -> usize {
         match (self.pace, self.awaited) {
             (Pace::EachCycle, 1..) if !self.is_surprised => self.awaited,
