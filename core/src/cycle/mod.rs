@@ -26,6 +26,7 @@ use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
 use channel::{Batch, BusChannel};
+use motord_bus::time::nanos;
 use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
 use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
 
@@ -175,7 +176,7 @@ impl<C: Clock> Cycle<C> {
     pub fn run(&mut self, tick: Tick) -> Tick {
         self.clock.sleep_until(tick.at);
         let (begun, suspended) = self.clock.now_and_suspended();
-        let missed = begun.since(tick.at).as_nanos() / self.timing.period.as_nanos();
+        let missed = nanos(begun.since(tick.at)) / nanos(self.timing.period);
         let missed = u32::try_from(missed).unwrap_or(u32::MAX);
         let reached = tick.later(missed, self.timing.period);
         self.missed_ticks += u64::from(missed);

@@ -45,7 +45,8 @@ impl Heat {
 
     /// `torque`, N·m, was given for `elapsed`, s. Readings above peak torque are clamped to it.
     pub(super) fn warm(&mut self, torque: f32, elapsed: f64) {
-        let loss = f64::from(torque.abs().min(self.peak) / self.rated).powi(2);
+        let torque = if torque.abs() < self.peak { torque } else { self.peak };
+        let loss = f64::from(torque / self.rated).powi(2);
         // Implicit, so that no elapsed time, however long, leads beyond the loss.
         self.value += (loss - self.value) * elapsed / (self.time_constant + elapsed);
     }

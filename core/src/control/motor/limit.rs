@@ -42,6 +42,7 @@ pub struct Circumstances<'a> {
 
 /// Limits `wanted`. Pure, allocates nothing. Every value of `wanted` must be finite, as checked on its arrival.
 #[must_use]
+#[inline(always)]
 pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
     let mut limiter = Limiter::new(*wanted, circumstances.age);
     limiter.clamp(circumstances.limits);

@@ -196,7 +196,8 @@ impl Motor {
         let values = &self.applied.setpoint.values;
         let commanded =
             self.measured.map_or(0.0, |state| values.predicted_torque(state.position, state.velocity));
-        self.heat.warm(reported.max(commanded.abs()), elapsed);
+        let commanded = commanded.abs();
+        self.heat.warm(if commanded > reported { commanded } else { reported }, elapsed);
     }
 
     /// The command of this cycle. Does not allocate or block; constant time.

@@ -2,6 +2,7 @@
 
 use crate::control::Command;
 use motord_bus::Duration;
+use motord_bus::time::nanos;
 
 /// A motor that missed a reply is not asked for its faults for so many cycles: a late reply could be mistaken for the answer.
 const SETTLE_CYCLES: u64 = 10;
@@ -68,7 +69,7 @@ impl Replies {
 
     /// A state came, `latency` after the command.
     pub(super) fn state(&mut self, latency: Duration) {
-        self.latency_ns = u32::try_from(latency.as_nanos()).unwrap_or(u32::MAX);
+        self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
         self.state = Answer::Now;
         self.silent = 0;
         self.age_cycles = 0;
