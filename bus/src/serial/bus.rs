@@ -43,7 +43,7 @@ impl SerialBus {
         if self.is_gone {
             return Err(Refusal::Gone);
         }
-        if self.line.is_busy(now) {
+        if self.line.is_busy(now) || self.line.leaves_out_a_turn() {
             return Err(Refusal::Full);
         }
         let request = self.line.request(frame).ok_or(Refusal::Error(libc::EINVAL))?;

@@ -5,8 +5,9 @@
 //! - *Echo*: an adapter may return the bytes that it sends. They are dropped when they are the first to come after sending.
 //!   On a line that has returned a whole request, a frame for the motor itself is a damaged echo, never a reply.
 //! - *Late replies*: where motors share a host id, the reply of a motor that was given up looks like that of the motor asked
-//!   next. The first such frame is dropped; a second one proves that the first was late. A motor of which no late reply came is
-//!   taken for silent, and costs its neighbours nothing more until it replies again.
+//!   next. The first such frame is dropped, and one turn is left out: a second frame proves that the first was late, and is the
+//!   reply. Without a second one the first motor is taken for silent, and costs its neighbours nothing more until it replies
+//!   again. A reply that is two turns late is not told apart: a host id for each motor does that.
 //! - *ACK frames* refuse the request, unless a reply follows in the same read: four bytes are found in noise more easily than
 //!   twelve.
 
@@ -70,8 +71,10 @@ enum Doubt {
     None,
     /// The next frame may be late.
     Of(u8),
-    /// Such a frame was dropped.
+    /// Such a frame was dropped, and no turn was left out since.
     Dropped(u8),
+    /// Such a frame was dropped, and a turn was left out.
+    Waited(u8),
 }
 
 /// One line.
@@ -115,6 +118,13 @@ impl Line {
         self.open.is_some_and(|open| now.since(open.sent_at) < self.reply_timeout)
     }
 
+    /// Whether a turn must be left out, to tell whose frame was dropped. Once for each frame.
+    pub(super) fn leaves_out_a_turn(&mut self) -> bool {
+        let Doubt::Dropped(earlier) = self.doubt else { return false };
+        self.doubt = Doubt::Waited(earlier);
+        true
+    }
+
     /// The last request has no answer yet: its bytes may not even have left.
     pub(super) const fn is_unanswered(&self) -> bool {
         self.open.is_some()
@@ -138,11 +148,11 @@ impl Line {
     fn give_up(&mut self, next: &Request, now: Instant) -> Doubt {
         let Some(Open { request, sent_at, .. }) = self.open.take() else { return Doubt::None };
         let id = request.address.id;
-        if let Doubt::Of(earlier) | Doubt::Dropped(earlier) = self.doubt {
+        if let Doubt::Of(earlier) | Doubt::Dropped(earlier) | Doubt::Waited(earlier) = self.doubt {
             self.silent[usize::from(earlier)] = true;
         }
         // The frame that was dropped was the reply to this request.
-        let has_replied = matches!(self.doubt, Doubt::Dropped(_));
+        let has_replied = matches!(self.doubt, Doubt::Dropped(_) | Doubt::Waited(_));
         let is_alike = next.address.host_id.is_none_or(|host| request.may_go_to(host, self.has_echo));
         let may_come = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];
         if !has_replied && id != next.address.id && is_alike && may_come {
@@ -205,7 +215,7 @@ impl Line {
 
     /// The open request is over: the motor with this id has replied.
     fn replied(&mut self, id: u8) {
-        if let Doubt::Dropped(earlier) = self.doubt {
+        if let Doubt::Dropped(earlier) | Doubt::Waited(earlier) = self.doubt {
             self.silent[usize::from(earlier)] = false;
         }
         self.doubt = Doubt::None;
@@ -385,6 +395,27 @@ mod tests {
             assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 1, or motor 2: nobody can tell");
             assert_eq!(read(&mut line, &reply(HOST)), [from(2)], "the other was late");
         }
+    }
+
+    /// Each reply comes a turn late, as with an adapter that is slower than its turnaround says.
+    #[test]
+    fn replies_that_are_all_a_turn_late_are_never_taken_for_those_of_others() {
+        let mut line = line();
+        let (mut asked, mut told) = (None, 0);
+        for turn in 0..100 {
+            let late = asked.take();
+            if !line.leaves_out_a_turn() {
+                let id = 1 + (turn % 2) as u8;
+                ask(&mut line, id, 2 * turn);
+                asked = Some(id);
+            }
+            let arrivals = late.map_or(vec![], |_| read(&mut line, &reply(HOST)));
+            for content in arrivals.into_iter().filter(|content| *content != UNMATCHED) {
+                assert_eq!(Some(content), late.map(from), "turn {turn}");
+                told += 1;
+            }
+        }
+        assert!(told > 20, "{told}");
     }
 
     #[test]
