@@ -39,10 +39,10 @@ fn law(claim: &mut Claim, joints: &[Slot], start: &[f32], time: Duration) -> Res
     Ok(())
 }
 
-/// Sets the setpoints to where the joints are, and returns their positions, rad.
-fn rest(claim: &mut Claim, state: &State) -> Result<Vec<f32>, Error> {
+/// Sets the setpoints to where the joints are, and returns these positions, rad.
+fn rest(claim: &mut Claim, joints: &[Slot], state: &State) -> Result<Vec<f32>, Error> {
     claim.hold(state, KP, KD)?;
-    state.of(claim)?.positions()
+    joints.iter().map(|&joint| Ok(claim.setpoint(joint)?.position)).collect()
 }
 
 /// One connection to the daemon: from the claim to the first error, or to the `end`.
@@ -51,7 +51,7 @@ fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result
     client.set_silence(PATIENCE);
     let mut claim = client.claim(&options.group)?;
     let joints = claim.slots(claim.names())?;
-    let mut start = rest(&mut claim, &client.wait_cycles(EVERY, PATIENCE)?)?;
+    let mut start = rest(&mut claim, &joints, &client.wait_cycles(EVERY, PATIENCE)?)?;
     claim.commit()?;
     if std::mem::take(may_enable) {
         claim.enable()?;
@@ -72,7 +72,7 @@ fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result
             // The setpoints stand while the motors take the robot over.
             Some(Phase::Starting) => begun = None,
             // A motor that was lost has no position: it is waited for.
-            _ if group.is_heard() => start = rest(&mut claim, &state)?,
+            _ if group.is_heard() => start = rest(&mut claim, &joints, &state)?,
             _ => {}
         }
         claim.commit()?;

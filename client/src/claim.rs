@@ -119,7 +119,7 @@ impl Claim {
     }
 
     /// Gives every joint the setpoint to stay where it is in `state`, with the stiffness `kp`, N·m/rad, and the damping `kd`,
-    /// N·m·s/rad.
+    /// N·m·s/rad. An [excluded](crate::Joint::is_excluded) joint is left limp.
     ///
     /// # Errors
     /// [`Error::NotHeard`] naming a joint whose motor has not reported its position, [`Error::BadSetpoint`] for a gain that
@@ -130,7 +130,11 @@ impl Claim {
             return Err(Error::Restarted);
         }
         let hold = |place: usize| {
-            let position = state.joint(members.joints[place]).and_then(|joint| joint.position());
+            let joint = state.joint(members.joints[place]);
+            if joint.is_some_and(|joint| joint.is_excluded()) {
+                return Ok(Setpoint::torque(0.0));
+            }
+            let position = joint.and_then(|joint| joint.position());
             let unheard = || Error::NotHeard { joint: members.names[place].clone() };
             members.checked(place, Setpoint::hold(position.ok_or_else(unheard)?, kp, kd))
         };

@@ -342,7 +342,7 @@ mod tests {
     use motord_shared::message::NO_JOINT;
 
     /// These refusals are about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 11] = [
+    const OF_A_JOINT: [Refusal; 12] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
@@ -353,6 +353,7 @@ mod tests {
         Refusal::NotConfirmed,
         Refusal::DuplicateId,
         Refusal::Moving,
+        Refusal::Excluded,
         Refusal::Mismatch,
     ];
 

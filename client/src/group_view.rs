@@ -92,7 +92,7 @@ impl GroupView<'_> {
     /// The positions of all joints, rad, in the order of the group. Allocates.
     ///
     /// # Errors
-    /// [`Error::NotHeard`] while a motor has not reported its position.
+    /// [`Error::NotHeard`] while a motor has not reported its position, also that of an excluded joint.
     pub fn positions(&self) -> Result<Vec<f32>, Error> {
         self.members.names.iter().map(|name| self.position(name)).collect()
     }
@@ -102,10 +102,10 @@ impl GroupView<'_> {
         self.members.names.iter().enumerate().map(|(place, name)| (name.as_str(), self.at(place)))
     }
 
-    /// Every motor of the group has reported its position since it is online.
+    /// Every motor of the group has reported its position since it is online. Those of excluded joints need not.
     #[must_use]
     pub fn is_heard(&self) -> bool {
-        self.joints().all(|(_, joint)| joint.position().is_some())
+        self.joints().all(|(_, joint)| joint.is_excluded() || joint.position().is_some())
     }
 
     /// [`State::of`] has checked that the state has every joint of the group.

@@ -212,6 +212,12 @@ impl Joint {
         self.measured(self.torque)
     }
 
+    /// The group runs without this joint. Its motor need not be there, and its setpoints are ignored.
+    #[must_use]
+    pub fn is_excluded(&self) -> bool {
+        self.mode == Some(MotorMode::Excluded)
+    }
+
     fn measured(&self, value: f32) -> Option<f32> {
         (self.valid && value.is_finite()).then_some(value)
     }

@@ -13,7 +13,7 @@ use motord_shared::message::{
     AdminReply, GroupState, JOINT_VALID, JointState, SetpointMessage, StateMessage,
 };
 use motord_shared::ports::{DaemonPorts, Housekeeper, Request};
-use motord_shared::{Instance, JointSetpoint, Lease, Operation, clock};
+use motord_shared::{Instance, JointSetpoint, Lease, MotorMode, Operation, clock};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
 use std::process::{Child, Command};
@@ -39,6 +39,8 @@ struct FakeDaemon {
     silent: Arc<AtomicBool>,
     /// The second joint is not heard.
     mute: Arc<AtomicBool>,
+    /// The second joint is excluded.
+    excluded: Arc<AtomicBool>,
     /// Code of the cause that is latched, for the second joint.
     cause: Arc<AtomicU32>,
     phase: Phase,
@@ -78,7 +80,9 @@ impl FakeDaemon {
         for (place, joint) in state.joints.iter_mut().enumerate() {
             let is_heard = place != 1 || !self.mute.load(Ordering::Relaxed);
             let (position, flags) = if is_heard { (0.5 + place as f32, JOINT_VALID) } else { (f32::NAN, 0) };
-            *joint = JointState { position, flags, ..JointState::default() };
+            let is_excluded = place == 1 && self.excluded.load(Ordering::Relaxed);
+            let mode = if is_excluded { MotorMode::Excluded } else { MotorMode::Idle }.code();
+            *joint = JointState { position, flags, mode, ..JointState::default() };
         }
         let cause = self.cause.load(Ordering::Relaxed);
         self.phase = match self.phase {
@@ -159,6 +163,7 @@ struct Running {
     /// Publishes no states; everything else goes on.
     silent: Arc<AtomicBool>,
     mute: Arc<AtomicBool>,
+    excluded: Arc<AtomicBool>,
     cause: Arc<AtomicU32>,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
     thread: Option<JoinHandle<()>>,
@@ -172,11 +177,13 @@ impl Running {
     fn start_with(runtime: &Path, boot_id: u64, joint_count: u32) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let (seen, silent) = (Arc::default(), Arc::<AtomicBool>::default());
-        let (mute, cause) = (Arc::<AtomicBool>::default(), Arc::<AtomicU32>::default());
+        let (mute, excluded) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+        let cause = Arc::<AtomicU32>::default();
         let (running, runtime) = (Arc::new(AtomicBool::new(false)), runtime.to_owned());
         let thread = std::thread::spawn({
             let (stop, seen, running) = (Arc::clone(&stop), Arc::clone(&seen), Arc::clone(&running));
-            let (silent, mute, cause) = (Arc::clone(&silent), Arc::clone(&mute), Arc::clone(&cause));
+            let (silent, mute) = (Arc::clone(&silent), Arc::clone(&mute));
+            let (excluded, cause) = (Arc::clone(&excluded), Arc::clone(&cause));
             move || {
                 let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
                 let ports = DaemonPorts::open(&lock).unwrap();
@@ -190,6 +197,7 @@ impl Running {
                     seen,
                     silent,
                     mute,
+                    excluded,
                     cause,
                     phase: Phase::Disarmed,
                     held: vec![],
@@ -206,7 +214,7 @@ impl Running {
         while !running.load(Ordering::Relaxed) && !thread.is_finished() {
             std::thread::sleep(Duration::from_millis(1));
         }
-        Self { stop, silent, mute, cause, seen, thread: Some(thread) }
+        Self { stop, silent, mute, excluded, cause, seen, thread: Some(thread) }
     }
 
     fn setpoints(&self) -> Vec<SetpointMessage> {
@@ -446,6 +454,22 @@ fn a_group_is_held_where_it_is_and_not_at_all_while_a_joint_is_not_heard() {
     let leg = state.of(&claim).unwrap();
     assert_eq!(leg.positions(), Ok(vec![0.5, 1.5]));
     assert_eq!(leg.joints().map(|(name, _)| name.to_owned()).collect::<Vec<_>>(), ["hip", "knee"]);
+}
+
+#[test]
+fn a_group_with_an_excluded_joint_that_is_not_there_is_held_without_it() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    daemon.excluded.store(true, Ordering::Relaxed);
+    daemon.mute.store(true, Ordering::Relaxed);
+    let state = state_with(&client, false);
+    let leg = state.of(&claim).unwrap();
+    assert!(leg.is_heard() && leg.joint("knee").unwrap().is_excluded());
+    claim.hold(&state, 5.0, 0.5).unwrap();
+    claim.commit().unwrap();
+    assert_eq!(last_of(&daemon, 1).map(|joint| (joint.position, joint.kp)), [(0.5, 5.0), (0.0, 0.0)]);
 }
 
 #[test]
