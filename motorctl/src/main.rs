@@ -197,6 +197,8 @@ struct Group {
 #[derive(Debug, Subcommand)]
 enum Fault {
     /// Read the faults of a motor, from the wire.
+    ///
+    /// A motor in MIT is stopped first. A motor with a fault may not answer to anything else: name its --protocol then.
     #[command(after_help = "Example:\n  motorctl fault get --bus can0 --id 3 --protocol gim")]
     Get(wire::Reading),
     /// Clear the fault of a motor. The motor reports it again while its cause remains.

@@ -67,9 +67,14 @@ pub(crate) fn fault(instance: &str, target: &Target, as_json: bool) -> Result<()
     }
 }
 
+/// Other firmware takes the question of SteadyWin's MIT for full stiffness: a motor is stopped first. One with a fault may be
+/// silent to that.
 fn read_faults(session: &mut Session) -> Result<Faults, Error> {
     match session.protocol {
-        Protocol::Mit => session.mit().fault(),
+        Protocol::Mit => {
+            let _silent = session.mit().stop();
+            session.mit().fault()
+        }
         Protocol::Gim => Ok(session.native().fault()?.faults()),
     }
 }
@@ -78,7 +83,10 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
 pub(crate) fn clear_fault(instance: &str, target: &Target) -> Result<(), WireFailure> {
     let mut session = target.open(instance)?;
     let cleared = match session.protocol {
-        Protocol::Mit => session.mit().clear_fault(),
+        Protocol::Mit => {
+            let _silent = session.mit().stop();
+            session.mit().clear_fault()
+        }
         Protocol::Gim => session.native().acknowledge_fault(),
     };
     cleared?;
