@@ -12,6 +12,9 @@ use motord_client::{
 };
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
+use ratatui::buffer::{Buffer, Cell};
+use ratatui::style::{Color, Modifier};
+use std::fmt::Write;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -138,18 +141,26 @@ fn picture(reading: Reading) -> Picture {
     picture
 }
 
-fn drawn(width: u16, height: u16, picture: &Picture, view: &mut View) -> String {
+fn buffer(width: u16, height: u16, picture: &Picture, view: &mut View) -> Buffer {
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
     terminal.draw(|frame| draw::draw(frame, picture, view, &Notice::default())).unwrap();
-    let cells: Vec<&str> =
-        terminal.backend().buffer().content.iter().map(ratatui::buffer::Cell::symbol).collect();
+    terminal.backend().buffer().clone()
+}
+
+fn drawn(width: u16, height: u16, picture: &Picture, view: &mut View) -> String {
+    let buffer = buffer(width, height, picture, view);
+    let cells: Vec<&str> = buffer.content.iter().map(Cell::symbol).collect();
     let line = |line: &[&str]| format!("{}\n", line.concat().trim_end());
     cells.chunks(usize::from(width.max(1))).map(line).collect()
 }
 
 /// Compares a picture with the one in the repository.
 fn check(name: &str, drawn: &str) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("src/monitor/snapshots/{name}.txt"));
+    check_file(&format!("src/monitor/snapshots/{name}.txt"), drawn);
+}
+
+fn check_file(name: &str, drawn: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
     if std::env::var_os("MOTORD_WRITE_DOCS").is_some() {
         std::fs::write(&path, drawn).unwrap();
     }
@@ -179,6 +190,72 @@ fn the_first_screen_of_a_stopped_robot_has_cause_owner_and_advice() {
         assert!(!drawn.contains("-0.00"), "{drawn}");
         check(&format!("stopped-{width}x{height}"), &drawn);
     }
+}
+
+/// Size of a character in the picture of the README, pixels.
+const CHARACTER: (usize, usize) = (8, 17);
+
+/// A screen as SVG, a text for each run of cells that look alike.
+fn svg(buffer: &Buffer) -> String {
+    let (width, height) = (usize::from(buffer.area.width), usize::from(buffer.area.height));
+    let (right, bottom) = ((width + 2) * CHARACTER.0, (height + 1) * CHARACTER.1);
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {right} {bottom}\" font-family=\"monospace\" \
+         font-size=\"13\">\n<rect width=\"{right}\" height=\"{bottom}\" rx=\"6\" fill=\"#1d2021\"/>\n"
+    );
+    for (y, line) in buffer.content.chunks(width).enumerate() {
+        let mut x = 0;
+        for run in line.chunk_by(|a, b| (a.fg, a.bg, a.modifier) == (b.fg, b.bg, b.modifier)) {
+            draw_run(&mut svg, x, y, run);
+            x += run.len();
+        }
+    }
+    svg + "</svg>\n"
+}
+
+fn draw_run(svg: &mut String, x: usize, y: usize, run: &[Cell]) {
+    let first = &run[0];
+    let text: String = run.iter().map(Cell::symbol).collect();
+    let (left, top) = ((x + 1) * CHARACTER.0, y * CHARACTER.1 + CHARACTER.1 / 2);
+    let width = run.len() * CHARACTER.0;
+    let is_reversed = first.modifier.contains(Modifier::REVERSED);
+    if is_reversed || first.bg != Color::Reset {
+        let fill = if is_reversed { "#ebdbb2" } else { colour(first.bg) };
+        writeln!(
+            svg,
+            "<rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{}\" fill=\"{fill}\"/>",
+            CHARACTER.1
+        )
+        .unwrap();
+    }
+    if text.trim().is_empty() {
+        return;
+    }
+    let fill = if is_reversed { "#1d2021" } else { colour(first.fg) };
+    let weight = if first.modifier.contains(Modifier::BOLD) { " font-weight=\"bold\"" } else { "" };
+    let opacity = if first.modifier.contains(Modifier::DIM) { " opacity=\"0.6\"" } else { "" };
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    let base = top + CHARACTER.1 - 4;
+    writeln!(
+        svg,
+        "<text x=\"{left}\" y=\"{base}\" textLength=\"{width}\" xml:space=\"preserve\" fill=\"{fill}\"{weight}{opacity}>{text}</text>"
+    )
+    .unwrap();
+}
+
+fn colour(colour: Color) -> &'static str {
+    match colour {
+        Color::Red => "#fb4934",
+        Color::Yellow => "#fabd2f",
+        Color::Green => "#b8bb26",
+        Color::White => "#ffffff",
+        _ => "#ebdbb2",
+    }
+}
+
+#[test]
+fn the_picture_of_the_readme_is_the_monitor_of_today() {
+    check_file("../docs/monitor.svg", &svg(&buffer(80, 24, &picture(stopped()), &mut View::default())));
 }
 
 #[test]
