@@ -209,8 +209,6 @@ impl ErrorFrame {
 pub struct Inbox {
     arrivals: [Arrival; Inbox::CAPACITY],
     len: usize,
-    /// It is full with so many.
-    limit: usize,
     /// Frames that the kernel dropped before they could be read (`SO_RXQ_OVFL`), since the last [`clear`](Self::clear).
     pub lost: u32,
 }
@@ -223,20 +221,12 @@ impl Inbox {
     #[must_use]
     pub const fn new() -> Self {
         let nothing = Arrival { at: Instant::ZERO, content: Content::Unsupported(Unsupported::Length) };
-        Self { arrivals: [nothing; Self::CAPACITY], len: 0, limit: Self::CAPACITY, lost: 0 }
+        Self { arrivals: [nothing; Self::CAPACITY], len: 0, lost: 0 }
     }
 
-    /// Forgets everything. There is space for [`CAPACITY`](Self::CAPACITY) arrivals then.
+    /// Forgets everything.
     pub fn clear(&mut self) {
-        self.clear_for(Self::CAPACITY);
-    }
-
-    /// Forgets everything. There is space for so many arrivals then, at most [`CAPACITY`](Self::CAPACITY): whoever expects
-    /// no more saves the kernel the search for another.
-    #[inline]
-    pub fn clear_for(&mut self, arrivals: usize) {
         self.len = 0;
-        self.limit = arrivals.min(Self::CAPACITY);
         self.lost = 0;
     }
 
@@ -246,10 +236,8 @@ impl Inbox {
     ///
     /// The arrival itself, when the inbox is full.
     pub fn push(&mut self, arrival: Arrival) -> Result<(), Arrival> {
-        match self.arrivals.get_mut(self.len) {
-            Some(place) if self.len < self.limit => *place = arrival,
-            _ => return Err(arrival),
-        }
+        let Some(place) = self.arrivals.get_mut(self.len) else { return Err(arrival) };
+        *place = arrival;
         self.len += 1;
         Ok(())
     }
@@ -257,12 +245,11 @@ impl Inbox {
     /// The number of arrivals that still fit.
     #[must_use]
     pub fn free(&self) -> usize {
-        self.limit.saturating_sub(self.len)
+        Self::CAPACITY - self.len
     }
 
     /// The arrivals, oldest first.
     #[must_use]
-    #[inline]
     pub fn arrivals(&self) -> &[Arrival] {
         &self.arrivals[..self.len]
     }
@@ -307,11 +294,7 @@ mod tests {
             inbox.push(arrival).unwrap();
         }
         assert_eq!((inbox.free(), inbox.push(arrival)), (0, Err(arrival)));
-        inbox.clear_for(2);
-        assert_eq!((inbox.arrivals(), inbox.free()), (&[][..], 2));
-        let pushed: Vec<_> = (0..3).map(|_| inbox.push(arrival)).collect();
-        assert_eq!(pushed, [Ok(()), Ok(()), Err(arrival)]);
         inbox.clear();
-        assert_eq!((inbox.arrivals(), inbox.free()), (&[][..], Inbox::CAPACITY));
+        assert_eq!(inbox.arrivals(), []);
     }
 }

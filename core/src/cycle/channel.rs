@@ -21,10 +21,6 @@ pub(super) struct BusChannel {
     frames: Vec<Frame>,
     senders: Vec<usize>,
     inbox: Inbox,
-    /// Replies to the last batch that have not come, as far as nothing else did.
-    awaited: usize,
-    /// The last read brought something else than replies.
-    is_surprised: bool,
     counters: BusState,
     condition: BusCondition,
     sent_at: Instant,
@@ -93,8 +89,6 @@ impl BusChannel {
             senders: Vec::with_capacity(routes.len()),
             routes,
             inbox: Inbox::new(),
-            awaited: 0,
-            is_surprised: false,
             counters: BusState::default(),
             condition: BusCondition::Active,
             sent_at: Instant::ZERO,
@@ -169,7 +163,6 @@ impl BusChannel {
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> bool {
         let accepted = accepted.min(self.frames.len());
         let dropped = self.frames.len() - accepted;
-        self.awaited = accepted;
         self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
@@ -231,15 +224,6 @@ impl BusChannel {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 
-    /// The most arrivals of the next read: as many as are awaited. To look for one more, in vain, costs as much as half a frame.
-    /// Anything else that came waits for a later read, which takes all that there is.
-    const fn space(&self) -> usize {
-        match (self.pace, self.awaited) {
-            (Pace::EachCycle, 1..) if !self.is_surprised => self.awaited,
-            _ => Inbox::CAPACITY,
-        }
-    }
-
     /// Reads at most one inbox full, and gives every frame to the motor that it is from: its payload, or `None` for a request
     /// that the motor refused. Bounded by the inbox times the motors of the bus; at most one system call.
     pub(super) fn receive(
@@ -247,11 +231,10 @@ impl BusChannel {
         now: Instant,
         mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
     ) {
-        self.inbox.clear_for(self.space());
+        self.inbox.clear();
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
-        let Self { inbox, routes, counters, condition, replied_at, awaited, is_surprised, .. } = self;
-        *is_surprised = false;
+        let Self { inbox, routes, counters, condition, replied_at, .. } = self;
         for arrival in inbox.arrivals() {
             count(&mut counters.received);
             let mut deliver = |id: FrameId, payload| {
@@ -265,16 +248,11 @@ impl BusChannel {
                 Content::Error(error) => {
                     count(&mut counters.errors);
                     *condition = error.state().map_or(*condition, condition_of);
-                    *is_surprised = true;
                     continue;
                 }
             };
-            *is_surprised |= !matches!(received, Received::Reply(_));
             match received {
-                Received::Reply(_) => {
-                    *replied_at = arrival.at;
-                    *awaited = awaited.saturating_sub(1);
-                }
+                Received::Reply(_) => *replied_at = arrival.at,
                 Received::Duplicate => count(&mut counters.duplicate),
                 Received::UnexpectedId => count(&mut counters.unexpected_id),
                 Received::Malformed => count(&mut counters.malformed),
