@@ -33,6 +33,7 @@ fi
 #
 #   RIG_FEATURES=       features of cargo that the programs are built with
 #   RIG_EXAMPLE=        an example of the client that is built, too
+#   RIG_FILES=          files of this repository that the script needs
 #   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
 run_inside() {
     local script target=${CARGO_TARGET_DIR:-target}
@@ -53,6 +54,7 @@ run_inside() {
         cargo build --quiet --locked --release --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"
         cp "$target/release/examples/$RIG_EXAMPLE" "$RIG_PLACE"
     fi
+    [ -z "${RIG_FILES:-}" ] || cp $RIG_FILES "$RIG_PLACE"
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     on_vcan daemon.instance="\"$MOTORD_INSTANCE\"" "$@" <"${RIG_ROBOT:-config/quadruped-simulated.toml}" >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"

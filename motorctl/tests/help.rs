@@ -141,7 +141,8 @@ impl Place {
 
     /// Runs an example; whatever runs until it is ended runs shortly. One with a bus has a line of its own, with a motor 3.
     fn example(&self, example: &str) {
-        let wire = example.contains("--bus").then(Line::knee);
+        let is_on_wire = example.contains("--bus") || example.contains("motorctl setup");
+        let wire = is_on_wire.then(Line::knee);
         let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
         // A whole scan of a serial line takes a quarter of a minute.
         let ids =
@@ -150,6 +151,8 @@ impl Place {
             .replace("--bus can0", &format!("--bus {device}"))
             .replace("--bus /dev/ttyUSB0", &format!("--bus {device}"))
             .replace("/etc/motord/motord.toml", "motord.toml")
+            .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
+            .replace("motord init", "cd $(mktemp -d) && motord init")
             .replace("motorctl demo", "motorctl demo --seconds 2")
             .replace("--seconds 2 --seconds 60", "--seconds 2")
             .replace("motorctl watch", "timeout --preserve-status -s INT 1 motorctl watch")
@@ -160,6 +163,13 @@ impl Place {
             .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
             .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
         let line = if line.contains(" monitor") { on_a_terminal(&line) } else { line };
+        self.write(
+            "line.toml",
+            &format!(
+                "[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '{device}'\nevery = 5\n[[motor]]\nname = 'fl-knee'\n\
+                 bus = 'line'\nid = 3\nhost-id = 0x43\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n"
+            ),
+        );
         // A demo judges the machine, too, and may need a second try on a busy one.
         let tries = if line.contains("demo") { 5 } else { 1 };
         let mut outputs = (0..tries).map(|_| self.shell(&line));

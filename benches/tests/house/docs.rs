@@ -19,6 +19,9 @@ const ELSEWHERE: &[&str] = &[
     "damiao.rs",
     "parse_motor_state_data",
     "protocol.rs",
+    // A robot's own files.
+    "motord.lock.toml",
+    "motord.toml",
     // Benchmarks, benches/README.md.
     "cycle/host/",
 ];

@@ -10,6 +10,7 @@ mod journal;
 mod memory;
 mod motion;
 mod service;
+mod setup;
 mod status;
 mod target;
 mod zero;
@@ -144,6 +145,15 @@ pub(crate) enum Command {
     /// The stored configuration of a motor.
     #[command(subcommand)]
     Config(ConfigCommand),
+    /// Compare every motor of a configuration with it, and keep what the motors said in the lock file.
+    ///
+    /// Nothing moves; motors in MIT mode stop. The lock file lies beside the configuration, `motord.lock.toml` beside
+    /// `motord.toml`. motord does not enable a motor that differs. What cannot be read in MIT is unknown: look at the label.
+    /// Exit status 1: a motor differs, or does not answer.
+    #[command(
+        after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --joint fl-knee --json | jq -c '.findings[] | {motor, value, verdict}'\n  motorctl setup --config motord.toml --write"
+    )]
+    Setup(setup::Arguments),
     /// Change the protocol that a motor speaks over CAN.
     ///
     /// Over CAN there is no way back from MIT: the serial port (RS485, RS232) stays native, and changes it again.
@@ -317,6 +327,7 @@ pub(crate) fn run(instance: &str, command: Command) -> Result<(), WireFailure> {
         Command::Pts => service::pts(),
         Command::Jog(arguments) => jog::run(instance, &arguments),
         Command::Indicator(arguments) => status::indicators(instance, &arguments),
+        Command::Setup(arguments) => setup::run(instance, &arguments),
         Command::Parameter(command) => parameter(instance, command),
         Command::Config(command) => config(instance, command),
         Command::Protocol { to, target, confirm } => address::protocol(instance, &target, to, confirm),

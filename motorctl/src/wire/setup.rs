@@ -1,0 +1,256 @@
+//! `motorctl setup`: every motor of a configuration held against it, and the lock file.
+
+use crate::interrupt::Interrupt;
+use crate::json;
+use crate::table::{Cell, Colour, Palette, Table};
+use crate::wire::confirm::Confirm;
+use crate::wire::failure::WireFailure;
+use crate::wire::memory::outcome_of;
+use crate::wire::say;
+use crate::wire::target::{self, OpenLine};
+use motord_commissioning::{Error, Native, Question, survey};
+use motord_configuration as config;
+use motord_configuration::lock::{Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, findings};
+use motord_core::settings::{BusKind, MotorSettings, Settings};
+use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
+use serde::Serialize;
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
+
+/// The configuration, and how much of it.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct Arguments {
+    /// The configuration.
+    #[arg(long, value_name = "FILE", default_value = "/etc/motord/motord.toml")]
+    config: PathBuf,
+    /// Only these motors.
+    #[arg(long = "joint", value_name = "NAME")]
+    joints: Vec<String>,
+    /// Write what differs into the motors, as configured: torque constant, gear ratio, pole pairs. Ids and the protocol are for
+    /// `motorctl id` and `motorctl protocol`, with one motor connected.
+    #[arg(long)]
+    write: bool,
+    #[command(flatten)]
+    confirm: Confirm,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// `motorctl setup`. Fails with [`WireFailure::Differs`] when a motor differs or does not answer.
+pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+    let settings = config::load(&arguments.config)?.settings;
+    let motors = chosen(&settings, &arguments.joints)?;
+    let interrupt = Interrupt::register();
+    let mut asked = Vec::new();
+    for index in 0..settings.buses.len() {
+        let on_bus: Vec<_> = motors.iter().copied().filter(|motor| motor.bus == index).collect();
+        let Some(mut line) = open(instance, &settings, index, &on_bus)? else { continue };
+        for motor in on_bus {
+            if interrupt.came() {
+                return Err(Error::Interrupted.into());
+            }
+            progress(&motor.name);
+            let bus = &settings.buses[index].name;
+            asked.push(ask(&settings, motor, bus, &mut line)?);
+            if arguments.write {
+                let last =
+                    asked.pop().map(|asked| write(&settings, asked, bus, &mut line, arguments.confirm));
+                asked.extend(last.transpose()?);
+            }
+        }
+    }
+    progress("");
+    let lock = store(&arguments.config, &settings, &asked)?;
+    print(&asked, &lock, arguments.json)?;
+    let differing = asked.iter().flat_map(Asked::open_findings).count();
+    if differing == 0 { Ok(()) } else { Err(WireFailure::Differs { count: differing }) }
+}
+
+/// A motor, its words, and how they compare.
+struct Asked<'s> {
+    motor: &'s MotorSettings,
+    reported: Option<ReportedMotor>,
+    findings: Vec<Finding>,
+}
+
+impl Asked<'_> {
+    /// Differences, and a motor that does not answer.
+    fn open_findings(&self) -> impl Iterator<Item = &Finding> {
+        let is_silent = self.reported.is_none();
+        self.findings.iter().filter(move |finding| is_silent || finding.verdict == Verdict::Differs)
+    }
+}
+
+/// The motors with these names, or all, in the order of the configuration.
+fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s MotorSettings>, WireFailure> {
+    let unknown = joints.iter().find(|joint| settings.motors.iter().all(|motor| motor.name != **joint));
+    if let Some(joint) = unknown {
+        return Err(WireFailure::Usage(format!("the configuration has no motor {joint}")));
+    }
+    let is_chosen = |motor: &&MotorSettings| joints.is_empty() || joints.contains(&motor.name);
+    Ok(settings.motors.iter().filter(is_chosen).collect())
+}
+
+/// The bus, if it is on a wire and has motors that are asked.
+fn open(
+    instance: &str,
+    settings: &Settings,
+    index: usize,
+    motors: &[&MotorSettings],
+) -> Result<Option<OpenLine>, WireFailure> {
+    let bus = &settings.buses[index];
+    let baud = match &bus.kind {
+        BusKind::Simulated { .. } => return Ok(None),
+        BusKind::SocketCan { .. } => target::BAUD,
+        BusKind::Serial { baud, .. } => *baud,
+    };
+    if motors.is_empty() {
+        return Ok(None);
+    }
+    target::open(instance, bus.device(), baud).map(Some)
+}
+
+fn ask<'s>(
+    settings: &Settings,
+    motor: &'s MotorSettings,
+    bus: &str,
+    line: &mut OpenLine,
+) -> Result<Asked<'s>, WireFailure> {
+    let survey = survey(&mut line.link, motor.id, Question::Both, &CONFIGURATION)?;
+    let reported = survey.map(|survey| survey.reported(&motor.name, bus));
+    let findings = findings(settings, motor, reported.as_ref());
+    Ok(Asked { motor, reported, findings })
+}
+
+/// Writes the constants that differ, with consent, and asks the motor again.
+fn write<'s>(
+    settings: &Settings,
+    asked: Asked<'s>,
+    bus: &str,
+    line: &mut OpenLine,
+    confirm: Confirm,
+) -> Result<Asked<'s>, WireFailure> {
+    let changes = changes(&asked);
+    if changes.is_empty() {
+        return Ok(asked);
+    }
+    let name = &asked.motor.name;
+    let listed: Vec<_> = asked.open_findings().map(|finding| format!("  {finding}")).collect();
+    let names: Vec<_> = changes.iter().map(|(item, _)| item.name).collect();
+    confirm.ask(&format!(
+        "{}\nThis permanently writes {} into {name}.",
+        listed.join("\n"),
+        names.join(" and ")
+    ))?;
+    let mut motor = Native::new(&mut line.link, asked.motor.id, None);
+    for (item, value) in changes {
+        let confirmation = motor.set_configuration(item, value)?;
+        eprintln!("{name}: {} {}", item.name, outcome_of(confirmation));
+    }
+    ask(settings, asked.motor, bus, line)
+}
+
+/// The constants of a native motor that differ, as configured.
+fn changes(asked: &Asked<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
+    let is_native = asked.reported.as_ref().is_some_and(|motor| motor.protocol == ReportedProtocol::Gim);
+    let Some(constants) = asked.motor.constants.filter(|_| is_native) else { return Vec::new() };
+    let wanted = [
+        ("torque-constant", constants.torque_constant),
+        ("gear-ratio", constants.gear_ratio),
+        ("pole-pairs", constants.pole_pairs.into()),
+    ];
+    let differs = |name: &str| asked.open_findings().any(|finding| finding.value == name);
+    let value = |item: &ConfigurationItem, value: f64| match item.value_type {
+        ValueType::Integer => Some(Value::Integer(value.round() as i32)),
+        ValueType::Float => Finite::new(value as f32).map(Value::Float),
+    };
+    let named = wanted.into_iter().filter(|(name, _)| differs(name));
+    named
+        .filter_map(|(name, wanted)| {
+            let item = ConfigurationItem::by_name(name)?;
+            Some((item, value(item, wanted)?))
+        })
+        .collect()
+}
+
+/// Writes the lock. A motor that did not answer, or was not asked, keeps its words of before.
+fn store(config: &Path, settings: &Settings, asked: &[Asked<'_>]) -> Result<PathBuf, WireFailure> {
+    let before = Lock::load(config).ok().flatten();
+    let now = |name: &str| {
+        asked.iter().find(|asked| asked.motor.name == name).and_then(|asked| asked.reported.clone())
+    };
+    let then = |name: &str| before.as_ref().and_then(|lock| lock.motor(name).cloned());
+    let motors = settings.motors.iter().filter_map(|motor| now(&motor.name).or_else(|| then(&motor.name)));
+    let lock = Lock::new(motors.collect());
+    lock.save(config)
+        .map_err(|error| WireFailure::Malformed { path: Lock::path(config), reason: error.to_string() })
+}
+
+/// One line that is overwritten, at a terminal only.
+fn progress(motor: &str) {
+    if io::stderr().is_terminal() {
+        let text = if motor.is_empty() { String::new() } else { format!("asking {motor}") };
+        eprint!("\r{text:60}\r");
+    }
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    motor: &'a str,
+    value: &'a str,
+    configured: &'a str,
+    reported: Option<&'a str>,
+    verdict: &'static str,
+    cure: Option<&'a str>,
+}
+
+impl<'a> Row<'a> {
+    fn of(finding: &'a Finding) -> Self {
+        let Finding { motor, value, configured, reported, verdict, cure } = finding;
+        Self {
+            motor,
+            value,
+            configured,
+            reported: reported.as_deref(),
+            verdict: match verdict {
+                Verdict::Agrees => "agrees",
+                Verdict::Differs => "differs",
+                Verdict::Unknown => "unknown",
+            },
+            cure: (*verdict != Verdict::Agrees).then_some(cure),
+        }
+    }
+}
+
+fn print(asked: &[Asked<'_>], lock: &Path, as_json: bool) -> Result<(), WireFailure> {
+    #[derive(Serialize)]
+    struct Setup<'a> {
+        motors: usize,
+        answered: usize,
+        findings: Vec<Row<'a>>,
+        lock: &'a Path,
+    }
+    let findings: Vec<Row<'_>> = asked.iter().flat_map(|asked| asked.findings.iter().map(Row::of)).collect();
+    let answered = asked.iter().filter(|asked| asked.reported.is_some()).count();
+    let out = &mut io::stdout().lock();
+    if as_json {
+        return Ok(json::write_line(out, &Setup { motors: asked.len(), answered, findings, lock })?);
+    }
+    let mut table = Table::new(&["motor", "value", "configured", "in the motor", "verdict"]);
+    for row in &findings {
+        let colour = match row.verdict {
+            "differs" => Colour::Red,
+            "unknown" => Colour::Yellow,
+            _ => Colour::Plain,
+        };
+        let cells = [row.motor, row.value, row.configured, row.reported.unwrap_or("-")];
+        let cells = cells.map(Cell::plain).into_iter().chain([Cell::new(row.verdict, colour)]);
+        table.row(cells.collect());
+    }
+    table.write(out, Palette::of_stdout())?;
+    for finding in asked.iter().flat_map(Asked::open_findings) {
+        say(&format!("{finding}"))?;
+    }
+    say(&format!("{answered} of {} motors answered; {} holds what they said", asked.len(), lock.display()))
+}

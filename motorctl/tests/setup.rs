@@ -1,0 +1,114 @@
+//! `motorctl setup`: each motor of a line that is not the configured one is named, and what it said is kept.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+mod line;
+
+use line::{Line, motor};
+use motord_simulator::MotorSettings;
+use serde_json::Value;
+use std::fs;
+use std::process::{Command, Output, Stdio};
+
+/// The line's motors as they are configured: `knee` with id 3 and `hip` with id 4.
+fn configuration(line: &Line) -> String {
+    let device = line.device();
+    let motor = |name: &str, id: u16| {
+        format!(
+            "[[motor]]\nname = '{name}'\nbus = 'line'\nid = {id}\nhost-id = {}\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n",
+            0x40 + id
+        )
+    };
+    let bus = format!("[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '{device}'\nevery = 5\n");
+    format!("{bus}{}{}", motor("knee", 3), motor("hip", 4))
+}
+
+fn setup(line: &Line, options: &[&str]) -> Output {
+    let config = line.path("motord.toml");
+    fs::write(&config, configuration(line)).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+    command.env("MOTORD_RUNTIME_DIR", line.path("run")).stdin(Stdio::null());
+    command.args(["setup", "--config", config.to_str().unwrap()]).args(options).output().unwrap()
+}
+
+/// Verdict by motor and value, of a call that ends with `status`.
+fn findings(line: &Line, status: i32) -> Vec<(String, String, String)> {
+    let output = setup(line, &["--json"]);
+    assert_eq!(output.status.code(), Some(status), "{}", String::from_utf8_lossy(&output.stderr));
+    let reported: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let text = |finding: &Value, key: &str| finding[key].as_str().unwrap().to_owned();
+    let findings = reported["findings"].as_array().unwrap().iter();
+    findings
+        .map(|finding| (text(finding, "motor"), text(finding, "value"), text(finding, "verdict")))
+        .collect()
+}
+
+fn differing(line: &Line) -> Vec<(String, String)> {
+    let differs =
+        |(motor, value, verdict): (String, String, String)| (verdict == "differs").then_some((motor, value));
+    findings(line, 1).into_iter().filter_map(differs).collect()
+}
+
+fn robot(change: impl FnOnce(&mut [MotorSettings; 2])) -> Line {
+    let mut motors = [motor("knee", 3), motor("hip", 4)];
+    change(&mut motors);
+    Line::new(motors.into())
+}
+
+#[test]
+fn the_configured_motors_agree_and_the_lock_holds_what_they_said() {
+    let line = robot(|_| {});
+    let findings = findings(&line, 0);
+    assert!(findings.iter().all(|(_, _, verdict)| verdict == "agrees"), "{findings:?}");
+    let lock = fs::read_to_string(line.path("motord.lock.toml")).unwrap();
+    for said in ["name = \"knee\"", "torque-constant = 0.125", "firmware = 66051", "over-voltage"] {
+        assert!(lock.contains(said), "{said}: {lock}");
+    }
+}
+
+#[test]
+fn wrong_constants_and_swapped_ids_are_named() {
+    let line = robot(|[knee, hip]| (knee.torque_constant, hip.gear_ratio) = (0.2, 36.0));
+    let pairs = [("knee", "torque-constant"), ("hip", "gear-ratio")];
+    assert_eq!(differing(&line), pairs.map(|(motor, value)| (motor.to_owned(), value.to_owned())));
+
+    let line = robot(|[knee, hip]| {
+        // The hip is another model: who is who shows in its constants.
+        (hip.gear_ratio, hip.torque_constant) = (36.0, 0.154);
+        (knee.id, hip.id) = (4, 3);
+    });
+    let named = differing(&line);
+    assert!(named.contains(&("knee".into(), "gear-ratio".into())), "{named:?}");
+}
+
+#[test]
+fn a_silent_motor_is_unknown_and_fails_the_command() {
+    let line = robot(|[_, hip]| hip.id = 9);
+    let findings = findings(&line, 1);
+    assert!(findings.contains(&("hip".into(), "answer".into(), "unknown".into())), "{findings:?}");
+    let output = setup(&line, &[]);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("motorctl scan --bus") && said.contains("1 of 2 motors answered"), "{said}");
+}
+
+#[test]
+fn constants_are_written_with_consent_only() {
+    let line = robot(|[knee, _]| knee.gear_ratio = 36.0);
+    let refused = setup(&line, &["--write"]);
+    assert_eq!(refused.status.code(), Some(64));
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("permanently writes gear-ratio into knee"));
+    assert_eq!(differing(&line).len(), 1, "nothing was written");
+    let written = setup(&line, &["--write", "--yes"]);
+    assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
+    assert!(findings(&line, 0).iter().all(|(_, _, verdict)| verdict == "agrees"));
+}
+
+#[test]
+fn one_motor_can_be_asked_and_the_others_keep_their_words() {
+    let line = robot(|_| {});
+    assert!(setup(&line, &[]).status.success());
+    line.inject("hip power-off");
+    assert!(setup(&line, &["--joint", "knee"]).status.success());
+    assert!(fs::read_to_string(line.path("motord.lock.toml")).unwrap().contains("hip"));
+    assert_eq!(setup(&line, &["--joint", "elbow"]).status.code(), Some(64));
+}
