@@ -491,7 +491,7 @@ fn nobody_excludes_a_joint_of_a_group_that_moves() {
     }
 }
 
-/// What was asked of an excluded joint was not checked, so it is not used when the joint is back.
+/// A setpoint for an excluded joint is not checked, so it is not used when the joint is back.
 #[test]
 fn a_setpoint_that_was_ignored_is_not_used_after_the_joint_is_included() {
     let mut robot = with_excludable_thigh();

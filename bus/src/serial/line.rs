@@ -401,7 +401,7 @@ mod tests {
     #[test]
     fn replies_that_are_all_a_turn_late_are_never_taken_for_those_of_others() {
         let mut line = line();
-        let (mut asked, mut told) = (None, 0);
+        let (mut asked, mut distinct) = (None, 0);
         for turn in 0..100 {
             let late = asked.take();
             if !line.leaves_out_a_turn() {
@@ -412,10 +412,10 @@ mod tests {
             let arrivals = late.map_or(vec![], |_| read(&mut line, &reply(HOST)));
             for content in arrivals.into_iter().filter(|content| *content != UNMATCHED) {
                 assert_eq!(Some(content), late.map(from), "turn {turn}");
-                told += 1;
+                distinct += 1;
             }
         }
-        assert!(told > 20, "{told}");
+        assert!(distinct > 20, "{distinct}");
     }
 
     #[test]

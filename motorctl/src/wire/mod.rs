@@ -151,7 +151,7 @@ pub(crate) enum Command {
     /// `motord.toml`. motord does not enable a motor that differs. What cannot be read in MIT is unknown: look at the label.
     /// Exit status 1: a motor differs, or does not answer.
     #[command(
-        after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --joint fl-knee --json | jq -c '.findings[] | {motor, value, verdict}'\n  motorctl setup --config motord.toml --write"
+        after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --json | jq .answered\n  motorctl setup --config motord.toml --write"
     )]
     Setup(setup::Arguments),
     /// Change the protocol that a motor speaks over CAN.

@@ -8,7 +8,7 @@ use crate::wire::target::{Target, parse_id};
 use motord_commissioning::CALIBRATION_MAX;
 use motord_protocol::gim::Calibration;
 
-/// What is calibrated (GIM document, Table 11).
+/// The part that is calibrated (GIM document, Table 11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Kind {
     /// The order of the phases.

@@ -176,7 +176,7 @@ impl Configuration {
         self.revision
     }
 
-    /// What survives without power: a line for each item, its type, its ConfID and its value.
+    /// The values that survive without power: a line for each item, its type, its ConfID and its value.
     pub(super) fn memory(&self) -> String {
         let mut text = String::new();
         for (id, value) in (0_u8..).zip(self.stored.ints).filter(|(id, _)| is_int(*id)) {

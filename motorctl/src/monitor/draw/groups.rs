@@ -96,7 +96,7 @@ impl Stopped<'_> {
         wrapped(&text, width, 2).into_iter().map(|line| alarm(line).into()).collect()
     }
 
-    /// What to do, and the lines to paste.
+    /// The advice, and the lines to paste.
     fn remedy(&self, reading: &Reading, width: usize) -> Vec<Line<'static>> {
         let steps = &self.stop.steps;
         let text = format!("  {}. Then paste, or press r:", steps.remedy);

@@ -1,4 +1,4 @@
-//! What stands in the way of a reset: buses that are not up, faults, motors that do not answer; and what helps.
+//! The obstacles to a reset: buses that are not up, faults, motors that do not answer; and what helps.
 
 use super::super::picture::Reading;
 use super::text::{alarm, bold, wrapped};
