@@ -11,7 +11,12 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-shared", &["iceoryx2"], &[]),
     ("motord-bus", &[], &["motord-bus"]),
     ("motord-simulator", &["motord-bus"], &["motord-bus", "motord-simulator"]),
-    ("motord-core", &["motord-protocol", "motord-bus", "motord-shared"], &["motord-simulator"]),
+    ("motord-settings", &["motord-protocol", "motord-bus", "motord-shared"], &[]),
+    (
+        "motord-core",
+        &["motord-settings", "motord-protocol", "motord-bus", "motord-shared"],
+        &["motord-simulator"],
+    ),
     (
         "motord-commissioning",
         &["motord-configuration", "motord-protocol", "motord-bus"],
@@ -58,6 +63,7 @@ const CORE: &[&str] = &[
     "motord-bus",
     "motord-core",
     "motord-protocol",
+    "motord-settings",
     "motord-shared",
     "rtrb",
     "serde",

@@ -10,6 +10,7 @@ mod functions;
 mod imports;
 mod paths;
 mod rooms;
+mod sizes;
 mod sources;
 mod unsafe_code;
 mod words;

@@ -11,13 +11,11 @@ type Rows = &'static [(&'static str, &'static [&'static str])];
 /// `control` knows motors by what they can do, `drive` puts that into frames, `cycle` sends them: one way.
 const CORE: Rows = &[
     ("clock", &[]),
-    ("control", &["joint", "settings"]),
-    ("cycle", &["clock", "control", "drive", "plan", "settings", "stopper"]),
-    ("drive", &["control", "joint", "settings"]),
-    ("joint", &[]),
-    ("plan", &["drive", "settings"]),
-    ("settings", &["joint"]),
-    ("stopper", &["clock", "drive", "settings"]),
+    ("control", &[]),
+    ("cycle", &["clock", "control", "drive", "plan", "stopper"]),
+    ("drive", &["control"]),
+    ("plan", &["drive"]),
+    ("stopper", &["clock", "drive"]),
 ];
 
 /// `threads` wires the rooms together, `commands` is what a person starts.
@@ -46,7 +44,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "protocol/src",
     "simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.
-    "core/src/settings.rs",
+    "settings/src/settings.rs",
     // The configured protocol becomes the simulator's: the two crates share no word.
     "daemon/src/buses/physics.rs",
 ];

@@ -4,13 +4,13 @@
 //! other happens in [`Transmission`] and nowhere else:
 //!
 //! ```compile_fail
-//! # use motord_core::joint::{Impedance, Joint, Motor};
+//! # use motord_settings::joint::{Impedance, Joint, Motor};
 //! let wanted: Impedance<Joint> = Impedance::NEUTRAL;
 //! let sent: Impedance<Motor> = wanted;
 //! ```
 //!
 //! ```
-//! # use motord_core::joint::{Impedance, Motor, Transmission};
+//! # use motord_settings::joint::{Impedance, Motor, Transmission};
 //! let sent: Impedance<Motor> = Transmission::new(-1.0, 0.5).to_motor(&Impedance::NEUTRAL);
 //! ```
 
@@ -85,6 +85,7 @@ impl Setpoint {
 
     /// It pulls the joint to its position.
     #[must_use]
+    #[inline]
     pub fn pulls(&self) -> bool {
         self.values.kp > 0.0 || self.mode == SetpointMode::Position
     }
@@ -140,18 +141,21 @@ impl Transmission {
 
     /// Position of the motor, rad, at this position of the joint, rad.
     #[must_use]
+    #[inline]
     pub fn position_to_motor(&self, joint: f32) -> f32 {
         self.direction * (joint - self.offset)
     }
 
     /// Position of the joint, rad, at this position of the motor, rad.
     #[must_use]
+    #[inline]
     pub fn position_to_joint(&self, motor: f32) -> f32 {
         self.direction * motor + self.offset
     }
 
     /// The command to the motor that makes the joint do `joint`.
     #[must_use]
+    #[inline]
     pub fn to_motor(&self, joint: &Impedance<Joint>) -> Impedance<Motor> {
         Impedance::new(
             self.position_to_motor(joint.position),
@@ -164,6 +168,7 @@ impl Transmission {
 
     /// The state of the joint when the motor reports `motor`.
     #[must_use]
+    #[inline]
     pub fn to_joint(&self, motor: &Measured<Motor>) -> Measured<Joint> {
         Measured::new(
             self.position_to_joint(motor.position),

@@ -246,6 +246,7 @@ pub struct Capabilities {
 impl Capabilities {
     /// Setpoints of this mode are possible for the motor.
     #[must_use]
+    #[inline]
     pub fn takes(&self, mode: SetpointMode) -> bool {
         !self.impedance || mode == SetpointMode::Impedance
     }
@@ -327,6 +328,7 @@ pub struct DriveConstants {
 impl MotorSettings {
     /// The id of commands to it.
     #[must_use]
+    #[inline]
     pub fn command_id(&self) -> FrameId {
         FrameId::new(u16::from(self.id)).unwrap_or(FrameId::MAX)
     }
