@@ -9,7 +9,7 @@
 //! A bus that is back has stopped motors: opening it enables nothing.
 //!
 //! A serial port is closed before it is opened again: it is locked, and while it is open, the kernel gives another name to the
-//! adapter that is plugged in again. The cycle gets an [`Unplugged`] bus for it meanwhile.
+//! adapter that is plugged in again. The cycle gets an `Unplugged` bus for it meanwhile.
 
 use crate::buses;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};

@@ -66,7 +66,7 @@ pub struct Configuration {
 }
 
 impl Configuration {
-    /// The configuration of a robot, at the highest rate of [`RATES_HZ`] that its buses have time for, or at `rate_hz`.
+    /// The configuration of a robot, at the highest rate of `RATES_HZ` that its buses have time for, or at `rate_hz`.
     ///
     /// # Errors
     ///
