@@ -71,7 +71,7 @@ impl Robot {
         let groups = self.state.groups.iter_mut();
         groups.zip(self.control.group_states()).for_each(|(group, state)| *group = state);
         for bus in 0..4 {
-            if let Some(motor) = self.control.fault_poll(bus) {
+            if let Some((motor, _)) = self.control.question(bus) {
                 self.control.receive(motor, Reported::Fault(Faults::NONE), now + 2 * latency);
             }
         }

@@ -163,8 +163,8 @@ pub use motord_shared::description::{
 pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::{
-    Applied, BusCondition, Cause, Fault, Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
-    SetpointMode,
+    Applied, BusCondition, Cause, Fault, Indicator, Lease, Limit, MotorMode, Operation, Phase, Refusal,
+    Rejection, SetpointMode,
 };
 pub use setpoint::Setpoint;
-pub use state::{Bus, Faults, Group, Joint, Limits, State};
+pub use state::{Bus, Faults, Group, Indicators, Joint, Limits, State};

@@ -8,8 +8,8 @@ use motord_shared::message::{
     JOINT_VALID,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, Fault, GroupState, JointState, Lease, Limit, MotorMode, Phase,
-    Rejection, StateMessage, clock,
+    Applied, BusCondition, BusState, Cause, Fault, GroupState, Indicator, JointIndicators, JointState, Lease,
+    Limit, MotorMode, Phase, Rejection, StateMessage, clock,
 };
 use std::fmt;
 use std::time::Duration;
@@ -108,6 +108,14 @@ impl State {
     #[must_use]
     pub fn joint(&self, index: usize) -> Option<Joint> {
         self.message.joints().get(index).map(Joint::from)
+    }
+
+    /// The indicators of the motor of the joint with this index, where the motor has some: only native motors do, and the
+    /// daemon publishes those of 16 joints.
+    #[must_use]
+    pub fn indicators(&self, joint: usize) -> Option<Indicators> {
+        let published = self.message.indicators().iter();
+        published.copied().find(|indicators| indicators.joint as usize == joint).map(Indicators)
     }
 
     /// The groups, in the order of the description.
@@ -293,6 +301,24 @@ impl fmt::Display for Faults {
             true => f.write_str("none"),
             false => f.write_str(&self.names().collect::<Vec<_>>().join(", ")),
         }
+    }
+}
+
+/// The indicators of one motor, motor side. The daemon asks for them one after the other, each about once a second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Indicators(JointIndicators);
+
+impl Indicators {
+    /// The last value, in the [unit](Indicator::unit) of the indicator; `None` while it is not known.
+    #[must_use]
+    pub fn get(&self, indicator: Indicator) -> Option<f32> {
+        let value = self.0.values.get(indicator.code() as usize).copied();
+        value.filter(|value| value.is_finite())
+    }
+
+    /// The known values, in the units of the indicators.
+    pub fn iter(&self) -> impl Iterator<Item = (Indicator, f32)> {
+        Indicator::ALL.iter().filter_map(|indicator| Some((*indicator, self.get(*indicator)?)))
     }
 }
 

@@ -67,6 +67,8 @@ sections! {
             "Largest share of missed ticks, averaged over a second. Above it the computer is too slow: safe stop. 100 never stops.";
         "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
             "Share of the period. A reply that comes later is missed.";
+        "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
+            "How often each indicator of a native motor (GIM document, table 10) is asked for, where its bus has room. 0 never asks. Of the first 16 such motors; MIT motors have none.";
         "busy-poll-us" busy_poll_us: f64, "µs" = is(0.0).within(0.0, 1000.0),
             "Before each sleep for replies, the cycle polls the buses for this long. Shorter than a cycle. Costs and gains: [decision 12](adr/0012-no-busy-polling-by-default.md).";
     }
@@ -128,7 +130,7 @@ sections! {
         "turnaround-us" turnaround_us: f64, "µs" = is(500.0).within(0.0, 100_000.0),
             "The longest time from the end of a request to the beginning of its reply, as the computer sees it; for `serial`. USB adapters: 1500, or what `motorctl ping` measures. A later reply is late, and the next request may be refused.";
         "every" every: i64, "cycles" = is(1).within(1.0, 100.0),
-            "The motors of this bus take turns: each gets a command once in so many cycles, and its replies, misses and age count in its own turns. A serial bus has one request at a time, so it needs a number of cycles for each motor, and one turn more for the questions about faults; `check` says the least. A stop reaches a motor at its next turn.";
+            "The motors of this bus take turns: each gets a command once in so many cycles, and its replies, misses and age count in its own turns. A serial bus has one request at a time, so it needs a number of cycles for each motor, and one turn more for the questions about faults and indicators; `check` says the least. A stop reaches a motor at its next turn.";
         "seed" seed: Option<i64>, "" = follows("from the name"),
             "Seed of all that is random; for `simulated`.";
     }

@@ -105,6 +105,7 @@ fn settings() -> Settings {
             max_missed_ticks: 0.5,
             reply_deadline: Duration::from_micros(800),
             busy_poll: Duration::ZERO,
+            indicator_hz: 1.0,
         },
         ipc: IpcSettings {
             mode: IpcMode::Timed,

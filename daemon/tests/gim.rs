@@ -5,7 +5,8 @@ mod robot;
 use motord_bus::{Bus, Duration, Inbox, Instant};
 use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
-use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
+use motord_protocol::gim::INDICATORS;
+use motord_shared::{Cause, Indicator, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
 use motord_simulator::DurationEnd;
 use robot::Robot;
 
@@ -164,7 +165,7 @@ fn impedance_setpoints_become_torques_that_hold_a_native_joint() {
     assert!((joint.position - 0.3).abs() < 0.02, "{}", joint.position);
     assert_eq!((joint.applied.kp, joint.applied.position), (30.0, 0.3), "clients see what they asked for");
     let sent = robot.take_sent_to(1);
-    assert!(sent.iter().all(|sent| sent.bytes[0] == 0x93 || sent.bytes[0] == 0xB2), "torques and questions");
+    assert!(sent.iter().all(|sent| [0x93, 0xB2, 0xB4].contains(&sent.bytes[0])), "torques and questions");
 }
 
 /// 40 N·m/rad over 0.1 rad, from a state that no other follows: it is one turn old, then two, three, four.
@@ -245,4 +246,38 @@ fn a_duration_is_a_watchdog_in_the_drive_if_its_end_goes_limp() {
         let velocity = later(Duration::from_secs(2));
         assert_eq!(velocity > 1.0, drives_on, "{duration_ms} ms, {end:?}: {velocity} rad/s");
     }
+}
+
+/// Bytes: GIM document, 3.2.17. 1.5 V is 0x3FC00000.
+#[test]
+fn an_indicator_is_kept_apart_from_a_part_of_the_state_though_its_answer_comes_a_cycle_later() {
+    let settings = arm().settings;
+    let mut drive = Drive::new(&settings.motors[0], Duration::ZERO, false);
+    let at = |millis| Instant::ZERO + Duration::from_millis(millis);
+    let asked = drive.request(&Command::GetIndicator(0x13), at(1)).expect("a frame");
+    assert_eq!(asked.payload()[..2], [0xB4, 0x13]);
+    assert_eq!(drive.request(&Command::Wait, at(2)), None);
+    let answer = drive.receive(&[0xB4, 0x13, 0, 0, 0x00, 0x00, 0xC0, 0x3F], at(3));
+    assert_eq!(answer, Received::Reply(Reported::Indicator(0x13, 1.5)));
+}
+
+#[test]
+fn indicators_are_asked_for_without_questions_for_faults_however_seldom_and_never_when_off() {
+    let cases: [(f64, &[usize]); 3] = [(1.0, &[22, 22]), (1e-300, &[1, 1]), (0.0, &[])];
+    for (hz, expected) in cases {
+        let mut settings = arm().settings;
+        settings.safety.fault_poll_hz = 0.0;
+        settings.cycle.indicator_hz = hz;
+        let mut robot = Robot::new(settings, 1);
+        robot.steps(1200);
+        let finite = |values: &[f32]| values.iter().filter(|value| value.is_finite()).count();
+        let known = robot.state().indicators().iter().map(|of| finite(&of.values)).collect::<Vec<_>>();
+        assert_eq!(known, expected, "{hz} Hz");
+    }
+}
+
+#[test]
+fn clients_and_the_wire_name_the_same_indicators_in_the_same_units() {
+    let of_clients = Indicator::ALL.iter().map(|row| (row.code(), row.name(), row.unit()));
+    assert!(of_clients.eq(INDICATORS.iter().map(|row| (row.id.into(), row.name, row.unit))));
 }

@@ -224,3 +224,29 @@ fn a_state_that_is_not_believed_is_in_no_torque() {
     let torques: Vec<_> = commands(&mut robot).iter().map(torque).collect();
     assert!(torques.len() == 2 && torques.iter().all(|torque| *torque < 1.0), "{torques:?} at rest");
 }
+
+/// Goal: clients see every indicator of table 10, from a line and of motors that move, about once a second.
+#[test]
+fn every_indicator_of_a_native_motor_is_known_after_a_second_and_unknown_when_it_is_lost() {
+    let mut robot = arm_and_leg();
+    let joints = torque(0.0);
+    activate(&mut robot, &joints);
+    robot.take_sent();
+    for _ in 0..1200 {
+        robot.follow(&joints);
+    }
+    let state = robot.state();
+    let joints_of: Vec<_> = state.indicators().iter().map(|indicators| indicators.joint).collect();
+    assert_eq!(joints_of, [0, 1], "MIT motors have none");
+    let values = state.indicators()[0].values;
+    assert!(values.iter().all(|value| value.is_finite()), "{values:?}");
+    assert!((values[0] - 48.0).abs() < 1.0, "bus voltage {} V", values[0]);
+    assert!((values[0x13] - state.joints[0].position).abs() < 0.5, "shaft angle {} rad", values[0x13]);
+    let asked = robot.take_sent_to(1).iter().filter(|sent| sent.bus == 0 && sent.bytes[0] == 0xB4).count();
+    assert!((20..=28).contains(&asked), "asked {asked} times in 1.2 s");
+    assert_eq!(robot.joint(0).missed, 0);
+    robot.disturb("shoulder off");
+    robot.steps(200);
+    let values = robot.state().indicators()[0].values;
+    assert!(values.iter().all(|value| value.is_nan()), "{values:?}");
+}

@@ -3,7 +3,7 @@
 use crate::advice::Advice;
 use crate::table::{Cell, Colour, Palette, Table};
 use motord_client::{
-    Bus, BusCondition, Cause, Group, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
+    Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
     RobotDescription, State,
 };
 use serde::Serialize;
@@ -93,6 +93,16 @@ pub(crate) struct JointReport {
     /// States that the joint cannot have had.
     pub(crate) implausible: u32,
     pub(crate) reply_latency_us: f64,
+    /// By name, those that are known. Only native motors have some.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) indicators: BTreeMap<&'static str, IndicatorReport>,
+}
+
+/// An indicator of a motor, motor side.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct IndicatorReport {
+    pub(crate) value: f32,
+    pub(crate) unit: &'static str,
 }
 
 /// A bus and its counters.
@@ -126,7 +136,7 @@ impl Report {
             config_changed: state.config_changed(),
             overruns: state.overruns(),
             groups: groups.map(|(name, group)| GroupReport::new(name, &group, robot)).collect(),
-            joints: robot.joints.iter().zip(state.joints()).map(JointReport::from).collect(),
+            joints: joints(robot, state),
             buses: robot.buses.iter().zip(state.buses()).map(BusReport::from).collect(),
         }
     }
@@ -163,6 +173,19 @@ impl Report {
         writeln!(out)?;
         bus_table(&self.buses).write(out, palette)
     }
+}
+
+fn joints(robot: &RobotDescription, state: &State) -> Vec<JointReport> {
+    let mut joints: Vec<_> = robot.joints.iter().zip(state.joints()).map(JointReport::from).collect();
+    for (index, joint) in joints.iter_mut().enumerate() {
+        let known = state.indicators(index).map(|indicators| indicators.iter().map(indicator).collect());
+        joint.indicators = known.unwrap_or_default();
+    }
+    joints
+}
+
+fn indicator((indicator, value): (Indicator, f32)) -> (&'static str, IndicatorReport) {
+    (indicator.name(), IndicatorReport { value, unit: indicator.unit() })
 }
 
 impl GroupReport {
@@ -214,6 +237,7 @@ impl From<(&JointDescription, Joint)> for JointReport {
             late: joint.late,
             implausible: joint.implausible,
             reply_latency_us: joint.reply_latency.as_secs_f64() * 1e6,
+            indicators: BTreeMap::new(),
         }
     }
 }

@@ -26,12 +26,12 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Turns of a bus until each of its motors has had one. A serial line has one more, for questions about faults;
-    /// elsewhere these take no turn.
+    /// Turns of a bus until each of its motors has had one. A serial line has one more, for questions about faults and
+    /// indicators; elsewhere these take no turn.
     #[must_use]
     pub fn turns(&self, bus: usize) -> usize {
         let motors = self.motors.iter().filter(|motor| motor.bus == bus).count();
-        let asks = self.safety.fault_poll_hz > 0.0;
+        let asks = self.safety.fault_poll_hz > 0.0 || self.cycle.indicator_hz > 0.0;
         motors + usize::from(asks && self.buses[bus].is_line())
     }
 
@@ -64,6 +64,8 @@ pub struct CycleSettings {
     pub reply_deadline: Duration,
     /// Read the buses without a sleep for this long, before each sleep for replies; zero sleeps only.
     pub busy_poll: Duration,
+    /// Each indicator of a motor that has some is asked for this often, Hz; 0 never asks.
+    pub indicator_hz: f64,
 }
 
 /// The way the ipc thread waits.
@@ -239,6 +241,8 @@ pub struct Capabilities {
     pub velocity_end: Option<f32>,
     /// The motor answers a question for its faults. Else every state has them.
     pub answers_fault_question: bool,
+    /// It can be asked for so many indicators, by their numbers from 0.
+    pub indicators: u8,
     /// A state that answers a stop confirms the stop, unless it says that the motor runs. Else the motor confirms a stop by a message of its own.
     pub state_confirms_stop: bool,
 }

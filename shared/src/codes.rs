@@ -344,6 +344,57 @@ impl Rejection {
 }
 
 codes! {
+    /// A quantity that a native motor measures (GIM document, table 10).
+    Indicator {
+        BusVoltage = 0 "bus-voltage" "Voltage of the supply.",
+        BoardTemperature = 1 "board-temperature" "Temperature of the driver board.",
+        MotorTemperature = 2 "motor-temperature" "Temperature of the motor.",
+        Power = 3 "power" "Electrical power.",
+        Ia = 4 "ia" "Current of phase A.",
+        Ib = 5 "ib" "Current of phase B.",
+        Ic = 6 "ic" "Current of phase C.",
+        Ialpha = 7 "ialpha" "Current along the alpha axis.",
+        Ibeta = 8 "ibeta" "Current along the beta axis.",
+        Iq = 9 "iq" "Current along the q axis.",
+        Id = 10 "id" "Current along the d axis.",
+        IqTarget = 11 "iq-target" "Target of the current along the q axis.",
+        IdTarget = 12 "id-target" "Target of the current along the d axis.",
+        Vq = 13 "vq" "Voltage along the q axis.",
+        Vd = 14 "vd" "Voltage along the d axis.",
+        Valpha = 15 "valpha" "Voltage along the alpha axis.",
+        Vbeta = 16 "vbeta" "Voltage along the beta axis.",
+        RotorElectricalAngle = 17 "rotor-electrical-angle" "Electrical angle of the rotor.",
+        RotorMechanicalAngle = 18 "rotor-mechanical-angle" "Mechanical angle of the rotor.",
+        ShaftAngle = 19 "shaft-angle" "Angle of the output shaft.",
+        ShaftSpeed = 20 "shaft-speed" "Speed of the output shaft.",
+        OutputPower = 21 "output-power" "Mechanical power.",
+    }
+}
+
+impl Indicator {
+    /// The unit of its value.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::BusVoltage | Self::Vq | Self::Vd | Self::Valpha | Self::Vbeta => "V",
+            Self::BoardTemperature | Self::MotorTemperature => "°C",
+            Self::Power | Self::OutputPower => "W",
+            Self::Ia
+            | Self::Ib
+            | Self::Ic
+            | Self::Ialpha
+            | Self::Ibeta
+            | Self::Iq
+            | Self::Id
+            | Self::IqTarget
+            | Self::IdTarget => "A",
+            Self::RotorElectricalAngle | Self::RotorMechanicalAngle | Self::ShaftAngle => "rad",
+            Self::ShaftSpeed => "rpm",
+        }
+    }
+}
+
+codes! {
     /// How a joint's setpoint is meant.
     SetpointMode {
         Impedance = 0 "impedance" "Position, velocity, stiffness, damping and torque.",

@@ -35,15 +35,16 @@ mod reserved_space;
 pub mod service;
 
 pub use codes::{
-    BusCondition, Cause, Fault, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode,
+    BusCondition, Cause, Fault, Indicator, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
+    SetpointMode,
 };
 #[cfg(feature = "ports")]
 pub use instance::{Instance, InstanceError, InstanceLock};
 pub use lease::Lease;
 pub use limits::DEFAULT_INSTANCE;
 pub use message::{
-    AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointSetpoint, JointState,
-    SetpointMessage, StateMessage,
+    AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointIndicators, JointSetpoint,
+    JointState, SetpointMessage, StateMessage,
 };
 #[cfg(feature = "ports")]
 pub use ports::{ClientPorts, DaemonPorts, Housekeeper, Request};

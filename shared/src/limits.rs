@@ -16,6 +16,10 @@ pub const ADMINS_MAX: usize = 32;
 pub const STOP_PLACES: usize = 4;
 /// Requests of one client that may be under way at a time: an ordinary one, and an emergency stop beside it.
 pub const REQUESTS_PER_CLIENT: usize = 2;
+/// Most indicators of one motor.
+pub const INDICATORS_MAX: usize = 22;
+/// Most joints whose indicators are published: the first in the configuration whose motors have some.
+pub const INDICATOR_JOINTS_MAX: usize = 16;
 /// Most bytes of text in an answer to an administrative request.
 pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
 /// Most bytes of a joint, group, bus or instance name.

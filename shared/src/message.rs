@@ -4,7 +4,9 @@
 //! type name carries its version, and the service is refused to a client whose layout differs.
 
 use crate::codes::{Operation, Refusal, Rejection};
-use crate::limits::{ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
+use crate::limits::{
+    ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, INDICATOR_JOINTS_MAX, INDICATORS_MAX, JOINTS_MAX,
+};
 #[cfg(feature = "ports")]
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -108,6 +110,23 @@ pub struct GroupState {
     pub rejected: [u32; Rejection::COUNT],
 }
 
+/// The indicators of one joint's motor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointIndicators.v1"))]
+#[repr(C)]
+pub struct JointIndicators {
+    /// Index of the joint.
+    pub joint: u32,
+    /// By `Indicator` code, in the unit of [`Indicator::unit`](crate::Indicator::unit), motor side; NaN where it is not known.
+    pub values: [f32; INDICATORS_MAX],
+}
+
+impl Default for JointIndicators {
+    fn default() -> Self {
+        Self { joint: 0, values: [0.0; INDICATORS_MAX] }
+    }
+}
+
 /// One bus in a cycle. All counters are modulo 2³².
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.BusState.v2"))]
@@ -136,7 +155,7 @@ pub struct BusState {
 
 /// Everything that is known after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v2"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v3"))]
 #[repr(C)]
 pub struct StateMessage {
     /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
@@ -159,12 +178,18 @@ pub struct StateMessage {
     pub group_count: u32,
     /// Buses in use.
     pub bus_count: u32,
+    /// Joints with indicators in use.
+    pub indicator_count: u32,
+    /// Keeps the layout free of implicit padding.
+    pub reserved: u32,
     /// Joints, in the order of the configuration.
     pub joints: [JointState; JOINTS_MAX],
     /// Groups, in the order of the configuration.
     pub groups: [GroupState; GROUPS_MAX],
     /// Buses, in the order of the configuration.
     pub buses: [BusState; BUSES_MAX],
+    /// Joints whose motors have indicators, in the order of the configuration.
+    pub indicators: [JointIndicators; INDICATOR_JOINTS_MAX],
 }
 
 impl Default for StateMessage {
@@ -180,9 +205,12 @@ impl Default for StateMessage {
             joint_count: 0,
             group_count: 0,
             bus_count: 0,
+            indicator_count: 0,
+            reserved: 0,
             joints: [JointState::default(); JOINTS_MAX],
             groups: [GroupState::default(); GROUPS_MAX],
             buses: [BusState::default(); BUSES_MAX],
+            indicators: [JointIndicators::default(); INDICATOR_JOINTS_MAX],
         }
     }
 }
@@ -204,6 +232,12 @@ impl StateMessage {
     #[must_use]
     pub fn buses(&self) -> &[BusState] {
         &self.buses[..(self.bus_count as usize).min(BUSES_MAX)]
+    }
+
+    /// The joints with indicators in use.
+    #[must_use]
+    pub fn indicators(&self) -> &[JointIndicators] {
+        &self.indicators[..(self.indicator_count as usize).min(INDICATOR_JOINTS_MAX)]
     }
 }
 
@@ -345,8 +379,16 @@ const _: () = {
     assert!(size_of::<JointState>() == 80 && offset_of!(JointState, implausible) == 68);
     assert!(size_of::<GroupState>() == 40 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
-    assert!(offset_of!(StateMessage, joints) == 64);
-    assert!(size_of::<StateMessage>() == 64 + 64 * 80 + 8 * size_of::<GroupState>() + 16 * 36);
+    assert!(size_of::<JointIndicators>() == 4 + 4 * INDICATORS_MAX);
+    assert!(offset_of!(StateMessage, joints) == 72);
+    assert!(
+        size_of::<StateMessage>()
+            == 72
+                + 64 * 80
+                + 8 * size_of::<GroupState>()
+                + 16 * 36
+                + INDICATOR_JOINTS_MAX * size_of::<JointIndicators>()
+    );
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
     assert!(size_of::<AdminRequest>() == 32 && size_of::<AdminReply>() == 16);

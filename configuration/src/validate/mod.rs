@@ -67,6 +67,7 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
         max_missed_ticks: keys.max_skipped_percent.value as f32 / 100.0,
         reply_deadline: period.mul_f64(keys.reply_deadline_percent.value / 100.0),
         busy_poll: micros(keys.busy_poll_us.value),
+        indicator_hz: keys.indicator_hz.value,
     }
 }
 

@@ -21,6 +21,8 @@ pub enum Command {
     SetZero,
     /// Report the fault bits.
     GetFault,
+    /// Report the indicator with this number.
+    GetIndicator(u8),
     /// Acknowledge the fault.
     ClearFault,
     /// Follow this.
@@ -31,7 +33,8 @@ impl Command {
     /// The motor answers with its state.
     #[must_use]
     pub const fn is_answered_by_state(&self) -> bool {
-        !matches!(self, Self::Nothing | Self::Wait | Self::GetFault | Self::ClearFault)
+        use Command::{ClearFault, GetFault, GetIndicator, Nothing, Wait};
+        !matches!(self, Nothing | Wait | GetFault | GetIndicator(_) | ClearFault)
     }
 }
 
@@ -51,6 +54,8 @@ pub enum Reported {
     State(Measured<Joint>, Duration, Status),
     /// Its fault bits.
     Fault(Faults),
+    /// The value of the indicator with this number, in its own unit; NaN when it refuses.
+    Indicator(u8, f32),
     /// It received the request to clear its fault.
     Cleared,
     /// It received the command; the answer says nothing more.

@@ -19,6 +19,7 @@ mod command;
 mod context;
 mod event;
 mod group;
+mod indicators;
 mod motor;
 mod time_base;
 
@@ -31,9 +32,12 @@ use admin::Leases;
 use bus_health::BusHealth;
 use context::Context;
 use group::{Group, Report};
+use indicators::Indicators;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, Instant};
-use motord_shared::{AdminReply, BusCondition, Cause, GroupState, JointState, Lease, Phase, SetpointMessage};
+use motord_shared::{
+    AdminReply, BusCondition, Cause, GroupState, JointIndicators, JointState, Lease, Phase, SetpointMessage,
+};
 use time_base::TimeBase;
 
 /// A motor that has not answered by then is reported, once.
@@ -68,6 +72,7 @@ pub struct Control {
     /// By joint.
     places: Vec<Place>,
     buses: Vec<BusHealth>,
+    indicators: Indicators,
     /// By joint.
     commands: Vec<Command>,
     time_base: TimeBase,
@@ -99,6 +104,7 @@ impl Control {
             buses: (0..settings.buses.len())
                 .map(|bus| BusHealth::new(joints(bus), question_turn(settings, bus)))
                 .collect(),
+            indicators: Indicators::new(settings),
             commands: vec![Command::Nothing; settings.motors.len()],
             time_base: TimeBase::new(&settings.cycle),
             leases: Leases::new(boot_id),
@@ -124,9 +130,13 @@ impl Control {
         &self.commands[joint]
     }
 
-    /// Motors are asked for their faults.
+    /// Motors are asked for their faults, or for indicators.
     #[must_use]
-    pub fn polls_faults(&self) -> bool {
+    pub fn asks_questions(&self) -> bool {
+        self.polls_faults() || !self.indicators.is_empty()
+    }
+
+    fn polls_faults(&self) -> bool {
         self.context.safety.fault_poll_hz > 0.0
     }
 
@@ -166,8 +176,10 @@ impl Control {
     pub fn receive(&mut self, joint: usize, reported: Reported, at: Instant) {
         let Place { group, place } = self.places[joint];
         let report = self.groups[group].receive(place, reported, at, &mut self.context);
-        if report == Report::StopAll {
-            self.stop_all(Cause::MotorFault, Some(joint));
+        match report {
+            Report::None => {}
+            Report::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),
+            Report::Indicator(number, value) => self.indicators.take(joint, number, value),
         }
     }
 
@@ -203,9 +215,25 @@ impl Control {
         turn.is_some_and(|turn| turn.begin_cycle(context.now, context.period))
     }
 
+    /// The question to a motor of `bus` that should be asked now, if one should: for its faults, or for an indicator. Bounded by
+    /// the motors of the bus.
+    pub fn question(&mut self, bus: usize) -> Option<(usize, Command)> {
+        if let Some(joint) = self.fault_poll(bus) {
+            return Some((joint, Command::GetFault));
+        }
+        let Self { groups, places, indicators, context, .. } = self;
+        let Wake { cycle, begun, .. } = context.wake;
+        let may_be_asked = |joint: usize| {
+            let Place { group, place } = places[joint];
+            groups[group].motors[place].poll_at(cycle).is_some()
+        };
+        let (joint, number) = indicators.next(bus, begun, may_be_asked)?;
+        Some((joint, Command::GetIndicator(number)))
+    }
+
     /// The joint of `bus` whose motor should be asked for its faults now, if one should. Round robin; bounded by the
     /// motors of the bus.
-    pub fn fault_poll(&mut self, bus: usize) -> Option<usize> {
+    fn fault_poll(&mut self, bus: usize) -> Option<usize> {
         if !self.polls_faults() {
             return None;
         }
@@ -300,6 +328,11 @@ impl Control {
     /// The state of every joint after this cycle, by joint.
     pub fn joint_states(&self) -> impl Iterator<Item = JointState> + '_ {
         self.motors().map(Motor::report)
+    }
+
+    /// The indicators of the joints that have some, by joint.
+    pub fn joint_indicators(&self) -> impl Iterator<Item = JointIndicators> + '_ {
+        self.indicators.report(|joint| self.motor(joint).measured().is_some())
     }
 
     /// The state of every group after this cycle, by group.

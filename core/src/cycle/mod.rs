@@ -20,7 +20,7 @@ pub use replacement::Supply;
 pub use run::Order;
 
 use crate::clock::Clock;
-use crate::control::{Command, Control, Wake};
+use crate::control::{Control, Wake};
 use crate::drive::{Drive, Received};
 use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
@@ -203,8 +203,8 @@ impl<C: Clock> Cycle<C> {
         let open = self.collect(sent + self.timing.reply_deadline);
         self.control.end_cycle();
         self.publish(wake);
-        if self.control.polls_faults() {
-            self.poll_faults(open, wake.scheduled + self.timing.period);
+        if self.control.asks_questions() {
+            self.ask(open, wake.scheduled + self.timing.period);
         }
     }
 
@@ -287,8 +287,8 @@ impl<C: Clock> Cycle<C> {
         if !self.control.begin_questions(bus) || !self.channels[bus].is_idle() {
             return;
         }
-        let Some(motor) = self.control.fault_poll(bus) else { return };
-        let frame = self.drives[motor].request(&Command::GetFault, now);
+        let Some((motor, question)) = self.control.question(bus) else { return };
+        let frame = self.drives[motor].request(&question, now);
         self.channels[bus].queue(motor, frame);
     }
 
@@ -409,9 +409,10 @@ impl<C: Clock> Cycle<C> {
         link.lose(control.clear_events());
     }
 
-    /// Asks at most one motor of each bus but lines for its faults, where none of its replies is `open`, and request and reply still fit before `end`, the next tick; waits
-    /// for the replies at most until then. One system call per bus that is asked, and those of [`collect`](Self::collect).
-    fn poll_faults(&mut self, open: Ready, end: Instant) {
+    /// Asks at most one motor of each bus but lines for its faults or an indicator, where none of its replies is `open`, and
+    /// request and reply still fit before `end`, the next tick; waits for the replies at most until then. One system call per
+    /// bus that is asked, and those of [`collect`](Self::collect).
+    fn ask(&mut self, open: Ready, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;
         for bus in 0..self.channels.len() {
@@ -419,10 +420,10 @@ impl<C: Clock> Cycle<C> {
             if channel.is_line() || open.contains(bus) || now + channel.poll_time() > end {
                 continue;
             }
-            let Some(motor) = self.control.fault_poll(bus) else { continue };
+            let Some((motor, question)) = self.control.question(bus) else { continue };
             let Self { channels, drives, .. } = self;
             channels[bus].begin(Batch::FaultRequest);
-            channels[bus].queue(motor, drives[motor].request(&Command::GetFault, now));
+            channels[bus].queue(motor, drives[motor].request(&question, now));
             channels[bus].send(now, |motor| drives[motor].withdraw());
             asked = true;
         }

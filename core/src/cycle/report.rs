@@ -16,9 +16,10 @@ impl<C: Clock> Cycle<C> {
         let flags = self.flags(wake);
         let Self { link, control, channels, .. } = self;
         let (state, counters) = link.state();
-        let StateMessage { joints, groups, buses, .. } = state;
+        let StateMessage { joints, groups, buses, indicators, .. } = state;
         state.joint_count = fill(joints, control.joint_states());
         state.group_count = fill(groups, control.group_states());
+        state.indicator_count = fill(indicators, control.joint_indicators());
         state.bus_count = fill(buses, channels.iter().map(BusChannel::report));
         for (group, wrong_lease) in used(groups, state.group_count).zip(&counters.wrong_lease) {
             let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];

@@ -29,6 +29,8 @@ pub(super) struct Gim {
     /// Sent with every control command.
     duration: ExecutionTime,
     asked: gim::Command,
+    /// The last request is for an indicator as such, not for a part of the state.
+    asks_indicator: bool,
     turn: u32,
     /// It confirmed the start command, and was not commanded to stop since. Before that it refuses control commands.
     started: bool,
@@ -45,6 +47,7 @@ impl Gim {
             transmission,
             duration,
             asked: gim::Command::StopMotor,
+            asks_indicator: false,
             turn: 0,
             started: false,
             state,
@@ -53,7 +56,7 @@ impl Gim {
 
     /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
-        if !matches!(command, Command::Stop | Command::Nothing | Command::Wait) {
+        if !matches!(command, Command::Stop | Command::Nothing | Command::Wait | Command::GetIndicator(_)) {
             self.turn = 0;
         }
         self.asked = match command {
@@ -64,6 +67,7 @@ impl Gim {
             }
             Command::Start => gim::Command::StartMotor,
             Command::GetFault => gim::Command::GetFault,
+            Command::GetIndicator(ind_id) => gim::Command::RetrieveIndicator { ind_id: *ind_id },
             Command::ClearFault => gim::Command::AcknowledgeFault,
             // The zero of a native motor is a configuration item (ConfID 0x14): not a matter of the cycle.
             Command::SetZero => gim::Command::StopMotor,
@@ -71,6 +75,7 @@ impl Gim {
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
+        self.asks_indicator = matches!(command, Command::GetIndicator(_));
         Some(self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()))
     }
 
@@ -121,6 +126,9 @@ impl Decoder for Gim {
             return Reported::Refused;
         };
         match reply {
+            Reply::Indicator { ind_id, outcome } if self.asks_indicator => {
+                Reported::Indicator(ind_id, outcome.map_or(f32::NAN, Finite::get))
+            }
             Reply::State { outcome: Ok(state), .. } => {
                 let temperature = Some(f32::from(state.temperature_celsius));
                 self.state = Measured::new(state.position, state.velocity, state.torque, temperature);

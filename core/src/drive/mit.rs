@@ -96,7 +96,7 @@ impl Mit {
                 self.forget_turns();
                 return None;
             }
-            Command::Wait => return None,
+            Command::Wait | Command::GetIndicator(_) => return None,
             Command::Stop => mit::Command::Stop,
             Command::Start => mit::Command::Start,
             Command::SetZero => {

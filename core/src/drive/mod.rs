@@ -15,6 +15,7 @@ use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 use correlator::{Correlator, Payload, Question, Verdict};
 use motord_bus::arithmetic::Transaction;
 use motord_bus::{Duration, Frame, FrameId, Instant};
+use motord_protocol::gim::INDICATORS;
 use motord_protocol::{Profile, Scales};
 
 /// The meaning of a received frame.
@@ -40,6 +41,7 @@ pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &S
             position_end: Some(scales.position.max() as f32),
             velocity_end: Some(scales.velocity.max() as f32),
             answers_fault_question: profile.is_asked_for_faults(),
+            indicators: 0,
             state_confirms_stop: true,
         },
         MotorProtocol::Gim => Capabilities {
@@ -47,6 +49,7 @@ pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &S
             position_end: None,
             velocity_end: None,
             answers_fault_question: true,
+            indicators: INDICATORS.len() as u8,
             state_confirms_stop: false,
         },
     }

@@ -14,12 +14,14 @@ use motord_shared::{Cause, Phase};
 const OWNER_SILENCE: Duration = Duration::from_secs(1);
 
 /// The consequence of a report for the other groups.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::control) enum Report {
     /// None.
     None,
     /// Every group must be stopped for the fault of this joint.
     StopAll,
+    /// The indicator with this number has this value.
+    Indicator(u8, f32),
 }
 
 impl Group {
@@ -83,6 +85,7 @@ impl Group {
                 return self.receive_state(place, state, (at, latency), status, cx);
             }
             Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
+            Reported::Indicator(number, value) => return Report::Indicator(number, value),
             Reported::Cleared | Reported::Alive => motor.report_alive(),
             Reported::Stopped => motor.report_stop(),
             Reported::Refused => motor.report_refusal(),

@@ -1,0 +1,93 @@
+//! The indicators of the motors that have some: which is asked for next, and their values.
+//!
+//! Each motor is asked for one after the other, at an even rate, when nobody else asks it.
+
+use crate::settings::{MotorSettings, Settings};
+use motord_bus::{Duration, Instant};
+use motord_shared::JointIndicators;
+use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
+
+/// No indicator is asked for less often.
+const SLOWEST_HZ: f64 = 0.01;
+
+/// Of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of none when none is asked for.
+#[derive(Debug)]
+pub(super) struct Indicators {
+    motors: Vec<Asked>,
+}
+
+#[derive(Debug)]
+struct Asked {
+    joint: usize,
+    bus: usize,
+    count: u8,
+    next: u8,
+    /// When it should be asked next.
+    next_at: Instant,
+    /// From one question to the next.
+    interval: Duration,
+    values: [f32; INDICATORS_MAX],
+}
+
+impl Asked {
+    fn new(joint: usize, motor: &MotorSettings, hz: f64) -> Self {
+        let count = motor.capabilities.indicators.min(INDICATORS_MAX as u8);
+        Self {
+            joint,
+            bus: motor.bus,
+            count,
+            next: 0,
+            next_at: Instant::ZERO,
+            interval: Duration::from_secs_f64(1.0 / (hz * f64::from(count))),
+            values: [f32::NAN; INDICATORS_MAX],
+        }
+    }
+}
+
+impl Indicators {
+    /// All unknown. Allocates; nothing after it does.
+    pub(super) fn new(settings: &Settings) -> Self {
+        let hz = settings.cycle.indicator_hz;
+        let motors = settings.motors.iter().enumerate();
+        let with = motors.filter(|(_, motor)| hz > 0.0 && motor.capabilities.indicators > 0);
+        let asked = with.map(|(joint, motor)| Asked::new(joint, motor, hz.max(SLOWEST_HZ)));
+        Self { motors: asked.take(INDICATOR_JOINTS_MAX).collect() }
+    }
+
+    /// No motor is asked.
+    pub(super) const fn is_empty(&self) -> bool {
+        self.motors.is_empty()
+    }
+
+    /// The joint of `bus` that should be asked at `now`, and the number of the indicator; of those that `may_be_asked`, the one
+    /// that waits longest. Bounded by [`INDICATOR_JOINTS_MAX`].
+    pub(super) fn next(
+        &mut self,
+        bus: usize,
+        now: Instant,
+        may_be_asked: impl Fn(usize) -> bool,
+    ) -> Option<(usize, u8)> {
+        let due = self.motors.iter_mut().filter(|motor| motor.bus == bus && motor.next_at <= now);
+        let asked = due.filter(|motor| may_be_asked(motor.joint)).min_by_key(|motor| motor.next_at)?;
+        let number = asked.next;
+        asked.next = (number + 1) % asked.count;
+        asked.next_at = now + asked.interval;
+        Some((asked.joint, number))
+    }
+
+    /// The motor of `joint` said this; NaN when it refused.
+    pub(super) fn take(&mut self, joint: usize, number: u8, value: f32) {
+        let asked = self.motors.iter_mut().find(|motor| motor.joint == joint);
+        if let Some(kept) = asked.and_then(|motor| motor.values.get_mut(usize::from(number))) {
+            *kept = value;
+        }
+    }
+
+    /// By joint; unknown where the joint is not `known` now.
+    pub(super) fn report(&self, known: impl Fn(usize) -> bool) -> impl Iterator<Item = JointIndicators> {
+        self.motors.iter().map(move |motor| JointIndicators {
+            joint: motor.joint as u32,
+            values: if known(motor.joint) { motor.values } else { [f32::NAN; INDICATORS_MAX] },
+        })
+    }
+}
