@@ -11,7 +11,6 @@ mod advice;
 mod demo;
 mod exit_status;
 mod failure;
-mod frame;
 mod interrupt;
 mod json;
 mod latency;
@@ -25,6 +24,7 @@ mod wire;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
+use motord_frame as frame;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -87,6 +87,7 @@ fn no_files_of_a_crate_import_each_other_in_a_circle() {
         "simulator",
         "daemon",
         "client",
+        "frame",
         "motorctl",
     ] {
         let circle = circle(&graph(below_src(&sources, folder)));

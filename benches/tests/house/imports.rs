@@ -37,6 +37,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &["motord-checker"],
     ),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
+    ("motord-frame", &["motord-bus", "motord-protocol"], &[]),
     (
         "motorctl",
         &[
@@ -44,6 +45,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-commissioning",
             "motord-configuration",
             "motord-core",
+            "motord-frame",
             "motord-bus",
             "motord-protocol",
         ],

@@ -39,7 +39,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "core/src/drive",
     "daemon/src/commands/init",
     "configuration/src",
-    "motorctl/src/frame",
+    "frame/src",
     "motorctl/src/wire",
     "protocol/src",
     "simulator/src",

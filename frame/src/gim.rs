@@ -1,10 +1,10 @@
 //! Native commands and replies, over CAN.
 
-use crate::frame::member::{Member, Variants, variants};
-use crate::frame::null_bytes;
-use crate::frame::object::Object;
-use crate::frame::refused::Refused;
-use crate::frame::{Asked, mit};
+use crate::member::{Member, Variants, variants};
+use crate::null_bytes;
+use crate::object::Object;
+use crate::refused::Refused;
+use crate::{Asked, mit};
 use motord_protocol::DecodeError;
 use motord_protocol::gim::{
     self, Command, CommandCode, ConfigurationKey, Indicator, Parameter, Pending, Reply,

@@ -1,8 +1,8 @@
 //! An object must say what its frame says: no more, and nothing else.
 
-use crate::frame::object::{Object, Quantities};
-use crate::frame::refused::Refused;
-use crate::frame::{hex, null_bytes};
+use crate::object::{Object, Quantities};
+use crate::refused::Refused;
+use crate::{hex, null_bytes};
 use serde_json::Value;
 
 /// Members that belong to a frame and do not follow from its bytes: the place of a log's line, the vendor's filler.

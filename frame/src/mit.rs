@@ -1,10 +1,10 @@
 //! MIT commands and replies.
 
-use crate::frame::Asked;
-use crate::frame::member::Member;
-use crate::frame::null_bytes;
-use crate::frame::object::Object;
-use crate::frame::refused::Refused;
+use crate::Asked;
+use crate::member::Member;
+use crate::null_bytes;
+use crate::object::Object;
+use crate::refused::Refused;
 use motord_protocol::mit::{self, CommandCodes, ControlCodes, Reply, State};
 use motord_protocol::profile::FaultReport;
 use motord_protocol::{Faults, Profile, StateCodes};

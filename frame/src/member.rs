@@ -1,7 +1,7 @@
 //! The members of a JSON object that stand for the fields of a frame: one table for both directions.
 
-use crate::frame::object::{Object, Quantities};
-use crate::frame::refused::Refused;
+use crate::object::{Object, Quantities};
+use crate::refused::Refused;
 use motord_protocol::gim::{
     Calibration, CommandCode, ConfigurationKey, ExecutionTime, Finite, Outcome, Refusal, State, Value,
     ValueType,

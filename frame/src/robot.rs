@@ -1,9 +1,9 @@
 //! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
 
-use crate::frame::object::Object;
-use crate::frame::refused::Refused;
-use crate::frame::scale::Scale;
-use crate::frame::{Asked, Direction, Protocol, Reading};
+use crate::object::Object;
+use crate::refused::Refused;
+use crate::scale::Scale;
+use crate::{Asked, Direction, Protocol, Reading};
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Frame};
 use motord_protocol::profile::STEADYWIN;
@@ -14,7 +14,7 @@ use std::{fs, io};
 
 /// Why a configuration is of no use here.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum RobotError {
+pub enum RobotError {
     /// The file cannot be read.
     #[error("{}: {source}", .path.display())]
     Unreadable {

@@ -1,9 +1,9 @@
 //! The JSON object of a frame: its members, and how their values are read.
 
-use crate::frame::hex;
-use crate::frame::refused::Refused;
-use crate::frame::scale::{self, Scale};
-use crate::frame::strict::Strict;
+use crate::hex;
+use crate::refused::Refused;
+use crate::scale::{self, Scale};
+use crate::strict::Strict;
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{FaultBits, Field, Profile, ScaleError, Scales};
 use serde_json::{Map, Value};

@@ -1,6 +1,6 @@
 //! Bytes as people write them.
 
-use crate::frame::refused::Refused;
+use crate::refused::Refused;
 
 /// `bytes` as upper-case digits, nothing between.
 pub(super) fn digits(bytes: &[u8]) -> String {

@@ -1,8 +1,8 @@
 //! Native frames on a serial line: a header before the payload.
 
-use crate::frame::object::Object;
-use crate::frame::refused::Refused;
-use crate::frame::{Asked, Direction, gim, hex};
+use crate::object::Object;
+use crate::refused::Refused;
+use crate::{Asked, Direction, gim, hex};
 use motord_bus::serial::framing::{FRAME_LEN_MAX, FrameType, SerialFrame};
 use motord_protocol::DecodeError;
 use serde_json::json;

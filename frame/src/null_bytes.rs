@@ -1,8 +1,8 @@
 //! The bytes of a frame that have no meaning. An object keeps them, so that encoding gives the same frame again.
 
-use crate::frame::hex;
-use crate::frame::object::Object;
-use crate::frame::refused::Refused;
+use crate::hex;
+use crate::object::Object;
+use crate::refused::Refused;
 
 /// The key of these bytes, in hexadecimal and in their order.
 pub(super) const KEY: &str = "null_bytes";

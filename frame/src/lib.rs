@@ -3,6 +3,8 @@
 //! One object per frame, with the same keys in both directions, so that what one command prints the other reads. It needs
 //! no daemon and no bus: logs and frames typed by hand are enough.
 
+#![forbid(unsafe_code)]
+
 mod agreement;
 mod gim;
 mod hex;
@@ -31,7 +33,7 @@ use strict::Strict;
 
 /// The two directions of conversion.
 #[derive(Debug, Subcommand)]
-pub(crate) enum Frame {
+pub enum Frame {
     /// Decode frames into JSON objects, one per line.
     ///
     /// A frame that cannot be decoded prints {"kind":"reject","reason":…}. The exit status is then 65.
@@ -65,8 +67,9 @@ Examples:
       '{\"kind\":\"dynamic_control\",\"pos_rad\":1.0,\"vel_rad_s\":0,\"kp\":50,\"kd\":1,\"torque_nm\":2}'
   motorctl frame encode --protocol gim-can --direction to-motor --mit-safe '{\"kind\":\"stop_motor\"}'";
 
+#[expect(missing_docs, reason = "clap would show it in place of the text of the command")]
 #[derive(Debug, Args)]
-pub(crate) struct Decode {
+pub struct Decode {
     /// Protocol of the frames. With --config it replaces the configured protocol of every motor.
     #[arg(long, value_enum, required_unless_present = "config")]
     protocol: Option<Protocol>,
@@ -87,8 +90,9 @@ pub(crate) struct Decode {
     frames: Vec<String>,
 }
 
+#[expect(missing_docs, reason = "clap would show it in place of the text of the command")]
 #[derive(Debug, Args)]
-pub(crate) struct Encode {
+pub struct Encode {
     /// Protocol of the frames.
     #[arg(long, value_enum)]
     protocol: Protocol,
@@ -244,7 +248,7 @@ impl Reading {
 
 /// Why the command did not do all it was asked to.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum FrameFailure {
+pub enum FrameFailure {
     /// Some frames were refused. The output holds the reason of each.
     #[error("{refused} of {total} inputs were rejected")]
     Refused {
@@ -266,7 +270,8 @@ pub(crate) enum FrameFailure {
 
 impl FrameFailure {
     /// The exit status, of sysexits(3).
-    pub(crate) fn status(&self) -> u8 {
+    #[must_use]
+    pub fn status(&self) -> u8 {
         match self {
             Self::Refused { .. } => 65,
             Self::Scale(_) => 64,
@@ -276,8 +281,12 @@ impl FrameFailure {
     }
 }
 
-/// Runs `motorctl frame`.
-pub(crate) fn run(frame: Frame) -> Result<(), FrameFailure> {
+/// Runs `motorctl frame`: from its arguments or standard input to standard output.
+///
+/// # Errors
+///
+/// When an input was refused, or could not be read.
+pub fn run(frame: Frame) -> Result<(), FrameFailure> {
     match frame {
         Frame::Decode(arguments) => decode_all(&arguments),
         Frame::Encode(arguments) => encode_all(&arguments),
