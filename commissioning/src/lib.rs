@@ -1,7 +1,7 @@
 //! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and any clock.
 //!
 //! A [`Link`] sends a request and waits for its answer. [`Native`] and [`Mit`] are the commands of the two protocols with types,
-//! [`scan`] finds the motors of a bus without moving one, [`apply`] writes a configuration and reads back every item.
+//! [`scan`] finds the motors of a bus without moving one, [`Apply`] writes a configuration and reads back every item.
 //!
 //! Rules of every transaction:
 //! - One request is open. Frames that arrived before it are dropped.
