@@ -13,14 +13,11 @@ use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
 use motord_protocol::Scales;
-use motord_protocol::gim::{self, ExecutionTime, Finite, Pending, Reply};
+use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
 use motord_shared::SetpointMode;
 
-const SHAFT_ANGLE: u8 = 0x13;
-const SHAFT_SPEED: u8 = 0x14;
 /// While stopped: of so many cycles, one asks for the speed and one commands stop.
 const ROUND: u32 = 10;
-const RPM: f32 = 60.0 / core::f32::consts::TAU;
 
 #[derive(Debug)]
 pub(super) struct Gim {
@@ -71,7 +68,9 @@ impl Gim {
             Command::ClearFault => gim::Command::AcknowledgeFault,
             // The zero of a native motor is a configuration item (ConfID 0x14): not a matter of the cycle.
             Command::SetZero => gim::Command::StopMotor,
-            Command::Neutral if !self.started => gim::Command::RetrieveIndicator { ind_id: SHAFT_ANGLE },
+            Command::Neutral if !self.started => {
+                gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE }
+            }
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
@@ -85,8 +84,8 @@ impl Gim {
         self.turn = (turn + 1) % ROUND;
         match turn {
             0 => gim::Command::StopMotor,
-            2 => gim::Command::RetrieveIndicator { ind_id: SHAFT_SPEED },
-            _ => gim::Command::RetrieveIndicator { ind_id: SHAFT_ANGLE },
+            2 => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
+            _ => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE },
         }
     }
 
@@ -134,11 +133,11 @@ impl Decoder for Gim {
                 self.state = Measured::new(state.position, state.velocity, state.torque, temperature);
                 self.reported(latency)
             }
-            Reply::Indicator { ind_id: SHAFT_ANGLE, outcome: Ok(angle) } => {
+            Reply::Indicator { ind_id: Indicator::SHAFT_ANGLE, outcome: Ok(angle) } => {
                 self.state.position = angle.get();
                 self.reported(latency)
             }
-            Reply::Indicator { ind_id: SHAFT_SPEED, outcome: Ok(speed) } => {
+            Reply::Indicator { ind_id: Indicator::SHAFT_SPEED, outcome: Ok(speed) } => {
                 self.state.velocity = speed.get() / RPM;
                 Reported::Alive
             }

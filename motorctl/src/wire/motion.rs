@@ -10,7 +10,7 @@ use crate::wire::failure::WireFailure;
 use crate::wire::say;
 use crate::wire::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
-use motord_protocol::gim::{ExecutionTime, Finite, State};
+use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::{self, Impedance};
 use std::time::{Duration, Instant};
 
@@ -18,12 +18,6 @@ use std::time::{Duration, Instant};
 pub(crate) const PERIOD: Duration = Duration::from_millis(20);
 /// The time that a torque or speed command lasts in the motor.
 const LASTS: ExecutionTime = ExecutionTime::from_millis(200).expect("fits in 24 bits");
-/// rpm of a rad/s.
-const RPM: f32 = 60.0 / std::f32::consts::TAU;
-/// The shaft's angle, rad (GIM document, Table 10).
-const SHAFT_ANGLE: u8 = 0x13;
-/// The shaft's speed, rpm.
-const SHAFT_SPEED: u8 = 0x14;
 
 /// The bounds of a motion, and the consent to it.
 #[derive(Debug, Clone, clap::Args)]
@@ -107,7 +101,7 @@ pub(crate) fn run(instance: &str, target: &Target, goal: Goal, bounds: &Bounds) 
 
 fn follow(motor: &mut Native<'_>, name: &str, goal: Goal, bounds: &Bounds) -> Result<[f64; 3], WireFailure> {
     let [constant, ratio] = motor.read_scales()?;
-    let begin = f64::from(motor.indicator(SHAFT_ANGLE)?);
+    let begin = f64::from(motor.indicator(Indicator::SHAFT_ANGLE)?);
     if let Goal::Position(position) = goal
         && (position - begin).abs() > bounds.max_travel_rad
     {
@@ -162,8 +156,8 @@ fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3],
 
 /// The same three, read without a new command. The torque is not among the indicators.
 fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], WireFailure> {
-    let position = motor.indicator(SHAFT_ANGLE)?;
-    let velocity = motor.indicator(SHAFT_SPEED)? / RPM;
+    let position = motor.indicator(Indicator::SHAFT_ANGLE)?;
+    let velocity = motor.indicator(Indicator::SHAFT_SPEED)? / RPM;
     Ok([f64::from(position), f64::from(velocity), f64::NAN])
 }
 
@@ -186,7 +180,7 @@ impl<'s> Jogged<'s> {
             Protocol::Gim => {
                 let mut motor = session.native();
                 motor.read_scales()?;
-                let at = motor.indicator(SHAFT_ANGLE)?;
+                let at = motor.indicator(Indicator::SHAFT_ANGLE)?;
                 motor.start()?;
                 at
             }

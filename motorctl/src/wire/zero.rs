@@ -4,11 +4,9 @@ use crate::wire::confirm::Confirm;
 use crate::wire::failure::WireFailure;
 use crate::wire::say;
 use crate::wire::target::{Protocol, Session, Target};
-use motord_protocol::gim::{ConfigurationItem, Value};
+use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
 use std::f64::consts::TAU;
 
-/// The shaft's angle (GIM document, Table 10).
-const SHAFT_ANGLE: u8 = 0x13;
 /// Zero and power-off position count a turn of the shaft in so many steps (GIM document 3.2.3).
 const TURN: f64 = 65536.0;
 /// A new position is as wanted within this, rad.
@@ -70,7 +68,7 @@ fn position(session: &mut Session) -> Result<f64, WireFailure> {
         Protocol::Gim => {
             let mut motor = session.native();
             motor.stop()?;
-            motor.indicator(SHAFT_ANGLE)?
+            motor.indicator(Indicator::SHAFT_ANGLE)?
         }
     };
     Ok(f64::from(position))

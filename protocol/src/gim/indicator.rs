@@ -41,7 +41,15 @@ pub const INDICATORS: [Indicator; 22] = [
     indicator(0x15, "output-power", "W"),
 ];
 
+/// One rad/s, rpm.
+pub const RPM: f32 = 60.0 / core::f32::consts::TAU;
+
 impl Indicator {
+    /// The position of the output shaft, rad: the id.
+    pub const SHAFT_ANGLE: u8 = 0x13;
+    /// The speed of the output shaft, rpm: the id.
+    pub const SHAFT_SPEED: u8 = 0x14;
+
     /// The row with this id, if there is one.
     #[must_use]
     pub fn by_id(id: u8) -> Option<&'static Self> {

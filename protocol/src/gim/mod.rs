@@ -28,7 +28,7 @@ pub use command::{Calibration, Command, CommandCode, decode_command};
 pub use configuration::{
     Access, CONFIGURATION, ConfigurationItem, ConfigurationKey, Effective, single_turn_position,
 };
-pub use indicator::{INDICATORS, Indicator};
+pub use indicator::{INDICATORS, Indicator, RPM};
 pub use parameter::{PARAMETERS, Parameter};
 pub use reply::{Pending, Reply, State, decode_reply, repeats};
 pub use result::{Outcome, Refusal};
