@@ -5,6 +5,7 @@
 
 use core::cell::Cell;
 use core::ptr;
+use std::io;
 use std::os::fd::{AsRawFd, BorrowedFd};
 
 use nix::errno::Errno;
@@ -16,6 +17,11 @@ pub(crate) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
 /// `CMSG_SPACE` of `SCM_TIMESTAMPING` (three times of 16 bytes) and of `SO_RXQ_OVFL` (4 bytes).
 const CONTROL_BYTES: usize = (16 + 48) + (16 + 8);
 const WORD: usize = size_of::<u64>();
+
+/// The error of the kernel behind an error of the standard library.
+pub(crate) fn errno(error: &io::Error) -> Errno {
+    Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
+}
 
 /// In words, as `cmsghdr` is aligned.
 type Frame = [u64; FRAME_BYTES / WORD];

@@ -8,6 +8,7 @@ use std::path::Path;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 
+use crate::kernel::errno;
 use crate::socketcan::InterfaceName;
 
 /// Exclusive use of a CAN interface or a serial device among the processes that share a runtime directory. Released when
@@ -95,10 +96,6 @@ impl BusLock {
             Err((_, errno)) => Err(failed(errno)),
         }
     }
-}
-
-fn errno(error: &io::Error) -> Errno {
-    Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
 }
 
 fn write_pid(file: &mut File) -> io::Result<()> {

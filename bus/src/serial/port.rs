@@ -6,7 +6,7 @@
 //! - *Closing*: the kernel waits up to 30 s for bytes that do not leave. They get 20 ms, then they are thrown away.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::fs::OpenOptionsExt;
 
@@ -17,7 +17,7 @@ use rustix::termios::{
     ControlModes, OptionalActions, QueueSelector, SpecialCodeIndex, Termios, tcflush, tcgetattr, tcsetattr,
 };
 
-use crate::kernel;
+use crate::kernel::{self, errno};
 use crate::time::Duration;
 
 /// The driver rounds a rate that its clock cannot be divided to. 8N1 tolerates 2 % on each side.
@@ -207,8 +207,4 @@ fn refused(device: &str, errno: Errno) -> OpenError {
         Errno::EBUSY => OpenError::Held { device },
         errno => OpenError::System { device, errno },
     }
-}
-
-fn errno(error: &io::Error) -> Errno {
-    Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
 }

@@ -29,7 +29,7 @@ use socketcan::{CanAddr, CanSocket, Socket, SocketOptions};
 
 use crate::clock::{self, RealtimeOffset};
 use crate::frame::{Arrival, ErrorFrame, Frame, FrameId, Inbox};
-use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES};
+use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES, errno};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
@@ -200,10 +200,6 @@ fn bind(socket: &CanSocket, interface: InterfaceName, index: u32) -> Result<(), 
 
 fn failed(interface: InterfaceName, error: &io::Error) -> OpenError {
     OpenError::System { interface, step: Step::Socket, errno: errno(error) }
-}
-
-fn errno(error: &io::Error) -> Errno {
-    Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
 }
 
 fn configure(socket: &CanSocket, filters: &[(u32, u32)], queue_length: u32) -> io::Result<()> {
