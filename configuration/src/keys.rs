@@ -116,7 +116,7 @@ sections! {
         "name" name: Option<String>, "" = required("every [[bus]] needs a name"),
             "Its name.";
         "type" kind: Option<BusType>, "" = required("give socketcan, serial or simulated"),
-            "`socketcan`: a CAN interface of Linux. `serial`: RS485 or RS232; motord does not drive it yet, so `check` and `run` refuse it. `simulated`: simulated motors on a simulated CAN bus inside the daemon.";
+            "`socketcan`: a CAN interface of Linux. `serial`: RS485 or RS232, for native motors. `simulated`: simulated motors on a simulated CAN bus inside the daemon.";
         "interface" interface: Option<String>, "" = follows("required for `socketcan`"),
             "Linux name of the interface, such as `can0`.";
         "bitrate" bitrate: i64, "bit/s" = is(1_000_000).within(10_000.0, 1_000_000.0),
