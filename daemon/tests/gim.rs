@@ -6,7 +6,7 @@ use motord_bus::{Bus, Duration, Inbox, Instant};
 use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_protocol::gim::INDICATORS;
-use motord_shared::{Cause, Indicator, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
+use motord_shared::{Cause, Indicator, JointSetpoint, MotorMode, Operation, Phase, Refusal, SetpointMode};
 use motord_simulator::DurationEnd;
 use robot::Robot;
 
@@ -274,6 +274,19 @@ fn indicators_are_asked_for_without_questions_for_faults_however_seldom_and_neve
         let known = robot.state().indicators().iter().map(|of| finite(&of.values)).collect::<Vec<_>>();
         assert_eq!(known, expected, "{hz} Hz");
     }
+}
+
+#[test]
+fn a_motor_that_is_not_the_configured_one_is_named_for_that_also_when_it_is_silent() {
+    let mut settings = arm().settings;
+    settings.motors[1].mismatch = true;
+    let mut robot = Robot::new(settings, 1);
+    robot.disturb("elbow off");
+    robot.steps(300);
+    assert_eq!(robot.mode(1), MotorMode::Offline);
+    robot.claim().expect("the group is free");
+    robot.follow(&setpoints(SetpointMode::Torque, 0.0));
+    assert_eq!(robot.operate(Operation::Enable).err(), Some(Refusal::Mismatch));
 }
 
 #[test]

@@ -139,9 +139,10 @@ impl Control {
             return Err((Refusal::BusDown, detail));
         }
         match motor.mode() {
+            // First: a motor that is not the configured one may be silent for that very reason.
+            _ if motor.settings.mismatch => Err((Refusal::Mismatch, detail)),
             MotorMode::Offline => Err((Refusal::MotorOffline, detail)),
             MotorMode::Fault => Err((Refusal::MotorFault, detail)),
-            _ if motor.settings.mismatch => Err((Refusal::Mismatch, detail)),
             _ if motor.request.is_some() => Err((Refusal::Busy, detail)),
             _ if motor.is_doubled() => Err((Refusal::DuplicateId, detail)),
             _ if !motor.is_fresh() => Err((Refusal::StateStale, detail)),
