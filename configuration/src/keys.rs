@@ -68,7 +68,7 @@ sections! {
         "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
             "Share of the period. A reply that comes later is missed.";
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
-            "How often each indicator of a native motor (GIM document, table 10) is asked for, where its bus has room. 0 never asks. Of the first 16 such motors; MIT motors have none.";
+            "How often each indicator of a native motor (GIM document, table 10) is asked for, where its bus has room. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
         "busy-poll-us" busy_poll_us: f64, "µs" = is(0.0).within(0.0, 1000.0),
             "Before each sleep for replies, the cycle polls the buses for this long. Shorter than a cycle. Costs and gains: [decision 12](adr/0012-no-busy-polling-by-default.md).";
     }

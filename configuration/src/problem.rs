@@ -190,6 +190,10 @@ pub enum Wrong {
     )]
     DuplicateHostId { host_id: u16, other: String, default: u16 },
     #[error(
+        "host id {host_id:#04x} is that of {other:?} on the same line too, so a late reply of one can be taken for the other's; give every motor of the line its own, here and with `motorctl id --set-host-id`"
+    )]
+    SharedHostId { host_id: u16, other: String },
+    #[error(
         "replies with id {host_id:#05x} outrank commands with id {command:#05x} on this bus and delay them; the default of this motor is {default:#05x}"
     )]
     HostIdOutranks { host_id: u16, command: u16, default: u16 },

@@ -649,6 +649,27 @@ fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
     );
 }
 
+#[test]
+fn motors_of_a_line_that_share_a_host_id_are_worth_one_warning_with_its_cure() {
+    let motor = |id: u8, more: &str| {
+        format!(
+            "[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n{more}\n"
+        )
+    };
+    let line = |hosts: [&str; 3]| {
+        let motors: String = (1..).zip(hosts).map(|(id, host)| motor(id, host)).collect();
+        let text = format!("[[bus]]\nname = 'b'\ntype = 'serial'\ndevice = '/dev/null'\nevery = 5\n{motors}");
+        warnings(&text)
+    };
+    let warned = line(["", "", ""]);
+    assert_eq!(warned.len(), 1, "{warned:?}");
+    for part in ["motor.host-id: host id 0x00", "\"m1\"", "give every motor of the line its own"] {
+        assert!(warned[0].contains(part), "{warned:?}");
+    }
+    assert_eq!(line(["host-id = 0x41", "host-id = 0x42", "host-id = 0x43"]), [""; 0]);
+    assert_eq!(line(["host-id = 0x41", "host-id = 0x42", "host-id = 0x42"]).len(), 1);
+}
+
 /// Without a key the switch waits for every daemon that is no later than it may be.
 #[test]
 fn a_dead_mans_switch_that_acts_on_a_daemon_that_is_only_late_is_worth_a_warning() {

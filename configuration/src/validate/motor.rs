@@ -226,7 +226,7 @@ fn simulation(
 
 /// The ids of a bus: a command id names one motor, and on CAN a reply id does too, because the arbitration needs every
 /// id to have one sender and a native reply says its sender by nothing else. On a serial bus one request is open at a
-/// time, so every reply may go to the same host.
+/// time, so every reply may go to the same host; but then a late one may be another motor's, which is worth a warning.
 fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findings<'_>) {
     let named = |index: usize| items[index].keys.keys.name.value.clone().unwrap_or_default();
     let on_bus = |bus| {
@@ -243,6 +243,12 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             continue;
         }
         if motor.is_serial {
+            let mut alike = before.filter(|(_, other)| other.host_id == motor.host_id);
+            // Once for each id, where its second motor is.
+            if let (Some((other, _)), None) = (alike.next(), alike.next()) {
+                let host_id = motor.host_id.raw();
+                findings.warn(keys.host_id.at, Wrong::SharedHostId { host_id, other: named(other) });
+            }
             continue;
         }
         let (host_id, default) = (motor.host_id.raw(), motor.ids.reply_offset + u16::from(motor.id));
