@@ -2,9 +2,9 @@
 
 use crate::demo::DemoError;
 use crate::exit_status;
-use crate::wire::WireFailure;
 use motord_client::Error;
 use motord_frame::FrameFailure;
+use motord_wire::WireFailure;
 use std::io;
 
 /// Why a command failed.

@@ -1,9 +1,9 @@
 //! `motorctl latency`: percentiles of all latencies since the daemon started.
 
 use crate::failure::Failure;
-use crate::json;
-use crate::table::{Cell, Palette, Table};
 use motord_client::{Client, Percentiles, RobotDescription, Telemetry};
+use motord_terminal::json;
+use motord_terminal::{Cell, Palette, Table};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 

@@ -1,8 +1,8 @@
 //! The commands of an operator: one request each, and a sentence about its effect.
 
 use crate::failure::Failure;
-use crate::wire::Confirm;
 use motord_client::{Client, Error};
+use motord_wire::Confirm;
 use std::io::{self, Write};
 
 /// `motorctl enable`: starts the motors of a group that has an owner.

@@ -1,11 +1,11 @@
 //! The state of the robot as `status` and `watch` print it, for scripts and for operators.
 
 use crate::advice::Advice;
-use crate::table::{Cell, Colour, Palette, Table};
 use motord_client::{
     Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
     RobotDescription, State,
 };
+use motord_terminal::{Cell, Colour, Palette, Table};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::io::{self, Write};

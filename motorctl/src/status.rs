@@ -1,10 +1,10 @@
 //! `motorctl status`: the state of the robot, once.
 
 use crate::failure::Failure;
-use crate::json;
 use crate::report::Report;
-use crate::table::Palette;
 use motord_client::{Client, Error};
+use motord_terminal::Palette;
+use motord_terminal::json;
 use std::io;
 use std::time::Duration;
 

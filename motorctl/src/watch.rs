@@ -1,12 +1,12 @@
 //! `motorctl watch`: the state of the robot, repeatedly, also across restarts of the daemon.
 
 use crate::failure::Failure;
-use crate::interrupt::Interrupt;
-use crate::json;
 use crate::report::Report;
 use crate::status;
-use crate::table::Palette;
 use motord_client::{Client, Error, State};
+use motord_terminal::Interrupt;
+use motord_terminal::Palette;
+use motord_terminal::json;
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
 

@@ -87,7 +87,11 @@ fn no_files_of_a_crate_import_each_other_in_a_circle() {
         "simulator",
         "daemon",
         "client",
+        "commissioning",
+        "configuration",
         "frame",
+        "terminal",
+        "wire",
         "motorctl",
     ] {
         let circle = circle(&graph(below_src(&sources, folder)));

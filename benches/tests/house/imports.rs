@@ -38,18 +38,24 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
     ("motord-frame", &["motord-bus", "motord-protocol"], &[]),
+    ("motord-terminal", &[], &[]),
     (
-        "motorctl",
+        "motord-wire",
         &[
             "motord-client",
             "motord-commissioning",
             "motord-configuration",
             "motord-core",
-            "motord-frame",
             "motord-bus",
             "motord-protocol",
+            "motord-terminal",
         ],
-        &["motord-simulator"],
+        &[],
+    ),
+    (
+        "motorctl",
+        &["motord-client", "motord-frame", "motord-terminal", "motord-wire"],
+        &["motord-bus", "motord-protocol", "motord-simulator"],
     ),
     // It judges the others, and shares no code with them.
     ("motord-checker", &["motord-bus"], &[]),

@@ -40,7 +40,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "daemon/src/commands/init",
     "configuration/src",
     "frame/src",
-    "motorctl/src/wire",
+    "wire/src",
     "protocol/src",
     "simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.

@@ -3,8 +3,8 @@
 use crate::demo::child::Child;
 use crate::demo::work_directory::WorkDirectory;
 use crate::demo::{DemoError, GLANCE, READY_MAX};
-use crate::interrupt::Interrupt;
 use motord_client::{Client, Error, RUNTIME_DIR_VARIABLE};
+use motord_terminal::Interrupt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;

@@ -21,14 +21,14 @@ pub(crate) use child::guard;
 pub(crate) use controller::run as control;
 
 use crate::exit_status;
-use crate::interrupt::Interrupt;
-use crate::json;
-use crate::table::Palette;
 use child::Child;
 use controller::{GROUP, Message};
 use daemon::Daemon;
 use machine::Machine;
 use motord_client::{Cause, Error};
+use motord_terminal::Interrupt;
+use motord_terminal::Palette;
+use motord_terminal::json;
 use progress::Display;
 use report::{Report, Shortfall};
 use serde_json::json;

@@ -2,8 +2,8 @@
 
 use crate::demo::tracking::Tracking;
 use crate::latency;
-use crate::table::{Cell, Colour, Palette, Table};
 use motord_client::{Percentiles, RobotDescription, Telemetry};
+use motord_terminal::{Cell, Colour, Palette, Table};
 use serde::Serialize;
 use std::io::{self, Write};
 

@@ -23,9 +23,9 @@ mod view;
 pub(crate) use terminal::is_there;
 
 use crate::failure::Failure;
-use crate::interrupt::Interrupt;
 use crate::status::{self, PATIENCE};
 use motord_client::Client;
+use motord_terminal::Interrupt;
 use news::News;
 use picture::{Loss, Picture};
 use request::{Notice, Requests};

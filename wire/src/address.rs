@@ -1,14 +1,14 @@
 //! `motorctl id` and `motorctl protocol`: how a motor is reached.
 
-use crate::json;
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::memory::{outcome_of, text};
-use crate::wire::say;
-use crate::wire::target::{Protocol, Session, Target, parse_host_id, parse_id};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::memory::{outcome_of, text};
+use crate::say;
+use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
 use motord_bus::FrameId;
 use motord_commissioning::{Apply, Change, Error, Event, Failed, Wire, changes, identify};
 use motord_protocol::gim::{ConfigurationItem, Value};
+use motord_terminal::json;
 use serde::Serialize;
 use std::io;
 
@@ -19,7 +19,7 @@ const PROTOCOL: &str = "can-protocol";
 
 /// The new address.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// The new id, 1 to 254.

@@ -8,7 +8,7 @@ use std::io::{self, Write};
 /// # Errors
 ///
 /// When `out` cannot be written.
-pub(crate) fn write_line(out: &mut dyn Write, value: &impl Serialize) -> io::Result<()> {
+pub fn write_line(out: &mut dyn Write, value: &impl Serialize) -> io::Result<()> {
     serde_json::to_writer(&mut *out, value)?;
     writeln!(out)
 }

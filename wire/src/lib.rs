@@ -1,4 +1,7 @@
-//! The commands that go to the wire, without a daemon. They take the lock of the bus, which a daemon holds as long as it runs.
+//! The commands of `motorctl` that go to the wire, without a daemon. They take the lock of the bus, which a daemon holds as
+//! long as it runs.
+
+#![forbid(unsafe_code)]
 
 mod address;
 mod confirm;
@@ -15,11 +18,11 @@ mod status;
 mod target;
 mod zero;
 
-pub(crate) use confirm::Confirm;
-pub(crate) use failure::WireFailure;
-pub(crate) use status::clear_fault;
-pub(crate) use target::Target;
-pub(crate) use zero::{Arguments as Zero, run as zero};
+pub use confirm::Confirm;
+pub use failure::WireFailure;
+pub use status::clear_fault;
+pub use target::Target;
+pub use zero::{Arguments as Zero, run as zero};
 
 use clap::{Args, Subcommand};
 use motion::{Bounds, Goal, finite};
@@ -30,7 +33,7 @@ use target::Protocol;
 
 /// The commands on a bus.
 #[derive(Debug, Subcommand)]
-pub(crate) enum Command {
+pub enum Command {
     /// Find the motors of one or several buses, without moving one.
     ///
     /// Motors in MIT mode stop. Nothing is sent that moves a motor or changes one, whatever protocol it speaks. Motors that have
@@ -44,6 +47,7 @@ pub(crate) enum Command {
         after_help = "Examples:\n  motorctl ping --bus can0 --id 3\n  motorctl ping --bus /dev/ttyUSB0 --id 3 --json | jq .answer_us"
     )]
     Ping {
+        /// The motor.
         #[command(flatten)]
         target: Target,
         /// Print one JSON object.
@@ -60,6 +64,7 @@ pub(crate) enum Command {
     /// Show the version of a motor's firmware.
     #[command(after_help = "Example:\n  motorctl version --bus can0 --id 3")]
     Version {
+        /// The motor.
         #[command(flatten)]
         target: Target,
         /// Print one JSON object.
@@ -69,8 +74,10 @@ pub(crate) enum Command {
     /// Start a motor: it is energised, and follows the next control command.
     #[command(after_help = "Example:\n  motorctl start --bus can0 --id 3 --yes")]
     Start {
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
@@ -79,6 +86,7 @@ pub(crate) enum Command {
         after_help = "Examples:\n  motorctl stop --bus can0 --id 3\n  motorctl stop --bus can0 --id 3 --control"
     )]
     Stop {
+        /// The motor.
         #[command(flatten)]
         target: Target,
         /// End only the control command that is being executed; the motor stays started.
@@ -96,8 +104,10 @@ pub(crate) enum Command {
         /// Torque at the output shaft, N·m.
         #[arg(value_name = "NM", value_parser = finite, allow_negative_numbers = true)]
         torque: f64,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The bounds of the motion.
         #[command(flatten)]
         bounds: Bounds,
     },
@@ -107,8 +117,10 @@ pub(crate) enum Command {
         /// Speed of the output shaft, rad/s.
         #[arg(value_name = "RAD/S", value_parser = finite, allow_negative_numbers = true)]
         speed: f64,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The bounds of the motion.
         #[command(flatten)]
         bounds: Bounds,
     },
@@ -118,8 +130,10 @@ pub(crate) enum Command {
         /// Position of the output shaft, rad, as the motor counts it.
         #[arg(value_name = "RAD", value_parser = finite, allow_negative_numbers = true)]
         position: f64,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The bounds of the motion.
         #[command(flatten)]
         bounds: Bounds,
     },
@@ -164,8 +178,10 @@ pub(crate) enum Command {
         /// The new protocol.
         #[arg(value_name = "PROTOCOL")]
         to: Protocol,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
@@ -174,8 +190,10 @@ pub(crate) enum Command {
     Calibrate {
         /// The part that is calibrated.
         what: service::Kind,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
@@ -186,13 +204,14 @@ pub(crate) enum Command {
 
 /// `motorctl parameter`.
 #[derive(Debug, Subcommand)]
-pub(crate) enum ParameterCommand {
+pub enum ParameterCommand {
     /// Read one parameter, or all.
     #[command(after_help = "Example:\n  motorctl parameter get --bus can0 --id 3 --json | jq '.[0].value'")]
     Get {
         /// Its name or number.
         #[arg(value_name = "NAME", value_parser = memory::parse_parameter)]
         parameter: Option<&'static Parameter>,
+        /// The motor.
         #[command(flatten)]
         target: Target,
         /// Print JSON.
@@ -207,8 +226,10 @@ pub(crate) enum ParameterCommand {
         parameter: &'static Parameter,
         /// The new value, 0 to 4294967295.
         value: u32,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
@@ -216,7 +237,7 @@ pub(crate) enum ParameterCommand {
 
 /// `motorctl config`.
 #[derive(Debug, Subcommand)]
-pub(crate) enum ConfigCommand {
+pub enum ConfigCommand {
     /// Read one item.
     #[command(
         after_help = "Example:\n  motorctl config get torque-constant --bus can0 --id 3 --json | jq .value"
@@ -225,6 +246,7 @@ pub(crate) enum ConfigCommand {
         /// Its name: `motorctl config list` shows them.
         #[arg(value_name = "NAME", value_parser = memory::parse_item)]
         item: &'static ConfigurationItem,
+        /// The motor, and how it is printed.
         #[command(flatten)]
         output: Reading,
     },
@@ -240,8 +262,10 @@ pub(crate) enum ConfigCommand {
         /// The new value.
         #[arg(allow_hyphen_values = true)]
         value: String,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
@@ -253,6 +277,7 @@ pub(crate) enum ConfigCommand {
         /// Replace a file that exists.
         #[arg(long)]
         force: bool,
+        /// The motor.
         #[command(flatten)]
         target: Target,
     },
@@ -263,6 +288,7 @@ pub(crate) enum ConfigCommand {
     Diff {
         /// The file of `motorctl config dump`.
         file: PathBuf,
+        /// The motor, and how it is printed.
         #[command(flatten)]
         output: Reading,
     },
@@ -276,16 +302,20 @@ pub(crate) enum ConfigCommand {
         /// The journal: each write is in it before it is sent. Default: the file's name with .journal.
         #[arg(long, value_name = "FILE")]
         journal: Option<PathBuf>,
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
     /// Give every item the driver's default. Connect the motor alone.
     #[command(after_help = "Example:\n  motorctl config reset --bus can0 --id 3 --yes")]
     Reset {
+        /// The motor.
         #[command(flatten)]
         target: Target,
+        /// The consent.
         #[command(flatten)]
         confirm: Confirm,
     },
@@ -293,7 +323,8 @@ pub(crate) enum ConfigCommand {
 
 /// A motor that is only read.
 #[derive(Debug, Args)]
-pub(crate) struct Reading {
+pub struct Reading {
+    /// The motor.
     #[command(flatten)]
     target: Target,
     /// Print JSON.
@@ -302,12 +333,12 @@ pub(crate) struct Reading {
 }
 
 /// `motorctl fault get`.
-pub(crate) fn get_fault(instance: &str, reading: &Reading) -> Result<(), WireFailure> {
+pub fn get_fault(instance: &str, reading: &Reading) -> Result<(), WireFailure> {
     status::fault(instance, &reading.target, reading.json)
 }
 
 /// Runs a command on the bus. Locks lie in the runtime directory of `instance`.
-pub(crate) fn run(instance: &str, command: Command) -> Result<(), WireFailure> {
+pub fn run(instance: &str, command: Command) -> Result<(), WireFailure> {
     match command {
         Command::Scan(arguments) => find::run(instance, &arguments),
         Command::Ping { target, json } => find::ping(instance, &target, json),

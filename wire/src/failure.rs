@@ -1,16 +1,16 @@
 //! Why a command on the bus failed.
 
-use crate::exit_status;
 use motord_bus::socketcan::OpenError;
 use motord_bus::{LockError, serial};
 use motord_commissioning::Error;
 use motord_configuration::ConfigError;
+use motord_terminal::exit_status;
 use std::io;
 use std::path::PathBuf;
 
 /// Why a command on the bus failed.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum WireFailure {
+pub enum WireFailure {
     /// The call is wrong. Nothing was sent.
     #[error("{0}")]
     Usage(String),
@@ -79,6 +79,7 @@ pub(crate) enum WireFailure {
     File {
         /// The file.
         path: PathBuf,
+        /// The error of the system.
         source: io::Error,
     },
     /// A file is not what it should be.
@@ -93,7 +94,7 @@ pub(crate) enum WireFailure {
 
 impl WireFailure {
     /// The exit status, of sysexits(3).
-    pub(crate) fn status(&self) -> u8 {
+    pub fn status(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Unconfirmed { .. } => exit_status::USAGE,
             Self::Can(_) | Self::NoMotor { .. } | Self::Motor(Error::Silent { .. } | Error::Bus(_)) => {

@@ -4,14 +4,14 @@
 //! again in every period. So a motor may end it by itself when this process dies; no document promises that. At the end, at
 //! Ctrl-C, and beyond a bound the motor is stopped.
 
-use crate::interrupt::Interrupt;
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::say;
-use crate::wire::target::{Protocol, Session, Target};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::say;
+use crate::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
 use motord_protocol::mit::{self, Impedance};
+use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 
 /// Between two commands.
@@ -21,7 +21,7 @@ const LASTS: ExecutionTime = ExecutionTime::from_millis(200).expect("fits in 24 
 
 /// The bounds of a motion, and the consent to it.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Bounds {
+pub struct Bounds {
     /// How long the motion lasts, s: above 0, up to 60.
     #[arg(long, value_name = "S", value_parser = |text: &str| ranged(text, 0.0, 60.0))]
     seconds: f64,

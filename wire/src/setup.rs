@@ -1,25 +1,25 @@
 //! `motorctl setup`: every motor of a configuration held against it, and the lock file.
 
-use crate::interrupt::Interrupt;
-use crate::json;
-use crate::table::{Cell, Colour, Palette, Table};
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::memory::outcome_of;
-use crate::wire::say;
-use crate::wire::target::{self, OpenLine};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::memory::outcome_of;
+use crate::say;
+use crate::target::{self, OpenLine};
 use motord_commissioning::{Error, Native, Question, survey};
 use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, findings};
 use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
+use motord_terminal::Interrupt;
+use motord_terminal::json;
+use motord_terminal::{Cell, Colour, Palette, Table};
 use serde::Serialize;
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 /// The configuration, and how much of it.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// The configuration.
     #[arg(long, value_name = "FILE", default_value = "/etc/motord/motord.toml")]
     config: PathBuf,

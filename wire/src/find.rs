@@ -1,12 +1,12 @@
 //! `motorctl scan` and `motorctl ping`.
 
-use crate::interrupt::Interrupt;
-use crate::json;
-use crate::table::{Cell, Palette, Table};
-use crate::wire::failure::WireFailure;
-use crate::wire::target::{self, OpenLine, Target};
+use crate::failure::WireFailure;
+use crate::target::{self, OpenLine, Target};
 use motord_bus::FrameId;
 use motord_commissioning::{Error, Family, Found, Progress, Report, Scan, Unprompted, scan};
+use motord_terminal::Interrupt;
+use motord_terminal::json;
+use motord_terminal::{Cell, Palette, Table};
 use serde::Serialize;
 use std::io::{self, IsTerminal};
 use std::ops::RangeInclusive;
@@ -14,7 +14,7 @@ use std::sync::mpsc::{self, Receiver, Sender};
 
 /// Where and how to scan.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// CAN interface or serial device. Repeat the option for several; they are scanned side by side.
     #[arg(long = "bus", value_name = "BUS", required = true)]
     buses: Vec<String>,

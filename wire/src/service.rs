@@ -1,16 +1,16 @@
 //! `motorctl calibrate` and `motorctl firmware-mode`.
 
-use crate::interrupt::Interrupt;
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::say;
-use crate::wire::target::{Target, parse_id};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::say;
+use crate::target::{Target, parse_id};
 use motord_commissioning::CALIBRATION_MAX;
 use motord_protocol::gim::Calibration;
+use motord_terminal::Interrupt;
 
 /// The part that is calibrated (GIM document, Table 11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Kind {
+pub enum Kind {
     /// The order of the phases.
     Phase,
     /// The encoder.
@@ -47,7 +47,7 @@ pub(crate) fn calibrate(
 
 /// The consent to firmware mode.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Firmware {
+pub struct Firmware {
     #[command(flatten)]
     target: Target,
     /// The id of the motor once more: a motor in firmware mode cannot be used without the vendor's tool.

@@ -1,6 +1,6 @@
 //! The journal of an application: what was written to a motor, on disk before the write is.
 
-use crate::wire::failure::WireFailure;
+use crate::failure::WireFailure;
 use motord_commissioning::{Change, Confirmation, Event};
 use serde_json::{Value as Json, json};
 use std::fs::{File, OpenOptions};

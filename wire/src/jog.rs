@@ -1,11 +1,11 @@
 //! `motorctl jog`: a joint moves slowly while a key is held.
 
-use crate::interrupt::Interrupt;
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::motion::{Jogged, PERIOD, ranged};
-use crate::wire::say;
-use crate::wire::target::{Session, Target};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::motion::{Jogged, PERIOD, ranged};
+use crate::say;
+use crate::target::{Session, Target};
+use motord_terminal::Interrupt;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
 use std::io::{self, IsTerminal, Stdin, Write};
@@ -17,7 +17,7 @@ const HELD: Duration = Duration::from_millis(150);
 
 /// How to jog.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     #[command(flatten)]
     target: Target,
     /// Speed while a key is held, rad/s.

@@ -11,11 +11,11 @@ const GLANCE: Duration = Duration::from_millis(50);
 
 /// Whether the process was asked to end.
 #[derive(Debug, Clone)]
-pub(crate) struct Interrupt(Arc<AtomicBool>);
+pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
     /// From now on SIGINT, SIGQUIT, SIGTERM and SIGHUP end nothing, but are noticed.
-    pub(crate) fn register() -> Self {
+    pub fn register() -> Self {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGQUIT, SIGTERM, SIGHUP] {
             flag::register(signal, Arc::clone(&flag)).expect("each of these can be handled by any process");
@@ -24,17 +24,17 @@ impl Interrupt {
     }
 
     /// Whether one of them came.
-    pub(crate) fn came(&self) -> bool {
+    pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
     /// Whether one of them came since this was asked last, so that a second one can cut an orderly end short.
-    pub(crate) fn came_again(&self) -> bool {
+    pub fn came_again(&self) -> bool {
         self.0.swap(false, Ordering::Relaxed)
     }
 
     /// Sleeps until `deadline`, or until one of them comes.
-    pub(crate) fn pause_until(&self, deadline: Instant) {
+    pub fn pause_until(&self, deadline: Instant) {
         while !self.came() {
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {

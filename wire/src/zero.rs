@@ -1,9 +1,9 @@
 //! `motorctl zero --bus`: the zero of a motor, on the wire.
 
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::say;
-use crate::wire::target::{Protocol, Session, Target};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::say;
+use crate::target::{Protocol, Session, Target};
 use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
 use std::f64::consts::TAU;
 
@@ -14,17 +14,17 @@ const TOLERANCE: f64 = 0.02;
 
 /// How to set a zero on the wire.
 #[derive(Debug, Clone, Copy, clap::Args)]
-pub(crate) struct Arguments {
+pub struct Arguments {
     /// With --bus or --config: the position that the motor is to report where it stands now, rad.
     #[arg(long, value_name = "RAD", default_value_t = 0.0, value_parser = super::motion::finite, allow_hyphen_values = true)]
-    pub(crate) at: f64,
+    pub at: f64,
     /// With --config: do it even if the joint is outside of its limits afterwards.
     #[arg(long)]
-    pub(crate) force: bool,
+    pub force: bool,
 }
 
 /// `motorctl zero --bus`.
-pub(crate) fn run(
+pub fn run(
     instance: &str,
     target: &Target,
     arguments: Arguments,

@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal, Write};
 
 /// Colour of a piece of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Colour {
+pub enum Colour {
     /// As the terminal shows it.
     Plain,
     /// Something to know.
@@ -28,20 +28,20 @@ impl Colour {
 
 /// Whether text is coloured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Palette {
+pub struct Palette {
     coloured: bool,
 }
 
 impl Palette {
     /// Colour only for a person at a terminal who has not refused it (<https://no-color.org>).
-    pub(crate) fn of_stdout() -> Self {
+    pub fn of_stdout() -> Self {
         let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
         let dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
         Self { coloured: io::stdout().is_terminal() && !refused && !dumb }
     }
 
     /// The text of `cell` in its colour.
-    pub(crate) fn paint(self, cell: &Cell) -> String {
+    pub fn paint(self, cell: &Cell) -> String {
         let Cell { text, colour } = cell;
         if self.coloured && *colour != Colour::Plain && !text.is_empty() {
             format!("\x1b[{}m{text}\x1b[0m", colour.code())
@@ -53,24 +53,24 @@ impl Palette {
 
 /// One entry of a [`Table`].
 #[derive(Debug, Clone)]
-pub(crate) struct Cell {
+pub struct Cell {
     text: String,
     colour: Colour,
 }
 
 impl Cell {
     /// Text in a colour.
-    pub(crate) fn new(text: impl ToString, colour: Colour) -> Self {
+    pub fn new(text: impl ToString, colour: Colour) -> Self {
         Self { text: text.to_string(), colour }
     }
 
     /// Text as it is.
-    pub(crate) fn plain(text: impl ToString) -> Self {
+    pub fn plain(text: impl ToString) -> Self {
         Self::new(text, Colour::Plain)
     }
 
     /// A number with `digits` decimals, or a dash for one that is not known.
-    pub(crate) fn number(value: Option<f64>, digits: usize) -> Self {
+    pub fn number(value: Option<f64>, digits: usize) -> Self {
         match value.filter(|value| value.is_finite()) {
             Some(value) => Self::plain(format!("{value:.digits$}")),
             None => Self::plain("-"),
@@ -78,26 +78,26 @@ impl Cell {
     }
 
     /// A counter that should be 0.
-    pub(crate) fn counter(count: u32) -> Self {
+    pub fn counter(count: u32) -> Self {
         Self::new(count, if count == 0 { Colour::Plain } else { Colour::Yellow })
     }
 }
 
 /// Rows of cells under headings; the first column stands left, the others right.
 #[derive(Debug, Clone)]
-pub(crate) struct Table {
+pub struct Table {
     headings: Vec<&'static str>,
     rows: Vec<Vec<Cell>>,
 }
 
 impl Table {
     /// No row yet.
-    pub(crate) fn new(headings: &[&'static str]) -> Self {
+    pub fn new(headings: &[&'static str]) -> Self {
         Self { headings: headings.to_vec(), rows: Vec::new() }
     }
 
     /// Adds a row, one cell per heading.
-    pub(crate) fn row(&mut self, cells: Vec<Cell>) {
+    pub fn row(&mut self, cells: Vec<Cell>) {
         debug_assert_eq!(cells.len(), self.headings.len(), "one cell per heading");
         self.rows.push(cells);
     }
@@ -107,7 +107,7 @@ impl Table {
     /// # Errors
     ///
     /// When `out` cannot be written.
-    pub(crate) fn write(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+    pub fn write(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
         if self.rows.is_empty() {
             return Ok(());
         }

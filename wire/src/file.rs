@@ -1,15 +1,15 @@
 //! `motorctl config dump|diff|apply|reset`: the whole configuration of a motor, and a file.
 
-use crate::json;
-use crate::table::{Cell, Palette, Table};
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::journal::Journal;
-use crate::wire::memory::{parse_item, read, text};
-use crate::wire::say;
-use crate::wire::target::{Session, Target};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::journal::Journal;
+use crate::memory::{parse_item, read, text};
+use crate::say;
+use crate::target::{Session, Target};
 use motord_commissioning::{Apply, Change, Error, Failed, changes, identify};
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Effective, Finite, Value, ValueType};
+use motord_terminal::json;
+use motord_terminal::{Cell, Palette, Table};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs::OpenOptions;

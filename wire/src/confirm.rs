@@ -1,11 +1,11 @@
 //! Asking before something that cannot be taken back.
 
-use crate::wire::failure::WireFailure;
+use crate::failure::WireFailure;
 use std::io::{self, BufRead, IsTerminal, Write};
 
 /// The confirmation of a command that moves a motor, or changes it for good.
 #[derive(Debug, Clone, Copy, clap::Args)]
-pub(crate) struct Confirm {
+pub struct Confirm {
     /// Confirm in advance: do not ask. Without it, the command asks at a terminal and refuses elsewhere.
     #[arg(long)]
     yes: bool,
@@ -17,7 +17,7 @@ impl Confirm {
     /// # Errors
     ///
     /// [`WireFailure::Unconfirmed`] when nobody can be asked, [`WireFailure::Declined`].
-    pub(crate) fn ask(self, effect: &str) -> Result<(), WireFailure> {
+    pub fn ask(self, effect: &str) -> Result<(), WireFailure> {
         if self.yes {
             return Ok(());
         }

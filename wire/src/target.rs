@@ -1,6 +1,6 @@
 //! The motor that a command is for, and the way to it.
 
-use crate::wire::failure::WireFailure;
+use crate::failure::WireFailure;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId};
@@ -19,7 +19,7 @@ const REPLY_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// A protocol, as it is named on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Protocol {
+pub enum Protocol {
     /// The MIT protocol, on CAN only.
     Mit,
     /// The native GIM protocol.
@@ -28,35 +28,36 @@ pub(crate) enum Protocol {
 
 /// The bus that a command uses, without a daemon.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Line {
+pub struct Line {
     /// CAN interface (can0) or serial device (/dev/ttyUSB0) of the motor: the command goes to the wire, without a daemon.
     #[arg(long, value_name = "BUS")]
-    pub(crate) bus: Option<String>,
+    pub bus: Option<String>,
     /// Bit/s of a serial device.
     #[arg(long, value_name = "BIT/S", default_value_t = BAUD, value_parser = clap::value_parser!(u32).range(1..))]
-    pub(crate) baud: u32,
+    pub baud: u32,
 }
 
 /// A motor on a bus, without a daemon.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Target {
+pub struct Target {
+    /// The bus.
     #[command(flatten)]
-    pub(crate) line: Line,
+    pub line: Line,
     /// The motor's id, 1 to 254.
     #[arg(long, value_name = "ID", value_parser = parse_id)]
-    pub(crate) id: Option<u8>,
+    pub id: Option<u8>,
     /// The id that the motor's answers bear. Without it, the answer tells.
     #[arg(long, value_name = "ID", value_parser = parse_host_id)]
-    pub(crate) host_id: Option<FrameId>,
+    pub host_id: Option<FrameId>,
     /// The motor's protocol. Without it, the motor is asked, and one that is in MIT mode stops.
     #[arg(long, value_name = "PROTOCOL")]
-    pub(crate) protocol: Option<Protocol>,
+    pub protocol: Option<Protocol>,
     /// A configuration of motord that says where the motor is: with --joint, instead of --bus and --id.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["bus", "id"])]
-    pub(crate) config: Option<PathBuf>,
+    pub config: Option<PathBuf>,
     /// The motor's name in the configuration.
     #[arg(long, value_name = "NAME", requires = "config")]
-    pub(crate) joint: Option<String>,
+    pub joint: Option<String>,
 }
 
 /// Reads an id, decimal or with 0x.
@@ -89,12 +90,12 @@ pub(crate) fn number(text: &str) -> Option<u32> {
 }
 
 /// A bus that is open and locked.
-pub(crate) struct OpenLine {
+pub struct OpenLine {
     /// As on the command line.
-    pub(crate) name: String,
-    pub(crate) link: Link,
+    pub name: String,
+    pub link: Link,
     /// Of the CAN interface; `None` where it has none.
-    pub(crate) bitrate: Option<u32>,
+    pub bitrate: Option<u32>,
     _lock: BusLock,
 }
 
@@ -141,18 +142,18 @@ fn lock_directory(instance: &str) -> Result<PathBuf, WireFailure> {
 }
 
 /// A motor that answered, or whose protocol was given.
-pub(crate) struct Session {
-    pub(crate) line: OpenLine,
-    pub(crate) id: u8,
-    pub(crate) host_id: Option<FrameId>,
-    pub(crate) protocol: Protocol,
+pub struct Session {
+    pub line: OpenLine,
+    pub id: u8,
+    pub host_id: Option<FrameId>,
+    pub protocol: Protocol,
     /// Its settings, when a configuration named it.
-    pub(crate) settings: Option<MotorSettings>,
+    pub settings: Option<MotorSettings>,
 }
 
 impl Target {
     /// The command is for the wire, not for a daemon.
-    pub(crate) fn is_given(&self) -> bool {
+    pub fn is_given(&self) -> bool {
         self.line.bus.is_some() || self.config.is_some()
     }
 
@@ -161,7 +162,7 @@ impl Target {
     /// # Errors
     ///
     /// Why it cannot be reached.
-    pub(crate) fn open(&self, instance: &str) -> Result<Session, WireFailure> {
+    pub fn open(&self, instance: &str) -> Result<Session, WireFailure> {
         let place = self.place()?;
         let line = open(instance, &place.bus, place.baud)?;
         let Place { id, host_id, settings, .. } = place;
@@ -181,7 +182,7 @@ impl Target {
     /// # Errors
     ///
     /// Why it cannot be reached, or that it speaks MIT.
-    pub(crate) fn open_native(&self, instance: &str) -> Result<Session, WireFailure> {
+    pub fn open_native(&self, instance: &str) -> Result<Session, WireFailure> {
         let session = self.open(instance)?;
         if session.protocol == Protocol::Mit {
             return Err(session.unfit(
@@ -234,12 +235,12 @@ struct Place {
 
 impl Session {
     /// The motor, in the native protocol.
-    pub(crate) fn native(&mut self) -> Native<'_> {
+    pub fn native(&mut self) -> Native<'_> {
         Native::new(&mut self.line.link, self.id, self.host_id)
     }
 
     /// The motor, in MIT. Without a configuration the vendor is SteadyWin, and torques are fractions of the full scale.
-    pub(crate) fn mit(&mut self) -> Mit<'_> {
+    pub fn mit(&mut self) -> Mit<'_> {
         let (scales, profile) = match &self.settings {
             Some(settings) => (settings.scales, settings.profile),
             None => (Scales::fixed(12.5, 65.0, 1.0), &motord_protocol::profile::STEADYWIN),
@@ -248,14 +249,14 @@ impl Session {
     }
 
     /// The motor in words.
-    pub(crate) fn name(&self) -> String {
+    pub fn name(&self) -> String {
         match &self.settings {
             Some(settings) => format!("{} (motor {} on {})", settings.name, self.id, self.line.name),
             None => format!("motor {} on {}", self.id, self.line.name),
         }
     }
 
-    pub(crate) fn unfit(&self, reason: &str) -> WireFailure {
+    pub fn unfit(&self, reason: &str) -> WireFailure {
         WireFailure::Unfit { id: self.id, reason: reason.to_owned() }
     }
 

@@ -1,15 +1,15 @@
 //! `motorctl version`, `fault` and `indicator` on the bus.
 
-use crate::interrupt::Interrupt;
-use crate::json;
-use crate::table::{Cell, Palette, Table};
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::say;
-use crate::wire::target::{Protocol, Session, Target};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::say;
+use crate::target::{Protocol, Session, Target};
 use motord_commissioning::Error;
 use motord_protocol::Faults;
 use motord_protocol::gim::{INDICATORS, Indicator};
+use motord_terminal::Interrupt;
+use motord_terminal::json;
+use motord_terminal::{Cell, Palette, Table};
 use serde::Serialize;
 use std::io;
 use std::time::{Duration, Instant};
@@ -80,7 +80,7 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
 }
 
 /// `motorctl fault clear --bus`: clears, and reads again.
-pub(crate) fn clear_fault(instance: &str, target: &Target) -> Result<(), WireFailure> {
+pub fn clear_fault(instance: &str, target: &Target) -> Result<(), WireFailure> {
     let mut session = target.open(instance)?;
     let cleared = match session.protocol {
         Protocol::Mit => {
@@ -132,7 +132,7 @@ pub(crate) fn stop(instance: &str, target: &Target, control_only: bool) -> Resul
 
 /// Which indicators, and how often.
 #[derive(Debug, Clone, clap::Args)]
-pub(crate) struct Indicators {
+pub struct Indicators {
     /// The indicator, by its name or number. The default is all of them.
     #[arg(value_name = "NAME", value_parser = parse_indicator)]
     indicators: Vec<&'static Indicator>,

@@ -1,16 +1,16 @@
 //! `motorctl parameter` and `motorctl config get|set|list`: what a motor stores, item by item.
 
-use crate::json;
-use crate::table::{Cell, Palette, Table};
-use crate::wire::confirm::Confirm;
-use crate::wire::failure::WireFailure;
-use crate::wire::say;
-use crate::wire::target::{Target, number};
+use crate::confirm::Confirm;
+use crate::failure::WireFailure;
+use crate::say;
+use crate::target::{Target, number};
 use motord_commissioning::{Confirmation, Error, Native};
 use motord_protocol::gim::{
     Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Refusal, Value,
     ValueType,
 };
+use motord_terminal::json;
+use motord_terminal::{Cell, Palette, Table};
 use serde::Serialize;
 use std::io;
 
