@@ -49,8 +49,8 @@ Examples:
 enum Command {
     /// Start a daemon with simulated motors, run a trot, and check the result.
     ///
-    /// Exit status 0 means: all motors took part, the cycle rate was within 1 % of the configured rate, no reply was
-    /// missed, and the tracking error of every joint was below 0.05 rad RMS.
+    /// Exit status 0 means: all motors took part, the ticks came at the configured rate within 1 %, at most a tenth of them
+    /// was missed, no reply was missed but in their time, and the tracking error of every joint was below 0.05 rad RMS.
     #[command(
         after_help = "Examples:\n  motorctl demo\n  motorctl demo --seconds 60 --json | tail -n 1 | jq .wake_latency_us"
     )]

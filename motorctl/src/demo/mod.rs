@@ -166,10 +166,10 @@ pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<
     let out = &mut io::stdout().lock();
     let printed = match (&outcome, as_json) {
         (Err(DemoError::Interrupted), _) => Ok(()),
-        (Ok(()), false) => writeln!(out, "PASS"),
+        (Ok(report), false) => writeln!(out, "{}", report.praise()),
         (Err(error), false) => writeln!(out, "FAIL: {error}"),
         // The report has told it.
-        (Ok(()) | Err(DemoError::Shortfalls { .. }), true) => Ok(()),
+        (Ok(_) | Err(DemoError::Shortfalls { .. }), true) => Ok(()),
         (Err(error), true) => {
             json::write_line(out, &json!({ "passed": false, "failures": [error.to_string()] }))
         }
@@ -179,7 +179,7 @@ pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<
         Err(error) if !as_json && !matches!(error, DemoError::Interrupted) => {
             Err(DemoError::Printed(error.status()))
         }
-        outcome => outcome,
+        outcome => outcome.map(drop),
     }
 }
 
@@ -188,7 +188,7 @@ fn play(
     config: Option<&Path>,
     as_json: bool,
     overload: Option<String>,
-) -> Result<(), DemoError> {
+) -> Result<Report, DemoError> {
     let interrupt = Interrupt::register();
     let directory = WorkDirectory::new(config)?;
     let mut daemon = Daemon::start(&directory)?;
@@ -201,7 +201,7 @@ fn play(
     daemon.stop()?;
 
     print(&report, as_json).map_err(DemoError::system("write the output"))?;
-    if shortfalls.is_empty() { Ok(()) } else { Err(DemoError::Shortfalls { overload, shortfalls }) }
+    if shortfalls.is_empty() { Ok(report) } else { Err(DemoError::Shortfalls { overload, shortfalls }) }
 }
 
 /// Runs the controller, and shows what it tells.
