@@ -57,7 +57,7 @@ impl<'l> Native<'l> {
     /// Motor `id` on `link`. Without `host_id` an answer may bear any id.
     pub fn new(link: &'l mut Link, id: u8, host_id: Option<FrameId>) -> Self {
         // Torques are fractions of the full scale until the motor's own scale is known.
-        Self { link, id, host_id, scales: Scales::fixed(12.5, 65.0, 1.0) }
+        Self { link, id, host_id, scales: Scales::WITHOUT_CONSTANTS }
     }
 
     /// The bytes of `command`, as every transaction sends them.
@@ -395,7 +395,7 @@ impl<'l> Native<'l> {
 #[must_use]
 pub fn answers(request: &[u8], reply: &[u8]) -> bool {
     let Ok(command) = decode_command(request) else { return false };
-    let scales = Scales::fixed(12.5, 65.0, 1.0);
+    let scales = Scales::WITHOUT_CONSTANTS;
     decode_reply(reply, pending(&command), &scales).is_ok_and(|reply| reply.answers(&command))
 }
 

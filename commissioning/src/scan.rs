@@ -245,7 +245,7 @@ fn ask(link: &mut Link, id: u8, scan: &Scan) -> Result<(Vec<Found>, bool), Error
 
 /// The MIT stop frame: of the same bytes for every scale.
 fn stop_frame() -> Option<[u8; 8]> {
-    mit::Command::Stop.encode(&Scales::fixed(12.5, 65.0, 1.0)).ok()
+    mit::Command::Stop.encode(&Scales::WITHOUT_CONSTANTS).ok()
 }
 
 /// All motors that answer one frame, and whether answers collided.
@@ -297,7 +297,7 @@ fn classify(id: u8, answer: &Frame) -> (Family, Option<Refusal>) {
             }))
         }
         [0x84 | 0xB2, ..] if payload.len() == 8 => {
-            let scales = Scales::fixed(12.5, 65.0, 1.0);
+            let scales = Scales::WITHOUT_CONSTANTS;
             match decode_reply(payload, Pending::Other, &scales) {
                 Ok(Reply::Configuration {
                     key: ConfigurationItem::CAN_ID,

@@ -8,9 +8,9 @@ use motord_bus::FrameId;
 use motord_configuration::lock::{ReportedMotor, ReportedProtocol};
 use motord_protocol::gim::{ConfigurationItem, Value};
 
-/// The configuration items that decide what a torque and an angle are: torque constant, gear ratio and pole pairs.
+/// The configuration items that decide what a torque and an angle are.
 pub fn constants() -> impl Iterator<Item = &'static ConfigurationItem> {
-    ["torque-constant", "gear-ratio", "pole-pairs"].into_iter().filter_map(ConfigurationItem::by_name)
+    ConfigurationItem::CONSTANTS.into_iter().filter_map(ConfigurationItem::by_name)
 }
 
 /// How a motor is asked for its protocol.

@@ -62,6 +62,9 @@ impl Scales {
         Ok(Self { torque, ..Self::fixed(POSITION.max(), VELOCITY.max(), CURRENT.max()) })
     }
 
+    /// Of a SteadyWin motor whose constants are not known: torques are fractions of the full scale.
+    pub const WITHOUT_CONSTANTS: Self = Self::fixed(12.5, 65.0, 1.0);
+
     /// From the values of the largest codes: position, rad, velocity, rad/s, and torque, N·m, all above zero. The
     /// smallest codes are their negatives.
     #[must_use]

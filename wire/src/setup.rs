@@ -10,9 +10,7 @@ use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, findings};
 use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
-use motord_terminal::Interrupt;
-use motord_terminal::json;
-use motord_terminal::{Cell, Colour, Palette, Table};
+use motord_terminal::{Cell, Colour, Interrupt, Palette, Table, json};
 use serde::Serialize;
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
@@ -52,12 +50,12 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailu
             }
             progress(&motor.name);
             let bus = &settings.buses[index].name;
-            asked.push(ask(&settings, motor, bus, &mut line)?);
-            if arguments.write {
-                let last =
-                    asked.pop().map(|asked| write(&settings, asked, bus, &mut line, arguments.confirm));
-                asked.extend(last.transpose()?);
-            }
+            let answer = ask(&settings, motor, bus, &mut line)?;
+            asked.push(if arguments.write {
+                write(&settings, answer, bus, &mut line, arguments.confirm)?
+            } else {
+                answer
+            });
         }
     }
     progress("");
@@ -155,17 +153,13 @@ fn write<'s>(
 fn changes(asked: &Asked<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
     let is_native = asked.reported.as_ref().is_some_and(|motor| motor.protocol == ReportedProtocol::Gim);
     let Some(constants) = asked.motor.constants.filter(|_| is_native) else { return Vec::new() };
-    let wanted = [
-        ("torque-constant", constants.torque_constant),
-        ("gear-ratio", constants.gear_ratio),
-        ("pole-pairs", constants.pole_pairs.into()),
-    ];
+    let values = [constants.torque_constant, constants.gear_ratio, constants.pole_pairs.into()];
     let differs = |name: &str| asked.open_findings().any(|finding| finding.value == name);
     let value = |item: &ConfigurationItem, value: f64| match item.value_type {
         ValueType::Integer => Some(Value::Integer(value.round() as i32)),
         ValueType::Float => Finite::new(value as f32).map(Value::Float),
     };
-    let named = wanted.into_iter().filter(|(name, _)| differs(name));
+    let named = ConfigurationItem::CONSTANTS.into_iter().zip(values).filter(|(name, _)| differs(name));
     named
         .filter_map(|(name, wanted)| {
             let item = ConfigurationItem::by_name(name)?;

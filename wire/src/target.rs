@@ -243,7 +243,7 @@ impl Session {
     pub fn mit(&mut self) -> Mit<'_> {
         let (scales, profile) = match &self.settings {
             Some(settings) => (settings.scales, settings.profile),
-            None => (Scales::fixed(12.5, 65.0, 1.0), &motord_protocol::profile::STEADYWIN),
+            None => (Scales::WITHOUT_CONSTANTS, &motord_protocol::profile::STEADYWIN),
         };
         Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
     }

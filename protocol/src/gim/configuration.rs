@@ -86,6 +86,9 @@ const fn item(
 }
 
 impl ConfigurationItem {
+    /// The items that decide what a torque and an angle are, by name: the rotor's torque constant, the gear ratio and the pairs of
+    /// poles.
+    pub const CONSTANTS: [&str; 3] = ["torque-constant", "gear-ratio", "pole-pairs"];
     /// The motor's CAN id.
     pub const CAN_ID: ConfigurationKey = ConfigurationKey::new(Integer, 0x12);
     /// The id its replies bear.
