@@ -2,8 +2,7 @@
 
 use crate::failure::Failure;
 use motord_client::{Client, Percentiles, RobotDescription, Telemetry};
-use motord_terminal::json;
-use motord_terminal::{Cell, Palette, Table};
+use motord_terminal::{Cell, Palette, Table, json};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 

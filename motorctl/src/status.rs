@@ -3,8 +3,7 @@
 use crate::failure::Failure;
 use crate::report::Report;
 use motord_client::{Client, Error};
-use motord_terminal::Palette;
-use motord_terminal::json;
+use motord_terminal::{Palette, json};
 use std::io;
 use std::time::Duration;
 

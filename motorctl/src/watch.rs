@@ -4,9 +4,7 @@ use crate::failure::Failure;
 use crate::report::Report;
 use crate::status;
 use motord_client::{Client, Error, State};
-use motord_terminal::Interrupt;
-use motord_terminal::Palette;
-use motord_terminal::json;
+use motord_terminal::{Interrupt, Palette, json};
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
 

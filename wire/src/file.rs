@@ -3,13 +3,12 @@
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::journal::Journal;
-use crate::memory::{parse_item, read, text};
+use crate::memory::{effective, parse_item, read, text};
 use crate::say;
 use crate::target::{Session, Target};
 use motord_commissioning::{Apply, Change, Error, Failed, changes, identify};
-use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Effective, Finite, Value, ValueType};
-use motord_terminal::json;
-use motord_terminal::{Cell, Palette, Table};
+use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
+use motord_terminal::{Cell, Palette, Table, json};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs::OpenOptions;
@@ -128,9 +127,7 @@ fn print(changes: &[Change], as_json: bool) -> io::Result<()> {
     }
     let mut table = Table::new(&["item", "motor", "file", "unit", "effective"]);
     for Change { item, from, to } in changes {
-        let effective = if item.effective == Effective::Immediately { "at once" } else { "after a reboot" };
-        let cells =
-            [item.name.to_owned(), text(*from), text(*to), item.unit.to_owned(), effective.to_owned()];
+        let cells = [item.name, &text(*from), &text(*to), item.unit, effective(item)];
         table.row(cells.map(Cell::plain).into());
     }
     table.write(out, Palette::of_stdout())

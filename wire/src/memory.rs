@@ -9,26 +9,26 @@ use motord_protocol::gim::{
     Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Refusal, Value,
     ValueType,
 };
-use motord_terminal::json;
-use motord_terminal::{Cell, Palette, Table};
+use motord_terminal::{Cell, Palette, Table, json};
 use serde::Serialize;
 use std::io;
 
 /// Reads a parameter's name or number.
 pub(crate) fn parse_parameter(text: &str) -> Result<&'static Parameter, String> {
     let by_number = || u8::try_from(number(text)?).ok().and_then(Parameter::by_id);
-    Parameter::by_name(text).or_else(by_number).ok_or_else(|| {
-        let names: Vec<&str> = PARAMETERS.iter().map(|parameter| parameter.name).collect();
-        format!("expected one of {}", names.join(", "))
-    })
+    let unknown = || expected_one_of(PARAMETERS.iter().map(|parameter| parameter.name));
+    Parameter::by_name(text).or_else(by_number).ok_or_else(unknown)
 }
 
 /// Reads a configuration item's name.
 pub(crate) fn parse_item(text: &str) -> Result<&'static ConfigurationItem, String> {
-    ConfigurationItem::by_name(text).ok_or_else(|| {
-        let names: Vec<&str> = CONFIGURATION.iter().map(|item| item.name).collect();
-        format!("expected one of {}", names.join(", "))
-    })
+    ConfigurationItem::by_name(text)
+        .ok_or_else(|| expected_one_of(CONFIGURATION.iter().map(|item| item.name)))
+}
+
+/// The mistake of a name that is none of these.
+pub(crate) fn expected_one_of<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    format!("expected one of {}", names.collect::<Vec<_>>().join(", "))
 }
 
 /// Reads the value of an item: an integer, decimal or with 0x, or a float.
@@ -125,7 +125,7 @@ impl Row {
             unit: item.unit,
             r#type: if item.value_type == ValueType::Integer { "integer" } else { "float" },
             access: if item.access == Access::ReadWrite { "read, write" } else { "read" },
-            effective: if item.effective == Effective::Immediately { "at once" } else { "after a reboot" },
+            effective: effective(item),
         }
     }
 }
@@ -238,6 +238,15 @@ pub(crate) fn outcome_of(confirmation: Confirmation) -> String {
     }
 }
 
+/// When a write has its effect, as a word of a table.
+pub(crate) fn effective(item: &ConfigurationItem) -> &'static str {
+    match item.effective {
+        Effective::Immediately => "at once",
+        Effective::AfterReboot => "after a reboot",
+    }
+}
+
+/// When a write has its effect, as the end of a sentence.
 pub(crate) fn when(item: &ConfigurationItem) -> &'static str {
     match item.effective {
         Effective::Immediately => "",

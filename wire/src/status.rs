@@ -2,14 +2,13 @@
 
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
+use crate::memory::expected_one_of;
 use crate::say;
 use crate::target::{Protocol, Session, Target};
 use motord_commissioning::Error;
 use motord_protocol::Faults;
 use motord_protocol::gim::{INDICATORS, Indicator};
-use motord_terminal::Interrupt;
-use motord_terminal::json;
-use motord_terminal::{Cell, Palette, Table};
+use motord_terminal::{Cell, Interrupt, Palette, Table, json};
 use serde::Serialize;
 use std::io;
 use std::time::{Duration, Instant};
@@ -148,10 +147,8 @@ pub struct Indicators {
 
 fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
     let by_number = || u8::try_from(super::target::number(text)?).ok().and_then(Indicator::by_id);
-    Indicator::by_name(text).or_else(by_number).ok_or_else(|| {
-        let names: Vec<&str> = INDICATORS.iter().map(|indicator| indicator.name).collect();
-        format!("expected one of {}", names.join(", "))
-    })
+    let unknown = || expected_one_of(INDICATORS.iter().map(|indicator| indicator.name));
+    Indicator::by_name(text).or_else(by_number).ok_or_else(unknown)
 }
 
 /// `motorctl indicator`.
