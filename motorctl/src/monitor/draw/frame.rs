@@ -3,7 +3,7 @@
 use super::super::picture::{Loss, Picture, Reading};
 use super::super::request::{Notice, Tone};
 use super::super::view::{Page, View};
-use super::text::{alarm, dim, duration, shortened, warning, wrapped};
+use super::text::{alarm, banner, dim, duration, shortened, warning, wrapped};
 use ratatui::style::Stylize;
 use ratatui::text::{Line, Span};
 
@@ -56,7 +56,7 @@ fn daemon(reading: &Reading) -> Line<'static> {
 fn lost(loss: &Loss, width: usize) -> Vec<Line<'static>> {
     let text = format!(" NO CONTACT for {}: {}", duration(loss.lasting), loss.reason);
     let lines = wrapped(&text, width, 1).into_iter();
-    lines.map(|line| Span::from(format!("{line:<width$}")).bold().white().on_red().into()).collect()
+    lines.map(|line| banner(&line, width)).collect()
 }
 
 /// The outcome of the last request, and the keys.
@@ -67,7 +67,7 @@ pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize
         lines.extend(wrapped.map(|line| match tone {
             Tone::Plain => Line::from(line),
             Tone::Warning => warning(line).into(),
-            Tone::Alarm => Span::from(format!("{line:<width$}")).bold().white().on_red().into(),
+            Tone::Alarm => banner(&line, width),
         }));
     }
     lines.push(if view.is_filtering {

@@ -11,6 +11,11 @@ pub(super) fn alarm(text: impl Into<String>) -> Span<'static> {
     Span::from(text.into()).bold().fg(Color::Red)
 }
 
+/// Something to act on before everything else: a red line of `width` characters.
+pub(super) fn banner(text: &str, width: usize) -> Line<'static> {
+    Span::from(format!("{text:<width$}")).bold().white().on_red().into()
+}
+
 /// Something to know.
 pub(super) fn warning(text: impl Into<String>) -> Span<'static> {
     Span::from(text.into()).fg(Color::Yellow)
