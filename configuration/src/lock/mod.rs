@@ -118,10 +118,10 @@ impl Lock {
     /// When there is one that cannot be read, or that is no lock.
     pub fn load(config: &Path) -> Result<Option<Self>, LockError> {
         let file = Self::path(config);
-        if !file.exists() {
+        let failed = |wrong| LockError::File { file: file.clone(), wrong: Box::new(wrong) };
+        if !file.try_exists().map_err(|error| failed(error.into()))? {
             return Ok(None);
         }
-        let failed = |wrong| LockError::File { file: file.clone(), wrong: Box::new(wrong) };
         let bytes = crate::read(&file).map_err(failed)?;
         let malformed = |reason: String| LockError::Malformed { file: file.clone(), reason };
         let text = str::from_utf8(&bytes).map_err(|error| malformed(error.to_string()))?;
