@@ -184,8 +184,8 @@ impl Group {
 
     /// The first motor whose setpoint would make it jump.
     pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
-        let included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
-        included.into_iter().find_map(|(place, motor)| {
+        let mut included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
+        included.find_map(|(place, motor)| {
             let wanted = self.setpoints.get(place)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;
