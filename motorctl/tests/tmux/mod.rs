@@ -61,7 +61,7 @@ impl Tmux {
     }
 
     /// Waits until the screen is as it should be, and returns it.
-    pub(crate) fn until(&self, what: &str, is_so: impl Fn(&str) -> bool) -> String {
+    pub(crate) fn until(&self, what: &str, mut is_so: impl FnMut(&str) -> bool) -> String {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let screen = self.screen();
