@@ -188,7 +188,7 @@ fn stops_by_people(client: &Client) {
     start_again(client);
 
     client.disable(GROUP).unwrap();
-    await_stop(client, None);
+    await_stop(client, Some(Cause::Disabled));
     start_again(client);
 
     client.force_release(GROUP).unwrap();

@@ -2,6 +2,7 @@
 
 use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Link, Subject, View, locked};
+use crate::stop::FirstWay;
 use crate::{Error, State};
 use motord_shared::description::{RobotDescription, Telemetry};
 use motord_shared::instance::Attachment;
@@ -239,14 +240,22 @@ impl Client {
         self.operate(Operation::ForceRelease, group)
     }
 
-    /// Damps and stops every motor. It asks before it looks at anything else.
+    /// Damps and stops every motor. It asks before it looks at anything else: first through the daemon's socket for emergency
+    /// stops, which waits behind nothing, then over this connection. [`emergency_stop`](crate::emergency_stop) needs none.
     ///
     /// # Errors
-    /// [`Error::Refused`], [`Error::NotRunning`], [`Error::NoAnswer`].
+    /// Nobody confirmed the stop: [`Error::NotRunning`], [`Error::Permission`], [`Error::NotStopped`].
     pub fn emergency_stop(&self) -> Result<(), Error> {
+        let mut first = FirstWay::send(self.link.instance());
+        if first.is_confirmed_soon() {
+            return Ok(());
+        }
         let every_group = Subject { group: ALL_GROUPS as usize, ..Subject::default() };
-        self.link.ask(Operation::EmergencyStop, every_group, ANSWER_TIMEOUT)?;
-        Ok(())
+        match self.link.ask(Operation::EmergencyStop, every_group, ANSWER_TIMEOUT) {
+            Err(_) if first.is_confirmed(Duration::ZERO) => Ok(()),
+            Err(error) => Err(first.reason(Some(error), self.link.instance())),
+            Ok(_) => Ok(()),
+        }
     }
 
     /// Makes the present position of a stopped motor its zero.

@@ -4,6 +4,7 @@ use crate::state::Group;
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
 use motord_shared::service::{self, Obstacle, Part};
+use motord_shared::stop_socket::StopError;
 use motord_shared::{Cause, Instance, InstanceError, Operation, Phase, Refusal, Rejection, ServiceError};
 use std::fmt;
 use std::path::PathBuf;
@@ -161,6 +162,17 @@ pub enum Error {
         /// The time given.
         waited: Duration,
     },
+    /// Nobody confirmed an emergency stop. Whether it was carried out is unknown.
+    #[error(
+        "the emergency stop is not confirmed: {socket}{}",
+        services.as_ref().map_or_else(String::new, |error| format!("; {error}"))
+    )]
+    NotStopped {
+        /// Why the daemon's socket did not confirm it.
+        socket: StopError,
+        /// Why the services did not. `None` when they did not answer.
+        services: Option<Box<Error>>,
+    },
     /// This client cannot decode the daemon's answer.
     #[error(
         "motord's answer to {operation} is not understood: install the same version of client and daemon"
@@ -208,7 +220,8 @@ impl Error {
             | Self::NotHeard { .. }
             | Self::ClaimLost { .. }
             | Self::NotReached { .. }
-            | Self::NoAnswer { .. } => true,
+            | Self::NoAnswer { .. }
+            | Self::NotStopped { .. } => true,
             Self::Refused { refusal, .. } => refusal.is_transient(),
             Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. }),
             Self::Version { .. }
@@ -257,6 +270,17 @@ impl Error {
             Err(UnknownCode(_)) => Self::NotUnderstood { operation },
         }
     }
+
+    /// The same, with the position of its joint, rad, against that joint's limits.
+    pub(crate) fn at(mut self, position: Option<f32>, robot: &RobotDescription) -> Self {
+        if let Self::Refused { about, .. } = &mut self
+            && let (About::Joint(name), Some(position)) = (&*about, position)
+            && let Some(joint) = robot.joints.iter().find(|joint| joint.name == *name)
+        {
+            *about = About::Position(joint.outside(position));
+        }
+        self
+    }
 }
 
 /// Why a group does not follow setpoints.
@@ -270,6 +294,8 @@ pub enum Stop {
         cause: Cause,
         /// The joint that gave it, if one did.
         joint: Option<String>,
+        /// Id of the process that asked for it, if one did.
+        pid: Option<u32>,
     },
     /// It was stopped for a cause that this client does not know.
     Unknown,
@@ -278,7 +304,8 @@ pub enum Stop {
 impl Stop {
     /// The stop of `group`, which is latched. `joint` is the name of the joint that gave the cause.
     pub(crate) fn of(group: &Group, joint: Option<String>) -> Self {
-        group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint })
+        let pid = group.cause_pid;
+        group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint, pid })
     }
 }
 
@@ -286,8 +313,12 @@ impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Disabled => write!(f, "does not follow setpoints: enable it"),
-            Self::Cause { cause, joint } => {
-                let at = joint.as_ref().map_or_else(String::new, |joint| format!(" (joint {joint})"));
+            Self::Cause { cause, joint, pid } => {
+                let at = match (joint, pid) {
+                    (Some(joint), _) => format!(" (joint {joint})"),
+                    (None, Some(pid)) => format!(" (process {pid})"),
+                    (None, None) => String::new(),
+                };
                 let sentence = cause.sentence().trim_end_matches('.');
                 write!(f, "was stopped: {sentence}{at}. {}, then reset the group", cause.advice())
             }
@@ -307,6 +338,8 @@ pub enum About {
     Process(u32),
     /// A joint, by name.
     Joint(String),
+    /// A joint and where it stands: `fl-knee is at 0.00 rad, outside -2.70 to -0.50`.
+    Position(String),
     /// The cause that is latched.
     Cause(Cause),
 }
@@ -330,6 +363,7 @@ impl fmt::Display for About {
             Self::Nothing => Ok(()),
             Self::Process(pid) => write!(f, " (process {pid})"),
             Self::Joint(name) => write!(f, " (joint {name})"),
+            Self::Position(place) => write!(f, " ({place})"),
             Self::Cause(cause) => write!(f, " ({cause}: {})", cause.sentence()),
         }
     }
@@ -338,15 +372,16 @@ impl fmt::Display for About {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_shared::description::JointDescription;
+    use motord_shared::description::{JointDescription, JointLimits};
     use motord_shared::message::NO_JOINT;
 
     /// These refusals are about one joint. Every other refusal names none.
-    const OF_A_JOINT: [Refusal; 12] = [
+    const OF_A_JOINT: [Refusal; 13] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,
         Refusal::StateStale,
         Refusal::SetpointTooFar,
+        Refusal::OutsideLimits,
         Refusal::NotDisarmed,
         Refusal::BusDown,
         Refusal::Busy,
@@ -369,6 +404,16 @@ mod tests {
             let names_it = refused(*refusal, 1).ends_with("(joint knee)");
             assert_eq!(names_it, OF_A_JOINT.contains(refusal), "{refusal}");
         }
+    }
+
+    #[test]
+    fn a_joint_outside_its_limits_is_told_with_numbers() {
+        let limits = JointLimits { position: [-2.7, -0.5], ..Default::default() };
+        let knee = JointDescription { name: "knee".into(), limits, ..Default::default() };
+        let robot = RobotDescription { joints: vec![knee], ..Default::default() };
+        let refused = Error::refused(Operation::Enable, Refusal::OutsideLimits.code(), 0, &robot);
+        let sentence = refused.at(Some(0.0), &robot).to_string();
+        assert!(sentence.ends_with("(knee is at 0.00 rad, outside -2.70 to -0.50)"), "{sentence}");
     }
 
     #[test]

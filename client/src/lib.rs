@@ -139,6 +139,7 @@ mod link;
 mod members;
 mod setpoint;
 mod state;
+mod stop;
 
 /// The directory that the daemons of this computer and its tools share: locks of CAN interfaces lie there. It may not exist yet.
 ///
@@ -162,9 +163,11 @@ pub use motord_shared::description::{
 };
 pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
+pub use motord_shared::stop_socket::{RunningInstance, StopError, running as running_instances};
 pub use motord_shared::{
     Applied, BusCondition, Cause, Fault, Indicator, Lease, Limit, MotorMode, Operation, Phase, Refusal,
     Rejection, SetpointMode,
 };
 pub use setpoint::Setpoint;
 pub use state::{Bus, Faults, Group, Indicators, Joint, Limits, State};
+pub use stop::emergency_stop;

@@ -18,7 +18,7 @@ use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
 use motord_shared::service::ServiceError;
-use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, clock};
+use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, Refusal, clock};
 use serde::de::DeserializeOwned;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
@@ -29,6 +29,9 @@ pub(crate) const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// How often a request looks for its answer: well below a cycle.
 const ANSWER_POLL: Duration = Duration::from_micros(200);
+
+/// States that are waited for to tell the position of a joint.
+const POSITION_TRIES: u32 = 5;
 
 /// Shortest time without a state after which the daemon counts as silent, in cycles and as a time.
 const SILENCE_CYCLES: f64 = 5.0;
@@ -358,12 +361,31 @@ impl Link {
             match question.answer().map_err(of_service)? {
                 Some((reply, text)) if reply.refusal == 0 => return Ok((reply, text)),
                 Some((reply, _)) => {
-                    return Err(Error::refused(operation, reply.refusal, reply.detail, &self.robot()));
+                    return Err(self.refusal(operation, reply));
                 }
                 None if Instant::now() < deadline => std::thread::sleep(ANSWER_POLL),
                 None => return Err(unanswered()),
             }
         }
+    }
+
+    /// Names the joint of a refusal, and tells where it stands if that is the reason.
+    fn refusal(&self, operation: Operation, reply: AdminReply) -> Error {
+        let robot = self.robot();
+        let is_outside = reply.refusal == Refusal::OutsideLimits.code();
+        let position = if is_outside { self.position_of(reply.detail as usize) } else { None };
+        Error::refused(operation, reply.refusal, reply.detail, &robot).at(position, &robot)
+    }
+
+    /// The newest position of a joint, rad. Waits some cycles for the first state.
+    fn position_of(&self, joint: usize) -> Option<f32> {
+        for _ in 0..POSITION_TRIES {
+            if let Some(state) = &self.poll().ok()?.newest {
+                return state.joint(joint)?.position();
+            }
+            std::thread::sleep(self.robot().period().max(ANSWER_POLL));
+        }
+        None
     }
 
     /// The turn to ask. `None` when another thread's request is under way until `deadline`.

@@ -157,6 +157,7 @@ impl State {
             latched: group.cause != 0,
             cause: Cause::try_from(group.cause).ok(),
             cause_joint: (joint < self.message.joints().len() && group.cause != 0).then_some(joint),
+            cause_pid: (group.cause_pid != 0 && group.cause != 0).then_some(group.cause_pid),
             sequence: group.sequence,
             setpoint_age: (group.sequence != 0).then(|| Duration::from_nanos(group.setpoint_age_ns)),
             accepted: group.accepted,
@@ -360,6 +361,8 @@ pub struct Group {
     pub cause: Option<Cause>,
     /// The joint that gave the cause, by index in the description.
     pub cause_joint: Option<usize>,
+    /// Id of the process that asked for the stop, where one did.
+    pub cause_pid: Option<u32>,
     /// Sequence number of the setpoint in use; 0 for none.
     pub sequence: u64,
     /// Age of the setpoint in use when the cycle began.

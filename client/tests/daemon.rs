@@ -520,7 +520,7 @@ fn a_stop_while_a_group_should_start_is_told_at_once_with_its_cause_and_joint() 
     claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
     claim.enable().unwrap();
     daemon.cause.store(Cause::MotorLost.code(), Ordering::Relaxed);
-    let stop = Stop::Cause { cause: Cause::MotorLost, joint: Some("knee".into()) };
+    let stop = Stop::Cause { cause: Cause::MotorLost, joint: Some("knee".into()), pid: None };
     let stopped = Error::Stopped { group: "leg".into(), stop: stop.clone() };
     client.wait(PATIENCE).unwrap();
     assert_eq!(claim.wait_for(Phase::Active, 4 * PATIENCE), Err(stopped.clone()));

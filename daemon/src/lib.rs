@@ -6,12 +6,14 @@
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
 //! - [`deadman`]: stops the motors when the daemon cannot.
+//! - [`emergency_stop`]: the stop that waits behind nothing.
 //! - [`host`]: this machine. [`threads`]: wires it all together.
 
 pub mod arming;
 pub mod buses;
 pub mod commands;
 pub mod deadman;
+pub mod emergency_stop;
 pub mod host;
 pub mod ipc;
 pub mod run_error;

@@ -6,6 +6,7 @@
 //! | `motord-ipc` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
+//! | `motord-stop` | hears emergency stops on their socket |
 //! | `motord-reconnector` | opens buses again that went away |
 //!
 //! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
@@ -16,14 +17,16 @@ use crate::buses::reconnector::Reconnector;
 use crate::deadman::heartbeat::{Heartbeat, Pulse};
 use crate::deadman::registrar::Registrar;
 use crate::deadman::safe_frames::SafeFrames;
+use crate::emergency_stop;
 use crate::host::clock::Monotonic;
 use crate::host::rt::{self, SchedulingRequest};
 use crate::ipc::description::describe;
 use crate::ipc::{self, IpcThread};
 use crate::run_error::RunError;
+use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
-use motord_core::cycle::{Cycle, Order, assemble};
+use motord_core::cycle::{Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
@@ -120,8 +123,10 @@ impl Daemon {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
         let (mut cycle, ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
+        let stops = Arc::clone(&ends.stops);
         let (ipc_end, telemetry_end, supply) = ipc::CycleEnd::split(ends);
         let (questions, answers) = telemetry::questions();
+        let askers = questions.askers.clone();
 
         let ipc = start_ipc(&settings, lock, &orders, ipc_end, questions, boot_id)?;
         let wakes = ipc.thread().clone();
@@ -140,6 +145,7 @@ impl Daemon {
         cycle.on_begin(move |cycle| heartbeat.beat(cycle));
         let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
         start_registrar(&settings, lock.instance(), &orders, pulse)?;
+        start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         Ok(Self { orders, cycle, ipc, telemetry })
     }
 
@@ -320,8 +326,7 @@ fn start_registrar(
     let mut registrar = Registrar::new(instance.clone(), frames, pulse);
     let given = Arc::clone(orders);
     // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
-    let request =
-        SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) };
+    let request = below_the_cycle(settings);
     let run = move || {
         let _refused_like_the_cycle = rt::prepare_thread(request);
         if catch_unwind(AssertUnwindSafe(|| registrar.run(|| given.are(Orders::END)))).is_err() {
@@ -334,6 +339,29 @@ fn start_registrar(
     };
     let _detached = start("registrar", orders, run)?;
     Ok(())
+}
+
+/// Nobody waits for this thread: it ends with the process.
+fn start_stop(
+    settings: &Settings,
+    instance: &Instance,
+    orders: &Arc<Orders>,
+    stops: Arc<EmergencyStops>,
+    askers: Askers,
+) -> Result<(), RunError> {
+    let (instance, given) = (instance.clone(), Arc::clone(orders));
+    // It sleeps, but for a stop, which no other load of the computer may delay.
+    let request = below_the_cycle(settings);
+    let _detached = start("stop", orders, move || {
+        let _refused_like_the_cycle = rt::prepare_thread(request);
+        emergency_stop::run(&instance, stops, askers, || given.are(Orders::END));
+    })?;
+    Ok(())
+}
+
+/// For a thread that sleeps most of the time, and must not wait when it is needed.
+fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
+    SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) }
 }
 
 /// The starting thread waits for the report: nobody else can miss it.

@@ -3,7 +3,7 @@
 mod robot;
 
 use motord_bus::Duration;
-use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
+use motord_shared::{AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
 use robot::{Meaning, Robot};
 
 #[test]
@@ -301,7 +301,26 @@ fn a_joint_outside_its_limits_is_not_enabled_to_be_pulled_back() {
     robot.claim().unwrap();
     let joints = robot.hold(40.0, 1.0);
     robot.follow(&joints);
-    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::SetpointTooFar);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::OutsideLimits);
+}
+
+#[test]
+fn a_disable_by_somebody_else_stays_latched_and_one_by_the_owner_does_not() {
+    let disable = |pid| AdminRequest { operation: Operation::Disable.code(), pid, ..Default::default() };
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    robot.ask(disable(0)).unwrap();
+    assert_eq!(robot.cause(), None, "the owner claimed as the same process");
+    robot.follow_until(&joints, 3000, |robot| robot.phase() == Phase::Disarmed);
+    robot.operate(Operation::Enable).unwrap();
+
+    robot.ask(disable(123)).unwrap();
+    assert_eq!((robot.cause(), robot.group().cause_pid), (Some(Cause::Disabled), 123));
+    robot.follow_until(&joints, 3000, |robot| robot.phase() == Phase::Disarmed);
+    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::Latched);
+    robot.operate(Operation::Reset).unwrap();
+    robot.follow(&joints);
+    robot.operate(Operation::Enable).unwrap();
 }
 
 #[test]

@@ -1,7 +1,16 @@
 //! The exit status of an error of the client.
 
 use motord_client::Error;
+use motord_terminal::exit_status::NOT_STOPPED;
 pub(crate) use motord_terminal::exit_status::{INTERRUPTED, IO, UNAVAILABLE, USAGE};
+
+/// The exit status of an emergency stop that nobody confirmed. Where a daemon may run it has one of its own.
+pub(crate) fn of_stop(error: &Error) -> u8 {
+    match error {
+        Error::NotRunning { .. } | Error::Permission { .. } | Error::Instance(_) => error.exit_status(),
+        _ => NOT_STOPPED,
+    }
+}
 
 /// The exit status of an error of the client. A refusal comes from a daemon that is there: not 69.
 pub(crate) fn of_client(error: &Error) -> u8 {

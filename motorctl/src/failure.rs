@@ -13,6 +13,9 @@ pub(crate) enum Failure {
     /// The daemon cannot be reached, or refused.
     #[error(transparent)]
     Client(#[from] Error),
+    /// Nobody confirmed an emergency stop.
+    #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {0}")]
+    NotStopped(Error),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
@@ -38,6 +41,7 @@ impl Failure {
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Client(error) => exit_status::of_client(error),
+            Self::NotStopped(error) => exit_status::of_stop(error),
             Self::Output(_) => exit_status::IO,
             Self::Demo(error) => error.status(),
             Self::Frame(failure) => failure.status(),
@@ -50,6 +54,11 @@ impl Failure {
     /// Nothing is left to say: standard output has the reason, or the sender of a signal knows it.
     pub(crate) fn is_printed(&self) -> bool {
         matches!(self, Self::Interrupted | Self::Demo(DemoError::Printed(_)))
+    }
+
+    /// There is no daemon of this name: others may run.
+    pub(crate) fn is_not_running(&self) -> bool {
+        matches!(self, Self::Client(Error::NotRunning { .. }) | Self::NotStopped(Error::NotRunning { .. }))
     }
 
     /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.

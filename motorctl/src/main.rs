@@ -2,7 +2,8 @@
 //! that no daemon uses.
 //!
 //! Exit statuses follow sysexits(3): 64 for a wrong call, 65 for a file with mistakes, 69 when no daemon or motor answers, 75
-//! when the bus is in use, 77 when it may not be reached, 78 for a configuration with mistakes, 1 when it refused or the demo
+//! when the bus is in use, 77 when it may not be reached, 78 for a configuration with mistakes, 79 when an emergency stop
+//! was not confirmed, 1 when it refused or the demo
 //! fell short.
 
 #![forbid(unsafe_code)]
@@ -11,6 +12,7 @@ mod advice;
 mod demo;
 mod exit_status;
 mod failure;
+mod instances;
 mod latency;
 mod monitor;
 mod operate;
@@ -77,6 +79,15 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Show the daemons of this computer, whatever their instance and runtime directory.
+    #[command(
+        after_help = "Examples:\n  motorctl instances\n  motorctl instances --json | jq -r '.[].instance'"
+    )]
+    Instances {
+        /// Print one JSON array.
+        #[arg(long)]
+        json: bool,
+    },
     /// Show the robot on the whole terminal, with keys to stop, disable and reset it.
     ///
     /// SPACE is the emergency stop, without a question; `?` explains the other keys. It also works over ssh, and outlives
@@ -121,8 +132,12 @@ enum Command {
     Reset(Group),
     /// Damp and stop every motor of every group now. The stop stays latched until a reset.
     ///
+    /// It sends first, and looks afterwards. It needs neither files nor a place among the clients: the daemon has a socket
+    /// for it, and does nothing else there. When nobody confirms the stop within a second or so, it says so, and its exit
+    /// status is 79: cut the power.
+    ///
     /// This is a software stop. It does not replace a switch that cuts the power.
-    #[command(after_help = "Example:\n  motorctl estop")]
+    #[command(after_help = "Example:\n  motorctl estop || echo 'cut the power'")]
     Estop,
     /// Remove the owner of a group. The motors of an active group stop.
     #[command(after_help = "Example:\n  motorctl release legs --force")]
@@ -228,6 +243,9 @@ fn main() -> ExitCode {
         Err(failure) if failure.is_printed() => ExitCode::from(failure.status()),
         Err(failure) => {
             eprintln!("motorctl: {failure}");
+            if let Some(others) = failure.is_not_running().then(instances::instead).flatten() {
+                eprintln!("motorctl: {others}");
+            }
             ExitCode::from(failure.status())
         }
     }
@@ -237,6 +255,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
     match command {
         Command::Demo { seconds, config, json } => Ok(demo::run(seconds, config.as_deref(), json)?),
         Command::Status { json } => status::run(instance, json),
+        Command::Instances { json } => instances::run(json),
         Command::Monitor { hz } => monitor::run(instance, hz),
         Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),
         Command::Watch { hz, json } => watch::run(instance, hz, json),

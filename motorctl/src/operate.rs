@@ -1,7 +1,9 @@
 //! The commands of an operator: one request each, and a sentence about its effect.
 
+use crate::advice::motorctl;
 use crate::failure::Failure;
-use motord_client::{Client, Error};
+use crate::status::{self, PATIENCE};
+use motord_client::{Client, Error, Joint, JointDescription, MotorMode};
 use motord_wire::Confirm;
 use std::io::{self, Write};
 
@@ -22,8 +24,29 @@ pub(crate) fn reset(instance: &str, group: Option<&str>) -> Result<(), Failure> 
 
 /// `motorctl estop`: damps and stops every motor.
 pub(crate) fn estop(instance: &str) -> Result<(), Failure> {
-    Client::connect_to_stop(instance)?.emergency_stop()?;
-    say("every motor is being damped, then stopped; `motorctl reset` clears the emergency stop")
+    motord_client::emergency_stop(instance).map_err(Failure::NotStopped)?;
+    let reset = format!("{} reset", motorctl(instance));
+    say(&format!(
+        "confirmed: every motor is being damped, then stopped; `{reset}` clears the emergency stop"
+    ))?;
+    // Only now it looks: nothing that it may wait for kept the stop from the motors.
+    unheard(instance).map_or(Ok(()), |warning| Ok(writeln!(io::stderr(), "motorctl: {warning}")?))
+}
+
+/// The motors of which nobody knows whether they heard a stop.
+fn unheard(instance: &str) -> Option<String> {
+    let seen =
+        status::connect(instance).and_then(|client| Ok((client.description(), client.wait(PATIENCE)?)));
+    let (robot, state) = match seen {
+        Ok(seen) => seen,
+        Err(error) => return Some(format!("the motors were not looked at: {error}")),
+    };
+    let offline = |(joint, state): (&JointDescription, Joint)| {
+        (state.mode == Some(MotorMode::Offline)).then(|| joint.name.clone())
+    };
+    let silent: Vec<String> = robot.joints.iter().zip(state.joints()).filter_map(offline).collect();
+    let text = format!("not heard, and so perhaps not stopped: {}", silent.join(", "));
+    (!silent.is_empty()).then_some(text)
 }
 
 /// `motorctl release --force`: removes the owner of a group.
@@ -52,9 +75,32 @@ pub(crate) fn include(instance: &str, joint: &str) -> Result<(), Failure> {
 
 /// `motorctl zero`: stores the present position of a stopped joint as its zero.
 pub(crate) fn zero(instance: &str, joint: &str, confirm: Confirm) -> Result<(), Failure> {
-    confirm.ask(&format!("This permanently stores the present position of {joint} as its zero."))?;
-    Client::connect(instance)?.set_zero(joint)?;
+    let client = status::connect(instance)?;
+    let index = client.joint_named(joint)?;
+    let robot = client.description();
+    let position = client.wait(PATIENCE)?.joint(index).and_then(|joint| joint.position());
+    confirm.ask(&effect_of_zero(&robot.joints[index], position))?;
+    client.set_zero(joint)?;
     say(&format!("{joint}: the present position is now zero"))
+}
+
+/// The angle that a joint at `position`, rad, will have once its motor is at zero, against its limits.
+fn effect_of_zero(joint: &JointDescription, position: Option<f32>) -> String {
+    let JointDescription { name, zero, limits, .. } = joint;
+    let before = position.map_or_else(String::new, |position| format!(" ({position:.2} rad)"));
+    let [lower, upper] = limits.position;
+    let verdict = match limits.allow(*zero) {
+        true => format!("within its limits, {lower:.2} to {upper:.2}"),
+        false => {
+            format!(
+                "OUTSIDE its limits, {lower:.2} to {upper:.2}: its group cannot be enabled where it stands"
+            )
+        }
+    };
+    format!(
+        "This permanently stores the present position of {name}{before} as its motor's zero. It will be at {zero:.2} rad, \
+         {verdict}."
+    )
 }
 
 /// Without a name the request goes to every group. A refusal does not keep it from the others: a robot that is to be
@@ -82,4 +128,23 @@ fn for_groups(
 
 fn say(sentence: &str) -> Result<(), Failure> {
     Ok(writeln!(io::stdout(), "{sentence}")?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_client::JointLimits;
+
+    #[test]
+    fn a_new_zero_is_told_against_the_limits() {
+        let limits = JointLimits { position: [-2.7, -0.5], ..JointLimits::default() };
+        let knee =
+            |zero| JointDescription { name: "knee".into(), zero, limits, ..JointDescription::default() };
+        let outside = effect_of_zero(&knee(0.0), Some(-1.2));
+        assert!(
+            outside.contains("(-1.20 rad)")
+                && outside.contains("at 0.00 rad, OUTSIDE its limits, -2.70 to -0.50")
+        );
+        assert!(effect_of_zero(&knee(-1.5), None).contains("at -1.50 rad, within its limits"));
+    }
 }

@@ -1,13 +1,14 @@
 //! The state of the robot as `status` and `watch` print it, for scripts and for operators.
 
-use crate::advice::Advice;
+use crate::advice::{Advice, motorctl};
 use motord_client::{
     Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
-    RobotDescription, State,
+    RobotDescription, State, Telemetry,
 };
 use motord_terminal::{Cell, Colour, Palette, Table};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::io::{self, Write};
 
 /// A word that this version does not know: the daemon is newer.
@@ -57,10 +58,39 @@ pub(crate) struct Stop {
     pub(crate) sentence: &'static str,
     /// The joint that gave the cause.
     pub(crate) joint: Option<String>,
+    /// The process that asked for the stop.
+    pub(crate) asked_by: Option<AskedBy>,
     pub(crate) advice: String,
     /// The commands of the advice.
     #[serde(skip)]
     pub(crate) steps: Advice,
+}
+
+/// A process that asked for a stop.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct AskedBy {
+    pub(crate) pid: u32,
+    /// `null` when the daemon does not know it.
+    pub(crate) program: Option<String>,
+}
+
+impl fmt::Display for AskedBy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "by pid {}", self.pid)?;
+        // Any process may choose its name.
+        let of_a_name = |letter: char| if letter.is_control() { '?' } else { letter };
+        let program = self.program.iter().map(|program| program.chars().map(of_a_name).collect::<String>());
+        program.into_iter().try_for_each(|program| write!(f, ", {program}"))
+    }
+}
+
+impl Stop {
+    /// The joint that gave the cause, or the process that asked for the stop, in brackets after a space; else nothing.
+    pub(crate) fn origin(&self) -> String {
+        let joint = self.joint.clone();
+        let origin = joint.or_else(|| self.asked_by.as_ref().map(AskedBy::to_string));
+        origin.map_or_else(String::new, |origin| format!(" ({origin})"))
+    }
 }
 
 /// A joint.
@@ -84,6 +114,10 @@ pub(crate) struct JointReport {
     pub(crate) limits: Vec<&'static str>,
     /// The motor has reported position, velocity and torque since it came online.
     pub(crate) valid: bool,
+    /// It stands where no setpoint of it may be: its group cannot be enabled.
+    pub(crate) outside_limits: bool,
+    /// The obstacle to its motion, and what helps; `null` when there is none.
+    pub(crate) advice: Option<String>,
     /// Cycles since the last reply.
     pub(crate) age_cycles: u32,
     /// Cycles without a reply.
@@ -141,6 +175,17 @@ impl Report {
         }
     }
 
+    /// Names the programs that asked for stops.
+    pub(crate) fn name_programs(&mut self, telemetry: &Telemetry) {
+        for (group, history) in self.groups.iter_mut().zip(&telemetry.groups) {
+            let (Some(stop), Some(process)) = (&mut group.stop, &history.stopped_by) else { continue };
+            let asker = stop.asked_by.as_mut().filter(|asker| asker.pid == process.pid);
+            if let Some(asker) = asker {
+                asker.program = Some(process.program.clone()).filter(|program| !program.is_empty());
+            }
+        }
+    }
+
     /// Writes it as tables for an operator.
     ///
     /// # Errors
@@ -170,6 +215,9 @@ impl Report {
         write_groups(&self.groups, out, palette)?;
         writeln!(out)?;
         joint_table(&self.joints).write(out, palette)?;
+        for advice in self.joints.iter().filter_map(|joint| joint.advice.as_ref()) {
+            writeln!(out, "{}", palette.paint(&Cell::new(advice, Colour::Red)))?;
+        }
         writeln!(out)?;
         bus_table(&self.buses).write(out, palette)
     }
@@ -180,8 +228,32 @@ fn joints(robot: &RobotDescription, state: &State) -> Vec<JointReport> {
     for (index, joint) in joints.iter_mut().enumerate() {
         let known = state.indicators(index).map(|indicators| indicators.iter().map(indicator).collect());
         joint.indicators = known.unwrap_or_default();
+        joint.advice = obstacle(joint, &robot.joints[index], robot);
     }
     joints
+}
+
+/// The obstacle to the motion of `joint`, and what helps.
+fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDescription) -> Option<String> {
+    let (name, motorctl) = (&joint.name, motorctl(&robot.instance));
+    if joint.mode == MotorMode::Offline.name() {
+        let bus = robot.buses.iter().position(|bus| *bus == joint.bus);
+        let device = bus.and_then(|bus| robot.devices.get(bus)).filter(|device| !device.is_empty());
+        let scan = device.map_or_else(String::new, |device| {
+            format!(" To look for it, stop the daemon, and run `motorctl scan --bus {device}`.")
+        });
+        let protocol = &description.protocol;
+        return Some(format!(
+            "{name} does not answer: check its power and wiring, its id and host id, the bit rate of {}, and that it speaks \
+             the configured protocol, {protocol}.{scan}",
+            joint.bus
+        ));
+    }
+    let position = joint.position_rad.filter(|_| joint.outside_limits)?;
+    Some(format!(
+        "{}: move it by hand, or correct its zero (`{motorctl} zero {name}`) or its limits.",
+        description.outside(position)
+    ))
 }
 
 fn indicator((indicator, value): (Indicator, f32)) -> (&'static str, IndicatorReport) {
@@ -211,6 +283,7 @@ impl Stop {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
             sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
             joint: joint.cloned(),
+            asked_by: group.cause_pid.map(|pid| AskedBy { pid, program: None }),
             advice: steps.to_string(),
             steps,
         }
@@ -232,6 +305,8 @@ impl From<(&JointDescription, Joint)> for JointReport {
             faults: joint.faults.names().collect(),
             limits: joint.limits.iter().map(motord_client::Limit::name).collect(),
             valid: joint.valid,
+            outside_limits: joint.position().is_some_and(|position| !description.limits.allow(position)),
+            advice: None,
             age_cycles: joint.age_cycles,
             missed: joint.missed,
             late: joint.late,
@@ -278,8 +353,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
     }
     table.write(out, palette)?;
     for (group, stop) in groups.iter().filter_map(|group| Some((group, group.stop.as_ref()?))) {
-        let at = stop.joint.as_ref().map_or_else(String::new, |joint| format!(" ({joint})"));
-        let sentence = format!("{} is stopped: {}{at}", group.name, stop.sentence);
+        let sentence = format!("{} is stopped: {}{}", group.name, stop.sentence, stop.origin());
         writeln!(out, "{}\n  {}", palette.paint(&Cell::new(sentence, Colour::Red)), stop.advice)?;
     }
     Ok(())
@@ -305,7 +379,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
         table.row(vec![
             Cell::plain(&joint.name),
             Cell::new(joint.mode, mode_colour(joint.mode)),
-            known(joint.position_rad, 3),
+            position(joint),
             known(joint.velocity_rad_s, 2),
             known(joint.torque_nm, 2),
             known(joint.temperature_celsius, 0),
@@ -318,6 +392,14 @@ fn joint_table(joints: &[JointReport]) -> Table {
         ]);
     }
     table
+}
+
+/// The position, marked where it is outside its limits.
+fn position(joint: &JointReport) -> Cell {
+    match joint.position_rad.filter(|_| joint.outside_limits) {
+        Some(position) => Cell::new(format!("{position:.3}!"), Colour::Red),
+        None => Cell::number(joint.position_rad.map(f64::from), 3),
+    }
 }
 
 fn mode_colour(mode: &str) -> Colour {

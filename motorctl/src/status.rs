@@ -29,7 +29,11 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
 pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
     let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
-    let report = Report::new(&client.description(), &state);
+    let mut report = Report::new(&client.description(), &state);
+    if report.groups.iter().any(|group| group.stop.as_ref().is_some_and(|stop| stop.asked_by.is_some())) {
+        // Who it was is worth a request, and no failure.
+        let _unknown = client.telemetry().map(|telemetry| report.name_programs(&telemetry));
+    }
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &report)?;

@@ -104,6 +104,7 @@ codes! {
         Suspended = 21 "suspended" "The computer was suspended.",
         RangeEnd = 22 "range-end" "A motor reached the end of the position range that it can report.",
         MotorOff = 23 "motor-off" "A motor said that it is off while it should follow setpoints.",
+        Disabled = 24 "disabled" "Somebody other than its owner disabled the group.",
     }
 }
 
@@ -135,6 +136,7 @@ impl Cause {
             Self::Shutdown => "Start the daemon again",
             Self::StartFailed => "Check the motor's power, and that it uses the configured protocol",
             Self::Suspended => "Disable suspension of the computer",
+            Self::Disabled => "Ask whoever disabled the group whether it may move again",
             Self::MotorOff => "Check the motor's supply: it may have started anew",
             Self::RangeEnd => "Turn the joint by hand to the middle of its range",
         }
@@ -219,6 +221,7 @@ codes! {
         Moving = 24 "moving" "The joint moves, or its velocity is not known.",
         Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log says in what; `motorctl setup` compares all of them.",
         Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
+        OutsideLimits = 27 "outside-limits" "A joint stands outside its position limits, and would be pulled back into them: move it by hand, or correct its zero or its limits.",
     }
 }
 
@@ -271,6 +274,7 @@ impl Refusal {
             | Self::MotorFault
             | Self::StateStale
             | Self::SetpointTooFar
+            | Self::OutsideLimits
             | Self::NotDisarmed
             | Self::BusDown
             | Self::Busy
@@ -315,6 +319,7 @@ impl Refusal {
             | Self::EmergencyStopActive
             | Self::MotorFault
             | Self::SetpointTooFar
+            | Self::OutsideLimits
             | Self::NoLease
             | Self::Malformed
             | Self::DuplicateId

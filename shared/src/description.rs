@@ -27,6 +27,8 @@ pub struct RobotDescription {
     pub groups: Vec<GroupDescription>,
     /// Names of the buses.
     pub buses: Vec<String>,
+    /// CAN interface or serial device of each bus, in the order of `buses`; empty for a simulated bus.
+    pub devices: Vec<String>,
     /// Half the longest wire time of a command and its reply, stuffing bits included, s, in the order of `buses`: a frame
     /// takes at most so long on average. 0 for a bus without motors.
     pub frame_times: Vec<f64>,
@@ -52,9 +54,22 @@ pub struct JointDescription {
     pub protocol: String,
     /// The model of its motor.
     pub model: String,
+    /// Its position, rad, where its motor is at zero: `offset-rad` of the configuration.
+    pub zero: f32,
     /// The bounds of its setpoints. In JSON they stand beside the names.
     #[serde(flatten)]
     pub limits: JointLimits,
+}
+
+impl JointDescription {
+    /// That the joint stands at `position`, rad, where no setpoint of it may be.
+    #[must_use]
+    pub fn outside(&self, position: f32) -> String {
+        let [lower, upper] = self.limits.position;
+        // No zero with a sign.
+        let position = (position * 100.0).round() / 100.0 + 0.0;
+        format!("{} is at {position:.2} rad, outside {lower:.2} to {upper:.2}", self.name)
+    }
 }
 
 /// The bounds of a joint's setpoints, joint side.
@@ -74,6 +89,13 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
+    /// Whether setpoints may ask for `position`, rad.
+    #[must_use]
+    pub fn allow(&self, position: f32) -> bool {
+        let [lower, upper] = self.position;
+        (lower..=upper).contains(&position)
+    }
+
     /// The position, rad, that is nearest to `position` within the limits.
     #[must_use]
     pub fn clamp_position(&self, position: f32) -> f32 {
@@ -131,6 +153,8 @@ pub struct GroupHistory {
     pub phase_cycle: u64,
     /// Number of the cycle in which the latched cause stopped the group.
     pub stop_cycle: Option<u64>,
+    /// The process that asked for the stop, where one did.
+    pub stopped_by: Option<Process>,
 }
 
 /// A process, as it named itself.

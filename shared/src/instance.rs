@@ -121,8 +121,7 @@ impl Instance {
     /// # Errors
     /// When the name is none, the path is too long, or the directory exists and may not be entered.
     pub fn below(runtime: &Path, name: &str) -> Result<Self, InstanceError> {
-        let of_a_name = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
-        if name.is_empty() || name.len() > NAME_BYTES_MAX || !name.bytes().all(of_a_name) {
+        if !is_name(name) {
             return Err(InstanceError::Name { name: name.to_owned() });
         }
         let instance = Self { name: name.to_owned(), runtime: runtime.to_owned() };
@@ -201,6 +200,12 @@ impl Instance {
             Err((_, errno)) => Err(InstanceError::System { path: root, errno }),
         }
     }
+}
+
+/// Whether `name` has the form of an instance's name.
+pub(crate) fn is_name(name: &str) -> bool {
+    let of_a_name = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
+    (1..=NAME_BYTES_MAX).contains(&name.len()) && name.bytes().all(of_a_name)
 }
 
 /// Held by the one daemon of an instance.

@@ -9,6 +9,7 @@
 //! - [`instance`]: where daemon and clients meet, and who may.
 //! - [`service`]: the iceoryx2 services, with every limit of theirs.
 //! - [`ports`]: the two ends of the services.
+//! - [`stop_socket`]: the way for emergency stops that needs no file.
 //! - [`clock`]: the clock of every time stamp.
 //!
 //! Without the feature `ports` there are only messages, codes, limits and descriptions: no file, no clock, no iceoryx2.
@@ -33,6 +34,8 @@ pub mod ports;
 mod reserved_space;
 #[cfg(feature = "ports")]
 pub mod service;
+#[cfg(feature = "ports")]
+pub mod stop_socket;
 
 pub use codes::{
     BusCondition, Cause, Fault, Indicator, Limit, MotorMode, Operation, Phase, Refusal, Rejection,

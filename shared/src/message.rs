@@ -89,7 +89,7 @@ pub struct JointState {
 
 /// One group in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v1"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v2"))]
 #[repr(C)]
 pub struct GroupState {
     /// The owner's [`Lease`](crate::Lease); 0 for none.
@@ -104,6 +104,10 @@ pub struct GroupState {
     pub cause: u32,
     /// Index of the joint that gave the cause; `u32::MAX` when it was none in particular.
     pub cause_joint: u32,
+    /// Id of the process that asked for the stop; 0 when none did, or none is known.
+    pub cause_pid: u32,
+    /// Keeps the layout free of implicit padding.
+    pub reserved: u32,
     /// Setpoint messages accepted, modulo 2³².
     pub accepted: u32,
     /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
@@ -155,7 +159,7 @@ pub struct BusState {
 
 /// Everything that is known after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v3"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v4"))]
 #[repr(C)]
 pub struct StateMessage {
     /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
@@ -377,7 +381,7 @@ const _: () = {
     use core::mem::{offset_of, size_of};
     assert!(size_of::<Applied>() == 20);
     assert!(size_of::<JointState>() == 80 && offset_of!(JointState, implausible) == 68);
-    assert!(size_of::<GroupState>() == 40 + 4 * Rejection::COUNT);
+    assert!(size_of::<GroupState>() == 48 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
     assert!(size_of::<JointIndicators>() == 4 + 4 * INDICATORS_MAX);
     assert!(offset_of!(StateMessage, joints) == 72);

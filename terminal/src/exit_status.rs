@@ -14,5 +14,7 @@ pub const BUSY: u8 = 75;
 pub const PERMISSION: u8 = 77;
 /// A configuration with mistakes.
 pub const CONFIG: u8 = 78;
+/// An emergency stop was not confirmed. No status of sysexits(3): nothing else may be taken for it.
+pub const NOT_STOPPED: u8 = 79;
 /// Ended by Ctrl-C, as a shell reports it: 128 + SIGINT.
 pub const INTERRUPTED: u8 = 130;

@@ -28,7 +28,8 @@ const DAEMON: Rows = &[
     ("ipc", &["telemetry"]),
     ("run_error", &["buses"]),
     ("telemetry", &["host"]),
-    ("threads", &["buses", "deadman", "host", "ipc", "run_error", "telemetry"]),
+    ("emergency_stop", &["host", "telemetry"]),
+    ("threads", &["buses", "deadman", "emergency_stop", "host", "ipc", "run_error", "telemetry"]),
 ];
 
 /// Where code may name a vendor or its protocols.

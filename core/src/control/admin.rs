@@ -48,7 +48,7 @@ impl Control {
             Operation::Disable => self.disable(request),
             Operation::Reset => self.reset(request),
             Operation::EmergencyStop => {
-                self.stop_all(Cause::EmergencyStop, None);
+                self.emergency_stop(request.pid);
                 Ok(0)
             }
             Operation::Exclude => self.exclude(request, true),
@@ -83,12 +83,15 @@ impl Control {
 
     fn force_release(&mut self, request: &AdminRequest) -> Result<u64, Refused> {
         let index = self.one_group(request)?;
-        let group = &mut self.groups[index];
+        let Self { groups, context, .. } = self;
+        let group = &mut groups[index];
         if group.owner().is_none() {
             return Err((Refusal::NoOwner, 0));
         }
-        group.stop(Cause::OwnerLost, None, &mut self.context);
-        group.disown(&mut self.context);
+        if group.phase() != Phase::Disarmed {
+            group.stop_for(Cause::OwnerLost, request.pid, context);
+        }
+        group.disown(context);
         Ok(0)
     }
 
@@ -125,6 +128,7 @@ impl Control {
             return Err((Refusal::NoSetpoint, 0));
         }
         match group.first_jump(&self.context) {
+            Some(motor) if motor.is_outside_limits() => Err((Refusal::OutsideLimits, motor.joint as u32)),
             Some(motor) => Err((Refusal::SetpointTooFar, motor.joint as u32)),
             None => Ok(()),
         }
@@ -157,7 +161,13 @@ impl Control {
         if request.lease != 0 && !groups.iter().all(|group| group.is_owned_by(request.lease)) {
             return Err((Refusal::NotOwner, 0));
         }
-        groups.iter_mut().for_each(|group| group.begin_damping(true, context));
+        for group in groups {
+            if group.is_asked_by_owner(request) {
+                group.begin_damping(true, context);
+            } else {
+                group.stop_for(Cause::Disabled, request.pid, context);
+            }
+        }
         Ok(0)
     }
 

@@ -39,6 +39,8 @@ pub enum Event {
         cause: Cause,
         /// The motor that gave the cause.
         motor: Option<usize>,
+        /// Id of the process that asked for it.
+        pid: Option<u32>,
     },
     /// The latched cause of a group was reset.
     Reset {

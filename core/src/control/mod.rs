@@ -276,6 +276,13 @@ impl Control {
         moving.for_each(|group| group.disarm(context));
     }
 
+    /// Damps and stops every group, and latches the stop, because process `pid` asked for it. Does not allocate; bounded by
+    /// groups and motors.
+    pub fn emergency_stop(&mut self, pid: u32) {
+        let Self { groups, context, .. } = self;
+        groups.iter_mut().for_each(|group| group.stop_for(Cause::EmergencyStop, pid, context));
+    }
+
     fn stop_all(&mut self, cause: Cause, joint: Option<usize>) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.stop(cause, joint, context));

@@ -4,11 +4,13 @@
 //! |---|---|---|---|
 //! | setpoints, by group | ipc | cycle | the newest replaces the one before |
 //! | states | cycle | ipc | the newest replaces the one before |
+//! | emergency stops | the thread of their socket | cycle | the newest replaces the one before |
 //! | requests | ipc | cycle | refused: busy |
 //! | answers | cycle | ipc | as many as requests under way, so never |
 //! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
+use super::emergency::{AskedStops, EmergencyStops};
 use super::replacement::{Indexed, Replacements, Supply, replacements};
 use crate::control::Event;
 use crate::control::Wake;
@@ -86,6 +88,7 @@ pub struct Link {
     published: Option<Box<dyn Fn() + Send>>,
     begun: Option<Box<dyn Fn(u64) + Send>>,
     replacements: Replacements,
+    stops: AskedStops,
 }
 
 /// The other threads' end.
@@ -106,6 +109,8 @@ pub struct Ends {
     pub counters: Arc<Counters>,
     /// Takes buses that were opened again; without them, a bus that is gone stays gone.
     pub supply: Supply,
+    /// The way for emergency stops that waits behind nothing.
+    pub stops: Arc<EmergencyStops>,
 }
 
 /// Counters that both sides may read at any time.
@@ -138,6 +143,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
     let (event_producer, event_consumer) = RingBuffer::new(EVENTS);
     let (replacements, supply) = replacements();
     let counters = Arc::new(Counters::default());
+    let stops = Arc::new(EmergencyStops::default());
     let link = Link {
         setpoints: setpoint_outputs,
         states: state_input,
@@ -149,6 +155,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         published: None,
         begun: None,
         replacements,
+        stops: AskedStops::new(Arc::clone(&stops)),
     };
     let ends = Ends {
         setpoints: setpoint_inputs,
@@ -159,6 +166,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         events: event_consumer,
         counters,
         supply,
+        stops,
     };
     (link, ends)
 }
@@ -191,6 +199,11 @@ impl Link {
         self.requests.pop().ok()
     }
 
+    /// The asker of an emergency stop.
+    pub(super) fn next_stop(&mut self) -> Option<u32> {
+        self.stops.take()
+    }
+
     pub(super) fn answer(&mut self, ticket: u32, reply: AdminReply) {
         // The ipc thread counts each request until it takes its answer, and lets at most so many through.
         let _never_full = self.answers.push((ticket, reply));
@@ -212,6 +225,7 @@ impl Link {
     /// Hands over what was written, and wakes the ipc thread.
     pub(super) fn publish(&mut self, record: Record) {
         self.states.publish();
+        self.stops.confirm();
         let dropped = self.records.push(record).is_err();
         self.lose(u32::from(dropped));
         if let Some(published) = &self.published {

@@ -7,6 +7,7 @@
 
 mod assemble;
 mod channel;
+mod emergency;
 mod link;
 mod local;
 mod replacement;
@@ -14,6 +15,7 @@ mod report;
 mod run;
 
 pub use assemble::assemble;
+pub use emergency::{EmergencyStops, StopRequest};
 pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
 pub use local::LocalClient;
 pub use replacement::Supply;
@@ -236,6 +238,10 @@ impl<C: Clock> Cycle<C> {
             if let Some(reply) = control.request(ticket, &request, now) {
                 link.answer(ticket, reply);
             }
+        }
+        // The last word of a cycle: no reset that came with it takes it back.
+        if let Some(pid) = link.next_stop() {
+            control.emergency_stop(pid);
         }
         link.newest_setpoints(|message| control.offer(message, now));
     }

@@ -43,6 +43,26 @@ pub(crate) fn map_counter(file: BorrowedFd<'_>) -> Result<&'static AtomicU64, Er
     Ok(unsafe { address.cast::<AtomicU64>().as_ref() })
 }
 
+/// Most groups of a process, as the kernel bounds them (`NGROUPS_MAX`).
+pub(crate) const GROUPS_OF_A_PROCESS_MAX: usize = 65_536;
+
+/// The supplementary groups that the process at the other end of `socket` had when it connected, in `groups`.
+///
+/// # Errors
+///
+/// `ENODATA` when no process is known, `ERANGE` when there are more than `groups` holds.
+pub(crate) fn peer_groups<'a>(socket: BorrowedFd<'_>, groups: &'a mut [u32]) -> Result<&'a [u32], Errno> {
+    let mut bytes = libc::socklen_t::try_from(size_of_val(groups)).map_err(|_| Errno::EINVAL)?;
+    let value = groups.as_mut_ptr().cast();
+    // SAFETY: `value` points to `bytes` writable bytes, a `gid_t` is a `u32`, and the kernel writes no more than `bytes`, which
+    // it sets to the bytes written.
+    let status = unsafe {
+        libc::getsockopt(socket.as_raw_fd(), libc::SOL_SOCKET, libc::SO_PEERGROUPS, value, &raw mut bytes)
+    };
+    Errno::result(status)?;
+    Ok(&groups[..(bytes as usize / size_of::<u32>()).min(groups.len())])
+}
+
 /// Takes ownership of a descriptor that the kernel has just given to this process.
 pub(crate) fn adopt(descriptor: RawFd) -> OwnedFd {
     // SAFETY: callers pass a result of `accept4` or `recvmsg`, once; nothing else knows the number yet.

@@ -10,8 +10,15 @@ use std::sync::{Arc, LazyLock};
 use std::time::SystemTime;
 
 /// The names of the threads, as [`threads`](crate::threads) gives them.
-const THREADS: [&str; 6] =
-    ["main", "motord-cycle", "motord-ipc", "motord-telemetry", "motord-registrar", "motord-reconnector"];
+const THREADS: [&str; 7] = [
+    "main",
+    "motord-cycle",
+    "motord-ipc",
+    "motord-telemetry",
+    "motord-registrar",
+    "motord-reconnector",
+    "motord-stop",
+];
 
 /// One more than the index in [`THREADS`] of the thread that was asked; 0 when none was.
 static ASKED: LazyLock<Arc<AtomicUsize>> = LazyLock::new(Arc::default);

@@ -1,7 +1,7 @@
 //! The description of the robot that clients get, made of the configuration.
 
 use motord_core::plan::BusPlan;
-use motord_core::settings::Settings;
+use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_shared::description::{GroupDescription, JointDescription, JointLimits, RobotDescription};
 
 /// Names and limits, in the order of the configuration.
@@ -12,6 +12,7 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         bus: settings.buses[motor.bus].name.clone(),
         protocol: motor.protocol.name().to_owned(),
         model: motor.model.clone(),
+        zero: motor.transmission.offset(),
         limits: JointLimits {
             position: motor.limits.position,
             velocity: motor.limits.velocity,
@@ -34,7 +35,16 @@ pub fn describe(settings: &Settings, boot_id: u64) -> RobotDescription {
         joints: joints.collect(),
         groups: groups.collect(),
         buses: settings.buses.iter().map(|bus| bus.name.clone()).collect(),
+        devices: settings.buses.iter().map(device).collect(),
         frame_times: BusPlan::of(settings).iter().map(frame_time).collect(),
+    }
+}
+
+fn device(bus: &BusSettings) -> String {
+    match &bus.kind {
+        BusKind::SocketCan { interface, .. } => interface.clone(),
+        BusKind::Serial { device, .. } => device.clone(),
+        BusKind::Simulated { .. } => String::new(),
     }
 }
 

@@ -39,7 +39,7 @@ impl CycleEnd {
     /// Divides `ends` into the clients' part, the telemetry's part, and the part of the thread that opens buses again.
     #[must_use]
     pub fn split(ends: Ends) -> (Self, crate::telemetry::CycleEnd, Supply) {
-        let Ends { setpoints, states, requests, answers, records, events, counters, supply } = ends;
+        let Ends { setpoints, states, requests, answers, records, events, counters, supply, stops: _ } = ends;
         let telemetry = crate::telemetry::CycleEnd { records, events, counters: Arc::clone(&counters) };
         (Self { setpoints, states, requests, answers, counters }, telemetry, supply)
     }
@@ -175,6 +175,7 @@ impl IpcThread {
                 Err(request) => self.refuse(request, Refusal::Busy),
             },
             operation => {
+                self.questions.askers.note(payload.pid);
                 let spare = if operation == Ok(Operation::EmergencyStop) { 0 } else { STOPS };
                 match self.requested.keep(request, spare) {
                     Ok(ticket) => {

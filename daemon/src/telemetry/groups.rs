@@ -1,6 +1,6 @@
 //! The owners of the groups and their last changes, as the events of the cycle tell them.
 
-use crate::host::process;
+use super::askers::Askers;
 use motord_core::control::Event;
 use motord_shared::description::{GroupHistory, Process};
 
@@ -14,16 +14,21 @@ impl Groups {
     }
 
     /// Takes in an event of the cycle `cycle`.
-    pub(super) fn record(&mut self, cycle: u64, event: Event) {
+    pub(super) fn record(&mut self, cycle: u64, event: Event, askers: &Askers) {
+        let process = |pid| Process { pid, program: askers.program(pid) };
         match event {
             Event::Owner { group, pid: Some(pid) } => {
-                // It is asked for now: after the owner's end nobody can tell.
-                let program = process::program(pid).unwrap_or_default();
-                self.0[group].owner = Some(Process { pid, program });
+                self.0[group].owner = Some(process(pid));
             }
             Event::Group { group, .. } => self.0[group].phase_cycle = cycle,
-            Event::Stopped { group, .. } => self.0[group].stop_cycle = Some(cycle),
-            Event::Reset { group } => self.0[group].stop_cycle = None,
+            Event::Stopped { group, pid, .. } => {
+                let group = &mut self.0[group];
+                (group.stop_cycle, group.stopped_by) = (Some(cycle), pid.map(process));
+            }
+            Event::Reset { group } => {
+                let group = &mut self.0[group];
+                (group.stop_cycle, group.stopped_by) = (None, None);
+            }
             _ => {}
         }
     }
@@ -42,16 +47,22 @@ mod tests {
     #[test]
     fn the_last_owner_is_remembered_and_a_reset_forgets_the_stop() {
         let mut groups = Groups::new(2);
-        let pid = std::process::id();
-        groups.record(5, Event::Owner { group: 1, pid: Some(pid) });
-        groups.record(6, Event::Owner { group: 1, pid: None });
-        groups.record(7, Event::Stopped { group: 1, cause: Cause::OwnerLost, motor: None });
-        groups.record(7, Event::Group { group: 1, phase: Phase::Damping });
+        let (pid, askers) = (std::process::id(), Askers::default());
+        groups.record(5, Event::Owner { group: 1, pid: Some(pid) }, &askers);
+        groups.record(6, Event::Owner { group: 1, pid: None }, &askers);
+        groups.record(
+            7,
+            Event::Stopped { group: 1, cause: Cause::OwnerLost, motor: None, pid: Some(pid) },
+            &askers,
+        );
+        groups.record(7, Event::Group { group: 1, phase: Phase::Damping }, &askers);
         let history = &groups.history()[1];
         assert_eq!(history.owner.as_ref().map(|owner| owner.pid), Some(pid));
         assert_eq!((history.phase_cycle, history.stop_cycle), (7, Some(7)));
-        groups.record(9, Event::Reset { group: 1 });
-        assert_eq!(groups.history()[1].stop_cycle, None);
+        assert_eq!(history.stopped_by.as_ref().map(|process| process.pid), Some(pid));
+        groups.record(9, Event::Reset { group: 1 }, &askers);
+        let history = &groups.history()[1];
+        assert_eq!((history.stop_cycle, &history.stopped_by), (None, &None));
         assert_eq!(groups.history()[0], GroupHistory::default());
     }
 }

@@ -1,5 +1,6 @@
 //! The events of the cycle as lines of the log. A motor or bus that changes all the time is summed up once a second.
 
+use super::askers::Askers;
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
 use motord_core::settings::Settings;
@@ -58,7 +59,7 @@ impl Log {
         }
     }
 
-    pub(super) fn log(&mut self, cycle: u64, event: Event) {
+    pub(super) fn log(&mut self, cycle: u64, event: Event, askers: &Askers) {
         match event {
             Event::Motor { motor, mode } => self.log_mode(cycle, motor, mode),
             Event::Silent { motor } => tracing::error!(
@@ -77,7 +78,10 @@ impl Log {
                     phase.sentence()
                 );
             }
-            Event::Stopped { group, cause, motor } => self.log_stop(cycle, group, cause, motor),
+            Event::Stopped { group, cause, motor, pid } => {
+                let process = pid.map(|pid| (pid, askers.program(pid)));
+                self.log_stop(cycle, group, cause, motor, process);
+            }
             Event::Reset { group } => tracing::info!(cycle, group = self.groups[group], "reset"),
             Event::Owner { group, pid: Some(pid) } => {
                 tracing::info!(cycle, group = self.groups[group], pid, "claimed");
@@ -109,11 +113,20 @@ impl Log {
         tracing::error!(cycle, motor = motor.name, bits = bits.0, "motor fault: {}", sentences.join(" "));
     }
 
-    fn log_stop(&self, cycle: u64, group: usize, cause: Cause, motor: Option<usize>) {
+    fn log_stop(
+        &self,
+        cycle: u64,
+        group: usize,
+        cause: Cause,
+        motor: Option<usize>,
+        process: Option<(u32, String)>,
+    ) {
         tracing::error!(
             cycle,
             group = self.groups[group],
             motor = motor.map_or("-", |motor| &self.motors[motor].name),
+            pid = process.as_ref().map(|(pid, _)| pid),
+            program = process.as_ref().map(|(_, program)| program),
             cause = cause.name(),
             "{} The group is damped and stopped; it stays so until it is reset and enabled.",
             cause.sentence()

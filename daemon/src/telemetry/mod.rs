@@ -3,12 +3,14 @@
 //!
 //! Nothing waits for it. Records and events that it is too slow for are dropped and counted.
 
+pub mod askers;
 mod distributions;
 mod groups;
 mod log;
 mod unexpected;
 
 use crate::host::systemd;
+use askers::Askers;
 use distributions::Distributions;
 use groups::Groups;
 use log::Log;
@@ -44,6 +46,8 @@ pub struct CycleEnd {
 
 /// The ipc thread's way to ask for telemetry without waiting for it.
 pub struct Questions {
+    /// The processes that ask, for the log.
+    pub askers: Askers,
     questions: Sender<u32>,
     answers: Receiver<(u32, String)>,
 }
@@ -64,6 +68,7 @@ impl Questions {
 
 /// The telemetry thread's end of the questions.
 pub struct Answers {
+    askers: Askers,
     questions: Receiver<u32>,
     answers: Sender<(u32, String)>,
 }
@@ -73,8 +78,9 @@ pub struct Answers {
 pub fn questions() -> (Questions, Answers) {
     let (question_sender, question_receiver) = channel();
     let (answer_sender, answer_receiver) = channel();
-    let questions = Questions { questions: question_sender, answers: answer_receiver };
-    (questions, Answers { questions: question_receiver, answers: answer_sender })
+    let askers = Askers::default();
+    let answers = Answers { askers: askers.clone(), questions: question_receiver, answers: answer_sender };
+    (Questions { askers, questions: question_sender, answers: answer_receiver }, answers)
 }
 
 /// Everything the telemetry thread knows.
@@ -160,8 +166,8 @@ impl Recorder {
             if let Event::Bus { bus, condition } = event {
                 self.watch_bus(bus, condition);
             }
-            self.groups.record(cycle, event);
-            self.log.log(cycle, event);
+            self.groups.record(cycle, event, &self.answers.askers);
+            self.log.log(cycle, event, &self.answers.askers);
         }
         self.unexpected_ids.store(&self.cycle.counters);
     }

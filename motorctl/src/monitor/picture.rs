@@ -27,12 +27,9 @@ pub(super) struct Reading {
 impl Reading {
     /// `state` with the names of `robot`.
     pub(super) fn new(robot: &Arc<RobotDescription>, state: &State, telemetry: &Telemetry) -> Self {
-        Self {
-            report: Report::new(robot, state),
-            robot: Arc::clone(robot),
-            telemetry: telemetry.clone(),
-            sample: Sample::of(state),
-        }
+        let mut report = Report::new(robot, state);
+        report.name_programs(telemetry);
+        Self { report, robot: Arc::clone(robot), telemetry: telemetry.clone(), sample: Sample::of(state) }
     }
 
     /// The history of the group `index`; nothing before the daemon told it.

@@ -64,11 +64,11 @@ impl Requests {
     }
 }
 
-/// Over the open connection, which needs nothing new of this machine; else over one to the reserved place.
+/// By the daemon's socket or the open connection; else once more, over a connection to the reserved place.
 fn stop_robot(client: &Client, instance: Option<&str>) -> Result<(), Error> {
     let first = client.emergency_stop();
     match (first, instance) {
-        (Err(_), Some(instance)) => Client::connect_to_stop(instance)?.emergency_stop(),
+        (Err(_), Some(instance)) => motord_client::emergency_stop(instance),
         (first, _) => first,
     }
 }

@@ -78,7 +78,7 @@ fn trotting() -> Reading {
         cycle_us: percentiles(9.0),
         setpoint_age_us: percentiles(3.0),
         joints: vec![percentiles(8.0); 12],
-        groups: vec![GroupHistory { owner, phase_cycle: 300, stop_cycle: None }],
+        groups: vec![GroupHistory { owner, phase_cycle: 300, ..GroupHistory::default() }],
         ..Telemetry::default()
     };
     let report = Report {

@@ -23,7 +23,7 @@ use super::motor::{Motor, Orders, Turn};
 use super::{Command, Event};
 use crate::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
-use motord_shared::{Cause, GroupState, Lease, Phase, Rejection};
+use motord_shared::{AdminRequest, Cause, GroupState, Lease, Phase, Rejection};
 use setpoints::Setpoints;
 
 /// One group.
@@ -52,11 +52,12 @@ pub(super) struct Group {
     rejected: [u32; Rejection::COUNT],
 }
 
-/// The cause of a stop, and the joint that gave it.
+/// The cause of a stop, and the joint that gave it or the process that asked for it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Latched {
     cause: Cause,
     joint: Option<usize>,
+    pid: Option<u32>,
 }
 
 /// The owner of a group.
@@ -138,6 +139,11 @@ impl Group {
         self.owner.is_some_and(|owner| owner.lease.raw() == lease)
     }
 
+    /// The request comes from the process that owns the group.
+    pub(super) fn is_asked_by_owner(&self, request: &AdminRequest) -> bool {
+        self.is_owned_by(request.lease) || self.owner.is_some_and(|owner| owner.pid == request.pid)
+    }
+
     pub(super) fn own(&mut self, lease: Lease, pid: u32, cx: &mut Context) {
         self.owner = Some(Owner { lease, pid, heard: cx.now, sequence: 0 });
         cx.push(Event::Owner { group: self.index, pid: Some(pid) });
@@ -203,6 +209,8 @@ impl Group {
             phase: self.phase.code(),
             cause: self.cause().map_or(0, Cause::code),
             cause_joint: self.cause.and_then(|latched| latched.joint).map_or(u32::MAX, |joint| joint as u32),
+            cause_pid: self.cause.and_then(|latched| latched.pid).unwrap_or(0),
+            reserved: 0,
             accepted: self.accepted,
             rejected: self.rejected,
         }

@@ -72,13 +72,22 @@ impl Group {
     /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a disarmed group's motor is no cause.
     /// Nor is anything about an excluded motor.
     pub(in crate::control) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
-        if self.motors.iter().any(|motor| motor.is_excluded() && Some(motor.joint) == joint) {
-            return;
+        if !self.motors.iter().any(|motor| motor.is_excluded() && Some(motor.joint) == joint) {
+            self.stop_as(Latched { cause, joint, pid: None }, cx);
         }
+    }
+
+    /// As [`stop`](Self::stop), because process `pid` asked for it. A request latches also where nothing moves.
+    pub(in crate::control) fn stop_for(&mut self, cause: Cause, pid: u32, cx: &mut Context) {
+        self.stop_as(Latched { cause, joint: None, pid: Some(pid) }, cx);
+    }
+
+    fn stop_as(&mut self, latched: Latched, cx: &mut Context) {
+        let Latched { cause, joint, pid } = latched;
         let moving = self.phase != Phase::Disarmed;
-        let latches = moving || matches!(cause, Cause::EmergencyStop | Cause::Shutdown);
-        if latches && self.latch(cause, joint) {
-            cx.push(Event::Stopped { group: self.index, cause, motor: joint });
+        let latches = moving || pid.is_some() || cause == Cause::Shutdown;
+        if latches && self.latch(latched) {
+            cx.push(Event::Stopped { group: self.index, cause, motor: joint, pid });
         }
         if moving {
             self.begin_damping(may_hold(cause), cx);
@@ -86,11 +95,11 @@ impl Group {
     }
 
     /// Latches the first cause; later ones are consequences. An emergency stop is never hidden by another cause.
-    fn latch(&mut self, cause: Cause, joint: Option<usize>) -> bool {
-        let emergency = cause == Cause::EmergencyStop && self.cause() != Some(cause);
+    fn latch(&mut self, latched: Latched) -> bool {
+        let emergency = latched.cause == Cause::EmergencyStop && self.cause() != Some(Cause::EmergencyStop);
         let latches = self.cause.is_none() || emergency;
         if latches {
-            self.cause = Some(Latched { cause, joint });
+            self.cause = Some(latched);
         }
         latches
     }
@@ -141,5 +150,5 @@ impl Group {
 
 /// A robot is only held still while everything but its owner is well: the reports of its motors are true, and on time.
 fn may_hold(cause: Cause) -> bool {
-    matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost)
+    matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::Disabled)
 }

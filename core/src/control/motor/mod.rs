@@ -107,6 +107,12 @@ impl Motor {
         self.measured.is_some() && self.replies.age_cycles <= 1
     }
 
+    /// It is known to stand where no setpoint may be.
+    pub(super) fn is_outside_limits(&self) -> bool {
+        let [low, high] = self.settings.limits.position;
+        self.measured.is_some_and(|state| !(low..=high).contains(&state.position))
+    }
+
     /// It is known to turn slower than `rest_velocity`, rad/s.
     pub(super) fn is_at_rest(&self, rest_velocity: f32) -> bool {
         self.is_fresh() && self.measured.is_some_and(|state| state.velocity.abs() < rest_velocity)

@@ -91,8 +91,7 @@ impl Stopped<'_> {
     fn cause(&self, width: usize) -> Vec<Line<'static>> {
         let who = if self.is_all { "every group".to_owned() } else { self.groups.join(", ") };
         let since = self.since.map_or_else(String::new, |since| format!(" {} ago", duration(since)));
-        let joint = self.stop.joint.as_ref().map_or_else(String::new, |joint| format!(" ({joint})"));
-        let text = format!("STOPPED{since}, {who}: {}{joint}", self.stop.sentence);
+        let text = format!("STOPPED{since}, {who}: {}{}", self.stop.sentence, self.stop.origin());
         wrapped(&text, width, 2).into_iter().map(|line| alarm(line).into()).collect()
     }
 

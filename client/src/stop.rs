@@ -1,0 +1,121 @@
+//! The emergency stop, by every way there is.
+//!
+//! First through the daemon's socket, which needs nothing that others can use up; then through the services.
+
+use crate::link::ANSWER_TIMEOUT;
+use crate::{Error, RobotDescription};
+use motord_shared::message::ALL_GROUPS;
+use motord_shared::ports::ClientPorts;
+use motord_shared::stop_socket::{AskedStop, StopError};
+use motord_shared::{AdminRequest, Instance, Operation};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+/// A daemon that is well confirms within a cycle or two. After this time the second way is tried, too.
+const FIRST_WAY: Duration = Duration::from_millis(100);
+/// How often the ways are looked at for an answer.
+const POLL: Duration = Duration::from_millis(1);
+
+/// Damps and stops every motor of `instance`, with a connection of its own: first through the socket of the daemon, which needs
+/// no file and no place, then through the services. Takes a cycle or two as a rule, and little more than a second at most.
+///
+/// # Errors
+/// Nobody confirmed the stop, and motors may move on: [`Error::NotRunning`], [`Error::Permission`], [`Error::NotStopped`], and
+/// what a wrong name or directory gives.
+pub fn emergency_stop(instance: &str) -> Result<(), Error> {
+    let instance = Instance::find(instance).map_err(Error::of_instance)?;
+    let mut first = FirstWay::send(&instance);
+    if first.is_confirmed(FIRST_WAY) {
+        return Ok(());
+    }
+    // Files that somebody damaged may hold a thread for longer than a person can wait.
+    let (answer, second) = channel();
+    let (other, end) = (instance.clone(), Instant::now() + ANSWER_TIMEOUT);
+    let _refused = std::thread::Builder::new().spawn(move || answer.send(through_services(&other, end)));
+    let mut refused = None;
+    while Instant::now() < end && !(first.is_over() && refused.is_some()) {
+        match second.recv_timeout(POLL) {
+            Ok(Ok(())) => return Ok(()),
+            Ok(Err(error)) => refused = Some(error),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => std::thread::sleep(POLL),
+        }
+        if first.is_confirmed(Duration::ZERO) {
+            return Ok(());
+        }
+    }
+    Err(first.reason(refused, &instance))
+}
+
+/// A stop that was asked for through the socket.
+#[derive(Debug)]
+pub(crate) struct FirstWay {
+    /// `None` once nothing more is to be expected.
+    asked: Option<AskedStop>,
+    error: StopError,
+}
+
+impl FirstWay {
+    /// Asks. Waits at most [`FIRST_WAY`] for a crowd of others.
+    pub(crate) fn send(instance: &Instance) -> Self {
+        match AskedStop::send(instance, FIRST_WAY) {
+            Ok(asked) => Self { asked: Some(asked), error: StopError::NoReply },
+            Err(error) => Self { asked: None, error },
+        }
+    }
+
+    /// Whether the confirmation is there. Waits for it as long as it should take.
+    pub(crate) fn is_confirmed_soon(&mut self) -> bool {
+        self.is_confirmed(FIRST_WAY)
+    }
+
+    /// Whether the confirmation is there. Waits for it at most `patience`, and a millisecond.
+    pub(crate) fn is_confirmed(&mut self, patience: Duration) -> bool {
+        let Some(asked) = &self.asked else { return false };
+        match asked.confirm(patience) {
+            Ok(()) => return true,
+            Err(StopError::NoReply) => {}
+            Err(error) => (self.asked, self.error) = (None, error),
+        }
+        false
+    }
+
+    /// Nothing more is to be expected.
+    fn is_over(&self) -> bool {
+        self.asked.is_none()
+    }
+
+    /// Why nobody confirmed it; `second` is why the services did not.
+    pub(crate) fn reason(self, second: Option<Error>, instance: &Instance) -> Error {
+        match (self.error, second) {
+            (StopError::NotRunning, Some(error @ (Error::NotRunning { .. } | Error::Permission { .. }))) => {
+                error
+            }
+            (StopError::NotPermitted, _) => Error::Permission { path: instance.runtime().to_owned() },
+            (socket, services) => Error::NotStopped { socket, services: services.map(Box::new) },
+        }
+    }
+}
+
+/// Asks through the services, over a place that is left to emergency stops. Reads nothing before it asks.
+fn through_services(instance: &Instance, end: Instant) -> Result<(), Error> {
+    let of_service = |error| Error::of_service(error, instance);
+    let attachment = instance.attach().map_err(Error::of_instance)?;
+    let attachment = attachment.ok_or_else(|| Error::not_running(instance))?;
+    let ports = ClientPorts::open_to_stop(attachment).map_err(of_service)?;
+    let operation = Operation::EmergencyStop;
+    let (pid, asked) = (std::process::id(), Instant::now());
+    let request = AdminRequest { operation: operation.code(), group: ALL_GROUPS, pid, ..Default::default() };
+    let question = ports.ask(request).map_err(of_service)?;
+    while Instant::now() < end {
+        match question.answer().map_err(of_service)? {
+            Some((reply, _)) if reply.refusal == 0 => return Ok(()),
+            Some((reply, _)) => {
+                let robot = RobotDescription::default();
+                return Err(Error::refused(operation, reply.refusal, reply.detail, &robot));
+            }
+            None => std::thread::sleep(POLL),
+        }
+    }
+    Err(Error::NoAnswer { operation, waited: asked.elapsed() })
+}

@@ -1,0 +1,83 @@
+//! Emergency stops on their way into the cycle, past every queue.
+//!
+//! Wait-free: one word each way, that nobody can fill or hold.
+
+use core::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
+
+/// A request: its number in the upper half, its asker's process id in the lower half. 0 is none.
+pub type StopRequest = u64;
+
+/// The newest emergency stop that was asked for, and the newest that was carried out.
+#[derive(Debug, Default)]
+pub struct EmergencyStops {
+    asked: AtomicU64,
+    done: AtomicU64,
+}
+
+impl EmergencyStops {
+    /// Asks in the name of process `pid`. The next cycle stops every group, also when it comes late. Only one thread may ask.
+    pub fn ask(&self, pid: u32) -> StopRequest {
+        let before = self.asked.load(Ordering::Relaxed);
+        let number = ((before >> 32) as u32).wrapping_add(1).max(1);
+        let request = u64::from(number) << 32 | u64::from(pid);
+        self.asked.store(request, Ordering::Release);
+        request
+    }
+
+    /// A cycle has stopped every group for `request`, the last one, and has handed the commands to the buses.
+    #[must_use]
+    pub fn is_done(&self, request: StopRequest) -> bool {
+        self.done.load(Ordering::Acquire) == request
+    }
+}
+
+/// The cycle's end.
+#[derive(Debug)]
+pub(super) struct AskedStops {
+    stops: Arc<EmergencyStops>,
+    taken: StopRequest,
+}
+
+impl AskedStops {
+    pub(super) const fn new(stops: Arc<EmergencyStops>) -> Self {
+        Self { stops, taken: 0 }
+    }
+
+    /// The asker of a request that was not taken yet. Does not allocate or block.
+    pub(super) fn take(&mut self) -> Option<u32> {
+        let asked = self.stops.asked.load(Ordering::Acquire);
+        let is_new = asked != core::mem::replace(&mut self.taken, asked);
+        is_new.then_some(asked as u32)
+    }
+
+    /// The request that was taken last is carried out. Does not allocate or block.
+    pub(super) fn confirm(&self) {
+        self.stops.done.store(self.taken, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_is_taken_once_and_done_when_its_cycle_is_over() {
+        let stops = Arc::new(EmergencyStops::default());
+        let mut asked = AskedStops::new(Arc::clone(&stops));
+        assert_eq!(asked.take(), None);
+        let request = stops.ask(7);
+        assert_eq!((asked.take(), asked.take()), (Some(7), None));
+        assert!(!stops.is_done(request), "its cycle is not over");
+        asked.confirm();
+        assert!(stops.is_done(request));
+        let again = stops.ask(7);
+        assert!(!stops.is_done(again) && asked.take() == Some(7));
+    }
+
+    #[test]
+    fn the_number_of_a_request_is_never_that_of_none() {
+        let stops = EmergencyStops { asked: AtomicU64::new(u64::MAX), done: AtomicU64::new(0) };
+        assert!(!stops.is_done(stops.ask(0)));
+    }
+}

@@ -1,0 +1,267 @@
+//! The thread of the emergency stop's socket, [`motord_shared::stop_socket`].
+//!
+//! ```text
+//! asker ── abstract socket ──▶ this thread ── one word ──▶ cycle ──▶ motors
+//!   ▲                              │                         │
+//!   └───────── confirmed ──────────┴──────── one word ◀──────┘
+//! ```
+//!
+//! A stop waits behind no other request, and needs nothing that clients can use up: no place, no file, no descriptor that the
+//! other threads share. Before its confirmation nothing is allocated or logged for it. Who may enter the runtime directory may
+//! stop the robot, by the same rule: its permissions, without lists of access control.
+
+use crate::host::kernel;
+use crate::telemetry::askers::Askers;
+use motord_bus::{Duration, Instant, clock};
+use motord_core::cycle::EmergencyStops;
+use motord_shared::instance::Instance as MotordInstance;
+use motord_shared::stop_socket::{
+    self, CONFIRMED, MESSAGE_BYTES_MAX, NO_CYCLE, NOT_PERMITTED, REQUEST, StopError,
+};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::socket::{
+    Backlog, MsgFlags, SockFlag, UnixCredentials, accept4, bind, getsockopt, listen, recv, send, sockopt,
+};
+use nix::sys::stat::{FileStat, stat};
+use nix::unistd::geteuid;
+use std::array::from_fn;
+use std::os::fd::{AsFd, AsRawFd, OwnedFd};
+use std::sync::Arc;
+
+/// Callers that have not asked yet; of more, the one that came first is sent away.
+const CALLERS_MAX: usize = 64;
+/// Callers taken in a turn.
+const CALLERS_PER_TURN: usize = 16;
+/// From one turn to the next at least: no flood of callers takes the processor from other threads.
+const TURN: Duration = Duration::from_millis(1);
+/// An idle thread checks so often whether the daemon ends.
+const IDLE: Duration = Duration::from_millis(50);
+/// A cycle has so long to carry a stop out.
+const CYCLE_PATIENCE: Duration = Duration::from_millis(500);
+/// Between two looks whether it has.
+const POLL: Duration = Duration::from_micros(200);
+/// Between two lines of the log about stops, and between two tries to get the socket's name.
+const SECOND: Duration = Duration::from_secs(1);
+const BACKLOG: i32 = 128;
+
+/// Serves the socket of `instance` until `ended` is true, in a thread of its own, which loses the descriptors of all others.
+/// Nothing waits for it.
+pub fn run(instance: &MotordInstance, stops: Arc<EmergencyStops>, askers: Askers, ended: impl Fn() -> bool) {
+    let Some(listener) = await_name(instance, &ended) else { return };
+    let mut server = Server {
+        listener,
+        callers: from_fn(|_| None),
+        eldest: 0,
+        gate: Gate::new(instance),
+        stops,
+        askers,
+        logged: None,
+        unlogged: 0,
+    };
+    while !ended() {
+        server.turn();
+    }
+}
+
+/// The listening socket, as soon as its name is free: it may belong to a predecessor for a moment, and to anybody for longer.
+fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<OwnedFd> {
+    let mut tries = 0_u32;
+    while !ended() {
+        match listen_for(instance) {
+            Ok(listener) => return Some(listener),
+            Err(errno @ (Errno::EADDRINUSE | Errno::EMFILE | Errno::ENFILE)) => {
+                if tries == 20 {
+                    tracing::error!("no socket for emergency stops: {}. Keeps trying.", errno.desc());
+                }
+            }
+            Err(errno) => {
+                tracing::error!("no socket for emergency stops: {}", errno.desc());
+                return None;
+            }
+        }
+        tries = tries.saturating_add(1);
+        std::thread::sleep(if tries > 20 { SECOND } else { IDLE });
+    }
+    None
+}
+
+fn listen_for(instance: &MotordInstance) -> Result<OwnedFd, Errno> {
+    let socket = stop_socket::open(SockFlag::SOCK_NONBLOCK)?;
+    bind(socket.as_raw_fd(), &stop_socket::address(instance)?)?;
+    listen(&socket, Backlog::new(BACKLOG)?)?;
+    // A descriptor for a caller is there however many the other threads use. Where the kernel refuses, they are shared.
+    let _shared = kernel::keep_only(socket.as_fd());
+    Ok(socket)
+}
+
+struct Server {
+    listener: OwnedFd,
+    callers: [Option<OwnedFd>; CALLERS_MAX],
+    /// The place in `callers` that was filled first.
+    eldest: usize,
+    gate: Gate,
+    stops: Arc<EmergencyStops>,
+    askers: Askers,
+    /// When the log told of a stop, and how many it has not told since.
+    logged: Option<Instant>,
+    unlogged: u32,
+}
+
+impl Server {
+    /// Waits for callers, takes them in, and carries out what they ask for. Does not allocate before the replies.
+    fn turn(&mut self) {
+        let begun = clock::monotonic();
+        self.wait();
+        self.accept();
+        let mut asking: [Option<(OwnedFd, UnixCredentials)>; CALLERS_MAX] = from_fn(|_| None);
+        for (caller, asking) in self.callers.iter_mut().zip(&mut asking) {
+            *asking = hear(caller).and_then(|caller| self.gate.judge(caller));
+        }
+        if let Some(first) = asking.iter().flatten().map(|(_, peer)| peer.pid().cast_unsigned()).next() {
+            let outcome = self.carry_out(first);
+            let reply = if outcome.is_ok() { CONFIRMED } else { NO_CYCLE };
+            asking.iter().flatten().for_each(|(caller, _)| answer(caller, reply));
+            self.log(first, asking.iter().flatten().count(), outcome);
+        }
+        clock::sleep_until(begun + TURN);
+    }
+
+    /// Sleeps until somebody calls or asks, at most [`IDLE`]. One system call.
+    fn wait(&self) {
+        let listener = || PollFd::new(self.listener.as_fd(), PollFlags::POLLIN);
+        let mut polled: [PollFd<'_>; CALLERS_MAX + 1] = from_fn(|_| listener());
+        for (polled, caller) in polled[1..].iter_mut().zip(&self.callers) {
+            *polled = caller
+                .as_ref()
+                .map_or_else(listener, |caller| PollFd::new(caller.as_fd(), PollFlags::POLLIN));
+        }
+        let _awake = poll(&mut polled, PollTimeout::try_from(IDLE).unwrap_or(PollTimeout::ZERO));
+    }
+
+    /// Takes at most [`CALLERS_PER_TURN`] callers.
+    fn accept(&mut self) {
+        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+        for _ in 0..CALLERS_PER_TURN {
+            let Ok(caller) = accept4(self.listener.as_raw_fd(), flags) else { break };
+            self.callers[self.eldest] = Some(kernel::adopt(caller));
+            self.eldest = (self.eldest + 1) % CALLERS_MAX;
+        }
+    }
+
+    /// Stops the robot for process `pid`, and waits until the cycle has.
+    fn carry_out(&self, pid: u32) -> Result<(), StopError> {
+        let request = self.stops.ask(pid);
+        // The program's name is there as long as the process waits for its answer; nothing depends on it.
+        self.askers.note(pid);
+        let end = clock::monotonic() + CYCLE_PATIENCE;
+        while !self.stops.is_done(request) {
+            if clock::monotonic() >= end {
+                return Err(StopError::NoCycle);
+            }
+            std::thread::sleep(POLL);
+        }
+        Ok(())
+    }
+
+    /// At most one line a second: many may ask without pause.
+    fn log(&mut self, pid: u32, askers: usize, outcome: Result<(), StopError>) {
+        let now = clock::monotonic();
+        self.unlogged += askers as u32;
+        if self.logged.is_some_and(|logged| now.since(logged) < SECOND) {
+            return;
+        }
+        let (requests, program) = (std::mem::take(&mut self.unlogged), self.askers.program(pid));
+        self.logged = Some(now);
+        match outcome {
+            Ok(()) => tracing::warn!(pid, program, requests, "emergency stop"),
+            Err(error) => tracing::error!(pid, program, requests, "emergency stop not carried out: {error}"),
+        }
+    }
+}
+
+/// The caller if it asks for a stop. One that does not, or is gone, is sent away.
+fn hear(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
+    let mut message = [0; MESSAGE_BYTES_MAX];
+    match recv(caller.as_ref()?.as_raw_fd(), &mut message, MsgFlags::MSG_DONTWAIT) {
+        Ok(length) if message[..length] == *REQUEST => caller.take(),
+        Err(Errno::EAGAIN | Errno::EINTR) => None,
+        Ok(_) | Err(_) => {
+            *caller = None;
+            None
+        }
+    }
+}
+
+/// A caller that is gone misses its answer.
+fn answer(caller: &OwnedFd, reply: &[u8]) {
+    let _gone = send(caller.as_raw_fd(), reply, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL);
+}
+
+/// Decides who may stop the robot.
+struct Gate {
+    directory: std::ffi::CString,
+    /// As it was when it was seen last.
+    seen: Option<FileStat>,
+    /// Room for the groups of a caller.
+    groups: Vec<u32>,
+}
+
+impl Gate {
+    fn new(instance: &MotordInstance) -> Self {
+        use std::os::unix::ffi::OsStrExt;
+        let path = instance.runtime().as_os_str().as_bytes();
+        Self {
+            directory: std::ffi::CString::new(path).unwrap_or_default(),
+            seen: None,
+            groups: vec![0; kernel::GROUPS_OF_A_PROCESS_MAX],
+        }
+    }
+
+    /// The caller and its process if that may stop the robot; else it is told, and sent away.
+    fn judge(&mut self, caller: OwnedFd) -> Option<(OwnedFd, UnixCredentials)> {
+        self.seen = stat(self.directory.as_c_str()).ok().or(self.seen);
+        let peer = getsockopt(&caller, sockopt::PeerCredentials).ok()?;
+        let groups = kernel::peer_groups(caller.as_fd(), &mut self.groups).unwrap_or(&[]);
+        let is_daemons_user = peer.uid() == geteuid().as_raw();
+        if is_daemons_user || self.seen.is_some_and(|seen| may_enter(&seen, peer.uid(), peer.gid(), groups)) {
+            return Some((caller, peer));
+        }
+        answer(&caller, NOT_PERMITTED);
+        None
+    }
+}
+
+/// The rule of the kernel for a directory, for somebody who wants to read, write and enter it.
+fn may_enter(directory: &FileStat, uid: u32, gid: u32, groups: &[u32]) -> bool {
+    const ALL: u32 = 0o7;
+    let bits = if uid == directory.st_uid {
+        directory.st_mode >> 6
+    } else if gid == directory.st_gid || groups.contains(&directory.st_gid) {
+        directory.st_mode >> 3
+    } else {
+        directory.st_mode
+    };
+    uid == 0 || bits & ALL == ALL
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_may_enter_the_runtime_directory_may_stop_the_robot_and_nobody_else() {
+        let place = tempfile::tempdir().unwrap();
+        let mut directory = stat(place.path()).unwrap();
+        (directory.st_uid, directory.st_gid) = (1000, 500);
+        let mut may = |mode: u32, uid, gid, groups: &[u32]| {
+            directory.st_mode = 0o40_000 | mode;
+            may_enter(&directory, uid, gid, groups)
+        };
+        assert!(may(0o2770, 1000, 1, &[]) && may(0o2770, 7, 500, &[]) && may(0o2770, 7, 1, &[2, 500]));
+        assert!(!may(0o2770, 7, 1, &[2]) && !may(0o700, 7, 500, &[500]) && !may(0o2750, 7, 500, &[]));
+        assert!(may(0o000, 0, 0, &[]), "root enters everything");
+        assert!(!may(0o077, 1000, 500, &[500]), "the owner's bits come first");
+        assert!(may(0o777, 7, 1, &[]));
+    }
+}

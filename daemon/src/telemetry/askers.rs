@@ -1,0 +1,76 @@
+//! The programs of the processes that asked for something.
+//!
+//! A process may have ended when the log tells of it: its name is read while it still waits for its answer.
+
+use crate::host::process;
+use motord_bus::{Duration, Instant, clock};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+
+/// So many processes are remembered.
+const ASKERS_MAX: usize = 64;
+/// A name is not read again for so long: others may ask without pause.
+const FRESH: Duration = Duration::from_secs(1);
+
+/// The last askers and their programs. Clones share them. No call waits for another one: whoever comes second does without.
+#[derive(Debug, Clone, Default)]
+pub struct Askers(Arc<Mutex<VecDeque<Asker>>>);
+
+#[derive(Debug)]
+struct Asker {
+    pid: u32,
+    program: String,
+    read_at: Instant,
+}
+
+impl Askers {
+    /// Remembers the program of process `pid`, which waits for an answer. Reads a file of the kernel, and allocates.
+    pub fn note(&self, pid: u32) {
+        let now = clock::monotonic();
+        let Some(mut askers) = self.list() else { return };
+        if askers.iter().any(|asker| asker.pid == pid && now.since(asker.read_at) < FRESH) {
+            return;
+        }
+        let Some(program) = process::program(pid) else { return };
+        askers.retain(|asker| asker.pid != pid);
+        askers.push_front(Asker { pid, program, read_at: now });
+        askers.truncate(ASKERS_MAX);
+    }
+
+    /// The program of process `pid`; empty when the kernel does not tell it.
+    #[must_use]
+    pub fn program(&self, pid: u32) -> String {
+        let known = self.list().and_then(|askers| {
+            let asker = askers.iter().find(|asker| asker.pid == pid);
+            asker.map(|asker| asker.program.clone())
+        });
+        known.or_else(|| process::program(pid)).unwrap_or_default()
+    }
+
+    fn list(&self) -> Option<MutexGuard<'_, VecDeque<Asker>>> {
+        match self.0.try_lock() {
+            Ok(list) => Some(list),
+            Err(TryLockError::Poisoned(list)) => Some(list.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_program_of_an_asker_is_known_after_its_end() {
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let (pid, askers) = (child.id(), Askers::default());
+        while askers.program(pid) != "sleep" {
+            std::thread::yield_now();
+        }
+        askers.note(pid);
+        child.kill().unwrap();
+        child.wait().unwrap();
+        assert_eq!(askers.clone().program(pid), "sleep");
+        assert_eq!(Askers::default().program(pid), "");
+    }
+}

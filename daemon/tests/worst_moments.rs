@@ -1,0 +1,413 @@
+//! The emergency stop in the worst moments: the real programs, a robot that moves, and one misfortune after the other.
+//!
+//! Prints the table of docs/safety.md: `cargo test -p motord --test worst_moments -- --nocapture`.
+//!
+//! The time of the stop is that of the cycle in which it was latched: the commands that damp the motors leave in the same cycle.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
+
+use motord_shared::instance::Instance;
+use motord_shared::message::{ALL_GROUPS, AdminReply};
+use motord_shared::stop_socket::{AskedStop, StopError};
+use motord_shared::{
+    AdminRequest, Cause, ClientPorts, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage,
+};
+use nix::sys::ptrace;
+use nix::sys::signal::{Signal, kill};
+use nix::sys::wait::{WaitPidFlag, waitpid};
+use nix::unistd::{Gid, Pid, Uid, setgid, setgroups, setuid};
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{JoinHandle, sleep, spawn};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const CONFIG: &str = r#"
+[daemon]
+instance = "robot"
+[cycle]
+rate-hz = 200
+max-lateness-ms = 1000.0
+[safety]
+setpoint-timeout-ms = 1000.0
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "arm"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+"#;
+
+/// Longer than a busy machine stalls.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// This process is to ask without pause in this runtime directory.
+const ASK: &str = "MOTORD_TEST_ASK";
+/// This process is in namespaces of its own, and may mount.
+const INSIDE: &str = "MOTORD_TEST_INSIDE";
+/// This process is to become another user, and to ask in this runtime directory.
+const INTRUDE: &str = "MOTORD_TEST_INTRUDE";
+/// A user and a group that own nothing.
+const NOBODY: u32 = 65_534;
+/// How many ask without pause.
+const CROWD: usize = 24;
+
+/// A daemon, and its motor that follows setpoints.
+struct Robot {
+    process: Child,
+    place: TempDir,
+    ports: Arc<ClientPorts>,
+    over: Arc<AtomicBool>,
+    owner: Option<JoinHandle<()>>,
+}
+
+impl Robot {
+    /// In `place`, once the motor is active.
+    fn start(place: TempDir) -> Self {
+        let path = place.path().join("motord.toml");
+        fs::write(&path, CONFIG).unwrap();
+        let log = fs::File::create(place.path().with_extension("log")).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+        command.args(["run", "--config"]).arg(path).env("MOTORD_RUNTIME_DIR", place.path()).stderr(log);
+        let process = command.spawn().unwrap();
+        let ports = Arc::new(until("the daemon runs", || attached(place.path())));
+        let over = Arc::new(AtomicBool::new(false));
+        let mut robot = Self { process, place, ports, over, owner: None };
+        robot.activate();
+        robot
+    }
+
+    fn pid(&self) -> Pid {
+        Pid::from_raw(self.process.id().cast_signed())
+    }
+
+    /// Claims the arm, and has it held by a thread.
+    fn activate(&mut self) {
+        let position = until("a position", || {
+            let joint = self.state()?.joints[0];
+            (joint.receive_ns != 0).then_some(joint.position)
+        });
+        let lease = self.ask(Operation::Claim).unwrap().lease;
+        let (ports, over) = (Arc::clone(&self.ports), Arc::clone(&self.over));
+        self.owner = Some(spawn(move || hold(&ports, lease, position, &over)));
+        until("an owner", || (self.ask(Operation::Enable)?.refusal == 0).then_some(()));
+        until("an active arm", || (self.phase()? == Phase::Active).then_some(()));
+    }
+
+    fn ask(&self, operation: Operation) -> Option<AdminReply> {
+        Some(self.answer(operation)?.0)
+    }
+
+    fn answer(&self, operation: Operation) -> Option<(AdminReply, Vec<u8>)> {
+        let request = AdminRequest { operation: operation.code(), group: 0, ..Default::default() };
+        let question = self.ports.ask(request).ok()?;
+        let begun = Instant::now();
+        while begun.elapsed() < PATIENCE {
+            if let Some(answer) = question.answer().ok()? {
+                return Some(answer);
+            }
+            sleep(Duration::from_millis(1));
+        }
+        None
+    }
+
+    fn state(&self) -> Option<StateMessage> {
+        until("a state", || self.ports.newest_state().ok().flatten()).into()
+    }
+
+    fn phase(&self) -> Option<Phase> {
+        Phase::try_from(self.state()?.groups[0].phase).ok()
+    }
+
+    /// The cycle of the stop, as a time after `since`, ns of the monotonic clock.
+    fn stopped_after(&self, since_ns: u64) -> Duration {
+        let stop_cycle = until("the cycle of the stop", || {
+            let telemetry: serde_json::Value =
+                serde_json::from_slice(&self.answer(Operation::Telemetry)?.1).unwrap();
+            telemetry["groups"][0]["stop_cycle"].as_u64()
+        });
+        let state = self.state().unwrap();
+        let tick_ns = state.tick_ns - (state.cycle - stop_cycle) * 5_000_000;
+        Duration::from_nanos(tick_ns.saturating_sub(since_ns))
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
+        let _held = self.owner.take().map(JoinHandle::join);
+        let _signal = kill(self.pid(), Signal::SIGCONT);
+        let _ended = self.process.kill();
+        let _reaped = self.process.wait();
+        let _log = fs::remove_file(self.place.path().with_extension("log"));
+    }
+}
+
+fn attached(runtime: &Path) -> Option<ClientPorts> {
+    let instance = Instance::below(runtime, "robot").unwrap();
+    ClientPorts::open(instance.attach().ok()??).ok()
+}
+
+/// Holds the joint at `position` until it is over.
+fn hold(ports: &ClientPorts, lease: u64, position: f32, over: &AtomicBool) {
+    let port = ports.setpoint_port().unwrap();
+    for sequence in 1.. {
+        if over.load(Ordering::Relaxed) {
+            return;
+        }
+        let time_ns = motord_shared::clock::now_ns();
+        let mut message = SetpointMessage { lease, sequence, time_ns, joint_count: 1, ..Default::default() };
+        message.joints[0] = JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };
+        // A misfortune may damage the connection: then the silence of the owner stops the robot, too.
+        let _damaged = port.send(&message);
+        sleep(Duration::from_millis(5));
+    }
+}
+
+fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(found) = found() {
+            return found;
+        }
+        assert!(begun.elapsed() < PATIENCE, "no sign of {what}");
+        sleep(Duration::from_millis(2));
+    }
+}
+
+/// Something that goes wrong, until it is dropped.
+type Misfortune = Box<dyn std::any::Any>;
+type Begin = fn(&Robot) -> Misfortune;
+
+/// Undoes a misfortune.
+struct Undo<F: FnMut()>(F);
+
+impl<F: FnMut()> Drop for Undo<F> {
+    fn drop(&mut self) {
+        (self.0)();
+    }
+}
+
+fn none(_: &Robot) -> Misfortune {
+    Box::new(())
+}
+
+fn file_system_full(robot: &Robot) -> Misfortune {
+    let path = robot.place.path().join("filler");
+    let mut file = fs::File::create(&path).unwrap();
+    let full = std::io::copy(&mut std::io::repeat(0), &mut file).unwrap_err();
+    assert_eq!(full.raw_os_error(), Some(nix::libc::ENOSPC), "{full}");
+    Box::new(Undo(move || fs::remove_file(&path).unwrap()))
+}
+
+fn directory_emptied(robot: &Robot) -> Misfortune {
+    for entry in fs::read_dir(robot.place.path()).unwrap().map(Result::unwrap) {
+        let path = entry.path();
+        if path.is_dir() { fs::remove_dir_all(path).unwrap() } else { fs::remove_file(path).unwrap() }
+    }
+    Box::new(())
+}
+
+fn descriptors_used_up(robot: &Robot) -> Misfortune {
+    let limit = |nofile: &str| {
+        let (pid, nofile) = (format!("--pid={}", robot.process.id()), format!("--nofile={nofile}"));
+        assert!(Command::new("prlimit").args([pid, nofile]).status().unwrap().success());
+    };
+    let used = fs::read_dir(format!("/proc/{}/fd", robot.process.id())).unwrap().count();
+    limit(&format!("{used}:"));
+    let pid = robot.process.id();
+    Box::new(Undo(move || {
+        let arguments = [format!("--pid={pid}"), "--nofile=1024:".to_owned()];
+        let _back = Command::new("prlimit").args(arguments).status();
+    }))
+}
+
+fn places_taken(robot: &Robot) -> Misfortune {
+    let instance = Instance::below(robot.place.path(), "robot").unwrap();
+    let mut taken = Vec::new();
+    while let Ok(ports) = ClientPorts::open_to_stop(instance.attach().unwrap().unwrap()) {
+        taken.push(ports);
+    }
+    assert!(taken.len() >= 28, "{}", taken.len());
+    Box::new(taken)
+}
+
+fn crowd(robot: &Robot) -> Misfortune {
+    let asker = || {
+        let mut asker = Command::new(std::env::current_exe().unwrap());
+        asker.args(["--exact", "one_of_the_crowd", "--nocapture"]).env(ASK, robot.place.path());
+        asker.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+    };
+    let mut crowd: Vec<Child> = (0..CROWD).map(|_| asker()).collect();
+    sleep(Duration::from_secs(3));
+    assert!(crowd.iter_mut().all(|asker| asker.try_wait().unwrap().is_none()), "they ask on");
+    Box::new(Undo(move || {
+        for asker in &mut crowd {
+            asker.kill().unwrap();
+            asker.wait().unwrap();
+        }
+    }))
+}
+
+fn daemon_frozen(robot: &Robot) -> Misfortune {
+    let pid = robot.pid();
+    kill(pid, Signal::SIGSTOP).unwrap();
+    Box::new(Undo(move || kill(pid, Signal::SIGCONT).unwrap()))
+}
+
+/// Nothing of it runs any more, while the rest of the daemon does: a debugger stops one thread only.
+fn ipc_thread_hangs(robot: &Robot) -> Misfortune {
+    let tasks = fs::read_dir(format!("/proc/{}/task", robot.pid())).unwrap().map(|task| task.unwrap().path());
+    let is_ipc =
+        |task: &PathBuf| fs::read_to_string(task.join("comm")).is_ok_and(|comm| comm.trim() == "motord-ipc");
+    let task = tasks.into_iter().find(is_ipc).unwrap();
+    let thread = Pid::from_raw(task.file_name().unwrap().to_str().unwrap().parse().unwrap());
+    ptrace::seize(thread, ptrace::Options::empty()).unwrap();
+    ptrace::interrupt(thread).unwrap();
+    waitpid(thread, Some(WaitPidFlag::__WALL)).unwrap();
+    Box::new(Undo(move || ptrace::detach(thread, None).unwrap()))
+}
+
+/// Asks without pause, when it is told where.
+#[test]
+fn one_of_the_crowd() {
+    let Some(runtime) = std::env::var_os(ASK) else { return };
+    let ports = until("a place", || attached(Path::new(&runtime)));
+    let request =
+        AdminRequest { operation: Operation::Enable.code(), group: ALL_GROUPS, ..Default::default() };
+    loop {
+        // Kept until it is answered or given up: at most two at a time.
+        let questions = [ports.ask(request), ports.ask(request)];
+        drop(questions);
+    }
+}
+
+/// One row of the table.
+struct Row {
+    misfortune: &'static str,
+    status: Option<i32>,
+    said: String,
+    answered_after: Duration,
+    damped_after: Duration,
+    group: motord_shared::GroupState,
+}
+
+fn row(misfortune: &'static str, place: TempDir, begin: Begin) -> Row {
+    let robot = Robot::start(place);
+    let happens = begin(&robot);
+    let (since_ns, begun) = (motord_shared::clock::now_ns(), Instant::now());
+    let mut motorctl = estop(robot.place.path());
+    let mut said = String::new();
+    BufReader::new(motorctl.stdout.take().unwrap()).read_line(&mut said).unwrap();
+    let answered_after = begun.elapsed();
+    let Output { status, stderr, .. } = motorctl.wait_with_output().unwrap();
+    said += str::from_utf8(&stderr).unwrap();
+    drop(happens);
+    let latched = || {
+        let group = robot.state()?.groups[0];
+        (group.cause == Cause::EmergencyStop.code()).then_some(group)
+    };
+    let group = until("a latched stop", latched);
+    let damped_after = robot.stopped_after(since_ns);
+    Row { misfortune, status: status.code(), said, answered_after, damped_after, group }
+}
+
+fn estop(runtime: &Path) -> Child {
+    let motorctl = Path::new(env!("CARGO_BIN_EXE_motord")).with_file_name("motorctl");
+    assert!(motorctl.is_file(), "{} is missing: run `cargo build --workspace` first", motorctl.display());
+    let mut command = Command::new(motorctl);
+    command.arg("estop").env("MOTORD_RUNTIME_DIR", runtime).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command.spawn().unwrap()
+}
+
+impl Row {
+    fn print(&self) {
+        let Self { misfortune, status, said, answered_after, damped_after, .. } = self;
+        let first = said.lines().next().unwrap_or_default();
+        println!(
+            "| {misfortune} | {first} | {} | {answered_after:.0?} | {damped_after:.0?} |",
+            status.unwrap_or(-1)
+        );
+    }
+
+    fn must_be_confirmed(&self) {
+        assert_eq!(self.status, Some(0), "{}: {}", self.misfortune, self.said);
+        assert!(self.said.starts_with("confirmed: "), "{}: {}", self.misfortune, self.said);
+        assert_ne!(self.group.cause_pid, 0, "{}", self.misfortune);
+    }
+}
+
+#[test]
+fn an_emergency_stop_is_confirmed_in_every_worst_moment_but_that_of_a_frozen_daemon() {
+    let moments: [(&str, Begin); 6] = [
+        ("none", none),
+        ("the directory is emptied", directory_emptied),
+        ("the descriptors are used up", descriptors_used_up),
+        ("all places are taken", places_taken),
+        ("24 processes ask without pause", crowd),
+        ("the ipc thread hangs", ipc_thread_hangs),
+    ];
+    for (misfortune, begin) in moments {
+        let row = row(misfortune, TempDir::new().unwrap(), begin);
+        row.print();
+        row.must_be_confirmed();
+    }
+    let frozen = row("the daemon is frozen", TempDir::new().unwrap(), daemon_frozen);
+    frozen.print();
+    assert_eq!(frozen.status, Some(79), "{}", frozen.said);
+    assert!(frozen.said.contains("EMERGENCY STOP NOT CONFIRMED: cut the power"), "{}", frozen.said);
+    assert!(frozen.damped_after > Duration::from_millis(500), "it was carried out when the daemon went on");
+}
+
+/// In namespaces of its own: a small file system is mounted.
+#[test]
+fn an_emergency_stop_is_confirmed_while_the_file_system_is_full() {
+    const NAME: &str = "an_emergency_stop_is_confirmed_while_the_file_system_is_full";
+    if std::env::var_os(INSIDE).is_none() {
+        let mut inside = Command::new("unshare");
+        inside.args(["--user", "--map-root-user", "--mount"]).arg(std::env::current_exe().unwrap());
+        inside.args(["--exact", NAME, "--nocapture"]).env(INSIDE, "1");
+        let status = inside.status();
+        let is_refused =
+            !Command::new("unshare").args(["-Urm", "true"]).status().is_ok_and(|may| may.success());
+        assert!(is_refused || status.unwrap().success());
+        return;
+    }
+    let place = TempDir::new().unwrap();
+    let mut mount = Command::new("mount");
+    mount.args(["-t", "tmpfs", "-o", "size=64m,mode=700", "tmpfs"]).arg(place.path());
+    assert!(mount.status().unwrap().success());
+    let row = row("the runtime file system is full", place, file_system_full);
+    row.print();
+    row.must_be_confirmed();
+}
+
+/// Becomes another user after it has found the socket, when it is told where.
+#[test]
+fn an_intruder_asks() {
+    let Some(runtime) = std::env::var_os(INTRUDE) else { return };
+    let instance = Instance::below(Path::new(&runtime), "robot").unwrap();
+    let (user, group) = (Uid::from_raw(NOBODY), Gid::from_raw(NOBODY));
+    setgroups(&[group]).and_then(|()| setgid(group)).and_then(|()| setuid(user)).unwrap();
+    let asked = AskedStop::send(&instance, PATIENCE).unwrap();
+    assert_eq!(asked.confirm(PATIENCE), Err(StopError::NotPermitted));
+}
+
+#[test]
+fn nobody_else_may_stop_the_robot() {
+    if !nix::unistd::geteuid().is_root() {
+        println!("not run: only root can become another user");
+        return;
+    }
+    let robot = Robot::start(TempDir::new().unwrap());
+    let mut intruder = Command::new(std::env::current_exe().unwrap());
+    intruder.args(["--exact", "an_intruder_asks", "--nocapture"]).env(INTRUDE, robot.place.path());
+    assert!(intruder.status().unwrap().success());
+    assert_eq!(robot.phase(), Some(Phase::Active));
+}
