@@ -141,14 +141,34 @@ fn a_drive_that_has_the_torque_to_itself_is_stopped_before_its_winding_is_too_wa
     assert!(robot.joint(0).temperature < robot.settings.motors[0].limits.temperature, "the model was first");
 }
 
+/// 20 rad/s in half a second are 0.04 rad/s in a cycle; 1 rad/s is 60 / 2π rpm. The velocity of a torque setpoint means nothing.
+#[test]
+fn a_speed_setpoint_begins_at_the_speed_of_the_joint_whatever_the_setpoint_before_named() {
+    let mut robot = arm();
+    let mut joints = setpoints(SetpointMode::Torque, 0.0);
+    joints.iter_mut().for_each(|joint| joint.velocity = 15.0);
+    activate(&mut robot, &joints);
+    robot.take_sent();
+    joints.iter_mut().for_each(|joint| joint.mode = SetpointMode::Speed.code());
+    robot.follow(&joints);
+    let sent = robot.take_sent_to(1);
+    let speeds: Vec<_> = sent.iter().filter_map(|sent| value(0x94, sent)).collect();
+    assert!(matches!(speeds[..], [rpm] if rpm.abs() < 2.0 * 0.04 * 9.55), "{speeds:?} rpm");
+}
+
 fn stiff(position: f32, kp: f32) -> Vec<JointSetpoint> {
     vec![JointSetpoint { position, kp, kd: 1.0, ..Default::default() }; 2]
 }
 
-/// The torque of a torque command (GIM document, 3.2.7), N·m.
+/// The value of a control command (GIM document, 3.2.7 to 3.2.9).
+fn value(command: u8, sent: &robot::Sent) -> Option<f32> {
+    let [first, a, b, c, d, ..] = sent.bytes;
+    (first == command).then_some(f32::from_le_bytes([a, b, c, d]))
+}
+
+/// The torque of a torque command, N·m.
 fn commanded_torque(sent: &robot::Sent) -> Option<f32> {
-    let [0x93, a, b, c, d, ..] = sent.bytes else { return None };
-    Some(f32::from_le_bytes([a, b, c, d]))
+    value(0x93, sent)
 }
 
 #[test]

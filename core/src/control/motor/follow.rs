@@ -66,10 +66,14 @@ impl Motor {
         let (Some(wanted), Some(measured)) = (orders.wanted, self.measured()) else {
             return self.damp(None, orders, cx);
         };
-        // With kp = 0 the last position setpoint is meaningless: slew from the measured one.
+        // A value that the last setpoint did not use is meaningless: slew from the measured one.
         let mut previous = self.applied.setpoint;
         if !previous.pulls() {
             previous.values.position = measured.position;
+        }
+        if previous.mode != SetpointMode::Speed {
+            let most = self.settings.limits.velocity;
+            previous.values.velocity = measured.velocity.clamp(-most, most);
         }
         let limits = &self.settings.limits;
         let circumstances = Circumstances {
