@@ -5,6 +5,7 @@
 
 pub mod deaths;
 pub mod disturbances;
+pub mod replies;
 pub mod service;
 pub mod times;
 pub mod trot;
@@ -67,6 +68,31 @@ pub struct Command {
     pub text: String,
 }
 
+/// A reply in a log. Its content is not judged here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reply {
+    /// When it was on the bus, as the log counts.
+    pub at: Duration,
+    /// Index of the motor in the [`Wiring`].
+    pub motor: usize,
+}
+
+/// A frame of a log.
+#[derive(Debug)]
+enum Spoken {
+    Command(Command),
+    Reply(Reply),
+}
+
+impl Spoken {
+    const fn at(&self) -> Duration {
+        match self {
+            Self::Command(command) => command.at,
+            Self::Reply(reply) => reply.at,
+        }
+    }
+}
+
 /// Something that happened to the robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mark {
@@ -118,6 +144,8 @@ pub trait Rules {
     fn mark(&mut self, mark: &Mark, verdict: &mut Verdict);
     /// A motor hears a command.
     fn command(&mut self, command: &Command, verdict: &mut Verdict);
+    /// A motor replies.
+    fn reply(&mut self, _reply: &Reply, _verdict: &mut Verdict) {}
     /// The log is over.
     fn end(&mut self, verdict: &mut Verdict);
 }
@@ -126,13 +154,16 @@ pub trait Rules {
 #[must_use]
 pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str) -> Verdict {
     let mut verdict = Verdict::default();
-    let commands = commands(wiring, log, &mut verdict);
+    let spoken = frames(wiring, log, &mut verdict);
     let mut marks = marks.iter().peekable();
-    for command in &commands {
-        while let Some(mark) = marks.next_if(|mark| mark.at <= command.at) {
+    for frame in &spoken {
+        while let Some(mark) = marks.next_if(|mark| mark.at <= frame.at()) {
             rules.mark(mark, &mut verdict);
         }
-        rules.command(command, &mut verdict);
+        match frame {
+            Spoken::Command(command) => rules.command(command, &mut verdict),
+            Spoken::Reply(reply) => rules.reply(reply, &mut verdict),
+        }
     }
     marks.for_each(|mark| rules.mark(mark, &mut verdict));
     rules.end(&mut verdict);
@@ -157,21 +188,21 @@ pub fn marks(text: &str) -> Result<Vec<Mark>, String> {
     text.lines().map(mark).collect()
 }
 
-/// The commands of a log by their times. Frames that go to no motor are the replies of one, or wrong.
-fn commands(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Command> {
-    let mut commands = Vec::new();
+/// The frames of a log by their times. Those that go to no motor are the replies of one, or wrong.
+fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
+    let mut frames = Vec::new();
     for line in log.lines() {
-        match command(wiring, line) {
-            Ok(command) => commands.extend(command),
+        match frame(wiring, line) {
+            Ok(frame) => frames.push(frame),
             Err(complaint) => verdict.complain(complaint),
         }
     }
     // Each interface tells its frames in order; candump mixes them a little.
-    commands.sort_by_key(|command| command.at);
-    commands
+    frames.sort_by_key(Spoken::at);
+    frames
 }
 
-fn command(wiring: &Wiring, line: &str) -> Result<Option<Command>, String> {
+fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
     let said = || format!("candump says: {line}");
     let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| said())?;
     let Content::Frame(frame) = content else { return Err(said()) };
@@ -185,10 +216,12 @@ fn command(wiring: &Wiring, line: &str) -> Result<Option<Command>, String> {
             return Err(format!("a question that is a command to this motor: {line}"));
         }
         let text = format!("{interface} {frame:?}");
-        return Ok(Some(Command { at, motor, kind: Kind::of(meaning), meaning, text }));
+        return Ok(Spoken::Command(Command { at, motor, kind: Kind::of(meaning), meaning, text }));
     }
-    let replies = wiring.motors.iter().any(|motor| motor.interface == interface && motor.reply_id == id);
-    if replies { Ok(None) } else { Err(format!("no motor has this id: {line}")) }
+    let replies = |motor: &crate::robot::Wired| motor.interface == interface && motor.reply_id == id;
+    let motor = wiring.motors.iter().position(replies);
+    let motor = motor.ok_or_else(|| format!("no motor has this id: {line}"))?;
+    Ok(Spoken::Reply(Reply { at, motor }))
 }
 
 /// A time in seconds, as candump tells it.

@@ -4,6 +4,7 @@ use clap::{Parser, Subcommand};
 use motord_bus::Duration;
 use motord_checker::log::deaths::Deaths;
 use motord_checker::log::disturbances::{self, Disturbances};
+use motord_checker::log::replies::{self, Replies};
 use motord_checker::log::service::Service;
 use motord_checker::log::times::Limits;
 use motord_checker::log::trot::{self, Trot};
@@ -50,6 +51,24 @@ enum Rules {
         #[arg(long)]
         stops: usize,
     },
+    /// Something beside the buses suffers: every motor replies, as soon as while it is well.
+    Replies {
+        /// Parts in which something suffers, and as many in which all is well.
+        #[arg(long)]
+        parts: usize,
+        /// Times may be so many times as long as while all is well.
+        #[arg(long)]
+        ratio: f64,
+        /// Ticks per second.
+        #[arg(long)]
+        rate: f64,
+        /// Length of all parts together, s.
+        #[arg(long)]
+        seconds: f64,
+        /// Share of the ticks that have a cycle.
+        #[arg(long)]
+        share: f64,
+    },
     /// Units of systemd come and go: what each motor hears after each mark.
     Service,
     /// A trot: each motor once in a cycle, and nearly all cycles.
@@ -86,6 +105,10 @@ fn check(arguments: Arguments) -> Result<Verdict, String> {
         Rules::Disturbances { notice_ms, stops } => {
             let demand = disturbances::Demand { notice: Duration::from_millis(notice_ms), stops };
             judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks()?, &log)
+        }
+        Rules::Replies { parts, ratio, rate, seconds, share } => {
+            let demand = replies::Demand { parts, ratio, rate, seconds, share };
+            judge(&mut Replies::new(&wiring, demand), &wiring, &marks()?, &log)
         }
         Rules::Service => judge(&mut Service::new(&wiring), &wiring, &marks()?, &log),
         Rules::Trot { rate, seconds, share } => {

@@ -33,10 +33,8 @@ pub struct Motor {
     pub id: u16,
     /// Id of the replies.
     pub reply_id: u16,
-    /// The ranges of its codes.
-    pub ranges: Ranges,
-    /// How a reply is read.
-    pub reply: Reply,
+    /// The protocol that it speaks.
+    pub protocol: Protocol,
     /// 1, or -1 when joint and motor turn opposite ways.
     pub direction: f64,
     /// Position of the joint when the motor is at zero, rad.
@@ -45,6 +43,31 @@ pub struct Motor {
     pub damping_kd: f64,
     /// The limits of the commands to the joint.
     pub limits: Limits,
+}
+
+/// The protocol that a motor speaks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Protocol {
+    /// MIT, or a vendor's way to speak it.
+    Mit {
+        /// The ranges of its codes.
+        ranges: Ranges,
+        /// How a reply is read.
+        reply: Reply,
+    },
+    /// SteadyWin's own, over CAN or on a serial line.
+    Native,
+}
+
+impl Protocol {
+    /// The step of the positions in its commands, rad; 0 where they have none.
+    #[must_use]
+    pub const fn position_code(&self) -> f64 {
+        match self {
+            Self::Mit { ranges, .. } => ranges.codes().position,
+            Self::Native => 0.0,
+        }
+    }
 }
 
 /// Limits of one joint.
@@ -88,7 +111,8 @@ pub enum SafeStop {
     Stop,
 }
 
-/// Where the motors of a log are: interface and ids, from a configuration of the daemon.
+/// Where the motors of a log are: interface and ids, from a configuration of the daemon. Candump does not see serial lines,
+/// so the motors there are left out.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Wiring {
     /// In the order of the configuration.
@@ -120,7 +144,8 @@ struct File {
 #[derive(Deserialize)]
 struct BusTable {
     name: String,
-    interface: String,
+    /// A serial line has none.
+    interface: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -144,7 +169,7 @@ fn vendor(model: Option<&str>) -> (u16, bool) {
 }
 
 impl Wiring {
-    /// Reads a configuration of the daemon whose buses are all CAN interfaces.
+    /// Reads a configuration of the daemon whose buses are CAN interfaces or serial lines.
     ///
     /// # Errors
     ///
@@ -163,17 +188,18 @@ impl Wiring {
         let File { bus: buses, motor: motors } = toml::from_str(text).map_err(|error| error.to_string())?;
         let wire = |motor: MotorTable| {
             let bus = buses.iter().find(|bus| bus.name == motor.bus);
-            let interface = bus.map(|bus| bus.interface.clone());
+            let bus = bus.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?;
             let (reply_offset, answers_question) = vendor(motor.model.as_deref());
-            Ok(Wired {
-                interface: interface.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?,
+            Ok(bus.interface.clone().map(|interface| Wired {
+                interface,
                 name: motor.name,
                 id: motor.id,
                 reply_id: motor.host_id.unwrap_or(reply_offset + motor.id),
                 answers_question,
-            })
+            }))
         };
-        Ok(Self { motors: motors.into_iter().map(wire).collect::<Result<_, String>>()? })
+        let wired = motors.into_iter().filter_map(|motor| wire(motor).transpose());
+        Ok(Self { motors: wired.collect::<Result<_, String>>()? })
     }
 
     /// The interfaces, each once, in the order of their first motors.

@@ -2,7 +2,8 @@
 //!
 //! | | |
 //! |---|---|
-//! | I1 | no start, zero or clear command that nobody asked for; never the all-zero frame |
+//! | I1 | no start, zero or clear command that nobody asked for; never the all-zero frame; to a native motor nothing but control,
+//! |    | start, stop and questions, which do not move a motor that is in MIT mode |
 //! | I2 | after decoding the bytes: position, velocity, gains, torque, their slews, and the torque they make together are within the limits |
 //! | I3 | no motion when the owner's newest good setpoint is older than its timeout |
 //! | I4 | a stopped motor hears stop and questions only, and only an active group moves |
@@ -20,18 +21,23 @@
 //! panics, and says which.
 
 mod cycle;
+mod heard;
+mod native;
 mod slope;
 mod stop;
+mod told;
 
-use crate::codec::Meaning;
-use crate::robot::{Motor, Robot, SafeStop};
+use crate::codec::{self, Ranges};
+use crate::robot::{Limits, Motor, Protocol, Robot, SafeStop};
 use crate::state::{Bus, Cause, Group, Joint, Mode, Phase, State};
 use cycle::Cycle;
+use heard::{Heard, Order};
 use motord_bus::{Duration, Frame, Instant};
 use slope::Slopes;
 use std::collections::VecDeque;
 use std::rc::Rc;
 use stop::{Injections, Target};
+use told::Velocities;
 
 /// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
 /// in the cycle that uses it.
@@ -46,6 +52,8 @@ const DELAY_CYCLES: usize = 3;
 
 /// The largest distance from a value to its nearest code, in codes: half a code, and a margin for single precision.
 const NEAREST: f64 = 0.55;
+/// A position in single precision is as exact as this, rad.
+const HELD: f64 = 1e-5;
 
 /// The requests and messages of a test to one group.
 #[derive(Debug, Clone, Default)]
@@ -121,6 +129,10 @@ pub struct Checker {
     begun: Instant,
     groups: Vec<Watched>,
     slopes: Vec<Slopes>,
+    /// Of native motors.
+    last: Vec<native::Last>,
+    /// Of native motors.
+    velocities: Vec<Velocities>,
     /// Set zero commands that each motor may still hear.
     zeros: Vec<u32>,
     /// Until when each motor may hear clear fault commands.
@@ -145,6 +157,8 @@ impl Checker {
             begun: now,
             groups: vec![Watched::default(); groups],
             slopes: vec![Slopes::default(); motors],
+            last: vec![native::Last::default(); motors],
+            velocities: vec![Velocities::default(); motors],
             zeros: vec![0; motors],
             clears: vec![Instant::ZERO; motors],
             sent: vec![0; buses],
@@ -216,7 +230,8 @@ impl Checker {
         self.judge_counts(&cycle, commands);
         for motor in 0..self.robot.motors.len() {
             self.judge_activation(motor, &cycle);
-            judge_joint(&self.robot.motors[motor], motor, &cycle, replies);
+            self.velocities[motor].hear(&self.robot.motors[motor], replies);
+            self.judge_joint(motor, &cycle, replies);
         }
         self.injections.judge(&cycle);
         judge_counters(&cycle.before, &cycle.state);
@@ -282,19 +297,18 @@ impl Checker {
         let motor = motors.iter().position(|motor| (motor.bus, motor.id) == (bus, frame.id().raw()));
         let motor = motor.expect("frames go to motors");
         let bytes = frame.payload().try_into().expect("every command has eight bytes");
-        assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
-        let meaning = Meaning::of(bytes, &motors[motor].ranges);
-        let answers = motors[motor].reply.report.is_some();
-        assert!(answers || meaning != Meaning::GetFault, "I1: a question that is a command to the motor");
+        judge_bytes(&motors[motor], bytes);
+        let order = Order::of(bytes, &motors[motor]);
         cycle.frames[bus] += 1;
         let most = 1 + motors.iter().filter(|motor| motor.bus == bus).count();
         assert!(cycle.frames[bus] <= most, "I5: more than {most} frames");
-        let heard = &mut cycle.heard[motor];
-        let first = heard.is_none() || meaning == Meaning::GetFault;
-        assert!(first, "I5: {meaning:?} after {heard:?} for {}", motors[motor].name);
-        heard.get_or_insert(meaning);
-        self.judge_values(cycle, motor, meaning);
-        self.judge_meaning(cycle, motor, meaning);
+        let before = &cycle.heard[motor];
+        let first = before.is_none() || order.is_question();
+        assert!(first, "I5: {order:?} after {before:?} for {}", motors[motor].name);
+        let heard = Heard::of(order, &motors[motor], motor, [&cycle.before, &cycle.state]);
+        cycle.heard[motor].get_or_insert(heard);
+        self.judge_values(cycle, motor, order);
+        self.judge_order(cycle, motor, heard);
     }
 
     /// A motor that begins to follow setpoints begins with nothing, and from where it stands.
@@ -307,29 +321,32 @@ impl Checker {
         assert!(!started || before.mode == Mode::Starting, "I1: active without a start");
     }
 
-    fn judge_meaning(&mut self, cycle: &Cycle, motor: usize, meaning: Meaning) {
+    fn judge_order(&mut self, cycle: &Cycle, motor: usize, heard: Heard) {
+        let order = heard.order;
         let excluded =
             [&cycle.before, &cycle.state].iter().all(|state| state.joints[motor].mode == Mode::Excluded);
-        assert!(!excluded || meaning == Meaning::Stop, "I4: {meaning:?} to an excluded motor");
+        let rests = matches!(order, Order::Stop | Order::GetIndicator);
+        assert!(!excluded || rests, "I4: {order:?} to an excluded motor");
         let group = self.robot.groups.iter().position(|group| group.motors.contains(&motor));
         let group = group.expect("every motor is in a group");
-        match meaning {
-            Meaning::Stop | Meaning::GetFault => {}
-            Meaning::Start => {
+        match order {
+            Order::Stop | Order::GetFault | Order::GetIndicator => {}
+            Order::Start => {
                 let asked = cycle.enabled[group] && cycle.touches(group, Phase::Starting);
                 assert!(asked, "I1: start in {:?}", cycle.state.groups[group].phase);
             }
-            Meaning::SetZero => {
+            Order::SetZero => {
                 assert!(self.zeros[motor] > 0 && cycle.touches(group, Phase::Disarmed), "I1: set zero");
                 self.zeros[motor] -= 1;
             }
-            Meaning::ClearFault => {
+            Order::ClearFault => {
                 let asked = cycle.begun <= self.clears[motor] && cycle.touches(group, Phase::Disarmed);
                 assert!(asked, "I1: clear fault");
             }
-            Meaning::Control { .. } => {
-                assert!(!cycle.is(group, Phase::Disarmed), "I4: {meaning:?} to a stopped motor");
-                if !meaning.is_safe() && !self.holds(cycle, group, motor, &meaning) {
+            Order::Other(command) => panic!("I1: command {command:#04X} to a native motor"),
+            Order::Impedance { .. } | Order::Torque(_) | Order::Speed(_) | Order::Position(_) => {
+                assert!(!cycle.is(group, Phase::Disarmed), "I4: {order:?} to a stopped motor");
+                if !heard.is_safe && !self.holds(cycle, group, motor, order) {
                     judge_motion(self.robot.setpoint_timeout, cycle, group);
                 }
             }
@@ -337,50 +354,116 @@ impl Checker {
     }
 
     /// The command holds a motor whose group holds when its owner is late or gone.
-    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, meaning: &Meaning) -> bool {
+    fn holds(&self, cycle: &Cycle, group: usize, motor: usize, order: Order) -> bool {
         let causes = [Cause::None, Cause::SetpointTimeout, Cause::OwnerLost];
         self.robot.groups[group].safe_stop == SafeStop::Hold
             && causes.contains(&cycle.before.groups[group].cause)
             && cycle.state.groups[group].phase == Phase::Damping
-            && is_held(&self.robot.motors[motor], meaning, cycle.held[motor])
+            && is_held(&self.robot.motors[motor], order, cycle.held[motor])
     }
 
-    fn judge_values(&mut self, cycle: &Cycle, motor: usize, meaning: Meaning) {
-        let Meaning::Control { position, velocity, kp, kd, torque, .. } = meaning else { return };
-        let Motor { limits, direction, offset, damping_kd, .. } = self.robot.motors[motor];
-        let codes = self.robot.motors[motor].ranges.codes();
-        let before = &cycle.before.joints[motor];
-        let (position, velocity, torque) =
-            (direction * position + offset, direction * velocity, direction * torque);
-        assert!(
-            (velocity - f64::from(WRONG_LEASE_VELOCITY)).abs() > 0.05,
-            "I7: a setpoint with the wrong lease was followed"
-        );
-        assert!(kp <= limits.kp + NEAREST * codes.kp, "I2: kp {kp}");
-        assert!(kd <= limits.kd.max(damping_kd) + NEAREST * codes.kd, "I2: kd {kd}");
-        assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
-        assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
-        let active = cycle.state.joints[motor].mode == Mode::Active;
-        if kp > 0.0 && active && !cycle.state.joints[motor].slews {
+    /// The limits of every value, and of its slope while the motor follows setpoints.
+    fn judge_values(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+        let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
+        let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
+        let active = now.mode == Mode::Active;
+        let (Protocol::Mit { ranges, .. }, Order::Impedance { position, kp, kd, torque, .. }) =
+            (protocol, order)
+        else {
+            return self.judge_native(cycle, motor, order);
+        };
+        let codes = ranges.codes();
+        judge_gains([kp, kd], [limits.kp, limits.kd.max(*damping_kd)], &codes);
+        judge_impedance(order, limits, before, &codes);
+        if kp > 0.0 && active && !now.slews {
             let [low, high] = limits.position;
             let noise = NEAREST * codes.position;
             assert!((low - noise..=high + noise).contains(&position), "I2: position {position}");
-        }
-        if before.position.is_finite() {
-            let (far, fast) = (position - f64::from(before.position), velocity - f64::from(before.velocity));
-            let total = kp * far + kd * fast + torque;
-            let noise = NEAREST
-                * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs() + codes.velocity * kd)
-                + codes.torque;
-            assert!(total.abs() <= limits.torque + noise, "I2: {total} N·m in all");
         }
         if before.applied_kp == 0.0 {
             self.slopes[motor].rest_at(f64::from(before.position), cycle.time - cycle.elapsed);
         }
         if active {
-            self.slopes[motor].judge(cycle.time, &limits, position, [kp, kd, torque], &codes);
+            self.slopes[motor].judge(cycle.time, limits, position, [kp, kd, torque], &codes);
         }
     }
+
+    fn judge_native(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+        let limits = &self.robot.motors[motor].limits;
+        let joints = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
+        let [before, now] = joints;
+        let active = [before, now].iter().all(|joint| joint.mode == Mode::Active);
+        native::judge_value(order, limits, active && !now.slews);
+        match order {
+            _ if order.is_question() => {}
+            Order::Torque(_) | Order::Speed(_) | Order::Position(_) if active => {
+                let fast = f64::from(now.applied_velocity);
+                let is_wrong = matches!(order, Order::Torque(_)) && is_wrong_lease(fast);
+                assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
+                self.last[motor].judge(order, cycle.time, limits, joints);
+            }
+            _ => self.last[motor].forget(),
+        }
+    }
+
+    fn judge_joint(&self, motor: usize, cycle: &Cycle, replies: &[Reply]) {
+        let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
+        assert_eq!(now.fresh, now.age_cycles == 0 && now.receive_ns > 0, "I6: {now:?}");
+        assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
+        if now.fresh {
+            let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
+            let said = replies.iter().any(|reply| told::says(reply, settings, now, velocities));
+            assert!(said, "I6: no reply said {now:?}");
+        } else if cycle.state.cycle > cycle.before.cycle {
+            assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");
+            assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
+            let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
+            let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
+            assert!(kept, "I6: {now:?} from {before:?}");
+        }
+    }
+}
+
+/// Bytes that no motor may hear, whatever is asked of it.
+fn judge_bytes(motor: &Motor, bytes: [u8; 8]) {
+    assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
+    match motor.protocol {
+        Protocol::Mit { ranges, reply } => {
+            let asks = codec::Meaning::of(bytes, &ranges) == codec::Meaning::GetFault;
+            assert!(reply.report.is_some() || !asks, "I1: a question that is a command to the motor");
+        }
+        // A control command cannot be neutral in MIT; the motor has answered in native mode before.
+        Protocol::Native if matches!(bytes[0], 0x93..=0x95) => {}
+        Protocol::Native => {
+            let in_mit = codec::Meaning::of(bytes, &Ranges::steadywin(1.0));
+            assert!(in_mit.is_safe(), "I1: {bytes:02X?} is {in_mit:?} in MIT mode");
+        }
+    }
+}
+
+fn judge_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges) {
+    assert!(kp <= kp_most + NEAREST * codes.kp, "I2: kp {kp}");
+    assert!(kd <= kd_most + NEAREST * codes.kd, "I2: kd {kd}");
+}
+
+/// The velocity and the torque of an impedance, and the torque that it makes at the state before.
+fn judge_impedance(order: Order, limits: &Limits, before: &Joint, codes: &Ranges) {
+    let Order::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
+    assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
+    assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
+    assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
+    if before.position.is_finite() {
+        let (far, fast) = (position - f64::from(before.position), velocity - f64::from(before.velocity));
+        let total = kp * far + kd * fast + torque;
+        let noise = NEAREST
+            * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs() + codes.velocity * kd)
+            + codes.torque;
+        assert!(total.abs() <= limits.torque + noise, "I2: {total} N·m in all");
+    }
+}
+
+fn is_wrong_lease(velocity: f64) -> bool {
+    (velocity - f64::from(WRONG_LEASE_VELOCITY)).abs() <= 0.05
 }
 
 /// Judges what motors heard in the newest cycle whose frames have left: those of a bus that was well all the while.
@@ -411,43 +494,11 @@ fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f
 }
 
 /// The command holds the motor at one of these positions, rad.
-fn is_held(motor: &Motor, command: &Meaning, held: [f64; 2]) -> bool {
-    let Meaning::Control { position, neutral, .. } = *command else { return false };
-    let position = motor.direction * position + motor.offset;
-    let there = held.iter().any(|held| (position - held).abs() < motor.ranges.codes().position);
-    there && neutral
-}
-
-fn judge_joint(settings: &Motor, motor: usize, cycle: &Cycle, replies: &[Reply]) {
-    let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
-    assert_eq!(now.fresh, now.age_cycles == 0 && now.receive_ns > 0, "I6: {now:?}");
-    assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
-    if now.fresh {
-        let said = replies.iter().any(|reply| says(reply, settings, now));
-        assert!(said, "I6: no reply said {now:?}");
-    } else if cycle.state.cycle > cycle.before.cycle {
-        assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");
-        assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
-        let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
-        let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
-        assert!(kept, "I6: {now:?} from {before:?}");
-    }
-}
-
-/// The reply is the motor's, came when `joint` says, and tells its position and velocity.
-fn says(reply: &Reply, motor: &Motor, joint: &Joint) -> bool {
-    if (reply.bus, reply.frame.id().raw(), reply.at.as_nanos())
-        != (motor.bus, motor.reply_id, joint.receive_ns)
-    {
+fn is_held(motor: &Motor, order: Order, held: [f64; 2]) -> bool {
+    let (Order::Impedance { position, neutral: true, .. } | Order::Position(position)) = order else {
         return false;
-    }
-    let read = motor.reply.read(reply.frame.payload(), motor.id as u8, &motor.ranges);
-    read.is_some_and(|[position, velocity]| {
-        let position = motor.direction * position + motor.offset;
-        let velocity = motor.direction * velocity;
-        (position - f64::from(joint.position)).abs() < 1e-3
-            && (velocity - f64::from(joint.velocity)).abs() < 1e-3
-    })
+    };
+    held.iter().any(|held| (position - held).abs() < motor.protocol.position_code().max(HELD))
 }
 
 fn judge_group(watched: &mut Watched, before: &Group, now: &Group) {

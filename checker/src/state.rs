@@ -26,6 +26,10 @@ pub struct Joint {
     pub velocity: f32,
     /// Stiffness of what was sent in this cycle, N·m/rad.
     pub applied_kp: f32,
+    /// Its damping, N·m·s/rad.
+    pub applied_kd: f32,
+    /// Its velocity, rad/s.
+    pub applied_velocity: f32,
     /// The setpoint's position was limited by its slew.
     pub slews: bool,
     /// The state is from a reply of this cycle.

@@ -5,7 +5,7 @@
 
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_checker::codec::{Ranges, Reply};
-use motord_checker::robot::{Group, Limits, Motor, Robot, SafeStop};
+use motord_checker::robot::{Group, Limits, Motor, Protocol, Robot, SafeStop};
 use motord_checker::run::{self, BusFault, Checker, Command, MotorFault, Request};
 use motord_checker::state::{self, Bus, Cause, Joint, Mode, Phase, State};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,8 +20,28 @@ const SET_ZERO: u64 = 0xFFFF_FFFF_FFFF_FFFE;
 const CLEAR_FAULT: u64 = 0xFFFF_FFFF_FFFF_FFFB;
 const GET_FAULT: u64 = 0xFFFF_FFFF_FFFF_00FB;
 
-/// A robot of one motor with replies of this kind.
-fn robot(reply: Reply) -> Robot {
+/// Native commands (GIM document 3.2), filled up so that a motor in MIT mode only hears zeros. Torques of 0.05 and −0.4 N·m.
+const NATIVE_START: u64 = 0x9100_8000_0000_0800;
+const NATIVE_STOP: u64 = 0x9200_8000_0000_0800;
+const NATIVE_FAULT: u64 = 0xB200_8000_0000_0800;
+const NATIVE_CLEAR: u64 = 0xB300_8000_0000_0800;
+const ANGLE: u64 = 0xB413_8000_0000_0800;
+const TORQUE: u64 = 0x93CD_CC4C_3D00_0000;
+const BRAKE: u64 = 0x93CD_CCCC_BE00_0000;
+
+/// A native control command with a value.
+fn native(command: u8, value: f32) -> u64 {
+    let [a, b, c, d] = value.to_le_bytes();
+    u64::from_be_bytes([command, a, b, c, d, 0, 0, 0])
+}
+
+/// MIT, with replies of this kind.
+fn mit(reply: Reply) -> Protocol {
+    Protocol::Mit { ranges: Ranges::steadywin(20.0), reply }
+}
+
+/// A robot of one motor with this protocol.
+fn robot(protocol: Protocol) -> Robot {
     let limits = Limits {
         position: [-1.0, 1.0],
         velocity: 20.0,
@@ -37,8 +57,7 @@ fn robot(reply: Reply) -> Robot {
         bus: 0,
         id: 1,
         reply_id: 0x101,
-        ranges: Ranges::steadywin(20.0),
-        reply,
+        protocol,
         direction: 1.0,
         offset: 0.0,
         damping_kd: 0.2,
@@ -58,6 +77,8 @@ fn robot(reply: Reply) -> Robot {
 struct Script {
     checker: Checker,
     state: State,
+    /// What the motor replies to every command.
+    reply: Vec<u8>,
 }
 
 /// A cycle as it should be; tests change one thing.
@@ -69,7 +90,7 @@ struct Next {
 
 impl Script {
     fn new() -> Self {
-        Self::of(robot(Reply::STEADYWIN))
+        Self::of(robot(mit(Reply::STEADYWIN)))
     }
 
     fn of(robot: Robot) -> Self {
@@ -77,6 +98,8 @@ impl Script {
             position: 0.000_19,
             velocity: 0.015_87,
             applied_kp: 0.0,
+            applied_kd: 0.0,
+            applied_velocity: 0.0,
             slews: false,
             fresh: true,
             valid: true,
@@ -95,7 +118,16 @@ impl Script {
             groups: vec![group],
             buses: vec![Bus { given_up: false, sent: 0, counters: [0; 8] }],
         };
-        Self { checker: Checker::new(robot, state.begun), state }
+        let reply = vec![1, 0x80, 0, 0x80, 0x08, 0];
+        Self { checker: Checker::new(robot, state.begun), state, reply }
+    }
+
+    /// A native motor that turns at 2.0476 rad/s: the code 0x840.
+    fn native() -> Self {
+        let mut script = Self::of(robot(Protocol::Native));
+        script.state.joints[0].velocity = 2.047_62;
+        script.reply = vec![0x93, 0, 25, 0x00, 0x80, 0x84, 0x08, 0x00];
+        script
     }
 
     /// The next cycle: this command, and a good reply to it.
@@ -107,7 +139,7 @@ impl Script {
         state.joints[0].mode = mode;
         state.joints[0].receive_ns = state.begun.as_nanos() + 500_000;
         state.buses[0].sent += 1;
-        Next { state, commands: vec![command], reply: vec![1, 0x80, 0, 0x80, 0x08, 0] }
+        Next { state, commands: vec![command], reply: self.reply.clone() }
     }
 
     fn judge(&mut self, next: Next) {
@@ -128,15 +160,31 @@ impl Script {
 
     /// Asked for, started, and followed for some cycles.
     fn active() -> Self {
-        let mut robot = Self::new();
-        robot.cycle(Phase::Disarmed, Mode::Idle, STOP);
-        robot.checker.asked(Request::Enable { group: 0 });
-        robot.cycle(Phase::Starting, Mode::Starting, START);
-        robot.cycle(Phase::Starting, Mode::Starting, NEUTRAL);
+        Self::new().activated([STOP, START, NEUTRAL, STIFF])
+    }
+
+    /// The same of a native motor.
+    fn active_native() -> Self {
+        Self::native().activated([NATIVE_STOP, NATIVE_START, ANGLE, TORQUE])
+    }
+
+    fn activated(mut self, [stop, start, neutral, follow]: [u64; 4]) -> Self {
+        self.cycle(Phase::Disarmed, Mode::Idle, stop);
+        self.checker.asked(Request::Enable { group: 0 });
+        self.cycle(Phase::Starting, Mode::Starting, start);
+        self.cycle(Phase::Starting, Mode::Starting, neutral);
         for _ in 0..10 {
-            robot.follow(STIFF);
+            self.follow(follow);
         }
-        robot
+        self
+    }
+
+    /// Stopped because somebody asked for it, and damped by this command.
+    fn stopped_by(mut self, command: u64) -> Self {
+        let mut next = self.next(Phase::Damping, Mode::Damping, command);
+        next.state.groups[0].cause = Cause::EmergencyStop;
+        self.judge(next);
+        self
     }
 
     fn setpoint(&mut self) {
@@ -213,7 +261,7 @@ fn i1_commands_that_nobody_asked_for() {
 fn i1_a_question_to_a_motor_that_takes_it_for_a_command() {
     refuses("I1: a question", || {
         let reply = Reply { report: None, ..Reply::STEADYWIN };
-        Script::of(robot(reply)).cycle(Phase::Disarmed, Mode::Idle, GET_FAULT);
+        Script::of(robot(mit(reply))).cycle(Phase::Disarmed, Mode::Idle, GET_FAULT);
     });
 }
 
@@ -320,4 +368,152 @@ fn i10_faults_that_nobody_notices() {
         (0..20).for_each(|_| robot.follow(STIFF));
     });
     refuses_next("I10: bus 0 was given up", |next| next.state.buses[0].given_up = true);
+}
+
+#[test]
+fn a_native_motor_that_starts_follows_is_damped_and_stopped_is_accepted() {
+    let mut robot = Script::active_native();
+    // 19.1 rpm are 2 rad/s: the joint has that speed already.
+    for command in [native(0x94, 19.1), native(0x95, 0.5), native(0x95, 0.51), TORQUE] {
+        robot.follow(command);
+    }
+    let mut next = robot.following(TORQUE);
+    next.commands.push(0xB400_8000_0000_0800);
+    next.state.buses[0].sent += 1;
+    robot.judge(next);
+    let mut robot = robot.stopped_by(BRAKE);
+    robot.later(Phase::Damping, Mode::Damping, BRAKE);
+    robot.later(Phase::Disarmed, Mode::Idle, NATIVE_STOP);
+    robot.later(Phase::Disarmed, Mode::Idle, ANGLE);
+}
+
+#[test]
+fn i1_native_commands_that_nobody_asked_for_or_that_a_cycle_never_sends() {
+    let idle = |rule: &str, command: u64| {
+        refuses(rule, || Script::native().cycle(Phase::Disarmed, Mode::Idle, command));
+    };
+    idle("I1: start", NATIVE_START);
+    idle("I1: clear fault", NATIVE_CLEAR);
+    idle("I1: the all-zero frame", 0);
+    for command in [0x81, 0x82, 0x83, 0x84, 0x96, 0x97, 0xA1, 0xA2, 0xB1, 0xB5, 0xC1, 0xFF_u64] {
+        let rule = format!("I1: command {command:#04X} to a native motor");
+        idle(&rule, (command << 56) | 0x0000_8000_0000_0800);
+    }
+    // Zeros behind the command byte are full negative torque and speed in MIT mode.
+    for command in [0x92, 0xB2, 0xB4_u64] {
+        idle("in MIT mode", command << 56);
+    }
+}
+
+/// The robot has torques of 10 N·m, 100 N·m/s, 20 rad/s and ±1 rad.
+#[test]
+fn i2_and_i7_native_values_beyond_their_limits() {
+    let next = |rule: &str, before: &[u64], command: u64| {
+        refuses(rule, || {
+            let mut robot = Script::active_native();
+            before.iter().for_each(|command| robot.follow(*command));
+            robot.follow(command);
+        });
+    };
+    for (rule, before, command) in [
+        ("I2: torque", &[][..], native(0x93, 10.01)),
+        ("I2: torque", &[], native(0x93, f32::NAN)),
+        ("I2: the torque stepped", &[], native(0x93, 0.16)),
+        ("I2: the torque stepped", &[], native(0x93, -0.06)),
+        ("I2: velocity", &[], native(0x94, 192.0)),
+        ("I2: the speed stepped", &[], native(0x94, 25.0)),
+        ("I2: the speed stepped", &[native(0x94, 19.0)], native(0x94, 18.0)),
+        ("I2: position", &[], native(0x95, 1.01)),
+        ("I2: position", &[], native(0x95, f32::INFINITY)),
+        ("I2: the position stepped", &[native(0x95, 0.5)], native(0x95, 0.53)),
+    ] {
+        next(rule, before, command);
+    }
+    refuses("I7", || {
+        let mut robot = Script::active_native();
+        let mut next = robot.following(TORQUE);
+        next.state.joints[0].applied_velocity = 18.0;
+        robot.judge(next);
+    });
+}
+
+#[test]
+fn i3_and_i4_native_motion_without_a_reason() {
+    refuses("I3", || {
+        let mut robot = Script::active_native();
+        for _ in 0..30 {
+            robot.cycle(Phase::Active, Mode::Active, TORQUE);
+        }
+    });
+    refuses("I4", || Script::native().cycle(Phase::Disarmed, Mode::Idle, BRAKE));
+    for command in [TORQUE, native(0x94, 0.0), native(0x95, 0.0)] {
+        refuses("I4", || {
+            let mut robot = Script::native();
+            robot.checker.asked(Request::Enable { group: 0 });
+            robot.cycle(Phase::Starting, Mode::Starting, command);
+        });
+    }
+}
+
+#[test]
+fn i5_and_i6_native_commands_in_one_cycle_and_states_that_nobody_told() {
+    let next = |rule: &str, change: fn(&mut Next)| {
+        refuses(rule, || {
+            let mut robot = Script::active_native();
+            let mut next = robot.following(TORQUE);
+            change(&mut next);
+            robot.judge(next);
+        });
+    };
+    next("I5", |next| next.commands.push(TORQUE));
+    next("I6", |next| next.reply[1] = 1);
+    next("I6", |next| next.reply[4] = 0x81);
+    next("I6", |next| next.reply[5] = 0x85);
+    next("I6", |next| next.reply[0] = 0x92);
+    // The angle of the shaft, and a velocity that was never told.
+    let angle = [0xB4, 0x13, 0, 0, 0, 0, 0, 0];
+    let mut robot = Script::active_native();
+    let mut fine = robot.following(TORQUE);
+    (fine.reply, fine.state.joints[0].position) = (angle.to_vec(), 0.0);
+    robot.judge(fine);
+    refuses("I6", || {
+        let mut robot = Script::native();
+        let mut next = robot.next(Phase::Disarmed, Mode::Idle, ANGLE);
+        (next.reply, next.state.joints[0].position) = (angle.to_vec(), 0.0);
+        robot.judge(next);
+    });
+}
+
+#[test]
+fn i10_a_native_motor_that_is_driven_or_goes_limp_while_it_should_be_damped() {
+    // Against its motion, but more than 0.2 N·m·s/rad; with its motion; a speed; a position that it was not held at.
+    for command in [native(0x93, -0.5), TORQUE, native(0x94, 0.0), native(0x95, 0.1)] {
+        refuses("I10: motion", || {
+            let mut robot = Script::active_native().stopped_by(BRAKE);
+            robot.cycle(Phase::Damping, Mode::Damping, command);
+        });
+    }
+    refuses("while it is damped", || {
+        let mut robot = Script::active_native().stopped_by(BRAKE);
+        robot.later(Phase::Damping, Mode::Damping, native(0x93, 0.0));
+    });
+    refuses("I10: hip heard nothing", || {
+        let mut robot = Script::active_native().stopped_by(BRAKE);
+        for _ in 0..5 {
+            let mut next = robot.next(Phase::Damping, Mode::Damping, BRAKE);
+            next.commands.clear();
+            next.state.buses[0].sent -= 1;
+            robot.judge(next);
+        }
+    });
+    // A question for its fault may take the place of one command, not of all.
+    refuses("while it is damped", || {
+        let mut robot = Script::active_native().stopped_by(BRAKE);
+        robot.later(Phase::Damping, Mode::Damping, NATIVE_FAULT);
+    });
+    refuses("I10: nobody noticed", || {
+        let mut robot = Script::active_native();
+        robot.checker.disturb_motor(0, MotorFault::Off);
+        (0..20).for_each(|_| robot.follow(TORQUE));
+    });
 }

@@ -6,6 +6,7 @@
 use motord_bus::Duration;
 use motord_checker::log::deaths::Deaths;
 use motord_checker::log::disturbances::{self, Disturbances};
+use motord_checker::log::replies::{self, Replies};
 use motord_checker::log::service::Service;
 use motord_checker::log::times::Limits;
 use motord_checker::log::trot::{self, Trot};
@@ -366,6 +367,84 @@ fn a_trot_is_one_control_frame_to_every_motor_in_nearly_every_cycle() {
     rig.refuses_without("11 motors", |line| line.place == "vcan2 001");
     rig.refuses_without("0 motors", |_| true);
     rig.refuses_without("ended early", |line| line.at >= 2000);
+}
+
+/// Every motor is asked every 4 ms and replies after 1 ms. From 400 to 800 ms and from 1200 to 1600 ms something suffers.
+fn replies() -> Rig {
+    let mut lines = heard(&[(0, 1700, 4, TROT)]);
+    let answers = lines.iter().map(|line| {
+        let (interface, id) = line.place.split_once(' ').unwrap();
+        Line::new(line.at + 1, &format!("{interface} 1{}", &id[1..]), "018000800800")
+    });
+    let answers: Vec<_> = answers.collect();
+    lines.extend(answers);
+    let marks = &[
+        "1000.000000 well",
+        "1000.400000 ill silent",
+        "1000.800000 well",
+        "1001.200000 ill corrupt 5%",
+        "1001.600000 rest",
+    ];
+    let judge = |marked: &[&str], log: &str| {
+        let demand = replies::Demand { parts: 2, ratio: 1.1, rate: 250.0, seconds: 1.6, share: 0.95 };
+        let wiring = wiring();
+        judge(
+            &mut Replies::new(&wiring, demand),
+            &wiring,
+            &motord_checker::log::marks(&marked.join("\n")).unwrap(),
+            log,
+        )
+    };
+    Rig { lines, marks, judge }
+}
+
+#[test]
+fn every_motor_replies_as_soon_while_something_beside_its_bus_suffers() {
+    let rig = replies();
+    rig.is_good();
+    let is_ill = |line: &Line| (400..800).contains(&line.at);
+    let is_reply = |line: &Line| line.place.ends_with("102") && line.place.starts_with("vcan1");
+    rig.refuses_without("1-thigh did not reply before 1000.444000 s (ill silent)", |line| {
+        is_reply(line) && line.at == 441
+    });
+    rig.refuses("1-thigh was not asked before 1000.442000 s (ill silent)", |line| {
+        let twice = is_reply(&line) && line.at == 441;
+        let again = Line { at: line.at + 1, ..line.clone() };
+        if twice { vec![line, again] } else { vec![line] }
+    });
+    rig.refuses("vcan1: replies 1000, 1000, 1000 µs", |line| {
+        let late = is_ill(&line) && is_reply(&line);
+        vec![if late { Line { at: line.at + 2, ..line } } else { line }]
+    });
+    rig.refuses_without("TOO LATE", |line| {
+        is_ill(line) && line.place.starts_with("vcan2") && line.at % 8 >= 4
+    });
+    for wrong in [START, STOP, ZERO] {
+        rig.refuses_also(&format!("vcan1 002#{wrong} to 1-thigh was not due"), 441, wrong);
+    }
+    // What happens in no part is nobody's business here.
+    let rests = rig.lines.iter().filter(|line| !is_reply(line) || line.at < 1650).cloned().collect();
+    Rig { lines: rests, ..replies() }.is_good();
+}
+
+#[test]
+fn replies_count_only_when_every_part_was_there() {
+    let rig = replies();
+    rig.refuses_marks("2 parts well and 1 ill of 2", &[&rig.marks[..3], &rig.marks[4..]].concat());
+    rig.refuses_marks("no mark of a part: trot", &[&rig.marks[..4], &["1001.500000 trot"]].concat());
+    rig.refuses_marks("0 parts well and 0 ill of 2", &[]);
+    rig.refuses_without("cycles on vcan3", |line| line.place.starts_with("vcan3") && line.at > 1200);
+    rig.refuses_without("0 cycles on vcan0", |_| true);
+    rig.refuses_text("candump says", LOST);
+}
+
+#[test]
+fn motors_of_a_serial_line_are_in_no_log_of_candump() {
+    let text = "[[bus]]\nname = \"leg\"\ninterface = \"vcan0\"\n[[bus]]\nname = \"hand\"\ndevice = \"/dev/ttyUSB0\"\n\
+                [[motor]]\nname = \"hip\"\nbus = \"leg\"\nid = 1\n[[motor]]\nname = \"jaw\"\nbus = \"hand\"\nid = 1\n";
+    let wiring = Wiring::parse(text).unwrap();
+    assert_eq!(wiring.motors.iter().map(|motor| motor.name.as_str()).collect::<Vec<_>>(), ["hip"]);
+    assert!(Wiring::parse(&text.replace("bus = \"hand\"", "bus = \"foot\"")).is_err());
 }
 
 #[test]

@@ -1,13 +1,14 @@
 //! Goal: whatever buses, motors, controllers and the clock do, the invariants of `checker/src/run.rs` hold in every cycle;
 //! and when they stop doing it, the robot can be armed again within a second.
-//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups; every third seed runs the
-//! robot of three vendors' motors instead, with four buses and twelve motors. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS`
+//! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. Of three seeds, one has MIT
+//! motors only; one has native motors among them; and one runs the robot of three vendors' motors, with four buses and twelve
+//! motors. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS`
 //! how long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
 
 mod robot;
 
 use motord_bus::Duration;
-use motord_core::settings::Settings;
+use motord_core::settings::{MotorProtocol, Settings};
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
 use robot::Robot;
 use robot::checker::Checker;
@@ -33,16 +34,35 @@ const fn is_mixed(seed: u64) -> bool {
     seed % 3 == 2
 }
 
-/// Two groups that share both buses, and every policy once.
-fn settings() -> Settings {
+/// In this seed half of the motors speak the native protocol.
+const fn has_native(seed: u64) -> bool {
+    seed % 3 == 1
+}
+
+/// Farther from its zero, rad, a native joint that stands still is switched off and on, and then counts its turns anew: its zero
+/// is no matter of the cycle.
+const NATIVE_FAR: f32 = 5.0;
+
+/// Two groups that share both buses, and every policy once. With `native` motors each group has two of three, with room for a
+/// turn.
+fn settings(native: bool) -> Settings {
     let mut text = String::from(SAFETY);
     for bus in ["left", "right"] {
         text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
     }
+    let motor = |id: u8, joint: &str, bus: &str, more: &str| {
+        let motor = robot::motor(id, &format!("{bus}-{joint}"), bus, more);
+        let speaks_native = native && (joint == "thigh" || bus == "right");
+        if speaks_native {
+            motor.replace("\"mit\"", "\"gim\"").replace("[-3.0, 3.0]", "[-7.0, 7.0]")
+        } else {
+            motor
+        }
+    };
     for (bus, policy) in [("left", "stop-joint"), ("right", "stop-all")] {
-        text += &robot::motor(1, &format!("{bus}-hip"), bus, "");
-        text += &robot::motor(2, &format!("{bus}-thigh"), bus, "direction = -1\noffset-rad = 0.3");
-        text += &robot::motor(3, &format!("{bus}-knee"), bus, &format!("fault-policy = \"{policy}\""));
+        text += &motor(1, "hip", bus, "");
+        text += &motor(2, "thigh", bus, "direction = -1\noffset-rad = 0.3");
+        text += &motor(3, "knee", bus, &format!("fault-policy = \"{policy}\""));
     }
     text += "[[group]]\nname = \"legs\"\njoints = [\"left-hip\", \"left-thigh\", \"right-hip\"]\n";
     text += "[[group]]\nname = \"arms\"\njoints = [\"left-knee\", \"right-thigh\", \"right-knee\"]\nsafe-stop = \"hold\"\n";
@@ -116,17 +136,20 @@ fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
 #[test]
 fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
     let seconds = robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(SECONDS);
-    let mixed = AtomicU64::new(0);
+    let [mixed, native] = [const { AtomicU64::new(0) }; 2];
     robot::for_each_seed("fault_injection", SEEDS, |seed| {
         mixed.fetch_add(u64::from(is_mixed(seed)), Relaxed);
         let mut run = Run::new(seed);
         for _ in 0..seconds * 1000 {
             run.step_with_faults();
+            native.fetch_add(run.active_native(), Relaxed);
         }
         run.lift_all();
         run.must_be_armable();
     });
-    println!("fault_injection: {} of the seeds had motors of three vendors", mixed.into_inner());
+    let [mixed, native] = [mixed, native].map(AtomicU64::into_inner);
+    println!("fault_injection: {mixed} of the seeds had motors of three vendors");
+    println!("fault_injection: {native} cycles of native motors that followed setpoints");
 }
 
 /// Goal: a robot whose controllers are sane is never stopped for nothing.
@@ -152,7 +175,7 @@ struct Run {
 impl Run {
     fn new(seed: u64) -> Self {
         // A limp joint comes to rest in a part of a second, as one with a leg on it does.
-        let settings = if is_mixed(seed) { mixed_settings() } else { settings() };
+        let settings = if is_mixed(seed) { mixed_settings() } else { settings(has_native(seed)) };
         let robot = Robot::built(settings, seed, |_, motors| {
             motors.iter_mut().for_each(|motor| motor.coulomb_friction = 1.0);
         });
@@ -309,12 +332,28 @@ impl Run {
             let joint = &state.joints[motor];
             if joint.mode == MotorMode::Fault.code() {
                 self.ask(Operation::ClearFault, group, motor);
+            } else if self.is_native(motor) {
+                if joint.age_cycles == 0 && joint.position.abs() > NATIVE_FAR && !self.is_active(group) {
+                    self.disturb_motor(motor, "power-cycle");
+                }
             } else if joint.age_cycles == 0 && joint.position.abs() > 2.0 {
                 self.ask(Operation::SetZero, group, motor);
             }
         }
         self.ask(Operation::Reset, group, 0);
         self.ask(Operation::Enable, group, 0);
+    }
+
+    /// Native motors that follow setpoints.
+    fn active_native(&mut self) -> u64 {
+        let state = self.robot.state();
+        let is_active = |motor: &usize| state.joints[*motor].mode == MotorMode::Active.code();
+        (0..self.robot.settings.motors.len()).filter(|&motor| self.is_native(motor)).filter(is_active).count()
+            as u64
+    }
+
+    fn is_native(&self, motor: usize) -> bool {
+        self.robot.settings.motors[motor].protocol == MotorProtocol::Gim
     }
 
     fn ask(&mut self, operation: Operation, group: usize, joint: usize) {

@@ -1,6 +1,6 @@
 //! The record of one cycle as seen from outside. Its frames are judged by it, however late they leave.
 
-use crate::codec::Meaning;
+use super::heard::Heard;
 use crate::state::{Phase, State};
 use motord_bus::Instant;
 use std::rc::Rc;
@@ -26,7 +26,7 @@ pub(super) struct Cycle {
     /// By bus: nothing keeps frames from the wire.
     pub(super) well: Vec<bool>,
     /// By motor: its command. A question for faults is one when nothing else was said.
-    pub(super) heard: Vec<Option<Meaning>>,
+    pub(super) heard: Vec<Option<Heard>>,
     /// Frames by bus.
     pub(super) frames: Vec<usize>,
 }

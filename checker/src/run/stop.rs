@@ -2,7 +2,7 @@
 //! last command.
 
 use super::cycle::Cycle;
-use crate::codec::Meaning;
+use super::heard::Heard;
 use crate::robot::{Robot, SafeStop};
 use crate::state::{Mode, Phase, State};
 
@@ -81,26 +81,29 @@ pub(super) fn judge(robot: &Robot, last: &Cycle, cycle: &Cycle, is_well: impl Fn
 }
 
 fn judge_motor(name: &str, [last, cycle]: [&Cycle; 2], group: usize, motor: usize) {
-    let [was, is] = [&cycle.before, &cycle.state].map(|state| state.joints[motor].mode);
+    let [was, mode] = [&cycle.before, &cycle.state].map(|state| state.joints[motor].mode);
     let [before, now] = [last, cycle].map(|cycle| cycle.heard[motor]);
-    let offline = [was, is].contains(&Mode::Offline);
+    let (offline, is_same) = ([was, mode].contains(&Mode::Offline), mode == was);
     assert!(offline || now.is_some(), "I10: {name} heard nothing");
     if was != Mode::Damping || !cycle.was(group, Phase::Damping) {
         return;
     }
     if !cycle.is(group, Phase::Damping) {
-        let damped = before == Some(Meaning::GetFault) || brakes(before) && !pulls(before);
+        let damped = asks_fault(before) || is(before, |heard| heard.brakes && !heard.pulls);
         assert!(damped, "I10: {name} heard {before:?} and went limp");
-    } else if is == was {
-        let asked = now == Some(Meaning::GetFault) && before != now;
-        assert!(asked || brakes(now), "I10: {name} heard {before:?} and {now:?} while it is damped");
+    } else if is_same {
+        let asked = asks_fault(now) && !asks_fault(before);
+        assert!(
+            asked || is(now, |heard| heard.brakes),
+            "I10: {name} heard {before:?} and {now:?} while it is damped"
+        );
     }
 }
 
-fn brakes(command: Option<Meaning>) -> bool {
-    matches!(command, Some(Meaning::Control { kd, .. }) if kd > 0.0)
+fn is(heard: Option<Heard>, so: impl FnOnce(Heard) -> bool) -> bool {
+    heard.is_some_and(so)
 }
 
-fn pulls(command: Option<Meaning>) -> bool {
-    matches!(command, Some(Meaning::Control { kp, .. }) if kp > 0.0)
+fn asks_fault(heard: Option<Heard>) -> bool {
+    is(heard, |heard| heard.asks_fault())
 }

@@ -3,10 +3,10 @@
 use super::Robot;
 use motord_bus::Instant;
 use motord_checker::codec::{Ranges, Reply};
-use motord_checker::robot::{Group, Limits, Motor, SafeStop};
+use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
-use motord_core::settings::{self, MotorSettings};
+use motord_core::settings::{self, MotorProtocol, MotorSettings};
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation,
     StateMessage, message,
@@ -95,12 +95,18 @@ fn motor(settings: &MotorSettings) -> Motor {
         bus: settings.bus,
         id: u16::from(settings.id),
         reply_id: settings.host_id.raw(),
-        ranges: ranges(settings),
-        reply: reply(settings),
+        protocol: protocol(settings),
         direction: f64::from(settings.transmission.direction()),
         offset: f64::from(settings.transmission.offset()),
         damping_kd: f64::from(settings.damping_kd),
         limits: limits(&settings.limits),
+    }
+}
+
+fn protocol(settings: &MotorSettings) -> Protocol {
+    match settings.protocol {
+        MotorProtocol::Mit => Protocol::Mit { ranges: ranges(settings), reply: reply(settings) },
+        MotorProtocol::Gim => Protocol::Native,
     }
 }
 
@@ -162,6 +168,8 @@ fn joint(joint: &JointState) -> Joint {
         position: joint.position,
         velocity: joint.velocity,
         applied_kp: joint.applied.kp,
+        applied_kd: joint.applied.kd,
+        applied_velocity: joint.applied.velocity,
         slews: joint.limits & Limit::PositionSlew.bit() != 0,
         fresh: joint.flags & message::JOINT_FRESH != 0,
         valid: joint.flags & message::JOINT_VALID != 0,

@@ -4,7 +4,7 @@ use super::checker::{Checker, WRONG_LEASE_VELOCITY};
 use super::random::Random;
 use super::{Robot, message};
 use motord_bus::{Duration, Instant};
-use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, SetpointMessage};
+use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, SetpointMessage, SetpointMode};
 
 const ABSURD: [f32; 12] = [
     f32::NAN,
@@ -20,6 +20,9 @@ const ABSURD: [f32; 12] = [
     -12.5,
     12.5,
 ];
+
+const MODES: [SetpointMode; 4] =
+    [SetpointMode::Impedance, SetpointMode::Torque, SetpointMode::Speed, SetpointMode::Position];
 
 /// The would-be owner of a group.
 #[derive(Debug)]
@@ -108,6 +111,7 @@ impl FuzzClient {
                     .iter_mut()
                     .for_each(|setpoint| setpoint.velocity = random.between(-16.0, 16.0));
             }
+            10 => self.change_modes(random, robot),
             7..=9 => {
                 let mut message = self.message(robot.now());
                 if spoil(random, &mut message, robot.now()) {
@@ -116,6 +120,16 @@ impl FuzzClient {
                 self.deliver(robot, checker, &message);
             }
             _ => self.follow(robot, checker),
+        }
+    }
+
+    /// Motors that take setpoints of several modes get another each.
+    fn change_modes(&mut self, random: &mut Random, robot: &Robot) {
+        for (setpoint, motor) in self.setpoints.iter_mut().zip(&robot.settings.groups[self.group].motors) {
+            let mode = *random.pick(&MODES);
+            if robot.settings.motors[*motor].capabilities.takes(mode) {
+                setpoint.mode = mode.code();
+            }
         }
     }
 

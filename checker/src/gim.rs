@@ -1,0 +1,143 @@
+//! Frames of the native protocol, as bytes mean them, over CAN and on a serial line.
+//!
+//! Source: SteadyWin GIM document 2.2. Floats have the low byte first; so has the position of a reply, but not its speed.
+
+/// Turns per minute of a rad/s.
+const RPM: f64 = 30.0 / std::f64::consts::PI;
+/// Largest position of a reply, rad, of 65 535 codes (3.2.7).
+pub const POSITION: f64 = 12.5;
+/// Largest speed of a reply, rad/s, of 4095 codes (3.2.7).
+pub const VELOCITY: f64 = 65.0;
+
+/// The command in a frame to a motor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Meaning {
+    /// Enter the running state (3.2.5).
+    Start,
+    /// Leave it (3.2.6).
+    Stop,
+    /// Which fault there is (3.2.15).
+    GetFault,
+    /// Forget the fault (3.2.16).
+    ClearFault,
+    /// The value of an indicator (3.2.17).
+    GetIndicator,
+    /// Give this torque, N·m (3.2.7).
+    Torque(f64),
+    /// Turn at this speed, rad/s (3.2.8).
+    Speed(f64),
+    /// Go to this position, rad (3.2.9).
+    Position(f64),
+    /// Its command byte is none of these: it reads or writes what the motor remembers, turns the shaft for a calibration,
+    /// ends the firmware, or is not in the document.
+    Other(u8),
+}
+
+impl Meaning {
+    /// Reads the eight bytes of a command.
+    #[must_use]
+    pub fn of(bytes: [u8; 8]) -> Self {
+        let [command, a, b, c, d, ..] = bytes;
+        let value = f64::from(f32::from_le_bytes([a, b, c, d]));
+        match command {
+            0x91 => Self::Start,
+            0x92 => Self::Stop,
+            0x93 => Self::Torque(value),
+            0x94 => Self::Speed(value / RPM),
+            0x95 => Self::Position(value),
+            0xB2 => Self::GetFault,
+            0xB3 => Self::ClearFault,
+            0xB4 => Self::GetIndicator,
+            other => Self::Other(other),
+        }
+    }
+}
+
+/// What a reply says about the motion of the motor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Told {
+    /// A control command was obeyed: position, rad, and velocity, rad/s.
+    State([f64; 2]),
+    /// Indicator 0x13: the angle of the output shaft, rad.
+    Angle(f64),
+    /// Indicator 0x14: the speed of the output shaft, rad/s.
+    Speed(f64),
+}
+
+impl Told {
+    /// Reads the payload of a reply. `None` when it says nothing of the motion, or tells of a failure.
+    #[must_use]
+    pub fn of(payload: &[u8]) -> Option<Self> {
+        match *payload {
+            [0x93..=0x95, 0, _temperature, low, high, fast, slow, _torque] => {
+                let position = f64::from(u16::from_le_bytes([low, high]));
+                let velocity = f64::from(u16::from_be_bytes([fast, slow]) >> 4);
+                let position = position * 2.0 * POSITION / 65535.0 - POSITION;
+                Some(Self::State([position, velocity * 2.0 * VELOCITY / 4095.0 - VELOCITY]))
+            }
+            [0xB4, 0x13, 0, _, a, b, c, d] => Some(Self::Angle(f32::from_le_bytes([a, b, c, d]).into())),
+            [0xB4, 0x14, 0, _, a, b, c, d] => {
+                Some(Self::Speed(f64::from(f32::from_le_bytes([a, b, c, d])) / RPM))
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 1.5 is 0x3FC00000, π is 0x40490FDB, 60.0 is 0x42700000 (IEEE 754); 60 rpm is a turn in a second. Durations of 0, 2000
+    /// and 100 ms.
+    #[test]
+    fn a_control_command_is_read_as_the_document_says() {
+        let of = |bytes: u64| Meaning::of(bytes.to_be_bytes());
+        assert_eq!(of(0x9300_00C0_3F00_0000), Meaning::Torque(1.5));
+        assert_eq!(of(0x95DB_0F49_40D0_0700), Meaning::Position(f64::from(std::f32::consts::PI)));
+        let Meaning::Speed(speed) = of(0x9400_0070_4264_0000) else { panic!("it is a speed") };
+        assert!((speed - std::f64::consts::TAU).abs() < 1e-9, "{speed}");
+    }
+
+    /// Table 4.
+    #[test]
+    fn every_other_command_byte_is_told_apart() {
+        let of = |command: u8| Meaning::of([command, 0, 0, 0, 0, 0, 0, 0]);
+        let known = [
+            (0x91, Meaning::Start),
+            (0x92, Meaning::Stop),
+            (0xB2, Meaning::GetFault),
+            (0xB3, Meaning::ClearFault),
+            (0xB4, Meaning::GetIndicator),
+        ];
+        for (command, meaning) in known {
+            assert_eq!(of(command), meaning);
+        }
+        for other in [0x00, 0x81, 0x82, 0x83, 0x84, 0x96, 0x97, 0xA1, 0xA2, 0xB1, 0xB5, 0xC1, 0xFF] {
+            assert_eq!(of(other), Meaning::Other(other));
+        }
+    }
+
+    /// 0x3412 · 25 / 65535 − 12.5 rad and 0x567 · 130 / 4095 − 65 rad/s, by hand. 1.5 rad; 60 rpm. 0x01 is a failure.
+    #[test]
+    fn a_reply_tells_position_and_velocity_or_one_of_them_or_nothing() {
+        let told = |bytes: u64| Told::of(&bytes.to_be_bytes());
+        for command in [0x93_u64, 0x94, 0x95] {
+            let Some(Told::State([position, velocity])) = told((command << 56) | 0x0000_2812_3456_789A)
+            else {
+                panic!("{command:#X} has a state")
+            };
+            assert!((position + 7.414_931).abs() < 1e-5, "{position}");
+            assert!((velocity + 21.095_238).abs() < 1e-5, "{velocity}");
+        }
+        assert_eq!(told(0xB413_0000_0000_C03F), Some(Told::Angle(1.5)));
+        let Some(Told::Speed(speed)) = told(0xB414_0000_0000_7042) else { panic!("it is a speed") };
+        assert!((speed - std::f64::consts::TAU).abs() < 1e-9, "{speed}");
+        for nothing in
+            [0x9301_2812_3456_789A, 0xB413_0100_0000_C03F, 0xB400_0000_0000_C03F, 0x9100_0000_0000_0000]
+        {
+            assert_eq!(told(nothing), None, "{nothing:016X}");
+        }
+        assert_eq!(Told::of(&[0x93, 0, 0x28, 0x12, 0x34, 0x56]), None);
+    }
+}

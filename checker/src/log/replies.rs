@@ -1,0 +1,238 @@
+//! The replies of the motors while something beside their buses suffers: as soon as while it is well, and all of them.
+//!
+//! Marks: `well` and `ill WORDS` begin a part that is judged, `rest` one that is not.
+
+use super::{Command, Mark, Reply, Rules, Verdict, seconds};
+use crate::codec::Meaning;
+use crate::robot::Wiring;
+use motord_bus::Duration;
+
+/// The parts of the replies, and of the cycles, that must come as soon: 50 and 99 of 100.
+const SHARES: [f64; 2] = [0.5, 0.99];
+
+/// Demands on a log.
+#[derive(Debug, Clone, Copy)]
+pub struct Demand {
+    /// Parts in which something suffers, and as many in which all is well.
+    pub parts: usize,
+    /// Times may be so many times as long as while all is well.
+    pub ratio: f64,
+    /// Ticks per second.
+    pub rate: f64,
+    /// How long the judged parts are together, s.
+    pub seconds: f64,
+    /// Share of the ticks that have a cycle.
+    pub share: f64,
+}
+
+/// The times of one kind of part on one interface, µs.
+#[derive(Debug, Clone, Default)]
+struct Times {
+    /// From each command to its reply.
+    replies: Vec<u32>,
+    /// From each cycle to the next.
+    cycles: Vec<u32>,
+}
+
+/// One motor in the part that goes on.
+#[derive(Debug, Clone, Copy, Default)]
+struct Asked {
+    /// When it got the command that it has not answered yet.
+    open: Option<Duration>,
+    /// When it got its last control command.
+    controlled: Option<Duration>,
+}
+
+/// The kind of a part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    Well,
+    Ill,
+}
+
+/// The rules.
+#[derive(Debug)]
+pub struct Replies<'a> {
+    wiring: &'a Wiring,
+    interfaces: Vec<&'a str>,
+    demand: Demand,
+    part: Option<Part>,
+    name: String,
+    asked: Vec<Asked>,
+    /// By part and interface.
+    times: [Vec<Times>; 2],
+    parts: [usize; 2],
+    missed: usize,
+    unasked: usize,
+}
+
+impl<'a> Replies<'a> {
+    /// Nothing has been heard yet.
+    #[must_use]
+    pub fn new(wiring: &'a Wiring, demand: Demand) -> Self {
+        let interfaces = wiring.interfaces();
+        let times = vec![Times::default(); interfaces.len()];
+        Self {
+            wiring,
+            interfaces,
+            demand,
+            part: None,
+            name: String::new(),
+            asked: vec![Asked::default(); wiring.motors.len()],
+            times: [times.clone(), times],
+            parts: [0; 2],
+            missed: 0,
+            unasked: 0,
+        }
+    }
+
+    /// The times of the part that goes on, on the interface of a motor.
+    fn times(&mut self, motor: usize) -> Option<&mut Times> {
+        let interface = &self.wiring.motors[motor].interface;
+        let index = self.interfaces.iter().position(|known| known == interface)?;
+        Some(&mut self.times[self.part? as usize][index])
+    }
+
+    /// Whether this motor is the first of its interface, which is asked first in a cycle.
+    fn is_first(&self, motor: usize) -> bool {
+        let interface = &self.wiring.motors[motor].interface;
+        self.wiring.motors.iter().position(|other| other.interface == *interface) == Some(motor)
+    }
+
+    /// One line for an interface, and whether its times are alike in both kinds of parts.
+    fn compare(&self, index: usize) -> (String, bool) {
+        let [well, ill] = self.times.each_ref().map(|times| &times[index]);
+        let replies = Comparison::of(&well.replies, &ill.replies);
+        let cycles = Comparison::of(&well.cycles, &ill.cycles);
+        let alike = replies.is_alike(self.demand.ratio) && cycles.is_alike(self.demand.ratio);
+        let late = if alike { "" } else { ": TOO LATE" };
+        (format!("{}: replies {replies}; cycles {cycles}{late}", self.interfaces[index]), alike)
+    }
+}
+
+impl Rules for Replies<'_> {
+    fn mark(&mut self, mark: &Mark, verdict: &mut Verdict) {
+        self.part = match mark.word() {
+            "well" => Some(Part::Well),
+            "ill" => Some(Part::Ill),
+            "rest" => None,
+            _ => return verdict.complain(format!("no mark of a part: {}", mark.words.join(" "))),
+        };
+        if let Some(part) = self.part {
+            self.parts[part as usize] += 1;
+        }
+        self.name = mark.words.join(" ");
+        // What is under way belongs to no part.
+        self.asked.fill(Asked::default());
+    }
+
+    fn command(&mut self, command: &Command, verdict: &mut Verdict) {
+        let Command { at, motor, .. } = *command;
+        if self.part.is_none() {
+            return;
+        }
+        let name = &self.wiring.motors[motor].name;
+        let is_control = matches!(command.meaning, Some(Meaning::Control { .. }));
+        if !is_control && command.meaning != Some(Meaning::GetFault) {
+            let complaint = format!("at {} s: {} to {name} was not due", seconds(at), command.text);
+            return verdict.complain(complaint);
+        }
+        if self.asked[motor].open.replace(at).is_some() {
+            self.missed += 1;
+            verdict.complain(format!("{name} did not reply before {} s ({})", seconds(at), self.name));
+        }
+        if is_control
+            && let Some(before) = self.asked[motor].controlled.replace(at)
+            && self.is_first(motor)
+            && let Some(times) = self.times(motor)
+        {
+            times.cycles.push(micros(at - before));
+        }
+    }
+
+    fn reply(&mut self, reply: &Reply, verdict: &mut Verdict) {
+        let Reply { at, motor } = *reply;
+        // The first reply in a part may answer what was asked before it.
+        if self.part.is_none() || self.asked[motor].controlled.is_none() {
+            return;
+        }
+        let Some(open) = self.asked[motor].open.take() else {
+            self.unasked += 1;
+            let name = &self.wiring.motors[motor].name;
+            return verdict.complain(format!(
+                "{name} was not asked before {} s ({})",
+                seconds(at),
+                self.name
+            ));
+        };
+        if let Some(times) = self.times(motor) {
+            times.replies.push(micros(at - open));
+        }
+    }
+
+    fn end(&mut self, verdict: &mut Verdict) {
+        let Demand { parts, rate, seconds, share, .. } = self.demand;
+        for index in 0..self.interfaces.len() {
+            let (line, alike) = self.compare(index);
+            verdict.demand(alike, || line.clone());
+            let cycles: usize = self.times.iter().map(|times| times[index].cycles.len()).sum();
+            let least = share * rate * seconds;
+            verdict
+                .demand(cycles as f64 >= least, || format!("{cycles} cycles on {}", self.interfaces[index]));
+            verdict.report.push(line);
+        }
+        let Self { parts: [well, ill], missed, unasked, .. } = *self;
+        verdict.demand([well, ill] == [parts; 2], || format!("{well} parts well and {ill} ill of {parts}"));
+        verdict.report.push(format!(
+            "{well} parts well, {ill} ill: {missed} replies missed, {unasked} that nobody asked for"
+        ));
+    }
+}
+
+/// A microsecond is the step of candump's clock.
+fn micros(time: Duration) -> u32 {
+    u32::try_from(time.as_micros()).unwrap_or(u32::MAX)
+}
+
+/// The same share of two sets of times, for each of [`SHARES`], and their maxima, µs: while all is well, and while not.
+#[derive(Debug)]
+struct Comparison {
+    shares: [[u32; 2]; 2],
+    maxima: [u32; 2],
+    counts: [usize; 2],
+}
+
+impl Comparison {
+    fn of(well: &[u32], ill: &[u32]) -> Self {
+        let sorted = [well, ill].map(|times| {
+            let mut times = times.to_vec();
+            times.sort_unstable();
+            times
+        });
+        let at = |share: f64| sorted.each_ref().map(|times| quantile(times, share));
+        Self { shares: SHARES.map(at), maxima: at(1.0), counts: sorted.each_ref().map(Vec::len) }
+    }
+
+    /// There are times, and none of the shares is longer by `ratio`. A clock of microseconds adds one to either.
+    fn is_alike(&self, ratio: f64) -> bool {
+        let soon = |[well, ill]: &[u32; 2]| f64::from(*ill) <= ratio * f64::from(well + 1) + 1.0;
+        !self.counts.contains(&0) && self.shares.iter().all(soon)
+    }
+}
+
+impl std::fmt::Display for Comparison {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let [[half, half_ill], [most, most_ill]] = self.shares;
+        let ([longest, longest_ill], [count, count_ill]) = (self.maxima, self.counts);
+        write!(
+            f,
+            "{half}, {most}, {longest} µs (50, 99, 100 % of {count}), ill {half_ill}, {most_ill}, {longest_ill} (of {count_ill})"
+        )
+    }
+}
+
+/// The smallest time that this share of sorted `times` does not exceed; 0 of none.
+fn quantile(times: &[u32], share: f64) -> u32 {
+    let rank = (share * times.len() as f64).ceil() as usize;
+    times.get(rank.saturating_sub(1)).copied().unwrap_or_default()
+}

@@ -1,0 +1,141 @@
+//! A command to one motor, for its joint, in whatever protocol.
+
+use crate::codec;
+use crate::gim;
+use crate::robot::{Motor, Protocol};
+use crate::state::{Joint, State};
+
+/// Damping may be more than the configured by this share, and its torque by so many N·m: single precision.
+const DAMPING_MARGIN: (f64, f64) = (1e-3, 1e-3);
+/// Over-voltage leaves a quarter of the damping, since braking feeds the supply; with a margin for single precision.
+const LEAST_DAMPING: f64 = 0.24;
+/// Slower than this, rad/s, a joint needs no braking.
+const SLOW: f64 = 0.5;
+
+/// The command, values on the side of the joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Order {
+    Start,
+    Stop,
+    SetZero,
+    GetFault,
+    ClearFault,
+    GetIndicator,
+    /// MIT: an impedance. Velocity and torque are `neutral` when both mean zero, which lies between two codes.
+    Impedance {
+        position: f64,
+        velocity: f64,
+        kp: f64,
+        kd: f64,
+        torque: f64,
+        neutral: bool,
+    },
+    /// Native.
+    Torque(f64),
+    /// Native.
+    Speed(f64),
+    /// Native.
+    Position(f64),
+    /// Native: a command byte that a cycle never sends.
+    Other(u8),
+}
+
+impl Order {
+    /// Reads the eight bytes of a command to `motor`.
+    pub(super) fn of(bytes: [u8; 8], motor: &Motor) -> Self {
+        match &motor.protocol {
+            Protocol::Mit { ranges, .. } => Self::of_mit(codec::Meaning::of(bytes, ranges), motor),
+            Protocol::Native => Self::of_native(gim::Meaning::of(bytes), motor),
+        }
+    }
+
+    fn of_mit(meaning: codec::Meaning, &Motor { direction, offset, .. }: &Motor) -> Self {
+        use codec::Meaning;
+        match meaning {
+            Meaning::Start => Self::Start,
+            Meaning::Stop => Self::Stop,
+            Meaning::SetZero => Self::SetZero,
+            Meaning::GetFault => Self::GetFault,
+            Meaning::ClearFault => Self::ClearFault,
+            Meaning::Control { position, velocity, kp, kd, torque, neutral } => Self::Impedance {
+                position: direction * position + offset,
+                velocity: direction * velocity,
+                kp,
+                kd,
+                torque: direction * torque,
+                neutral,
+            },
+        }
+    }
+
+    fn of_native(meaning: gim::Meaning, &Motor { direction, offset, .. }: &Motor) -> Self {
+        use gim::Meaning;
+        match meaning {
+            Meaning::Start => Self::Start,
+            Meaning::Stop => Self::Stop,
+            Meaning::GetFault => Self::GetFault,
+            Meaning::ClearFault => Self::ClearFault,
+            Meaning::GetIndicator => Self::GetIndicator,
+            Meaning::Torque(torque) => Self::Torque(direction * torque),
+            Meaning::Speed(velocity) => Self::Speed(direction * velocity),
+            Meaning::Position(position) => Self::Position(direction * position + offset),
+            Meaning::Other(command) => Self::Other(command),
+        }
+    }
+
+    /// A question beside the command of a cycle.
+    pub(super) const fn is_question(&self) -> bool {
+        matches!(self, Self::GetFault | Self::GetIndicator)
+    }
+}
+
+/// A command that a motor heard, judged by what was known of its joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Heard {
+    pub(super) order: Order,
+    /// It brakes, and may hold the joint, too.
+    pub(super) brakes: bool,
+    /// It pulls the joint to a position.
+    pub(super) pulls: bool,
+    /// Neither stiffness, nor a torque that drives, nor a speed to follow: at most it brakes.
+    pub(super) is_safe: bool,
+}
+
+impl Heard {
+    /// `motor`, number `index`, heard `order` between these states.
+    pub(super) fn of(order: Order, motor: &Motor, index: usize, states: [&State; 2]) -> Self {
+        let joints = states.map(|state| &state.joints[index]);
+        let (brakes, pulls, is_safe) = match order {
+            Order::Stop | Order::GetFault | Order::ClearFault | Order::GetIndicator => (false, false, true),
+            Order::Start | Order::SetZero | Order::Other(_) | Order::Speed(_) => (false, false, false),
+            Order::Impedance { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
+            Order::Position(_) => (true, true, false),
+            Order::Torque(torque) => {
+                let is_safe = joints.iter().any(|joint| slows(torque, joint, motor));
+                (is_safe && joints.iter().any(|joint| brakes(torque, joint, motor)), false, is_safe)
+            }
+        };
+        Self { order, brakes, pulls, is_safe }
+    }
+
+    /// It asks for the fault, which takes the place of a command to a motor that is silent.
+    pub(super) fn asks_fault(&self) -> bool {
+        self.order == Order::GetFault
+    }
+}
+
+/// Whether a torque, N·m, only slows down the joint: it is that of its damping at most. One whose velocity is not known gets
+/// none.
+fn slows(torque: f64, joint: &Joint, motor: &Motor) -> bool {
+    let (share, margin) = DAMPING_MARGIN;
+    let velocity = f64::from(joint.velocity);
+    let most = motor.damping_kd * velocity.abs() * (1.0 + share) + margin;
+    torque.abs() <= margin || (0.0..=most).contains(&(-torque * velocity.signum()))
+}
+
+/// Whether a torque, N·m, is enough to damp a joint that is known to turn. The older its state is, the less is computed from it.
+fn brakes(torque: f64, joint: &Joint, motor: &Motor) -> bool {
+    let velocity = f64::from(joint.velocity);
+    let least = LEAST_DAMPING * (motor.damping_kd * velocity.abs()).min(motor.limits.torque);
+    !joint.fresh || velocity.is_nan() || velocity.abs() < SLOW || -torque * velocity.signum() >= least
+}

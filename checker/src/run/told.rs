@@ -1,0 +1,64 @@
+//! Whether a published state is what a reply told (I6).
+
+use super::Reply;
+use crate::gim::Told;
+use crate::robot::{Motor, Protocol};
+use crate::state::Joint;
+use std::collections::VecDeque;
+
+/// A state may differ from the reply by this much, rad and rad/s: single precision.
+const TOLERANCE: f64 = 1e-3;
+/// Velocities that are remembered: a native motor that is stopped tells its velocity now and then only, and a late reply is not
+/// used.
+const REMEMBERED: usize = 64;
+
+/// The velocities that a native motor has told, rad/s, motor side, the newest last.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Velocities(VecDeque<f64>);
+
+impl Velocities {
+    /// What `motor` said of its velocity in these replies.
+    pub(super) fn hear(&mut self, motor: &Motor, replies: &[Reply]) {
+        if motor.protocol != Protocol::Native {
+            return;
+        }
+        for reply in replies.iter().filter(|reply| is_from(reply, motor)) {
+            if let Some(Told::State([_, velocity]) | Told::Speed(velocity)) = Told::of(reply.frame.payload())
+            {
+                self.0.push_back(velocity);
+            }
+        }
+        self.0.drain(..self.0.len().saturating_sub(REMEMBERED));
+    }
+
+    /// One of them is `velocity`. Before the first, zero is taken for it.
+    fn has(&self, velocity: f64) -> bool {
+        let is = |told: &f64| (told - velocity).abs() < TOLERANCE;
+        self.0.iter().any(is) || self.0.len() < REMEMBERED && is(&0.0)
+    }
+}
+
+fn is_from(reply: &Reply, motor: &Motor) -> bool {
+    (reply.bus, reply.frame.id().raw()) == (motor.bus, motor.reply_id)
+}
+
+/// The reply is the motor's, came when `joint` says, and tells its position and velocity; the velocity of a native motor may
+/// have come before.
+pub(super) fn says(reply: &Reply, motor: &Motor, joint: &Joint, velocities: &Velocities) -> bool {
+    if !is_from(reply, motor) || reply.at.as_nanos() != joint.receive_ns {
+        return false;
+    }
+    let position = (f64::from(joint.position) - motor.offset) * motor.direction;
+    let velocity = motor.direction * f64::from(joint.velocity);
+    let is =
+        |told: [f64; 2]| (told[0] - position).abs() < TOLERANCE && (told[1] - velocity).abs() < TOLERANCE;
+    let payload = reply.frame.payload();
+    match &motor.protocol {
+        Protocol::Mit { ranges, reply } => reply.read(payload, motor.id as u8, ranges).is_some_and(is),
+        Protocol::Native => match Told::of(payload) {
+            Some(Told::State(state)) => is(state),
+            Some(Told::Angle(angle)) => velocities.has(velocity) && is([angle, velocity]),
+            Some(Told::Speed(_)) | None => false,
+        },
+    }
+}
