@@ -2,35 +2,18 @@
 //!
 //! # Start
 //!
-//! The daemon runs (`motord run`, or `motorctl demo` for a simulated robot), and knows each joint by name. Positions are
-//! in rad, velocities in rad/s, torques in N·m, stiffness in N·m/rad, damping in N·m·s/rad, on the joint's side of the
-//! gear. This program holds every joint of the group `all` where it is:
+//! The daemon runs, and knows each joint by name: `motord run --config config/quadruped-simulated.toml` is a simulated robot,
+//! the instance `demo` with the group `legs`. Positions are in rad, velocities in rad/s, torques in N·m, stiffness in N·m/rad,
+//! damping in N·m·s/rad, on the joint's side of the gear. This is `client/examples/start.rs`:
 //!
 //! ```no_run
-//! use motord_client::{Client, DEFAULT_INSTANCE, Error, Phase};
-//! use std::time::Duration;
-//!
-//! fn main() -> Result<(), Error> {
-//!     let patience = Duration::from_secs(1);
-//!     let client = Client::connect(DEFAULT_INSTANCE)?;
-//!     let mut claim = client.claim("all")?;
-//!
-//!     // The daemon starts motors only for an owner that sends setpoints near to where the joints are.
-//!     claim.hold(&client.wait(patience)?, 20.0, 0.5)?;
-//!     claim.commit()?;
-//!     claim.enable()?;
-//!     claim.wait_for(Phase::Active, 5 * patience)?;
-//!     loop {
-//!         let state = client.wait(patience)?;
-//!         state.of(&claim)?.must_be_active()?; // The error says why the group was stopped, and what to do.
-//!         claim.commit()?;
-//!     }
-//! }
+#![doc = include_str!("../examples/start.rs")]
 //! ```
 //!
 //! `client/examples/controller.rs` is a whole controller in less than 100 lines: copy it, and put your control law into it. It
 //! runs at 500 Hz, and survives stops, faults, lost motors and restarts of the daemon; a signal ends it with the motors
-//! stopped. `cargo run -p motord-client --example controller` moves a robot; `hold`, `sine` and `watch` are smaller.
+//! stopped. `cargo run -p motord-client --example controller -- --instance demo --group legs` moves the simulated robot; `hold`, `sine` and
+//! `watch` are smaller.
 //!
 //! # States and setpoints, by name
 //!

@@ -13,6 +13,7 @@ pub(crate) struct Tmux {
     socket: String,
 }
 
+#[allow(dead_code, reason = "not every test that shares this needs all of it")]
 impl Tmux {
     /// Starts a shell with `environment`. `None`, which is told, where there is no tmux.
     pub(crate) fn start(environment: &[(&str, &str)]) -> Option<Self> {
@@ -55,7 +56,6 @@ impl Tmux {
     }
 
     /// Gives the terminal another size.
-    #[allow(dead_code, reason = "not every test that shares this needs it")]
     pub(crate) fn resize(&self, width: u16, height: u16) {
         self.run(&["resize-window", "-x", &width.to_string(), "-y", &height.to_string()]);
     }

@@ -1,0 +1,22 @@
+//! Holds every joint of the simulated robot where it is. `--instance demo` and the group `legs` are those of
+//! config/quadruped-simulated.toml; a robot has its own.
+
+use motord_client::{Client, Error, Phase};
+use std::time::Duration;
+
+fn main() -> Result<(), Error> {
+    let patience = Duration::from_secs(1);
+    let client = Client::connect("demo")?;
+    let mut claim = client.claim("legs")?;
+
+    // The daemon starts motors only for an owner that sends setpoints near to where the joints are.
+    claim.hold(&client.wait(patience)?, 20.0, 0.5)?;
+    claim.commit()?;
+    claim.enable()?;
+    claim.wait_for(Phase::Active, 5 * patience)?;
+    loop {
+        let state = client.wait(patience)?;
+        state.of(&claim)?.must_be_active()?; // The error says why the group was stopped, and what to do.
+        claim.commit()?;
+    }
+}
