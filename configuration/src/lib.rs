@@ -82,6 +82,21 @@ pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
     parse(path, &bytes, &Machine::here())
 }
 
+/// The text of the file at `path`, read by the rules of [`load`]: no FIFO, device or huge file holds the caller up. It need
+/// not be a configuration.
+///
+/// # Errors
+///
+/// The problem with the file.
+pub fn text(path: &Path) -> Result<String, Problem> {
+    let problem = |place, wrong| Problem { file: path.into(), place, wrong };
+    let bytes = read(path).map_err(|wrong| problem(None, wrong))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let line = findings::line(error.as_bytes(), error.utf8_error().valid_up_to());
+        problem(Some(Place { line, key: None }), Wrong::NotUtf8)
+    })
+}
+
 /// Whether the file at `path` is no longer the one with this `hash`. A file that cannot be read is another one.
 #[must_use]
 pub fn has_changed(path: &Path, hash: u64) -> bool {

@@ -17,6 +17,8 @@ pub struct Problem {
     pub wrong: Wrong,
 }
 
+impl std::error::Error for Problem {}
+
 /// A place in a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {

@@ -7,6 +7,7 @@ use motord::deadman::interfaces::open_interface;
 use motord::deadman::{self, DeadmanError};
 use motord::host::log::Log;
 use motord::run_error::RunError;
+use motord_terminal::{Pages, printable};
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -17,7 +18,7 @@ use std::process::ExitCode;
 #[command(
     name = "motord",
     version = VERSION,
-    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
+    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
     #[command(subcommand)]
@@ -60,12 +61,8 @@ enum Command {
         after_help = "Examples:\n  motord init --file motord.toml\n  motord init --legs 4 --model GIM8108-8 --buses can0,can1,can2,can3 --file motord.toml\n  motord init --legs 2 --simulated --yes\n  motord init --legs 1 --joints shoulder,elbow,wrist --protocol gim --buses can0 --yes"
     )]
     Init(Options),
-    /// Write the manual pages, for a package.
-    #[command(hide = true)]
-    Manual {
-        /// Where to.
-        directory: PathBuf,
-    },
+    #[command(flatten)]
+    Pages(Pages),
 }
 
 /// A build that panics on request says so, lest it is packaged.
@@ -93,9 +90,8 @@ fn main() -> ExitCode {
             ExitCode::from(status.unwrap_or(EXIT_IO))
         }
         Command::Init(init) => ended(init.run(), InitError::exit_status, &mut std::io::stderr()),
-        Command::Manual { directory } => {
-            let written = clap_mangen::generate_to(Arguments::command(), directory);
-            ended(written, |_| EXIT_IO, &mut std::io::stderr())
+        Command::Pages(pages) => {
+            ended(pages.write(Arguments::command()), |_| EXIT_IO, &mut std::io::stderr())
         }
         Command::Run { config } => logged(|| motord::commands::run::run(&config), RunError::exit_status),
         Command::Deadman { config } => logged(|| deadman::run(&config), DeadmanError::exit_status),
@@ -107,7 +103,7 @@ fn main() -> ExitCode {
 
 fn ended<E: Display>(outcome: Result<(), E>, exit_status: fn(&E) -> u8, out: &mut impl Write) -> ExitCode {
     let Err(error) = outcome else { return ExitCode::SUCCESS };
-    let _unwritable = out.write_all(format!("motord: {error}\n").as_bytes());
+    let _unwritable = out.write_all(format!("motord: {}\n", printable(&error.to_string())).as_bytes());
     ExitCode::from(exit_status(&error))
 }
 

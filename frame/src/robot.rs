@@ -6,22 +6,18 @@ use crate::scale::Scale;
 use crate::{Asked, Direction, Protocol, Reading};
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Frame};
+use motord_configuration::Problem;
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{Profile, ScaleError};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
-use std::{fs, io};
 
 /// Why a configuration is of no use here.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
-    /// The file cannot be read.
-    #[error("{}: {source}", .path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        source: io::Error,
-    },
+    /// The file cannot be read, or is none that the daemon would read.
+    #[error(transparent)]
+    File(#[from] Problem),
     /// It is not TOML, or a bus or motor lacks what is needed here.
     #[error("{}: {source}", .path.display())]
     Malformed {
@@ -94,8 +90,7 @@ struct Motor {
 impl Robot {
     /// Reads a configuration; all its motors speak `protocol`, if there is one.
     pub(super) fn read(path: &Path, protocol: Option<Protocol>) -> Result<Self, RobotError> {
-        let text = fs::read_to_string(path)
-            .map_err(|source| RobotError::Unreadable { path: path.into(), source })?;
+        let text = motord_configuration::text(path)?;
         let Config { bus, motor } = toml::from_str(&text)
             .map_err(|source| RobotError::Malformed { path: path.into(), source: source.into() })?;
         let mut motors =

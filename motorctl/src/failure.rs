@@ -31,6 +31,9 @@ pub(crate) enum Failure {
     /// The monitor was started without a terminal.
     #[error("the monitor needs a terminal: use `motorctl status`, or `motorctl watch --json` for scripts")]
     NoTerminal,
+    /// `status --check` found something, and has printed it.
+    #[error("the robot is not well")]
+    Troubled,
     /// A signal ended the command.
     #[error("interrupted")]
     Interrupted,
@@ -47,13 +50,14 @@ impl Failure {
             Self::Frame(failure) => failure.status(),
             Self::Wire(failure) => failure.status(),
             Self::NoTerminal => exit_status::USAGE,
+            Self::Troubled => 1,
             Self::Interrupted => exit_status::INTERRUPTED,
         }
     }
 
     /// Nothing is left to say: standard output has the reason, or the sender of a signal knows it.
     pub(crate) fn is_printed(&self) -> bool {
-        matches!(self, Self::Interrupted | Self::Demo(DemoError::Printed(_)))
+        matches!(self, Self::Interrupted | Self::Troubled | Self::Demo(DemoError::Printed(_)))
     }
 
     /// There is no daemon of this name: others may run.

@@ -12,6 +12,7 @@ mod advice;
 mod demo;
 mod exit_status;
 mod failure;
+mod fault;
 mod instances;
 mod latency;
 mod monitor;
@@ -23,6 +24,7 @@ mod watch;
 use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
 use motord_frame as frame;
+use motord_terminal::{Pages, printable};
 use motord_wire as wire;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -45,7 +47,13 @@ Examples:
   motorctl status                   show the state of the robot, and the next steps after a stop
   motorctl estop                    damp and stop every motor now
   motorctl scan --bus can0          find the motors of a bus, without a daemon
-  motorctl --instance arm monitor   watch another daemon on this computer";
+  motorctl --instance arm monitor   watch another daemon on this computer
+  motorctl completions bash >m.sh   write the completions for a shell
+  motorctl manual man               write the manual pages
+
+Exit status: 0 done; 1 refused, or not as it should be; 64 usage; 65 a file or a frame has mistakes; 69 no daemon, bus or motor
+answers; 74 a file or the output cannot be written; 75 another program uses the bus; 77 no permission; 78 a configuration has
+mistakes; 79 an emergency stop was not confirmed; 130 interrupted.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -72,9 +80,15 @@ enum Command {
     },
     /// Show the state of the daemon, its groups, joints and buses.
     #[command(
-        after_help = "Examples:\n  motorctl status\n  motorctl status --json | jq '.groups[] | {name, phase, cause: .stop.cause}'"
+        after_help = "Examples:\n  motorctl status\n  if ! motorctl status --check; then echo \"look at the robot\"; fi\n  motorctl status --json | jq '.groups[] | {name, phase, cause: .stop.cause}'"
     )]
     Status {
+        /// Judge the robot, for scripts: print only what is wrong, and end with exit status 1 if anything is.
+        ///
+        /// Wrong are an emergency stop, a stopped group, a motor that does not answer or reports a fault, and a bus that is not
+        /// active. An excluded joint is not wrong.
+        #[arg(long)]
+        check: bool,
         /// Print one JSON object.
         #[arg(long)]
         json: bool,
@@ -121,15 +135,23 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Start the motors of a group. They then follow the setpoints of the group's owner.
+    /// Start the motors of a group. They then follow the setpoints of the group's owner. An active group stays active.
     #[command(after_help = "Example:\n  motorctl enable legs")]
     Enable(Group),
     /// Damp the motors of a group, then stop them.
     #[command(after_help = "Example:\n  motorctl disable legs")]
     Disable(Group),
     /// Clear the latched cause that stopped a group. No motor moves.
-    #[command(after_help = "Example:\n  motorctl reset legs && motorctl enable legs")]
-    Reset(Group),
+    #[command(
+        after_help = "Examples:\n  motorctl reset legs && motorctl enable legs\n  motorctl disable legs && motorctl reset legs --wait"
+    )]
+    Reset {
+        #[command(flatten)]
+        group: Group,
+        /// Wait until the motors are stopped, at most 60 s. Without it a group that is still being damped is refused.
+        #[arg(long)]
+        wait: bool,
+    },
     /// Damp and stop every motor of every group now. The stop stays latched until a reset.
     ///
     /// It sends first, and looks afterwards. It needs neither files nor a place among the clients: the daemon has a socket
@@ -148,9 +170,11 @@ enum Command {
         #[arg(long, required = true)]
         force: bool,
     },
-    /// Handle the faults that motors have reported.
-    #[command(subcommand)]
-    Fault(Fault),
+    /// List the faults that motors have reported, or handle them.
+    ///
+    /// Without a command it lists those of all joints, through the daemon.
+    #[command(after_help = "Examples:\n  motorctl fault\n  motorctl fault --json | jq '.joints | length'")]
+    Fault(Faults),
     /// Store the present position of a stopped joint as its zero, in the motor itself.
     ///
     /// With --bus or --config the command goes to the wire, without a daemon; the motor stops.
@@ -188,12 +212,8 @@ enum Command {
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
     Frame(frame::Frame),
-    /// Write the manual pages, for a package.
-    #[command(hide = true)]
-    Manual {
-        /// The directory for the pages.
-        directory: PathBuf,
-    },
+    #[command(flatten)]
+    Pages(Pages),
     #[command(hide = true)]
     DemoController { seconds: f64 },
     #[command(hide = true)]
@@ -204,6 +224,16 @@ enum Command {
 struct Group {
     /// Name of the group. The default is all groups.
     group: Option<String>,
+}
+
+#[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+struct Faults {
+    #[command(subcommand)]
+    command: Option<Fault>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -242,9 +272,9 @@ fn main() -> ExitCode {
         Err(failure) if failure.is_closed_pipe() => ExitCode::SUCCESS,
         Err(failure) if failure.is_printed() => ExitCode::from(failure.status()),
         Err(failure) => {
-            eprintln!("motorctl: {failure}");
+            eprintln!("motorctl: {}", printable(&failure.to_string()));
             if let Some(others) = failure.is_not_running().then(instances::instead).flatten() {
-                eprintln!("motorctl: {others}");
+                eprintln!("motorctl: {}", printable(&others.to_string()));
             }
             ExitCode::from(failure.status())
         }
@@ -254,7 +284,7 @@ fn main() -> ExitCode {
 fn run(instance: &str, command: Command) -> Result<(), Failure> {
     match command {
         Command::Demo { seconds, config, json } => Ok(demo::run(seconds, config.as_deref(), json)?),
-        Command::Status { json } => status::run(instance, json),
+        Command::Status { check, json } => status::run(instance, check, json),
         Command::Instances { json } => instances::run(json),
         Command::Monitor { hz } => monitor::run(instance, hz),
         Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),
@@ -262,17 +292,22 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Latency { json } => latency::run(instance, json),
         Command::Enable(Group { group }) => operate::enable(instance, group.as_deref()),
         Command::Disable(Group { group }) => operate::disable(instance, group.as_deref()),
-        Command::Reset(Group { group }) => operate::reset(instance, group.as_deref()),
+        Command::Reset { group: Group { group }, wait } => operate::reset(instance, group.as_deref(), wait),
         Command::Estop => operate::estop(instance),
         Command::Release { group, .. } => operate::release(instance, &group),
-        Command::Fault(Fault::Get(reading)) => Ok(wire::get_fault(instance, &reading)?),
-        Command::Fault(Fault::Clear { name, target }) => clear_fault(instance, name, &target),
+        Command::Fault(Faults { command: None, json }) => fault::list(instance, json),
+        Command::Fault(Faults { command: Some(Fault::Get(reading)), .. }) => {
+            Ok(wire::get_fault(instance, &reading)?)
+        }
+        Command::Fault(Faults { command: Some(Fault::Clear { name, target }), .. }) => {
+            clear_fault(instance, name, &target)
+        }
         Command::Zero { name, target, zero, confirm } => set_zero(instance, name, &target, zero, confirm),
         Command::Wire(command) => Ok(wire::run(instance, command)?),
         Command::Exclude { joint } => operate::exclude(instance, &joint),
         Command::Include { joint } => operate::include(instance, &joint),
         Command::Frame(frame) => Ok(frame::run(frame)?),
-        Command::Manual { directory } => Ok(clap_mangen::generate_to(Arguments::command(), directory)?),
+        Command::Pages(pages) => Ok(pages.write(Arguments::command())?),
         Command::DemoController { seconds } => demo::control(instance, seconds),
         Command::ChildGuard { parent, program, arguments } => {
             Err(demo::guard(parent, &program, &arguments).into())
@@ -314,4 +349,22 @@ fn both() -> Failure {
             .into(),
     )
     .into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_motorctl_line_for_users_of_other_tools_is_accepted() {
+        let table = include_str!("../../docs/tools.md");
+        let quoted = table.split('`').skip(1).step_by(2);
+        let lines: Vec<&str> =
+            quoted.filter(|line| line.starts_with("motorctl ") && !line.contains("COMMAND")).collect();
+        assert!(lines.len() > 30, "{lines:?}");
+        for line in lines {
+            let parsed = Arguments::try_parse_from(line.split(' '));
+            assert!(parsed.is_ok(), "{line}: {}", parsed.unwrap_err());
+        }
+    }
 }

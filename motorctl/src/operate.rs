@@ -3,23 +3,46 @@
 use crate::advice::motorctl;
 use crate::failure::Failure;
 use crate::status::{self, PATIENCE};
-use motord_client::{Client, Error, Joint, JointDescription, MotorMode};
+use motord_client::{Client, Error, Joint, JointDescription, MotorMode, Phase, Refusal};
+use motord_terminal::printable;
 use motord_wire::Confirm;
 use std::io::{self, Write};
+use std::time::Duration;
+
+/// No configuration holds or damps for longer than 30 s.
+const STOPPED: Duration = Duration::from_secs(60);
 
 /// `motorctl enable`: starts the motors of a group that has an owner.
 pub(crate) fn enable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    for_groups(instance, group, "enabled", Client::enable)
+    for_groups(instance, group, |client, group| match client.enable(group) {
+        Err(Error::Refused { refusal: Refusal::NotDisarmed, .. }) if is_running(client, group)? => {
+            Ok("is active already")
+        }
+        outcome => outcome.map(|()| "enabled"),
+    })
+}
+
+/// Whether the motors of the group follow their owner, or are about to.
+fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
+    let index = client.group_named(group)?;
+    let phase = client.wait(PATIENCE)?.group(index).and_then(|group| group.phase);
+    Ok(matches!(phase, Some(Phase::Starting | Phase::Active)))
 }
 
 /// `motorctl disable`: damps and stops the motors of a group.
 pub(crate) fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    for_groups(instance, group, "being damped, then stopped", Client::disable)
+    for_groups(instance, group, |client, group| client.disable(group).map(|()| "being damped, then stopped"))
 }
 
-/// `motorctl reset`: clears the cause of a stop; no motor moves.
-pub(crate) fn reset(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    for_groups(instance, group, "reset", Client::reset)
+/// `motorctl reset`: clears the cause of a stop; no motor moves. With `wait`, once the motors are stopped.
+pub(crate) fn reset(instance: &str, group: Option<&str>, wait: bool) -> Result<(), Failure> {
+    let request = if wait { reset_stopped } else { Client::reset };
+    for_groups(instance, group, |client, group| request(client, group).map(|()| "reset"))
+}
+
+fn reset_stopped(client: &Client, group: &str) -> Result<(), Error> {
+    client.wait_for(group, Phase::Disarmed, STOPPED)?;
+    client.reset(group)
 }
 
 /// `motorctl estop`: damps and stops every motor.
@@ -108,8 +131,7 @@ fn effect_of_zero(joint: &JointDescription, position: Option<f32>) -> String {
 fn for_groups(
     instance: &str,
     group: Option<&str>,
-    done: &str,
-    request: fn(&Client, &str) -> Result<(), Error>,
+    request: impl Fn(&Client, &str) -> Result<&'static str, Error>,
 ) -> Result<(), Failure> {
     let client = Client::connect(instance)?;
     let groups: Vec<String> = match group {
@@ -119,15 +141,15 @@ fn for_groups(
     let mut outcome = Ok(());
     for group in groups {
         match request(&client, &group) {
-            Ok(()) => say(&format!("{group}: {done}"))?,
-            refusal => outcome = outcome.and(refusal),
+            Ok(done) => say(&format!("{group}: {done}"))?,
+            Err(refusal) => outcome = outcome.and(Err(refusal)),
         }
     }
     Ok(outcome?)
 }
 
 fn say(sentence: &str) -> Result<(), Failure> {
-    Ok(writeln!(io::stdout(), "{sentence}")?)
+    Ok(writeln!(io::stdout(), "{}", printable(sentence))?)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use motord_client::{
     Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
     RobotDescription, State, Telemetry,
 };
-use motord_terminal::{Cell, Colour, Palette, Table};
+use motord_terminal::{Cell, Colour, Palette, Table, printable};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -186,6 +186,20 @@ impl Report {
         }
     }
 
+    /// Everything that is wrong with the robot, in sentences; nothing for one that is well.
+    pub(crate) fn troubles(&self) -> Vec<String> {
+        let alarms = [
+            (self.emergency_stop, "The emergency stop is latched."),
+            (self.shutting_down, "The daemon is shutting down."),
+        ];
+        let alarms = alarms.iter().filter(|(alarm, _)| *alarm).map(|(_, sentence)| (*sentence).to_owned());
+        let stops = self.groups.iter().filter_map(|group| Some(group.stop.as_ref()?.describe(&group.name)));
+        let joints = self.joints.iter().filter_map(JointReport::trouble);
+        let buses = self.buses.iter().filter(|bus| bus.condition != BusCondition::Active.name());
+        let buses = buses.map(|bus| format!("Bus {} is {}.", bus.name, bus.condition));
+        alarms.chain(stops).chain(joints).chain(buses).collect()
+    }
+
     /// Writes it as tables for an operator.
     ///
     /// # Errors
@@ -199,7 +213,9 @@ impl Report {
         };
         writeln!(
             out,
-            "{instance}: motord {version}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, overruns {overruns}",
+            "{}: motord {}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, overruns {overruns}",
+            printable(instance),
+            printable(version),
             palette.paint(&realtime)
         )?;
         for (alarm, sentence) in [
@@ -288,6 +304,24 @@ impl Stop {
             steps,
         }
     }
+
+    /// Why the group of this `name` is stopped.
+    fn describe(&self, name: &str) -> String {
+        format!("{name} is stopped: {}{}", self.sentence, self.origin())
+    }
+}
+
+impl JointReport {
+    fn trouble(&self) -> Option<String> {
+        let name = &self.name;
+        if self.mode == MotorMode::Offline.name() {
+            Some(format!("{name} does not answer."))
+        } else if !self.faults.is_empty() {
+            Some(format!("{name} reports {}.", self.faults.join(", ")))
+        } else {
+            (self.mode == MotorMode::Fault.name()).then(|| format!("{name} reports a fault."))
+        }
+    }
 }
 
 impl From<(&JointDescription, Joint)> for JointReport {
@@ -353,8 +387,8 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
     }
     table.write(out, palette)?;
     for (group, stop) in groups.iter().filter_map(|group| Some((group, group.stop.as_ref()?))) {
-        let sentence = format!("{} is stopped: {}{}", group.name, stop.sentence, stop.origin());
-        writeln!(out, "{}\n  {}", palette.paint(&Cell::new(sentence, Colour::Red)), stop.advice)?;
+        let sentence = palette.paint(&Cell::new(stop.describe(&group.name), Colour::Red));
+        writeln!(out, "{sentence}\n  {}", printable(&stop.advice))?;
     }
     Ok(())
 }

@@ -3,8 +3,8 @@
 use crate::failure::Failure;
 use crate::report::Report;
 use motord_client::{Client, Error};
-use motord_terminal::{Palette, json};
-use std::io;
+use motord_terminal::{Palette, json, printable};
+use std::io::{self, Write};
 use std::time::Duration;
 
 /// A shorter silence of the daemon is not reported.
@@ -21,12 +21,12 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
     Ok(client)
 }
 
-/// Prints the state of the next cycle.
+/// Prints the state of the next cycle; with `check` only what is wrong with it.
 ///
 /// # Errors
 ///
-/// When no daemon answers, or the output cannot be written.
-pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
+/// When no daemon answers, the output cannot be written, or a check found something: [`Failure::Troubled`].
+pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Failure> {
     let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
     let mut report = Report::new(&client.description(), &state);
@@ -35,10 +35,13 @@ pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
         let _unknown = client.telemetry().map(|telemetry| report.name_programs(&telemetry));
     }
     let out = &mut io::stdout().lock();
+    let troubles = if check { report.troubles() } else { Vec::new() };
     if as_json {
         json::write_line(out, &report)?;
+    } else if check {
+        troubles.iter().try_for_each(|trouble| writeln!(out, "{}", printable(trouble)))?;
     } else {
         report.write(out, Palette::of_stdout())?;
     }
-    Ok(())
+    if troubles.is_empty() { Ok(()) } else { Err(Failure::Troubled) }
 }

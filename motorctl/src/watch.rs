@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::report::Report;
 use crate::status;
 use motord_client::{Client, Error, State};
-use motord_terminal::{Interrupt, Palette, json};
+use motord_terminal::{Interrupt, Palette, json, printable};
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
@@ -71,7 +71,7 @@ impl Output {
     /// Says once that the daemon is away: repeated messages would only scroll.
     fn lose(&mut self, error: &Error) -> Result<(), Failure> {
         if !std::mem::replace(&mut self.lost, true) {
-            eprintln!("motorctl: {error}");
+            eprintln!("motorctl: {}", printable(&error.to_string()));
             eprintln!("motorctl: waiting for the daemon to return");
         }
         Ok(())

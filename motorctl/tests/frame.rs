@@ -4,6 +4,8 @@
 
 use serde_json::{Value, json};
 use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 struct Vector {
@@ -477,6 +479,29 @@ fn wrong_use_and_wrong_configurations_have_their_own_exit_statuses() {
     assert_eq!(status(&["--config", "/nonexistent", "-"]), Some(78));
     assert_eq!(decode_log(&[], "[[motor]]", "").status.code(), Some(78));
     assert_eq!(status(&["--help"]), Some(0));
+}
+
+/// A FIFO without a writer, a device without an end and a file as large as a disk are refused at once, as the daemon does.
+#[test]
+fn a_configuration_that_no_daemon_would_read_is_refused_at_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let (fifo, huge, open) =
+        (directory.path().join("fifo"), directory.path().join("huge"), directory.path().join("open"));
+    nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    std::fs::File::create(&huge).unwrap().set_len(100_000_000).unwrap();
+    std::fs::write(&open, "").unwrap();
+    std::fs::set_permissions(&open, std::fs::Permissions::from_mode(0o666)).unwrap();
+    for (path, reason) in [
+        (fifo.as_path(), "is a FIFO"),
+        (Path::new("/dev/zero"), "is a device"),
+        (&huge, "is larger than"),
+        (&open, "may be changed by every user"),
+    ] {
+        let output = frame("decode", &["--config", path.to_str().unwrap(), "-"], "");
+        let complaint = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(78), "{complaint}");
+        assert!(complaint.contains(reason), "{complaint}");
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -161,6 +162,110 @@ fn what_the_daemon_refuses_fails_with_the_reason() {
         let output = daemon.motorctl(unknown);
         assert_eq!(output.status.code(), Some(64), "{unknown:?}");
         assert!(text(&output.stderr).contains("there is no"), "{}", text(&output.stderr));
+    }
+}
+
+/// The claim of a controller that holds the arm, sent again and again until the test ends it.
+fn while_held(daemon: &Daemon, test: impl FnOnce()) {
+    let (end, held) = (AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let client = Client::connect_in(daemon.directory.path(), "bench").unwrap();
+            let mut claim = client.claim("all").unwrap();
+            while !end.load(Ordering::Relaxed) {
+                let state = client.wait(Duration::from_secs(20)).unwrap();
+                claim.hold(&state, 5.0, 0.5).unwrap();
+                claim.commit().unwrap();
+                held.store(true, Ordering::Relaxed);
+            }
+        });
+        while !held.load(Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(test));
+        end.store(true, Ordering::Relaxed);
+        outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    });
+}
+
+#[test]
+fn an_active_group_is_enabled_already_and_a_reset_can_wait_for_a_stop() {
+    let daemon = Daemon::start();
+    while_held(&daemon, || {
+        let until_enabled = Instant::now() + Duration::from_secs(20);
+        while !daemon.motorctl(&["enable", "all"]).status.success() {
+            assert!(Instant::now() < until_enabled, "the arm does not start");
+        }
+        let again = daemon.motorctl(&["enable"]);
+        assert!(again.status.success(), "{}", text(&again.stderr));
+        assert_eq!(text(&again.stdout), "all: is active already\n");
+        assert!(daemon.motorctl(&["estop"]).status.success());
+        // The motor may be damped still: the reset waits for it.
+        let reset = daemon.motorctl(&["reset", "--wait"]);
+        assert!(reset.status.success(), "{}", text(&reset.stderr));
+        assert_eq!(daemon.status()["groups"][0]["phase"], "disarmed");
+    });
+}
+
+#[test]
+fn a_check_judges_the_robot_by_its_exit_status() {
+    let daemon = Daemon::start();
+    let check = || daemon.motorctl(&["status", "--check"]);
+    assert_eq!((check().status.code(), text(&check().stdout)), (Some(0), String::new()));
+    assert!(daemon.motorctl(&["estop"]).status.success());
+    let said = text(&check().stdout);
+    assert_eq!(check().status.code(), Some(1), "{said}");
+    assert!(said.contains("The emergency stop is latched.") && said.contains("all is stopped: "), "{said}");
+    let report = daemon.motorctl(&["status", "--check", "--json"]);
+    assert_eq!(report.status.code(), Some(1));
+    assert!(serde_json::from_slice::<Value>(&report.stdout).unwrap()["groups"].is_array());
+    let mut other = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+    other
+        .args(["--instance", "other", "status", "--check"])
+        .env("MOTORD_RUNTIME_DIR", daemon.directory.path());
+    assert_eq!(other.output().unwrap().status.code(), Some(69));
+}
+
+#[test]
+fn a_name_is_looked_up_before_anybody_is_asked() {
+    let daemon = Daemon::start();
+    // Nobody can be asked here: that would be the complaint.
+    let output = daemon.motorctl(&["zero", "leg"]);
+    let complaint = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(64), "{complaint}");
+    assert!(complaint.contains("there is no joint") && !complaint.contains("--yes"), "{complaint}");
+    assert_eq!(text(&daemon.motorctl(&["fault"]).stdout), "bench: no motor reports a fault\n");
+}
+
+/// A terminal obeys no file: its text arrives there as letters.
+#[test]
+fn escape_sequences_of_a_file_are_spelled_out() {
+    let directory = TempDir::new().unwrap();
+    let path = directory.path().join("motord.toml");
+    let name = "\\u001B[31mleg\\u0007";
+    std::fs::write(&path, CONFIG.replace("\"arm\"", &format!("\"{name}\""))).unwrap();
+    let programs = Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap();
+    for (program, arguments) in [
+        ("motord", ["check"].as_slice()),
+        ("motord", &["run"]),
+        ("motorctl", &["setup"]),
+        ("motorctl", &["ping", "--joint", "x"]),
+        ("motorctl", &["config", "diff"]),
+    ] {
+        let mut command = Command::new(programs.join(program));
+        command.args(arguments).env("MOTORD_RUNTIME_DIR", directory.path());
+        let command = if arguments == ["config", "diff"] {
+            command.arg(&path).args(["--bus", "/dev/null", "--id", "1"])
+        } else {
+            command.arg("--config").arg(&path)
+        };
+        let output = command.output().unwrap();
+        assert!(!output.status.success(), "{program} {arguments:?}");
+        let said = text(&output.stdout) + &text(&output.stderr);
+        assert!(
+            !said.chars().any(|letter| letter.is_control() && letter != '\n'),
+            "{program} {arguments:?}: {said:?}"
+        );
     }
 }
 

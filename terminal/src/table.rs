@@ -1,5 +1,6 @@
 //! Text in columns, and colour where it is wanted.
 
+use crate::text::{number, printable};
 use std::io::{self, IsTerminal, Write};
 
 /// Colour of a piece of text.
@@ -59,9 +60,9 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Text in a colour.
+    /// Text in a colour; control characters in it are spelled out.
     pub fn new(text: impl ToString, colour: Colour) -> Self {
-        Self { text: text.to_string(), colour }
+        Self { text: printable(&text.to_string()).into_owned(), colour }
     }
 
     /// Text as it is.
@@ -71,10 +72,7 @@ impl Cell {
 
     /// A number with `digits` decimals, or a dash for one that is not known.
     pub fn number(value: Option<f64>, digits: usize) -> Self {
-        match value.filter(|value| value.is_finite()) {
-            Some(value) => Self::plain(format!("{value:.digits$}")),
-            None => Self::plain("-"),
-        }
+        Self::plain(number(value, digits))
     }
 
     /// A counter that should be 0.

@@ -1,6 +1,7 @@
 //! Asking before something that cannot be taken back.
 
 use crate::failure::WireFailure;
+use motord_terminal::printable;
 use std::io::{self, BufRead, IsTerminal, Write};
 
 /// The confirmation of a command that moves a motor, or changes it for good.
@@ -24,7 +25,7 @@ impl Confirm {
         if !io::stdin().is_terminal() {
             return Err(WireFailure::Unconfirmed { warning: effect.to_owned() });
         }
-        eprint!("{effect}\nType yes to go on: ");
+        eprint!("{}\nType yes to go on: ", printable(effect));
         let _flushed = io::stderr().flush();
         let mut answer = String::new();
         let read = io::stdin().lock().read_line(&mut answer);

@@ -7,8 +7,9 @@ use crate::memory::{effective, parse_item, read, text};
 use crate::say;
 use crate::target::{Session, Target};
 use motord_commissioning::{Apply, Change, Error, Failed, changes, identify};
+use motord_configuration::Wrong;
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
-use motord_terminal::{Cell, Palette, Table, json};
+use motord_terminal::{Cell, Palette, Table, json, printable};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::fs::OpenOptions;
@@ -79,9 +80,11 @@ fn document(session: &mut Session) -> Result<String, Error> {
 
 /// Reads a file, completely, before anything is written to a motor.
 fn load(path: &Path) -> Result<Values, WireFailure> {
-    let file = |source| WireFailure::File { path: path.to_owned(), source };
     let malformed = |reason: String| WireFailure::Malformed { path: path.to_owned(), reason };
-    let text = std::fs::read_to_string(path).map_err(file)?;
+    let text = motord_configuration::text(path).map_err(|problem| match problem.wrong {
+        Wrong::Unreadable(source) => WireFailure::File { path: path.to_owned(), source },
+        wrong => malformed(wrong.to_string()),
+    })?;
     let document: Document = toml::from_str(&text).map_err(|error| malformed(error.to_string()))?;
     let values = document.configuration.iter().map(|(name, value)| {
         let item =
@@ -166,7 +169,7 @@ pub(crate) fn apply(
     print(&changes, false)?;
     let mut journal = Journal::open(file, journal)?;
     if let Some(unfinished) = journal.unfinished() {
-        eprintln!("motorctl: an earlier application was cut off: {unfinished}");
+        eprintln!("motorctl: an earlier application was cut off: {}", printable(&unfinished.to_string()));
     }
     confirm.ask(&format!(
         "This permanently writes these {} items to {name}. {} tells what was done, also after a power cut.",

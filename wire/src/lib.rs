@@ -27,6 +27,7 @@ pub use zero::{Arguments as Zero, run as zero};
 use clap::{Args, Subcommand};
 use motion::{Bounds, Goal, finite};
 use motord_protocol::gim::{ConfigurationItem, Parameter};
+use motord_terminal::printable;
 use std::io::{self, Write};
 use std::path::PathBuf;
 use target::Protocol;
@@ -395,5 +396,5 @@ fn config(instance: &str, command: ConfigCommand) -> Result<(), WireFailure> {
 }
 
 fn say(sentence: &str) -> Result<(), WireFailure> {
-    Ok(writeln!(io::stdout(), "{sentence}")?)
+    Ok(writeln!(io::stdout(), "{}", printable(sentence))?)
 }

@@ -33,11 +33,12 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-protocol",
             "motord-bus",
             "motord-simulator",
+            "motord-terminal",
         ],
         &["motord-checker"],
     ),
     ("motord-client", &["motord-shared"], &["iceoryx2"]),
-    ("motord-frame", &["motord-bus", "motord-protocol"], &[]),
+    ("motord-frame", &["motord-bus", "motord-configuration", "motord-protocol"], &[]),
     ("motord-terminal", &[], &[]),
     (
         "motord-wire",

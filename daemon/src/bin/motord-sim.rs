@@ -1,6 +1,6 @@
 //! `motord-sim`: a configuration's motors, simulated, on its CAN interfaces and on pseudo terminals.
 
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use motord::buses;
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
@@ -9,6 +9,7 @@ use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{
     Bridge, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, VerbError,
 };
+use motord_terminal::{Pages, printable};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};
 use std::os::fd::AsFd;
@@ -25,12 +26,16 @@ use std::process::ExitCode;
 #[command(
     name = "motord-sim",
     version,
-    after_help = AFTER_HELP
+    after_help = AFTER_HELP,
+    args_conflicts_with_subcommands = true,
+    subcommand_negates_reqs = true
 )]
 struct Arguments {
+    #[command(subcommand)]
+    pages: Option<Pages>,
     /// The configuration. Its buses of type socketcan and serial are served.
-    #[arg(long, value_name = "FILE")]
-    config: PathBuf,
+    #[arg(long, value_name = "FILE", required = true)]
+    config: Option<PathBuf>,
     /// Bit rate of the simulated wire, instead of the configuration's. The kernel takes its own time on top: on a slow
     /// machine or a real wire, a high rate brings the answers when they would come without it.
     #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(1..))]
@@ -77,10 +82,11 @@ Lines for a serial bus:
   gripper gone
   gripper ok
 
-Exit status: 64 usage, 69 an interface or a directory is unavailable, 78 the configuration is refused.";
+Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 78 the configuration is refused.";
 
 const EXIT_USAGE: u8 = 64;
 const EXIT_UNAVAILABLE: u8 = 69;
+const EXIT_IO: u8 = 74;
 const EXIT_CONFIG: u8 = 78;
 
 #[derive(Debug, thiserror::Error)]
@@ -97,12 +103,15 @@ enum Failure {
     Terminal { bus: String, error: std::io::Error },
     #[error("the memories of the motors: {0}")]
     Store(std::io::Error),
+    #[error("cannot write: {0}")]
+    Pages(std::io::Error),
 }
 
 impl Failure {
     fn exit_status(&self) -> u8 {
         match self {
             Self::Config(_) | Self::NoBus | Self::Name(_) => EXIT_CONFIG,
+            Self::Pages(_) => EXIT_IO,
             Self::Open(_) | Self::Terminal { .. } | Self::Store(_) => EXIT_UNAVAILABLE,
         }
     }
@@ -116,15 +125,20 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let Err(failure) = run(&arguments);
-    let _unread = writeln!(std::io::stderr(), "motord-sim: {failure}");
+    let ended = match (&arguments.pages, &arguments.config) {
+        (Some(pages), _) => pages.write(Arguments::command()).map_err(Failure::Pages),
+        (None, Some(config)) => run(config, &arguments).map(|never| match never {}),
+        (None, None) => unreachable!("clap requires one of them"),
+    };
+    let Err(failure) = ended else { return ExitCode::SUCCESS };
+    let _unread = writeln!(std::io::stderr(), "motord-sim: {}", printable(&failure.to_string()));
     ExitCode::from(failure.exit_status())
 }
 
 /// Serves until the process is ended.
-fn run(arguments: &Arguments) -> Result<Infallible, Failure> {
+fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
     const IDLE: Duration = Duration::from_secs(1);
-    let settings = config::load(&arguments.config)?.settings;
+    let settings = config::load(config)?.settings;
     let mut lines = open(&settings, arguments)?;
     let mut store = restore(arguments.store.as_deref(), &mut lines).map_err(Failure::Store)?;
     let mut commands = Commands::new();

@@ -10,6 +10,7 @@ use motord_bus::arithmetic::SERIAL_FRAME_BITS;
 use motord_configuration::{self as config, ConfigError, Loaded};
 use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_terminal::printable;
 
 /// Exit status of a configuration that is refused, `EX_CONFIG` of `sysexits.h`.
 pub const EXIT_CONFIG: u8 = 78;
@@ -116,13 +117,13 @@ fn print_for_people(
     match judged {
         Ok(Loaded { settings, warnings, .. }) => {
             for warning in warnings {
-                writeln!(out, "warning: {warning}")?;
+                writeln!(out, "warning: {}", printable(&warning.to_string()))?;
             }
             print_plan(path, settings, out)
         }
         Err(error) => {
             for problem in &error.problems {
-                writeln!(out, "error: {problem}")?;
+                writeln!(out, "error: {}", printable(&problem.to_string()))?;
             }
             writeln!(out, "{} is refused", path.display())
         }

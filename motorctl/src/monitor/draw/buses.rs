@@ -1,9 +1,10 @@
 //! The buses: in short below the joints, and with every counter on a page of their own.
 
 use super::super::picture::{Picture, Reading};
-use super::text::{bold, flowed, left, number, right};
+use super::text::{bold, flowed, left, right};
 use crate::report::BusReport;
 use motord_client::BusCondition;
+use motord_terminal::number;
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 

@@ -1,10 +1,11 @@
 //! The groups: their phase and owner; and for each stop its cause, since when, and the lines that end it.
 
 use super::super::picture::Reading;
-use super::text::{alarm, bold, dim, duration, number, warning, wrapped};
+use super::text::{alarm, bold, dim, duration, warning, wrapped};
 use super::troubles;
 use crate::report::{GroupReport, Stop};
 use motord_client::{GroupHistory, Phase, Process};
+use motord_terminal::number;
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 

@@ -2,9 +2,10 @@
 
 use super::super::picture::Reading;
 use super::super::view::{Order, View};
-use super::text::{bold, dim, left, number, right};
+use super::text::{bold, dim, left, right};
 use crate::report::JointReport;
 use motord_client::MotorMode;
+use motord_terminal::number;
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 

@@ -1,8 +1,9 @@
 //! Latencies: in short with the curve of the last readings, and every percentile on a page of their own.
 
 use super::super::picture::{Picture, Reading, Sample};
-use super::text::{bold, dim, number, right, sparkline};
+use super::text::{bold, dim, right, sparkline};
 use motord_client::Percentiles;
+use motord_terminal::number;
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 

@@ -51,14 +51,6 @@ pub(super) fn shortened(text: &str, width: usize) -> String {
     if width == 0 { kept } else { format!("{kept}…") }
 }
 
-/// `value` with `digits` decimals, a dash for one that is not known, and no minus sign before a zero.
-pub(super) fn number(value: Option<f64>, digits: usize) -> String {
-    let Some(value) = value.filter(|value| value.is_finite()) else { return "-".to_owned() };
-    let text = format!("{value:.digits$}");
-    let is_zero = text.chars().all(|letter| matches!(letter, '-' | '0' | '.'));
-    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
-}
-
 /// A time as a person says it.
 pub(super) fn duration(time: Duration) -> String {
     match time.as_secs() {
@@ -130,14 +122,6 @@ pub(super) fn sparkline(values: impl DoubleEndedIterator<Item = f64>, width: usi
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn half_a_code_below_zero_is_zero() {
-        assert_eq!(number(Some(-0.0004), 3), "0.000");
-        assert_eq!(number(Some(-0.0006), 3), "-0.001");
-        assert_eq!(number(Some(f64::NAN), 3), "-");
-        assert_eq!(number(None, 3), "-");
-    }
 
     #[test]
     fn a_long_sentence_is_wrapped_at_its_spaces() {

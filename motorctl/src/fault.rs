@@ -1,0 +1,89 @@
+//! `motorctl fault`: the faults that motors have reported to the daemon.
+
+use crate::failure::Failure;
+use crate::status;
+use motord_client::{Client, Fault, Faults, State};
+use motord_terminal::{Cell, Palette, Table, json, printable};
+use serde::Serialize;
+use std::io::{self, Write};
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    instance: String,
+    /// Joints without a fault are not in it.
+    joints: Vec<JointFaults>,
+}
+
+#[derive(Serialize)]
+struct JointFaults {
+    name: String,
+    /// As the daemon sent them.
+    bits: u32,
+    faults: Vec<Named>,
+    /// The bits that no word stands for.
+    unknown_bits: u32,
+}
+
+#[derive(Serialize)]
+struct Named {
+    name: &'static str,
+    meaning: &'static str,
+}
+
+/// Lists the faults of all joints.
+///
+/// # Errors
+///
+/// When no daemon answers, or the output cannot be written.
+pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
+    let client = status::connect(instance)?;
+    let report = Report::new(&client, &client.wait(status::PATIENCE)?);
+    let out = &mut io::stdout().lock();
+    if as_json {
+        json::write_line(out, &report)?
+    } else {
+        report.write(out)?
+    }
+    Ok(())
+}
+
+impl Report {
+    fn new(client: &Client, state: &State) -> Self {
+        let robot = client.description();
+        let joints = robot.joints.iter().zip(state.joints());
+        let faulty = joints.filter(|(_, joint)| !joint.faults.is_empty());
+        let joints =
+            faulty.map(|(description, joint)| JointFaults::new(&description.name, joint.faults)).collect();
+        Self { instance: robot.instance.clone(), joints }
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        if self.joints.is_empty() {
+            return writeln!(out, "{}: no motor reports a fault", printable(&self.instance));
+        }
+        let mut table = Table::new(&["joint", "fault", "meaning"]);
+        for joint in &self.joints {
+            for Named { name, meaning } in &joint.faults {
+                table.row([joint.name.as_str(), name, meaning].map(Cell::plain).into());
+            }
+            if joint.unknown_bits != 0 {
+                let bits = format!("{:#x}", joint.unknown_bits);
+                table.row([joint.name.as_str(), &bits, "In no document."].map(Cell::plain).into());
+            }
+        }
+        table.write(out, Palette::of_stdout())
+    }
+}
+
+impl JointFaults {
+    fn new(name: &str, faults: Faults) -> Self {
+        let named = |fault: Fault| Named { name: fault.name(), meaning: fault.sentence() };
+        Self {
+            name: name.to_owned(),
+            bits: faults.bits(),
+            faults: faults.iter().map(named).collect(),
+            unknown_bits: faults.unknown(),
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! The commands that every program has: shell completions and manual pages, made of its command line.
+
+use clap::{Command, Subcommand, ValueEnum};
+use clap_complete::generate;
+use clap_mangen::Man;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// What a package installs beside a program.
+#[derive(Debug, Subcommand)]
+pub enum Pages {
+    /// Print the completions of this program for a shell.
+    ///
+    /// bash loads them from ~/.local/share/bash-completion/completions/PROGRAM, fish from
+    /// ~/.config/fish/completions/PROGRAM.fish, zsh from the file _PROGRAM in a directory of its $fpath.
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
+    /// Write the manual pages of this program and of its commands.
+    Manual {
+        /// The directory for the pages; it is made where it does not exist. `man -l DIRECTORY/PROGRAM.1` shows one.
+        directory: PathBuf,
+    },
+}
+
+/// A shell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Shell {
+    /// GNU bash.
+    Bash,
+    /// zsh.
+    Zsh,
+    /// fish.
+    Fish,
+}
+
+impl Pages {
+    /// Writes them for `program`.
+    ///
+    /// # Errors
+    ///
+    /// When the output, or a file, cannot be written.
+    pub fn write(&self, program: Command) -> io::Result<()> {
+        match self {
+            Self::Completions { shell } => io::stdout().write_all(&completions(*shell, &program)),
+            Self::Manual { directory } => {
+                std::fs::create_dir_all(directory)?;
+                let version = program.get_version().unwrap_or_default().to_owned();
+                let mut program = program.disable_help_subcommand(true);
+                program.build();
+                write_pages(&program, &version, directory)
+            }
+        }
+    }
+}
+
+fn completions(shell: Shell, program: &Command) -> Vec<u8> {
+    use clap_complete::Shell::{Bash, Fish, Zsh};
+    let (mut program, mut script) = (visible(program), Vec::new());
+    let name = program.get_name().to_owned();
+    match shell {
+        Shell::Bash => {
+            generate(Bash, &mut program, &name, &mut script);
+            return with_hyphen(&name, script);
+        }
+        Shell::Zsh => generate(Zsh, &mut program, name, &mut script),
+        Shell::Fish => generate(Fish, &mut program, name, &mut script),
+    }
+    script
+}
+
+/// clap_complete 4.6 takes a hyphen in a program's name for the beginning of a command where it answers, not where it asks.
+fn with_hyphen(name: &str, script: Vec<u8>) -> Vec<u8> {
+    if !name.contains('-') {
+        return script;
+    }
+    let script = String::from_utf8_lossy(&script);
+    script.replace(&name.replace('-', "__subcmd__"), &name.replace('-', "__")).into_bytes()
+}
+
+/// `command` without its hidden commands, which `clap_complete` would offer.
+fn visible(command: &Command) -> Command {
+    // clap wants names that live as long as the program, which ends when it has printed this.
+    let kept = |text: &str| -> &'static str { text.to_owned().leak() };
+    let commands = command.get_subcommands().filter(|command| !command.is_hide_set()).map(visible);
+    let mut seen = Command::new(kept(command.get_name()))
+        .args(command.get_arguments().cloned())
+        .groups(command.get_groups().cloned())
+        .subcommands(commands);
+    if let Some(about) = command.get_about() {
+        seen = seen.about(about.clone());
+    }
+    match command.get_version() {
+        Some(version) => seen.version(kept(version)),
+        None => seen,
+    }
+}
+
+/// Writes the page of `command`, and those of its commands. Hidden ones have none.
+fn write_pages(command: &Command, version: &str, directory: &Path) -> io::Result<()> {
+    for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
+        write_pages(below, version, directory)?;
+    }
+    let name = command.get_display_name().unwrap_or_else(|| command.get_name());
+    std::fs::write(directory.join(format!("{name}.1")), page(command, name, version)?)
+}
+
+/// The sections of `clap_mangen`, with a title and examples of our own: its title has the version where the date belongs, and
+/// its examples are filled like text.
+fn page(command: &Command, name: &str, version: &str) -> io::Result<Vec<u8>> {
+    let page = Man::new(command.clone());
+    let mut roff = format!(
+        ".ie \\n(.g .ds Aq \\(aq\n.el .ds Aq '\n.TH \"{name}\" \"1\" \"\" \"motord {version}\" \"Commands of motord\"\n"
+    )
+    .into_bytes();
+    page.render_name_section(&mut roff)?;
+    page.render_synopsis_section(&mut roff)?;
+    page.render_description_section(&mut roff)?;
+    page.render_options_section(&mut roff)?;
+    if command.get_subcommands().any(|below| !below.is_hide_set()) {
+        page.render_subcommands_section(&mut roff)?;
+    }
+    let after = command.get_after_long_help().or_else(|| command.get_after_help());
+    roff.extend(after.map_or_else(String::new, |after| sections(&after.to_string())).into_bytes());
+    Ok(roff)
+}
+
+/// The text after a help: a line that ends with a colon is a heading, indented lines stay as they are, others are filled.
+fn sections(text: &str) -> String {
+    const EXIT_STATUS: &str = "Exit status: ";
+    let (mut roff, mut is_filled) = (String::new(), true);
+    for line in text.lines().filter(|line| !line.trim().is_empty()) {
+        if line.starts_with(' ') == is_filled {
+            roff.push_str(if is_filled { ".nf\n" } else { ".fi\n" });
+            is_filled = !is_filled;
+        }
+        let status = line.strip_prefix(EXIT_STATUS);
+        let heading = status.map(|_| EXIT_STATUS.trim_end_matches(": "));
+        let heading = heading.or_else(|| line.strip_suffix(':').filter(|_| is_filled));
+        if let Some(heading) = heading {
+            roff.push_str(&format!(".SH \"{}\"\n", verbatim(&heading.to_uppercase())));
+        }
+        let body = status.unwrap_or(if heading.is_some() { "" } else { line });
+        if !body.is_empty() {
+            roff.push_str(&format!("{}\n", verbatim(body)));
+        }
+    }
+    roff + if is_filled { "" } else { ".fi\n" }
+}
+
+/// `text` as roff prints it, letter by letter, to be pasted into a shell.
+fn verbatim(text: &str) -> String {
+    let escaped = |letter| match letter {
+        '\\' => "\\e".to_owned(),
+        '-' => "\\-".to_owned(),
+        '\'' => "\\(aq".to_owned(),
+        '`' => "\\(ga".to_owned(),
+        '^' => "\\(ha".to_owned(),
+        '~' => "\\(ti".to_owned(),
+        letter => letter.to_string(),
+    };
+    let guard = if text.starts_with('.') { "\\&" } else { "" };
+    guard.to_owned() + &text.chars().map(escaped).collect::<String>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hidden_command_is_not_offered() {
+        let program = Command::new("robot")
+            .version("1")
+            .subcommand(Command::new("walk").about("Walk away"))
+            .subcommand(Command::new("guard").hide(true));
+        for shell in Shell::value_variants() {
+            let script = String::from_utf8(completions(*shell, &program)).unwrap();
+            assert!(script.contains("walk") && script.contains("version"), "{shell:?}: {script}");
+            assert!(!script.contains("guard"), "{shell:?}: {script}");
+        }
+    }
+
+    #[test]
+    fn examples_stay_as_they_are_in_a_manual_page() {
+        let text = "Examples:\n  robot walk --to 'home' | jq .x\n\nExit status: 0 done,\n1 not.";
+        let roff = "\
+.SH \"EXAMPLES\"
+.nf
+  robot walk \\-\\-to \\(aqhome\\(aq | jq .x
+.fi
+.SH \"EXIT STATUS\"
+0 done,
+1 not.
+";
+        assert_eq!(sections(text), roff);
+    }
+}

@@ -1,0 +1,47 @@
+//! Text that a terminal may show.
+
+use std::borrow::Cow;
+
+/// `text` with its control characters spelled out, as `\u{1b}`: what a file or another process says must not move the cursor,
+/// change colours or ring. Ends of lines stay.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let is_harmless = |letter: char| letter == '\n' || !letter.is_control();
+    if text.chars().all(is_harmless) {
+        return Cow::Borrowed(text);
+    }
+    let mut spelled = String::with_capacity(2 * text.len());
+    for letter in text.chars() {
+        match is_harmless(letter) {
+            true => spelled.push(letter),
+            false => spelled.extend(letter.escape_unicode()),
+        }
+    }
+    Cow::Owned(spelled)
+}
+
+/// `value` with `digits` decimals, a dash for one that is not known, and no minus sign before a zero.
+pub fn number(value: Option<f64>, digits: usize) -> String {
+    let Some(value) = value.filter(|value| value.is_finite()) else { return "-".to_owned() };
+    let text = format!("{value:.digits$}");
+    let is_zero = text.chars().all(|letter| matches!(letter, '-' | '0' | '.'));
+    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_a_code_below_zero_is_zero() {
+        assert_eq!(number(Some(-0.0004), 3), "0.000");
+        assert_eq!(number(Some(-0.0006), 3), "-0.001");
+        assert_eq!(number(Some(f64::NAN), 3), "-");
+        assert_eq!(number(None, 3), "-");
+    }
+
+    #[test]
+    fn nothing_that_a_terminal_obeys_is_left() {
+        assert_eq!(printable("knee\x1b[31m\u{9b}2J\r\x07\n"), "knee\\u{1b}[31m\\u{9b}2J\\u{d}\\u{7}\n");
+        assert!(matches!(printable("Torque 2 N·m\n"), Cow::Borrowed(_)));
+    }
+}
