@@ -7,8 +7,8 @@
 //! ```
 //!
 //! A stop waits behind no other request, and needs nothing that clients can use up: no place, no file, no descriptor that the
-//! other threads share. Before its confirmation nothing is allocated or logged for it. Who may enter the runtime directory may
-//! stop the robot, by the same rule: its permissions, without lists of access control.
+//! other threads share. Before the cycle has it, nothing is allocated or logged for it, and nothing opened but its connection.
+//! Who may enter the runtime directory may stop the robot, by the same rule: its permissions, without lists of access control.
 
 use crate::host::kernel;
 use crate::telemetry::askers::Askers;
@@ -109,7 +109,7 @@ struct Server {
 }
 
 impl Server {
-    /// Waits for callers, takes them in, and carries out what they ask for. Does not allocate before the replies.
+    /// Waits for callers, takes them in, and carries out what they ask for. Does not allocate before the cycle has the request.
     fn turn(&mut self) {
         let begun = clock::monotonic();
         self.wait();
