@@ -141,6 +141,32 @@ fn a_drive_that_has_the_torque_to_itself_is_stopped_before_its_winding_is_too_wa
     assert!(robot.joint(0).temperature < robot.settings.motors[0].limits.temperature, "the model was first");
 }
 
+/// Goal: the motors of the shipped arm follow its controller, over a line at 100 Hz.
+/// Method: from where they stand, each joint is asked to go 0.15 rad into its range, within its following error, and must be there
+/// after 3 s.
+#[test]
+fn the_shipped_arm_is_enabled_and_follows_positions_over_its_line() {
+    let mut robot = Robot::new(robot::settings(include_str!("../../config/arm-native.toml")), 1);
+    robot.steps(1000);
+    for joint in 0..4 {
+        assert_eq!(robot.mode(joint), MotorMode::Idle, "joint {joint}");
+    }
+    robot.claim().expect("the group is free");
+    let mut joints = robot.hold(0.0, 0.0);
+    joints.iter_mut().for_each(|joint| joint.mode = SetpointMode::Position.code());
+    robot.follow(&joints);
+    robot.operate(Operation::Enable).expect("all is well");
+    robot.follow_until(&joints, 500, |robot| robot.phase() == Phase::Active);
+    let targets = [0.15, -0.15, 0.15];
+    joints.iter_mut().zip(targets).for_each(|(joint, target)| joint.position = target);
+    (0..3000).for_each(|_| robot.follow(&joints));
+    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
+    for (joint, target) in targets.iter().enumerate() {
+        let there = robot.joint(joint).position;
+        assert!((there - target).abs() < 0.02, "joint {joint} is at {there}");
+    }
+}
+
 /// 20 rad/s in half a second are 0.04 rad/s in a cycle; 1 rad/s is 60 / 2π rpm. The velocity of a torque setpoint means nothing.
 #[test]
 fn a_speed_setpoint_begins_at_the_speed_of_the_joint_whatever_the_setpoint_before_named() {
