@@ -230,7 +230,7 @@ fn start_ipc(
             Err(error) => return report(&opened, Err(error)),
         };
         let request = SchedulingRequest { cpu: ipc.cpu, priority: ipc.priority };
-        rt::prepare_thread(request).iter().for_each(|step| step.log("ipc"));
+        rt::prepare_thread(request).iter().for_each(|step| rt::log(step, "ipc"));
         report(&opened, Ok(()));
         IpcThread::new(ports, end, questions, description, &ipc, period).run(|| given.are(Orders::END));
     })?;
@@ -284,7 +284,7 @@ fn start_cycle(
         steps.push(rt::tighten_timers());
         steps.push(rt::lock_memory());
         let refused = steps.iter().find_map(|step| step.outcome.err().map(|errno| (*step, errno)));
-        steps.iter().for_each(|step| step.log("cycle"));
+        steps.iter().for_each(|step| rt::log(step, "cycle"));
         if let Some((step, errno)) = refused.filter(|_| required) {
             return report(
                 &prepared,

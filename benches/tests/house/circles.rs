@@ -85,6 +85,7 @@ fn no_files_of_a_crate_import_each_other_in_a_circle() {
         "settings",
         "core",
         "simulator",
+        "realtime",
         "daemon",
         "client",
         "commissioning",

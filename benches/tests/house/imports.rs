@@ -23,12 +23,14 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &["motord-checker", "motord-simulator"],
     ),
     ("motord-configuration", &["motord-core", "motord-protocol", "motord-bus", "motord-shared"], &[]),
+    ("motord-realtime", &[], &[]),
     (
         "motord",
         &[
             "motord-commissioning",
             "motord-configuration",
             "motord-core",
+            "motord-realtime",
             "motord-shared",
             "motord-protocol",
             "motord-bus",

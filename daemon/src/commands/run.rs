@@ -30,7 +30,7 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     crate::host::panics::hear_requests()?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
-    deep_sleep.log("main");
+    rt::log(&deep_sleep, "main");
 
     let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks };
     let damp = settings.safety.damp;

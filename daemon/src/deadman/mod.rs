@@ -95,7 +95,7 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     let request = SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_add(1)) };
     let mut steps = rt::prepare_thread(request);
     steps.extend([rt::tighten_timers(), rt::lock_memory()]);
-    steps.iter().for_each(|step| step.log("deadman"));
+    steps.iter().for_each(|step| rt::log(step, "deadman"));
 
     let mut server = Server::new(listener, interfaces::expect_interface);
     tracing::info!(instance = instance.name(), "ready");

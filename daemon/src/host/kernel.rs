@@ -9,19 +9,6 @@ use std::sync::atomic::AtomicU64;
 
 const COUNTER_BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU64>()).expect("a counter has bytes");
 
-/// Puts the calling thread under `SCHED_FIFO`.
-///
-/// # Errors
-///
-/// `EPERM` without `CAP_SYS_NICE` or a high enough `RLIMIT_RTPRIO`.
-pub(crate) fn schedule_fifo(priority: u8) -> Result<(), Errno> {
-    let param = libc::sched_param { sched_priority: i32::from(priority) };
-    // SAFETY: pid 0 names the calling thread, and `param` is a fully initialised `sched_param` that outlives the call;
-    // the kernel only reads it.
-    let status = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const param) };
-    Errno::result(status).map(drop)
-}
-
 /// Maps the first eight bytes of `file` as a counter that is shared with other processes that have the file. The mapping
 /// stays until the process ends.
 ///

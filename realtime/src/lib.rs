@@ -1,0 +1,122 @@
+//! Real-time scheduling and memory for a thread, as far as the machine grants them.
+
+#[allow(unsafe_code, reason = "a system call that no safe crate offers")]
+mod kernel;
+
+use nix::errno::Errno;
+use nix::sys::mman::{MlockAllFlags, mlockall};
+use nix::sys::resource::{Resource, getrlimit};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+
+/// With a lower limit on locked memory, later allocations of other threads would fail.
+const MEMLOCK_LEAST: u64 = 1 << 30;
+/// The stack that the cycle may need. It is touched once, so that it never faults later.
+const STACK_BYTES: usize = 256 * 1024;
+
+/// The scheduling that one thread asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SchedulingRequest {
+    /// The processor to run on; `None` for any.
+    pub cpu: Option<usize>,
+    /// The `SCHED_FIFO` priority, 1 to 99; `None` for normal scheduling.
+    pub priority: Option<u8>,
+}
+
+/// One step of the set-up, and its outcome.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Step {
+    /// The name of the step, for the log.
+    pub what: &'static str,
+    /// Granted, or the error of the kernel.
+    pub outcome: Result<(), Errno>,
+    /// The consequence when it is refused.
+    pub without: &'static str,
+    /// The remedy when it is refused.
+    pub remedy: &'static str,
+}
+
+/// Gives the calling thread the scheduling of `request`, and a stack that is in memory.
+#[must_use]
+pub fn prepare_thread(request: SchedulingRequest) -> Vec<Step> {
+    prefault_stack();
+    let mut steps = Vec::new();
+    if let Some(cpu) = request.cpu {
+        steps.push(Step {
+            what: "processor of its own",
+            outcome: pin(cpu),
+            without: "the scheduler may move the cycle, with cold caches each time",
+            remedy: "set `cpu` in [cycle] to a processor that `taskset -p $$` allows",
+        });
+    }
+    if let Some(priority) = request.priority {
+        steps.push(Step {
+            what: "SCHED_FIFO",
+            outcome: kernel::schedule_fifo(priority),
+            without: "any other program can delay the cycle by milliseconds",
+            remedy: "give it the right: LimitRTPRIO=90 in the unit, or `ulimit -r 90`",
+        });
+    }
+    steps
+}
+
+/// Locks all memory of the process, now and later. Refuses with `ENOMEM` where the limit would make later allocations
+/// fail.
+#[must_use]
+pub fn lock_memory() -> Step {
+    let enough = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft >= MEMLOCK_LEAST);
+    let outcome = if enough || nix::unistd::geteuid().is_root() {
+        mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE)
+    } else {
+        Err(Errno::ENOMEM)
+    };
+    Step {
+        what: "locked memory",
+        outcome,
+        without: "a page that was swapped out or never touched can delay the cycle",
+        remedy: "give it the right: LimitMEMLOCK=infinity in the unit, or `ulimit -l unlimited`",
+    }
+}
+
+/// Keeps the processors out of deep sleep for as long as the file is held.
+#[must_use]
+pub fn forbid_deep_sleep() -> (Step, Option<File>) {
+    let opened = OpenOptions::new()
+        .write(true)
+        .custom_flags(nix::libc::O_CLOEXEC)
+        .open("/dev/cpu_dma_latency")
+        .and_then(|mut file| file.write_all(&0_i32.to_ne_bytes()).map(|()| file));
+    let outcome = match &opened {
+        Ok(_) => Ok(()),
+        Err(error) => Err(Errno::from_raw(error.raw_os_error().unwrap_or(nix::libc::EIO))),
+    };
+    let step = Step {
+        what: "processors kept awake",
+        outcome,
+        without: "waking from deep sleep can delay the cycle by some 100 µs",
+        remedy: "let the service write /dev/cpu_dma_latency (the udev rule does)",
+    };
+    (step, opened.ok())
+}
+
+/// Makes timers of this thread fire when they are due, not up to 50 µs later. Matters only without `SCHED_FIFO`.
+#[must_use]
+pub fn tighten_timers() -> Step {
+    Step {
+        what: "exact timers",
+        outcome: nix::sys::prctl::set_timerslack(1),
+        without: "timers may fire 50 µs late",
+        remedy: "allow prctl(PR_SET_TIMERSLACK)",
+    }
+}
+
+fn pin(cpu: usize) -> Result<(), Errno> {
+    let pinned = core_affinity::set_for_current(core_affinity::CoreId { id: cpu });
+    if pinned { Ok(()) } else { Err(Errno::last()) }
+}
+
+fn prefault_stack() {
+    let stack = [0_u8; STACK_BYTES];
+    std::hint::black_box(&stack);
+}
