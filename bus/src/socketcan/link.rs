@@ -109,6 +109,21 @@ pub enum OpenError {
     },
 }
 
+impl OpenError {
+    /// The commands that mend it; `None` where no command does.
+    #[must_use]
+    pub const fn remedy(&self) -> Option<&Remedy> {
+        match self {
+            Self::Down { remedy }
+            | Self::Bitrate { remedy, .. }
+            | Self::Deaf { remedy }
+            | Self::BusOff { remedy }
+            | Self::Refused { remedy } => Some(remedy),
+            Self::Missing(_) | Self::NotCan(_) | Self::System { .. } => None,
+        }
+    }
+}
+
 /// The step in which a system call failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Step {

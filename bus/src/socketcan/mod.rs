@@ -14,6 +14,7 @@
 //!   its drift would be unknown (`docs/adr/0013`).
 //! - *Loopback* stays on, so that `candump` sees what motord sends; own frames are not received.
 
+mod coalescing;
 mod link;
 mod name;
 mod sender;
@@ -33,6 +34,7 @@ use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES, errno};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
 
+pub use coalescing::Coalescing;
 pub use link::{Link, OpenError, RESTART_MS, Remedy, Step};
 pub use name::{InterfaceName, InvalidName};
 pub use sender::Sender;
