@@ -3,6 +3,7 @@
 use crate::demo::DemoError;
 use crate::exit_status;
 use motord_client::Error;
+use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
 use motord_wire::WireFailure;
 use std::io;
@@ -22,6 +23,9 @@ pub(crate) enum Failure {
     /// The demo did not go well.
     #[error(transparent)]
     Demo(#[from] DemoError),
+    /// The computer is not fit, or could not be judged.
+    #[error(transparent)]
+    Doctor(#[from] DoctorFailure),
     /// Frames were refused.
     #[error(transparent)]
     Frame(#[from] FrameFailure),
@@ -47,6 +51,7 @@ impl Failure {
             Self::NotStopped(error) => exit_status::of_stop(error),
             Self::Output(_) => exit_status::IO,
             Self::Demo(error) => error.status(),
+            Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
             Self::Wire(failure) => failure.status(),
             Self::NoTerminal => exit_status::USAGE,
@@ -57,7 +62,13 @@ impl Failure {
 
     /// Nothing is left to say: standard output has the reason, or the sender of a signal knows it.
     pub(crate) fn is_printed(&self) -> bool {
-        matches!(self, Self::Interrupted | Self::Troubled | Self::Demo(DemoError::Printed(_)))
+        matches!(
+            self,
+            Self::Interrupted
+                | Self::Troubled
+                | Self::Demo(DemoError::Printed(_))
+                | Self::Doctor(DoctorFailure::Unfit | DoctorFailure::Interrupted)
+        )
     }
 
     /// There is no daemon of this name: others may run.
@@ -68,6 +79,7 @@ impl Failure {
     /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.
     pub(crate) fn is_closed_pipe(&self) -> bool {
         let (Self::Output(error)
+        | Self::Doctor(DoctorFailure::Output(error))
         | Self::Frame(FrameFailure::Io(error))
         | Self::Wire(WireFailure::Output(error))) = self
         else {

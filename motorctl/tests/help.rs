@@ -153,6 +153,8 @@ impl Place {
             .replace("/etc/motord/motord.toml", "motord.toml")
             .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
             .replace("motord init", "cd $(mktemp -d) && motord init")
+            .replace("sudo motorctl doctor", "motorctl doctor")
+            .replace("--seconds 600", "--seconds 1")
             .replace("motorctl demo", "motorctl demo --seconds 2")
             .replace("--seconds 2 --seconds 60", "--seconds 2")
             .replace("motorctl watch", "timeout --preserve-status -s INT 1 motorctl watch")
@@ -162,6 +164,14 @@ impl Place {
             )
             .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
             .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
+        // Its verdict is on the machine of the test.
+        let line = match line.split_once(" | ") {
+            Some((doctor, rest)) if doctor.contains(" doctor") => {
+                format!("({doctor} || [ $? = 1 ]) | {rest}")
+            }
+            None if line.contains(" doctor") => format!("{line} || [ $? = 1 ]"),
+            _ => line,
+        };
         let line = if line.contains(" monitor") { on_a_terminal(&line) } else { line };
         self.write(
             "line.toml",

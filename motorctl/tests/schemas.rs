@@ -187,6 +187,12 @@ fn the_commands_that_ask_the_daemon_print_what_their_schemas_say() {
 }
 
 #[test]
+fn the_doctor_prints_what_its_schema_says() {
+    let output = program("motorctl").args(["doctor", "--seconds", "0.2", "--json"]).output().unwrap();
+    assert_valid("motorctl-doctor", &String::from_utf8(output.stdout).unwrap());
+}
+
+#[test]
 fn the_demo_prints_what_its_schema_says() {
     let output = program("motorctl").args(["demo", "--seconds", "2", "--json"]).output().unwrap();
     // Whether it passes depends on the machine.

@@ -10,8 +10,8 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 
-/// With a lower limit on locked memory, later allocations of other threads would fail.
-const MEMLOCK_LEAST: u64 = 1 << 30;
+/// Bytes. With a lower limit on locked memory, later allocations of other threads would fail.
+pub const MEMLOCK_LEAST: u64 = 1 << 30;
 /// The stack that the cycle may need. It is touched once, so that it never faults later.
 const STACK_BYTES: usize = 256 * 1024;
 

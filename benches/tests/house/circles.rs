@@ -93,6 +93,7 @@ fn no_files_of_a_crate_import_each_other_in_a_circle() {
         "frame",
         "terminal",
         "wire",
+        "doctor",
         "motorctl",
     ] {
         let circle = circle(&graph(below_src(&sources, folder)));

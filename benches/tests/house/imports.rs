@@ -56,8 +56,13 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &[],
     ),
     (
+        "motord-doctor",
+        &["motord-bus", "motord-configuration", "motord-realtime", "motord-settings", "motord-terminal"],
+        &[],
+    ),
+    (
         "motorctl",
-        &["motord-client", "motord-frame", "motord-terminal", "motord-wire"],
+        &["motord-client", "motord-doctor", "motord-frame", "motord-terminal", "motord-wire"],
         &["motord-bus", "motord-protocol", "motord-simulator"],
     ),
     // It judges the others, and shares no code with them.

@@ -1,0 +1,232 @@
+//! A CAN interface: its settings, its queue, its interrupts.
+
+use crate::finding::Finding;
+use crate::process;
+use crate::robot::{Interface, Robot};
+use crate::tree::{self, Tree};
+use motord_bus::socketcan::{Coalescing, Link, OpenError, RESTART_MS};
+use nix::errno::Errno;
+
+/// The queue that the shipped udev rule sets, frames.
+const QUEUE: usize = 16;
+/// A stalled bus sends so many frames of old torque when it moves again: 8 ms of a full one.
+const QUEUE_MAX: i64 = 64;
+
+/// Frames that may wait: the commands of two cycles, each with one poll for a fault.
+fn queue_length(motors: usize) -> usize {
+    QUEUE.max(2 * (motors + 1))
+}
+
+/// Whether motors can be reached through the interface as it is.
+pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Finding {
+    const CHECK: &str = "interface";
+    let Interface { name, bitrate, motors } = interface;
+    let checked = read.and_then(|link| {
+        let bitrate = bitrate.or(link.bitrate).unwrap_or(0);
+        link.check(bitrate, queue_length(*motors) as u32).map(|()| link)
+    });
+    let link = match checked {
+        Ok(link) => link,
+        Err(error) => return refused(&error).of(name),
+    };
+    let rate = link.bitrate.map_or_else(|| "virtual".to_owned(), |bitrate| format!("{bitrate} bit/s"));
+    match link.restart_ms {
+        Some(0) => Finding::warn(CHECK, format!("up, {rate}, no restart"), "after a bus-off it stays off the bus")
+            .mended_by(format!(
+                "sudo sh -c 'ip link set {name} down; ip link set {name} type can restart-ms {RESTART_MS}; ip link set {name} up'"
+            ))
+            .of(name),
+        Some(restart) => {
+            Finding::good(CHECK, format!("up, {rate}, restarts {restart} ms after a bus-off")).of(name)
+        }
+        None => Finding::good(CHECK, format!("up, {rate}")).of(name),
+    }
+}
+
+fn refused(error: &OpenError) -> Finding {
+    let sentence = error.to_string();
+    let measured = sentence.split("; as root").next().unwrap_or_default();
+    let command = error.remedy().map(|remedy| format!("sudo sh -c '{remedy}'"));
+    Finding::bad("interface", measured, "motord does not reach its motors").mended_by(command)
+}
+
+/// How many frames wait in the kernel when the bus stalls.
+pub(super) fn queue(tree: &Tree, interface: &Interface) -> Finding {
+    const CHECK: &str = "txqueuelen";
+    let Interface { name, motors, .. } = interface;
+    let length = tree.number(&format!("sys/class/net/{name}/tx_queue_len"));
+    let Some(length) = length else { return Finding::good(CHECK, "not shown").of(name) };
+    let measured = format!("{length} frames");
+    let command = format!("sudo ip link set {name} txqueuelen {}", queue_length(*motors));
+    let least = motors + 1;
+    let finding = if length > QUEUE_MAX {
+        let why = "a bus that stalled sends so many old torques when it moves again";
+        Finding::warn(CHECK, measured, why).mended_by(command)
+    } else if length < least as i64 {
+        let why =
+            format!("the commands of a cycle are {least} frames with a poll for a fault: some are dropped");
+        Finding::bad(CHECK, measured, why).mended_by(command)
+    } else {
+        Finding::good(CHECK, measured)
+    };
+    finding.of(name)
+}
+
+/// Whether the adapter keeps received frames back.
+pub(super) fn coalescing(name: &str, read: Result<Option<Coalescing>, Errno>) -> Finding {
+    const CHECK: &str = "coalescing";
+    let settings = match read {
+        Ok(Some(settings)) => settings,
+        Ok(None) => return Finding::good(CHECK, "the driver has no such setting").of(name),
+        Err(errno) => {
+            let measured = format!("cannot be read ({})", errno.desc());
+            let why = "this kernel does not answer ethtool's netlink; read it as the command shows: all of 0 and 1 is good";
+            return Finding::warn(CHECK, measured, why).mended_by(format!("ethtool -c {name}")).of(name);
+        }
+    };
+    let Coalescing { rx_usecs, rx_frames, rx_usecs_irq, rx_frames_irq } = settings;
+    let known = [
+        ("rx-usecs", rx_usecs, 0),
+        ("rx-frames", rx_frames, 1),
+        ("rx-usecs-irq", rx_usecs_irq, 0),
+        ("rx-frames-irq", rx_frames_irq, 1),
+    ];
+    let known: Vec<_> = known.iter().filter_map(|(key, value, best)| Some((key, (*value)?, best))).collect();
+    let words = |values: Vec<String>| values.join(" ");
+    let measured = words(known.iter().map(|(key, value, _)| format!("{key} {value}")).collect());
+    let best = words(known.iter().map(|(key, _, best)| format!("{key} {best}")).collect());
+    let command =
+        format!("sudo sh -c 'ip link set {name} down; ethtool -C {name} {best}; ip link set {name} up'");
+    let pairs = [(rx_usecs, rx_frames), (rx_usecs_irq, rx_frames_irq)];
+    let pairs = pairs.map(|(usecs, frames)| (usecs.unwrap_or(0), frames.unwrap_or(0)));
+    let finding = if pairs.iter().any(|&(usecs, frames)| usecs == 0 && frames > 1) {
+        let why = "the adapter delivers nothing before so many frames arrived";
+        Finding::bad(CHECK, measured, why).mended_by(command)
+    } else if pairs.iter().any(|&(usecs, frames)| usecs > 0 && frames != 1) {
+        let why = "the adapter keeps each reply back for so many µs";
+        Finding::warn(CHECK, measured, why).mended_by(command)
+    } else {
+        Finding::good(CHECK, measured)
+    };
+    finding.of(name)
+}
+
+/// An interrupt and the processors that it is delivered to.
+struct Interrupt {
+    number: u32,
+    processors: Vec<usize>,
+    /// The thread that serves it and its real-time priority, where it has one.
+    thread: Option<(u32, Option<u8>)>,
+}
+
+/// Where the interrupts of an interface are served, and by whom.
+pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
+    const CHECK: &str = "interrupts";
+    let Some(device) = tree.resolved(&format!("sys/class/net/{name}/device")) else {
+        return Finding::good(CHECK, "none: it is virtual").of(name);
+    };
+    let interrupts: Vec<Interrupt> =
+        numbers(tree, name, &device).into_iter().map(|number| interrupt(tree, number)).collect();
+    if interrupts.is_empty() {
+        let why =
+            "no line of the file names the interface or its device: find the line of its adapter by hand";
+        return Finding::warn(CHECK, "not found in /proc/interrupts", why)
+            .mended_by("cat /proc/interrupts".to_owned())
+            .of(name);
+    }
+    let measured = interrupts.iter().map(describe).collect::<Vec<_>>().join("; ");
+    let (mut whys, mut commands) = (Vec::new(), Vec::new());
+    let others: Vec<usize> = tree.processors("sys/devices/system/cpu/online");
+    let others: Vec<usize> = others.into_iter().filter(|&cpu| Some(cpu) != robot.request.cpu).collect();
+    for interrupt in &interrupts {
+        let shares = robot.request.cpu.is_some_and(|cpu| interrupt.processors.contains(&cpu));
+        if shares && !others.is_empty() {
+            whys.push("it interrupts the cycle's processor".to_owned());
+            commands.push(format!(
+                "echo {} | sudo tee /proc/irq/{}/smp_affinity_list",
+                tree::list(&others),
+                interrupt.number
+            ));
+        }
+        if let Some((pid, priority)) = interrupt.thread
+            && priority.is_none_or(|priority| priority <= robot.priority())
+        {
+            let above = (robot.priority() + 1).max(90);
+            whys.push(format!(
+                "its thread is not above the cycle ({}), whose replies it delivers",
+                robot.priority()
+            ));
+            commands.push(format!("sudo chrt -f -p {above} {pid}"));
+        }
+    }
+    if commands.is_empty() {
+        return Finding::good(CHECK, measured).of(name);
+    }
+    whys.dedup();
+    let why = format!("{}; counts until the next start of the interface", whys.join(", and "));
+    Finding::warn(CHECK, measured, why).mended_by(commands.join(" && ")).of(name)
+}
+
+fn describe(interrupt: &Interrupt) -> String {
+    let Interrupt { number, processors, thread } = interrupt;
+    let processors = tree::list(processors);
+    let thread = match thread {
+        None => String::new(),
+        Some((pid, Some(priority))) => format!(", thread {pid} at real-time priority {priority}"),
+        Some((pid, None)) => format!(", thread {pid} at a normal priority"),
+    };
+    format!("{number} on processors {processors}{thread}")
+}
+
+/// The interrupts of an interface: those that name it or its device, else those of the nearest device above it that has
+/// some, such as a USB controller.
+fn numbers(tree: &Tree, name: &str, device: &str) -> Vec<u32> {
+    let shown = tree.text("proc/interrupts").unwrap_or_default();
+    let device_name = device.rsplit('/').next().unwrap_or_default();
+    let names_it = |action: &str| {
+        action
+            .split(|letter: char| letter.is_whitespace() || letter == ',')
+            .any(|word| word == name || word == device_name)
+    };
+    let line = |line: &str| {
+        let (number, action) = line.split_once(':')?;
+        names_it(action).then(|| number.trim().parse().ok())?
+    };
+    let named: Vec<u32> = shown.lines().filter_map(line).collect();
+    if named.is_empty() { of_device(tree, device) } else { named }
+}
+
+fn of_device(tree: &Tree, device: &str) -> Vec<u32> {
+    let mut directory = device;
+    while !directory.is_empty() {
+        let messages = tree.numbers(&format!("{directory}/msi_irqs"));
+        let line = tree.number(&format!("{directory}/irq")).and_then(|number| u32::try_from(number).ok());
+        let found: Vec<u32> = if messages.is_empty() {
+            line.filter(|&number| number > 0).into_iter().collect()
+        } else {
+            messages
+        };
+        if !found.is_empty() {
+            return found;
+        }
+        directory = directory.rsplit_once('/').map_or("", |(above, _)| above);
+    }
+    Vec::new()
+}
+
+fn interrupt(tree: &Tree, number: u32) -> Interrupt {
+    let directory = format!("proc/irq/{number}");
+    // An affinity is a wish; the effective one is where the interrupt is delivered.
+    let effective = tree.processors(&format!("{directory}/effective_affinity_list"));
+    let processors = if effective.is_empty() {
+        tree.processors(&format!("{directory}/smp_affinity_list"))
+    } else {
+        effective
+    };
+    let prefix = format!("irq/{number}-");
+    let is_thread =
+        |pid: &u32| process::program(tree, *pid).is_some_and(|program| program.starts_with(&prefix));
+    let thread = tree.numbers("proc").into_iter().find(is_thread);
+    let thread = thread.map(|pid| (pid, process::priority(tree, &format!("proc/{pid}"))));
+    Interrupt { number, processors, thread }
+}

@@ -1,0 +1,61 @@
+//! The checks: each is a function of the texts in a tree, and of what was asked of the kernel beside them.
+
+mod interface;
+mod limits;
+mod owners;
+mod processor;
+mod serial;
+mod system;
+
+use crate::finding::Finding;
+use crate::process;
+use crate::robot::{Interface, Robot};
+use crate::tree::Tree;
+use motord_bus::socketcan::{Coalescing, InterfaceName, Link};
+use std::path::Path;
+
+#[cfg(test)]
+mod tests;
+
+/// Every check of the computer and of the buses of `robot`; the locks of the buses lie in `locks`. Reads files, and asks
+/// the kernel for the settings of the interfaces: changes nothing, sends nothing on a bus.
+#[must_use]
+pub fn all(tree: &Tree, robot: &Robot, locks: &Path) -> Vec<Finding> {
+    let daemon = process::daemon(tree);
+    let mut findings = vec![
+        system::kernel(tree),
+        limits::priority(tree, robot, daemon),
+        limits::memory(tree, daemon),
+        system::runtime(tree, robot),
+        processor::isolation(tree, robot),
+        processor::governor(tree, robot),
+        processor::idle(tree, robot, daemon),
+        system::clock_source(tree),
+        system::timer_slack(tree, daemon),
+        system::daemon(tree, daemon),
+    ];
+    for interface in &robot.interfaces {
+        findings.extend(of_interface(tree, robot, interface, locks));
+    }
+    for device in &robot.devices {
+        findings.extend(serial::device(tree, device));
+    }
+    findings
+}
+
+fn of_interface(tree: &Tree, robot: &Robot, interface: &Interface, locks: &Path) -> Vec<Finding> {
+    let name = interface.name.as_str();
+    let Ok(parsed) = name.parse::<InterfaceName>() else { return Vec::new() };
+    let link = Link::read(parsed);
+    let is_there = link.is_ok();
+    let mut findings = vec![interface::link(interface, link)];
+    if is_there {
+        findings.extend([
+            interface::queue(tree, interface),
+            interface::coalescing(name, Coalescing::read(parsed)),
+            interface::interrupts(tree, robot, name),
+            owners::interface(tree, name, locks),
+        ]);
+    }
+    findings
+}

@@ -1,0 +1,62 @@
+//! Who else uses a CAN interface.
+
+use crate::finding::Finding;
+use crate::process;
+use crate::tree::Tree;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+/// The lists of receivers that the kernel shows.
+const LISTS: [&str; 6] = ["all", "fil", "inv", "sff", "eff", "err"];
+/// The kinds of receivers, the last word of a line of these lists.
+const KINDS: [&str; 5] = ["raw", "bcm", "isotp", "j1939", "gw"];
+
+/// Whether another program uses the interface. motord and motorctl lock it; others are seen by their filters only.
+pub(super) fn interface(tree: &Tree, name: &str, locks: &Path) -> Finding {
+    const CHECK: &str = "owner";
+    if let Some(pid) = holder(tree, &format!("{}/{name}.lock", locks.display())) {
+        let program = process::program(tree, pid).unwrap_or_else(|| "unknown program".to_owned());
+        return match program.as_str() {
+            "motord" => Finding::good(CHECK, format!("motord, process {pid}")),
+            _ => Finding::warn(
+                CHECK,
+                format!("{program}, process {pid}"),
+                "motord does not start while it runs",
+            ),
+        }
+        .of(name);
+    }
+    let receivers = receivers(tree, name);
+    if receivers.is_empty() {
+        return Finding::good(CHECK, "nobody").of(name);
+    }
+    let kinds: BTreeSet<&str> = receivers.iter().copied().collect();
+    let kinds = kinds.into_iter().collect::<Vec<_>>().join(", ");
+    let measured = format!("{} filters of other programs ({kinds})", receivers.len());
+    let why = "one that only listens, as candump does, is harmless; one that sends commands two masters to the motors";
+    Finding::warn(CHECK, measured, why).mended_by("sudo lsof -n | grep CAN_".to_owned()).of(name)
+}
+
+/// The process that holds a lock file: the one that it names, while the kernel knows a lock on it.
+fn holder(tree: &Tree, path: &str) -> Option<u32> {
+    let inode = format!(":{}", tree.inode(path)?);
+    let locks = tree.text("proc/locks")?;
+    let is_held =
+        |line: &str| line.contains("FLOCK") && line.split_whitespace().any(|word| word.ends_with(&inode));
+    if !locks.lines().any(is_held) {
+        return None;
+    }
+    tree.number(path).and_then(|pid| u32::try_from(pid).ok())
+}
+
+/// The kinds of the filters on an interface.
+fn receivers(tree: &Tree, name: &str) -> Vec<&'static str> {
+    let lists = LISTS.iter().filter_map(|list| tree.text(&format!("proc/net/can/rcvlist_{list}")));
+    let kind = |line: &str| {
+        let mut words = line.split_whitespace();
+        let is_on_it = words.next() == Some(name);
+        let last = words.last().filter(|_| is_on_it)?;
+        KINDS.into_iter().find(|kind| *kind == last)
+    };
+    lists.flat_map(|text| text.lines().filter_map(kind).collect::<Vec<_>>()).collect()
+}

@@ -1,0 +1,135 @@
+//! The processors of the cycle: whether others use them, how fast they are clocked, how deep they sleep.
+
+use crate::finding::Finding;
+use crate::process::{self, Daemon};
+use crate::robot::Robot;
+use crate::tree::{self, Tree};
+
+const CPU: &str = "sys/devices/system/cpu";
+const DMA_LATENCY: &str = "dev/cpu_dma_latency";
+/// Waking from a state with at most this latency, µs, is less than the spread of a good wake-up.
+const LATENCY_MAX_US: i64 = 10;
+
+/// Whether the cycle has a processor of its own.
+pub(super) fn isolation(tree: &Tree, robot: &Robot) -> Finding {
+    const CHECK: &str = "isolated cores";
+    let (isolated, online) =
+        (tree.processors(&format!("{CPU}/isolated")), tree.processors(&format!("{CPU}/online")));
+    let shown = if isolated.is_empty() { "none".to_owned() } else { tree::list(&isolated) };
+    match (robot.request.cpu, isolated.last()) {
+        (Some(cpu), _) if isolated.contains(&cpu) => {
+            Finding::good(CHECK, format!("{shown}; the cycle is pinned to {cpu}"))
+        }
+        (None, Some(free)) => {
+            let why =
+                format!("the cycle is pinned to none: set `cpu = {free}` in [cycle] of the configuration");
+            Finding::warn(CHECK, shown, why)
+        }
+        _ if online.len() < 2 => {
+            Finding::warn(CHECK, shown, "with one processor every interrupt delays the cycle")
+        }
+        (pinned, _) => not_isolated(tree, pinned, &online, shown),
+    }
+}
+
+fn not_isolated(tree: &Tree, pinned: Option<usize>, online: &[usize], shown: String) -> Finding {
+    let cpu = pinned.or(online.last().copied()).unwrap_or(0);
+    let others: Vec<usize> = online.iter().copied().filter(|&other| other != cpu).collect();
+    let parameters = format!(
+        "isolcpus=managed_irq,domain,{cpu} nohz_full={cpu} rcu_nocbs={cpu} irqaffinity={}",
+        tree::list(&others)
+    );
+    let set = pinned.map_or_else(|| format!("set `cpu = {cpu}` in [cycle], "), |_| String::new());
+    let why = format!(
+        "others may run where the cycle does: {set}give the kernel the parameters `{parameters}`, restart the computer, and \
+         measure again, since not every computer gains by it"
+    );
+    let measured =
+        pinned.map_or_else(|| shown.clone(), |cpu| format!("{shown}; the cycle is pinned to {cpu}"));
+    Finding::warn("isolated cores", measured, why).mended_by(boot_command(tree, &parameters))
+}
+
+/// The command that gives the kernel more parameters at its next start.
+fn boot_command(tree: &Tree, parameters: &str) -> Option<String> {
+    if tree.has("etc/default/grub") {
+        return Some(format!(
+            "sudo sed -i 's/^GRUB_CMDLINE_LINUX=\"/&{parameters} /' /etc/default/grub && sudo update-grub"
+        ));
+    }
+    let line = ["boot/firmware/cmdline.txt", "boot/cmdline.txt"].into_iter().find(|path| tree.has(path))?;
+    Some(format!("sudo sed -i '1s/$/ {parameters}/' /{line}"))
+}
+
+/// Whether the processors of the cycle keep their clock high.
+pub(super) fn governor(tree: &Tree, robot: &Robot) -> Finding {
+    const CHECK: &str = "governor";
+    let read = |cpu: &usize| Some((*cpu, tree.text(&format!("{CPU}/cpu{cpu}/cpufreq/scaling_governor"))?));
+    let governors: Vec<(usize, String)> = robot.processors(tree).iter().filter_map(read).collect();
+    let Some((_, first)) = governors.first() else {
+        return Finding::good(CHECK, "the system does not scale the clock");
+    };
+    let slow: Vec<usize> =
+        governors.iter().filter(|(_, name)| name != "performance").map(|(cpu, _)| *cpu).collect();
+    if slow.is_empty() {
+        return Finding::good(CHECK, first.clone());
+    }
+    let name = governors.iter().find(|(cpu, _)| slow.contains(cpu)).map_or("", |(_, name)| name);
+    let measured = format!("{name} on processors {}", tree::list(&slow));
+    let why = "a cycle that sleeps most of the time is taken for no load, and the clock falls; a new governor counts until the \
+        next start of the computer";
+    let command = format!("echo performance | sudo tee /{CPU}/cpu*/cpufreq/scaling_governor");
+    Finding::warn(CHECK, measured, why).mended_by(command)
+}
+
+/// How long the processors of the cycle need to wake up, and whether the daemon may keep them awake.
+pub(super) fn idle(tree: &Tree, robot: &Robot, daemon: Option<Daemon>) -> Finding {
+    const CHECK: &str = "C-states";
+    let states = robot.processors(tree).into_iter().flat_map(|cpu| states(tree, cpu));
+    let Some((latency, name)) = states.max() else {
+        return Finding::good(CHECK, "the kernel has no choice of them");
+    };
+    let measured = format!("deepest {name}, {latency} µs to wake up");
+    if latency <= LATENCY_MAX_US {
+        return Finding::good(CHECK, measured);
+    }
+    if may_write(tree, daemon) {
+        return Finding::good(CHECK, format!("{measured}; motord may forbid it by /{DMA_LATENCY}"));
+    }
+    let why = format!(
+        "motord may not write /{DMA_LATENCY}, which would forbid it; then members of the group motord may"
+    );
+    let rule = r#"KERNEL=="cpu_dma_latency", SUBSYSTEM=="misc", GROUP="motord", MODE="0660""#;
+    let command = format!(
+        "echo '{rule}' | sudo tee /etc/udev/rules.d/71-motord-awake.rules && sudo udevadm control --reload && \
+         sudo udevadm trigger /{DMA_LATENCY}"
+    );
+    Finding::warn(CHECK, measured, why).mended_by(command)
+}
+
+/// The idle states that a processor may use: the time to wake from each, µs, and its name.
+fn states(tree: &Tree, cpu: usize) -> Vec<(i64, String)> {
+    let directory = format!("{CPU}/cpu{cpu}/cpuidle");
+    let state = |name: &String| {
+        let state = format!("{directory}/{name}");
+        let is_used = tree.number(&format!("{state}/disable")).unwrap_or(0) == 0;
+        let latency = tree.number(&format!("{state}/latency")).filter(|_| is_used)?;
+        Some((latency, tree.text(&format!("{state}/name"))?))
+    };
+    tree.names(&directory).iter().filter_map(state).collect()
+}
+
+/// Whether the daemon that runs, else this user, may write `/dev/cpu_dma_latency`; or the members of a group other than
+/// root's, which the service's user is one of.
+fn may_write(tree: &Tree, daemon: Option<Daemon>) -> bool {
+    const OF_USER: u32 = 0o200;
+    const OF_GROUP: u32 = 0o020;
+    let Some(permissions) = tree.permissions(DMA_LATENCY) else { return false };
+    let process = daemon.map_or_else(|| "self".to_owned(), |daemon| daemon.pid.to_string());
+    let user = process::user(tree, &process);
+    let has = |bit: u32| permissions.mode & bit != 0;
+    user == Some(0)
+        || has(OF_USER) && user == Some(permissions.user)
+        || has(OF_GROUP)
+            && (process::groups(tree, &process).contains(&permissions.group)
+                || daemon.is_none() && permissions.group != 0)
+}

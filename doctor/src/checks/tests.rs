@@ -1,0 +1,460 @@
+//! Each check on fixture trees of `/proc` and `/sys`: good, and each way in which it is not.
+
+use super::*;
+use crate::finding::Level;
+use motord_bus::socketcan::OpenError;
+use motord_realtime::SchedulingRequest;
+use nix::errno::Errno;
+use std::fs;
+use std::os::unix::fs::symlink;
+use tempfile::TempDir;
+
+/// A tree of files that a test writes.
+struct Fixture(TempDir);
+
+impl Fixture {
+    fn new(files: &[(&str, &str)]) -> Self {
+        let fixture = Self(TempDir::new().unwrap());
+        files.iter().for_each(|(path, text)| fixture.write(path, text));
+        fixture
+    }
+
+    fn write(&self, path: &str, text: &str) {
+        let path = self.0.path().join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, format!("{text}\n")).unwrap();
+    }
+
+    fn link(&self, path: &str, target: &str) {
+        let path = self.0.path().join(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        symlink(target, path).unwrap();
+    }
+
+    fn tree(&self) -> Tree {
+        Tree::below(self.0.path())
+    }
+}
+
+fn robot(cpu: Option<usize>) -> Robot {
+    Robot {
+        rate_hz: 1000.0,
+        request: SchedulingRequest { cpu, priority: Some(80) },
+        spins_at: None,
+        interfaces: Vec::new(),
+        devices: Vec::new(),
+    }
+}
+
+fn can0() -> Interface {
+    Interface { name: "can0".to_owned(), bitrate: Some(1_000_000), motors: 3 }
+}
+
+/// `stat` of a thread with a policy and a priority, whose name has brackets.
+fn stat(policy: u8, priority: u8) -> String {
+    let zeros = "0 ".repeat(36);
+    format!("812 (a) b) S {zeros}{priority} {policy} 0 0")
+}
+
+#[track_caller]
+fn assert_finding(finding: &Finding, level: Level, measured: &str, command: Option<&str>) {
+    assert_eq!((finding.level, finding.measured.as_str()), (level, measured), "{finding:?}");
+    match (command, &finding.command) {
+        (None, None) => {}
+        (Some(part), Some(whole)) => assert!(whole.contains(part), "{finding:?}"),
+        _ => panic!("{finding:?}"),
+    }
+    assert_eq!(level == Level::Good, finding.why.is_none(), "{finding:?}");
+}
+
+#[test]
+fn a_kernel_with_preempt_rt_is_known_by_its_file_or_its_version() {
+    let release = ("proc/sys/kernel/osrelease", "6.1.0-28-rt-amd64");
+    let version = |text| ("proc/sys/kernel/version", text);
+    let rt = Fixture::new(&[release, version("#1 SMP PREEMPT_RT Debian 6.1.119-1")]);
+    assert_finding(&system::kernel(&rt.tree()), Level::Good, "6.1.0-28-rt-amd64, PREEMPT_RT", None);
+    let rt = Fixture::new(&[release, version("#1 SMP"), ("sys/kernel/realtime", "1")]);
+    assert_eq!(system::kernel(&rt.tree()).level, Level::Good);
+}
+
+#[test]
+fn another_kernel_is_worth_a_warning_with_the_package_of_the_distribution() {
+    let kernel = |id, arch| {
+        let fixture = Fixture::new(&[
+            ("proc/sys/kernel/osrelease", "6.1.0"),
+            ("proc/sys/kernel/version", "#1 SMP PREEMPT_DYNAMIC Debian"),
+            ("proc/sys/kernel/arch", arch),
+            ("etc/os-release", id),
+        ]);
+        system::kernel(&fixture.tree())
+    };
+    let measured = "6.1.0, PREEMPT_DYNAMIC";
+    for (id, arch, command) in [
+        ("NAME=x\nID=debian", "x86_64", Some("linux-image-rt-amd64")),
+        ("ID=debian", "aarch64", Some("linux-image-rt-arm64")),
+        ("ID=ubuntu", "x86_64", Some("sudo pro enable realtime-kernel")),
+        ("ID=\"arch\"", "x86_64", None),
+    ] {
+        assert_finding(&kernel(id, arch), Level::Warn, measured, command);
+    }
+}
+
+#[test]
+fn real_time_threads_must_get_most_of_the_time_and_polling_ones_all_of_it() {
+    let runtime = |runtime, spins_at| {
+        let fixture = Fixture::new(&[
+            ("proc/sys/kernel/sched_rt_runtime_us", runtime),
+            ("proc/sys/kernel/sched_rt_period_us", "1000000"),
+        ]);
+        system::runtime(&fixture.tree(), &Robot { spins_at, ..robot(None) })
+    };
+    let default = "950000 of 1000000 µs";
+    assert_finding(&runtime("950000", None), Level::Good, default, None);
+    assert_finding(&runtime("-1", Some(70)), Level::Good, "no bound", None);
+    assert_finding(&runtime("950000", Some(70)), Level::Warn, default, Some("us=-1"));
+    assert_finding(&runtime("100000", None), Level::Warn, "100000 of 1000000 µs", Some("us=950000"));
+    assert_finding(&runtime("0", None), Level::Bad, "0 of 1000000 µs", Some("us=950000"));
+    assert_eq!(system::runtime(&Fixture::new(&[]).tree(), &robot(None)).level, Level::Good);
+}
+
+#[test]
+fn a_slow_clock_is_replaced_by_a_fast_one_where_there_is_one() {
+    let directory = "sys/devices/system/clocksource/clocksource0";
+    let clock = |current, available| {
+        let path = |name| format!("{directory}/{name}");
+        let fixture = Fixture::new(&[
+            (&path("current_clocksource"), current),
+            (&path("available_clocksource"), available),
+        ]);
+        system::clock_source(&fixture.tree())
+    };
+    assert_finding(&clock("tsc", "tsc hpet"), Level::Good, "tsc", None);
+    assert_finding(&clock("hpet", "tsc hpet"), Level::Warn, "hpet (available: tsc hpet)", Some("echo tsc |"));
+    assert_finding(&clock("acpi_pm", "acpi_pm"), Level::Warn, "acpi_pm (available: acpi_pm)", None);
+}
+
+#[test]
+fn a_daemon_that_runs_is_found_and_must_have_its_priority() {
+    let with = |policy, priority, slack| {
+        let fixture = Fixture::new(&[
+            ("proc/700/comm", "motord"),
+            ("proc/700/task/700/comm", "motord"),
+            ("proc/812/comm", "motord"),
+            ("proc/812/task/813/comm", "motord-cycle"),
+            ("proc/812/task/813/stat", &stat(policy, priority)),
+            ("proc/813/timerslack_ns", slack),
+        ]);
+        let daemon = process::daemon(&fixture.tree());
+        assert_eq!(daemon, Some(process::Daemon { pid: 812, cycle: 813 }));
+        (system::daemon(&fixture.tree(), daemon), system::timer_slack(&fixture.tree(), daemon))
+    };
+    let (running, slack) = with(1, 80, "0");
+    assert_finding(&running, Level::Good, "process 812: its cycle has the real-time priority 80", None);
+    assert_finding(&slack, Level::Good, "0 ns for the cycle of process 812", None);
+    let (running, slack) = with(0, 0, "50000");
+    assert_finding(&running, Level::Bad, "process 812: its cycle has a normal priority", None);
+    assert_finding(&slack, Level::Warn, "50000 ns for the cycle of process 812", None);
+    let none = Fixture::new(&[("proc/self/timerslack_ns", "50000")]);
+    assert_finding(&system::daemon(&none.tree(), None), Level::Good, "none runs", None);
+    let slack = system::timer_slack(&none.tree(), None);
+    assert_finding(&slack, Level::Good, "50000 ns here; motord sets 1 ns for its cycle", None);
+}
+
+#[test]
+fn the_rights_are_those_of_the_daemon_or_of_its_unit_or_of_this_shell() {
+    let limits = |priority: &str, memory: &str| {
+        format!(
+            "Limit                     Soft Limit           Hard Limit           Units\n\
+             Max locked memory         {memory}              {memory}              bytes\n\
+             Max realtime priority     {priority}                    {priority}"
+        )
+    };
+    let shell = Fixture::new(&[
+        ("proc/self/limits", &limits("0", "8388608")),
+        ("proc/self/status", "Uid:\t1000\t1000\t1000\t1000\nCapEff:\t0000000000000000"),
+    ]);
+    let (tree, asks) = (shell.tree(), robot(None));
+    let measured = "0 for this shell; the cycle asks for 80";
+    assert_finding(&limits::priority(&tree, &asks, None), Level::Bad, measured, Some("rtprio 90\" |"));
+    assert_finding(
+        &limits::memory(&tree, None),
+        Level::Bad,
+        "8 MiB for this shell",
+        Some("memlock unlimited"),
+    );
+
+    shell.write("lib/systemd/system/motord.service", "[Service]\nLimitRTPRIO=90\nLimitMEMLOCK=infinity");
+    let measured = "90 for motord.service; the cycle asks for 80";
+    assert_finding(&limits::priority(&tree, &asks, None), Level::Good, measured, None);
+    assert_finding(&limits::memory(&tree, None), Level::Good, "no limit for motord.service", None);
+
+    let daemon = Some(process::Daemon { pid: 812, cycle: 813 });
+    shell.write("proc/812/limits", &limits("70", "unlimited"));
+    let measured = "70 for motord, process 812; the cycle asks for 80";
+    let finding = limits::priority(&tree, &asks, daemon);
+    assert_finding(&finding, Level::Bad, measured, Some("motord.service.d/LimitRTPRIO.conf"));
+    assert_eq!(limits::memory(&tree, daemon).level, Level::Good);
+}
+
+#[test]
+fn root_may_have_any_priority_and_memory() {
+    let root = Fixture::new(&[("proc/self/status", "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff")]);
+    assert_eq!(limits::priority(&root.tree(), &robot(None), None).level, Level::Good);
+    assert_eq!(limits::memory(&root.tree(), None).level, Level::Good);
+}
+
+#[test]
+fn the_cycle_is_pinned_to_an_isolated_processor_or_the_parameters_that_isolate_one_are_named() {
+    let isolation = |isolated, online, cpu| {
+        let fixture = Fixture::new(&[
+            ("sys/devices/system/cpu/isolated", isolated),
+            ("sys/devices/system/cpu/online", online),
+            ("etc/default/grub", "GRUB_CMDLINE_LINUX=\"quiet\""),
+        ]);
+        processor::isolation(&fixture.tree(), &robot(cpu))
+    };
+    assert_finding(&isolation("2-3", "0-3", Some(3)), Level::Good, "2-3; the cycle is pinned to 3", None);
+    assert_finding(&isolation("2-3", "0-3", None), Level::Warn, "2-3", None);
+    let parameters =
+        "isolcpus=managed_irq,domain,2 nohz_full=2 rcu_nocbs=2 irqaffinity=0-1,3 /' /etc/default/grub";
+    let measured = "none; the cycle is pinned to 2";
+    assert_finding(&isolation("", "0-3", Some(2)), Level::Warn, measured, Some(parameters));
+    assert_finding(&isolation("", "0-3", None), Level::Warn, "none", Some("isolcpus=managed_irq,domain,3"));
+    assert_finding(&isolation("", "0", None), Level::Warn, "none", None);
+}
+
+#[test]
+fn the_governor_counts_on_the_processors_of_the_cycle_only() {
+    let cpu = |number: usize| format!("sys/devices/system/cpu/cpu{number}/cpufreq/scaling_governor");
+    let fixture = Fixture::new(&[
+        (&cpu(0), "powersave"),
+        (&cpu(1), "powersave"),
+        (&cpu(2), "performance"),
+        ("sys/devices/system/cpu/online", "0-2"),
+    ]);
+    let tree = fixture.tree();
+    assert_finding(&processor::governor(&tree, &robot(Some(2))), Level::Good, "performance", None);
+    let all = processor::governor(&tree, &robot(None));
+    assert_finding(
+        &all,
+        Level::Warn,
+        "powersave on processors 0-1",
+        Some("echo performance | sudo tee /sys/"),
+    );
+    let none = Fixture::new(&[("sys/devices/system/cpu/online", "0")]);
+    assert_eq!(processor::governor(&none.tree(), &robot(None)).level, Level::Good);
+}
+
+#[test]
+fn deep_sleep_is_good_where_it_is_shallow_or_off_or_the_daemon_may_forbid_it() {
+    use std::os::unix::fs::PermissionsExt;
+    let state =
+        |number: usize, file: &str| format!("sys/devices/system/cpu/cpu1/cpuidle/state{number}/{file}");
+    let fixture = Fixture::new(&[
+        (&state(0, "name"), "POLL"),
+        (&state(0, "latency"), "0"),
+        (&state(0, "disable"), "0"),
+        (&state(1, "name"), "C6"),
+        (&state(1, "latency"), "133"),
+        (&state(1, "disable"), "0"),
+        ("proc/self/status", "Uid:\t1\t77777\t1\t1\nGid:\t77777\t77777\t1\t1\nGroups:\t77778"),
+        ("dev/cpu_dma_latency", ""),
+    ]);
+    let (tree, robot) = (fixture.tree(), robot(Some(1)));
+    let set_mode = |mode| {
+        let path = fixture.0.path().join("dev/cpu_dma_latency");
+        fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+    };
+    set_mode(0o600);
+    let deepest = "deepest C6, 133 µs to wake up";
+    let finding = processor::idle(&tree, &robot, None);
+    assert_finding(&finding, Level::Warn, deepest, Some("udevadm trigger /dev/cpu_dma_latency"));
+    fixture.write("proc/self/status", "Uid:\t0\t0\t0\t0");
+    let allowed = format!("{deepest}; motord may forbid it by /dev/cpu_dma_latency");
+    assert_finding(&processor::idle(&tree, &robot, None), Level::Good, &allowed, None);
+    fixture.write("proc/self/status", "Uid:\t1\t77777\t1\t1");
+    fixture.write(&state(1, "disable"), "1");
+    let shallow = "deepest POLL, 0 µs to wake up";
+    assert_finding(&processor::idle(&tree, &robot, None), Level::Good, shallow, None);
+}
+
+#[test]
+fn an_interface_that_motors_cannot_be_reached_through_is_bad_and_has_its_commands() {
+    let good = Link {
+        interface: "can0".parse().unwrap(),
+        index: 3,
+        up: true,
+        bitrate: Some(1_000_000),
+        restart_ms: Some(100),
+        state: None,
+        is_virtual: false,
+        listen_only: false,
+        loopback: false,
+    };
+    let link = |link| interface::link(&can0(), Ok(link));
+    assert_finding(&link(good), Level::Good, "up, 1000000 bit/s, restarts 100 ms after a bus-off", None);
+    assert_finding(
+        &link(Link { restart_ms: Some(0), ..good }),
+        Level::Warn,
+        "up, 1000000 bit/s, no restart",
+        Some("type can restart-ms 100; ip link set can0 up'"),
+    );
+    let down = link(Link { up: false, ..good });
+    assert_finding(&down, Level::Bad, "can0 is down", Some("sudo sh -c 'ip link set can0 down; "));
+    let slow = link(Link { bitrate: Some(500_000), ..good });
+    let measured = "can0 is set to 500000 bit/s, 1000000 are configured";
+    assert_finding(&slow, Level::Bad, measured, Some("bitrate 1000000"));
+    let missing = interface::link(&can0(), Err(OpenError::Missing("can0".parse().unwrap())));
+    assert_eq!((missing.level, missing.command), (Level::Bad, None));
+    let vcan = Link { is_virtual: true, bitrate: None, restart_ms: None, ..good };
+    assert_finding(&link(vcan), Level::Good, "up, virtual", None);
+}
+
+#[test]
+fn a_queue_holds_the_commands_of_a_cycle_and_not_a_second_of_old_ones() {
+    let queue = |length| {
+        let fixture = Fixture::new(&[("sys/class/net/can0/tx_queue_len", length)]);
+        interface::queue(&fixture.tree(), &can0())
+    };
+    assert_finding(&queue("16"), Level::Good, "16 frames", None);
+    assert_finding(&queue("1000"), Level::Warn, "1000 frames", Some("txqueuelen 16"));
+    assert_finding(&queue("3"), Level::Bad, "3 frames", Some("txqueuelen 16"));
+}
+
+#[test]
+fn an_adapter_that_waits_for_more_frames_is_bad_and_one_that_waits_for_a_time_is_worth_a_warning() {
+    let judge = |settings| interface::coalescing("can0", Ok(Some(settings)));
+    let none = Coalescing { rx_usecs_irq: Some(0), rx_frames_irq: Some(1), ..Coalescing::default() };
+    assert_finding(&judge(none), Level::Good, "rx-usecs-irq 0 rx-frames-irq 1", None);
+    let endless = Coalescing { rx_frames_irq: Some(8), ..none };
+    let command = "ethtool -C can0 rx-usecs-irq 0 rx-frames-irq 1;";
+    assert_finding(&judge(endless), Level::Bad, "rx-usecs-irq 0 rx-frames-irq 8", Some(command));
+    let timed = Coalescing { rx_usecs: Some(100), ..Coalescing::default() };
+    assert_finding(&judge(timed), Level::Warn, "rx-usecs 100", Some("rx-usecs 0"));
+    assert_eq!(interface::coalescing("can0", Ok(None)).level, Level::Good);
+    assert_eq!(interface::coalescing("can0", Err(Errno::ENOENT)).level, Level::Warn);
+}
+
+/// A controller on SPI, whose interrupt 54 has a thread.
+fn on_spi(affinity: &str, priority: u8) -> Fixture {
+    let fixture = Fixture::new(&[
+        ("sys/devices/system/cpu/online", "0-3"),
+        ("sys/devices/platform/spi0.0/uevent", ""),
+        (
+            "proc/interrupts",
+            "      CPU0 CPU1\n 53:  7 0 GIC uart\n 54:  9 0 GIC-2 Level spi0.0\nIPI0: 5 spi0.0",
+        ),
+        ("proc/irq/54/smp_affinity_list", "0-3"),
+        ("proc/irq/54/effective_affinity_list", affinity),
+        ("proc/90/comm", "irq/54-spi0.0"),
+        ("proc/90/stat", &stat(1, priority)),
+    ]);
+    fixture.link("sys/class/net/can0/device", "../../../devices/platform/spi0.0");
+    fixture
+}
+
+#[test]
+fn an_interrupt_is_served_beside_the_cycle_and_above_it() {
+    let interrupts = |fixture: &Fixture| interface::interrupts(&fixture.tree(), &robot(Some(3)), "can0");
+    let good = interrupts(&on_spi("0", 90));
+    assert_finding(&good, Level::Good, "54 on processors 0, thread 90 at real-time priority 90", None);
+    let low = interrupts(&on_spi("0", 50));
+    let measured = "54 on processors 0, thread 90 at real-time priority 50";
+    assert_finding(&low, Level::Warn, measured, Some("sudo chrt -f -p 90 90"));
+    let shared = interrupts(&on_spi("3", 90));
+    let measured = "54 on processors 3, thread 90 at real-time priority 90";
+    let command = Some("echo 0-2 | sudo tee /proc/irq/54/smp_affinity_list");
+    assert_finding(&shared, Level::Warn, measured, command);
+}
+
+#[test]
+fn an_adapter_on_usb_has_the_interrupts_of_its_controller() {
+    let fixture = Fixture::new(&[
+        ("sys/devices/pci0000:00/0000:00:14.0/irq", "0"),
+        ("sys/devices/pci0000:00/0000:00:14.0/msi_irqs/124", "msi"),
+        ("sys/devices/pci0000:00/0000:00:14.0/usb1/1-1/1-1:1.0/uevent", ""),
+        ("proc/interrupts", "124:  7 0 PCI-MSI xhci_hcd"),
+        ("proc/irq/124/smp_affinity_list", "0-1"),
+    ]);
+    fixture.link("sys/class/net/can0/device", "../../../devices/pci0000:00/0000:00:14.0/usb1/1-1/1-1:1.0");
+    let found = interface::interrupts(&fixture.tree(), &robot(None), "can0");
+    assert_finding(&found, Level::Good, "124 on processors 0-1", None);
+    let virtual_one = interface::interrupts(&fixture.tree(), &robot(None), "vcan0");
+    assert_eq!(virtual_one.level, Level::Good);
+    fixture.write("sys/devices/platform/plain/uevent", "");
+    fixture.link("sys/class/net/can1/device", "../../../devices/platform/plain");
+    let unknown = interface::interrupts(&fixture.tree(), &robot(None), "can1");
+    assert_finding(&unknown, Level::Warn, "not found in /proc/interrupts", Some("cat /proc/interrupts"));
+}
+
+#[test]
+fn the_owner_of_an_interface_is_known_by_its_lock_and_others_by_their_filters() {
+    let fixture = Fixture::new(&[("run/motord/can0.lock", "812"), ("proc/812/comm", "motord")]);
+    let tree = fixture.tree();
+    let owner = || owners::interface(&tree, "can0", Path::new("/run/motord"));
+    // The file stays when its holder ends.
+    assert_finding(&owner(), Level::Good, "nobody", None);
+    let inode = tree.inode("run/motord/can0.lock").unwrap();
+    fixture.write("proc/locks", &format!("1: FLOCK  ADVISORY  WRITE 812 00:1a:{inode} 0 EOF"));
+    assert_finding(&owner(), Level::Good, "motord, process 812", None);
+    fixture.write("proc/812/comm", "motorctl");
+    assert_finding(&owner(), Level::Warn, "motorctl, process 812", None);
+    fixture.write("proc/locks", "");
+    fixture.write(
+        "proc/net/can/rcvlist_all",
+        "receive list 'rx_all':\n  (can1: no entry)\n  device   can_id   can_mask  function  userdata   matches  ident\n\
+         \x20  can0     000    00000000  f88e6370  f6c6f400         0  raw\n   can01    000    00000000  0  0  0  raw",
+    );
+    let measured = "1 filters of other programs (raw)";
+    assert_finding(&owner(), Level::Warn, measured, Some("lsof"));
+}
+
+#[test]
+fn a_serial_port_is_there_and_fast_and_used_by_nobody_else() {
+    let timer = "sys/bus/usb-serial/devices/ttyUSB0/latency_timer";
+    let fixture = Fixture::new(&[("dev/ttyUSB0", ""), (timer, "1")]);
+    fixture.link("dev/serial/by-id/arm", "../../ttyUSB0");
+    let check = || serial::device(&fixture.tree(), "/dev/serial/by-id/arm");
+    assert_eq!(check().iter().map(|finding| finding.level).max(), Some(Level::Good));
+    fixture.write(timer, "16");
+    assert_finding(&check()[0], Level::Warn, "16 ms", Some("echo 1 | sudo tee /sys/bus/usb-serial"));
+    fixture.link("proc/900/fd/3", "/dev/ttyUSB0");
+    fixture.write("proc/900/comm", "ModemManager");
+    assert_finding(&check()[1], Level::Bad, "ModemManager, process 900", Some("disable --now ModemManager"));
+    fixture.write("proc/900/comm", "motord");
+    assert_finding(&check()[1], Level::Good, "motord, process 900", None);
+    let missing = serial::device(&fixture.tree(), "/dev/ttyUSB9");
+    assert_finding(&missing[0], Level::Bad, "is not there", Some("ls -l"));
+}
+
+#[test]
+fn files_with_anything_in_them_make_no_check_panic() {
+    for text in [
+        "",
+        "-1",
+        "99999999999999999999",
+        "\u{0}\u{fffd}",
+        "a:b:c (",
+        "Uid:\nCapEff: zz\nMax realtime priority",
+    ] {
+        let paths = [
+            "proc/sys/kernel/sched_rt_runtime_us",
+            "proc/sys/kernel/sched_rt_period_us",
+            "proc/self/status",
+            "proc/self/limits",
+            "proc/812/comm",
+            "proc/812/stat",
+            "proc/locks",
+            "proc/interrupts",
+            "proc/net/can/rcvlist_all",
+            "sys/devices/system/cpu/online",
+            "sys/devices/system/cpu/isolated",
+            "sys/devices/system/cpu/cpu0/cpuidle/state0/latency",
+            "etc/os-release",
+        ];
+        let fixture = Fixture::new(&paths.map(|path| (path, text)));
+        let everything =
+            Robot { interfaces: vec![can0()], devices: vec!["/dev/x".to_owned()], ..robot(None) };
+        assert!(all(&fixture.tree(), &everything, Path::new("/run/motord")).len() > 10);
+    }
+}

@@ -1,0 +1,133 @@
+//! `motorctl doctor`: whether this computer is fit for a real-time cycle.
+//!
+//! The checks read what the kernel shows below a [`Tree`] and change nothing. Then a thread with the scheduling, the
+//! processor and the locked memory of the cycle sleeps from tick to tick for some seconds, and its latency is judged as a share
+//! of the period. Where a daemon runs its cycle there is no such thread: it would delay a robot that moves.
+
+#![forbid(unsafe_code)]
+
+mod checks;
+mod finding;
+mod process;
+mod report;
+mod robot;
+mod tree;
+mod wake;
+
+pub use checks::all;
+pub use finding::{Finding, Level};
+pub use process::Daemon;
+pub use robot::{Interface, Robot};
+pub use tree::Tree;
+pub use wake::{Measurement, Wake};
+
+use motord_terminal::{Interrupt, Palette, exit_status, json};
+use report::Report;
+use std::io::{self, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// The longest measurement, s: a day.
+const SECONDS_MAX: f64 = 86_400.0;
+/// Between two lines of progress.
+const PROGRESS: Duration = Duration::from_secs(1);
+
+/// The arguments of the command.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Arguments {
+    /// Configuration of the robot: its buses, and the rate, processor and priority of its cycle.
+    ///
+    /// The default is /etc/motord/motord.toml. Where that file does not exist: 1000 Hz, priority 80, any processor, and every
+    /// CAN interface of the computer.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Duration of the measurement, s: 0 to 86400; 0 leaves it out.
+    #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = parse_seconds)]
+    seconds: f64,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Why there is no verdict, or a bad one.
+#[derive(Debug, thiserror::Error)]
+pub enum DoctorFailure {
+    /// The verdict is bad, and printed.
+    #[error("this computer is not fit for a real-time cycle")]
+    Unfit,
+    /// Ctrl-C.
+    #[error("interrupted")]
+    Interrupted,
+    /// Standard output cannot be written.
+    #[error("cannot write the output: {0}")]
+    Output(#[source] io::Error),
+    /// The measurement failed.
+    #[error("cannot measure the wake-up latency: {0}")]
+    Measurement(#[source] io::Error),
+}
+
+impl DoctorFailure {
+    /// The exit status.
+    #[must_use]
+    pub const fn status(&self) -> u8 {
+        match self {
+            Self::Unfit => 1,
+            Self::Interrupted => exit_status::INTERRUPTED,
+            Self::Output(_) => exit_status::IO,
+            Self::Measurement(_) => exit_status::UNAVAILABLE,
+        }
+    }
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=SECONDS_MAX).contains(seconds));
+    seconds.ok_or_else(|| "expected 0 to 86400".to_owned())
+}
+
+/// Checks the computer, measures, and prints both. The locks of the buses lie in `locks`.
+///
+/// # Errors
+///
+/// [`DoctorFailure::Unfit`] after a bad verdict; the others when there is none.
+pub fn run(arguments: &Arguments, locks: &Path) -> Result<(), DoctorFailure> {
+    let tree = Tree::below(Path::new("/"));
+    let (robot, configuration) = Robot::configured(arguments.config.as_deref(), &tree);
+    let mut findings = vec![configuration];
+    findings.extend(all(&tree, &robot, locks));
+    let daemon = process::daemon(&tree);
+    let wake = match daemon {
+        None if arguments.seconds > 0.0 => Some(measured(&robot, arguments)?),
+        _ => None,
+    };
+    let report = Report::new(&robot, findings, wake.as_ref(), daemon.filter(|_| arguments.seconds > 0.0));
+    let out = &mut io::stdout().lock();
+    let written = match arguments.json {
+        true => json::write_line(out, &report),
+        false => report.write(out, Palette::of_stdout()),
+    };
+    written.map_err(DoctorFailure::Output)?;
+    if report.verdict == Level::Bad { Err(DoctorFailure::Unfit) } else { Ok(()) }
+}
+
+/// Measures for as long as was asked for, and shows on a terminal how far it is.
+fn measured(robot: &Robot, arguments: &Arguments) -> Result<Wake, DoctorFailure> {
+    let interrupt = Interrupt::register();
+    let measurement = Measurement::start(robot).map_err(DoctorFailure::Measurement)?;
+    let begin = Instant::now();
+    let end = begin + Duration::from_secs_f64(arguments.seconds);
+    let shows = io::stderr().is_terminal();
+    while Instant::now() < end && !interrupt.came() {
+        interrupt.pause_until(end.min(Instant::now() + PROGRESS));
+        if shows {
+            let (passed, whole) = (begin.elapsed().as_secs_f64(), arguments.seconds);
+            let text =
+                format!("wake-up latency: {passed:.0} of {whole} s, longest {:.0} µs", measurement.max_us());
+            let _no_progress = write!(io::stderr(), "\r{text}\x1b[K");
+        }
+    }
+    if shows {
+        let _no_progress = write!(io::stderr(), "\r\x1b[K");
+    }
+    let wake = measurement.end().map_err(DoctorFailure::Measurement)?;
+    if interrupt.came() { Err(DoctorFailure::Interrupted) } else { Ok(wake) }
+}

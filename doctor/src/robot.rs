@@ -1,0 +1,114 @@
+//! The demands of a robot on its computer, from its configuration.
+
+use crate::finding::Finding;
+use crate::tree::Tree;
+use motord_configuration as configuration;
+use motord_realtime::SchedulingRequest;
+use motord_settings::settings::{BusKind, BusSettings, IpcMode, Settings};
+use std::path::Path;
+
+/// Where motord reads its configuration.
+const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
+/// Of the kernel's `if_arp.h`.
+const ARPHRD_CAN: i64 = 280;
+/// The defaults of the configuration.
+const RATE_HZ: f64 = 1000.0;
+const PRIORITY: u8 = 80;
+
+/// A CAN interface, and what hangs on it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Interface {
+    /// Its name.
+    pub name: String,
+    /// The configured bit rate, bit/s; `None` without a configuration.
+    pub bitrate: Option<u32>,
+    /// Its motors; 0 without a configuration.
+    pub motors: usize,
+}
+
+/// The demands of a robot on its computer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Robot {
+    /// Cycles per second.
+    pub rate_hz: f64,
+    /// The processor and the priority of the cycle.
+    pub request: SchedulingRequest,
+    /// The ipc thread polls with this `SCHED_FIFO` priority.
+    pub spins_at: Option<u8>,
+    /// CAN interfaces.
+    pub interfaces: Vec<Interface>,
+    /// Serial devices.
+    pub devices: Vec<String>,
+}
+
+impl Robot {
+    /// From checked settings.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let mut robot = Self {
+            rate_hz: settings.cycle.rate_hz,
+            request: SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) },
+            spins_at: settings.ipc.priority.filter(|_| settings.ipc.mode == IpcMode::Spin),
+            interfaces: Vec::new(),
+            devices: Vec::new(),
+        };
+        for (index, BusSettings { kind, .. }) in settings.buses.iter().enumerate() {
+            match kind {
+                BusKind::SocketCan { interface, bitrate } => robot.interfaces.push(Interface {
+                    name: interface.clone(),
+                    bitrate: Some(*bitrate),
+                    motors: settings.motors.iter().filter(|motor| motor.bus == index).count(),
+                }),
+                BusKind::Serial { device, .. } => robot.devices.push(device.clone()),
+                BusKind::Simulated { .. } => {}
+            }
+        }
+        robot
+    }
+
+    /// A robot of defaults, on every CAN interface of the computer.
+    #[must_use]
+    pub fn without_configuration(tree: &Tree) -> Self {
+        let names = tree.names("sys/class/net").into_iter();
+        let is_can = |name: &String| tree.number(&format!("sys/class/net/{name}/type")) == Some(ARPHRD_CAN);
+        let interface = |name| Interface { name, bitrate: None, motors: 0 };
+        Self {
+            rate_hz: RATE_HZ,
+            request: SchedulingRequest { cpu: None, priority: Some(PRIORITY) },
+            spins_at: None,
+            interfaces: names.filter(is_can).map(interface).collect(),
+            devices: Vec::new(),
+        }
+    }
+
+    /// From the configuration at `file`, or at its default place. One that is refused is a finding, and the robot is one of
+    /// defaults.
+    pub(crate) fn configured(file: Option<&Path>, tree: &Tree) -> (Self, Finding) {
+        let path = file.unwrap_or(Path::new(DEFAULT_CONFIG));
+        if file.is_none() && !path.exists() {
+            let measured =
+                format!("none at {DEFAULT_CONFIG}: defaults, and the CAN interfaces that are there");
+            return (Self::without_configuration(tree), Finding::good("configuration", measured));
+        }
+        let shown = path.display();
+        match configuration::load(path) {
+            Ok(loaded) => (Self::of(&loaded.settings), Finding::good("configuration", shown.to_string())),
+            Err(error) => {
+                let why = "motord refuses it; the checks below are those of a configuration of defaults";
+                let finding = Finding::bad("configuration", error.to_string(), why)
+                    .mended_by(format!("motord check --config '{shown}'"));
+                (Self::without_configuration(tree), finding)
+            }
+        }
+    }
+
+    /// The processors that the cycle may run on.
+    pub(crate) fn processors(&self, tree: &Tree) -> Vec<usize> {
+        self.request.cpu.map_or_else(|| tree.processors("sys/devices/system/cpu/online"), |cpu| vec![cpu])
+    }
+
+    /// The priority of the cycle.
+    pub(crate) fn priority(&self) -> u8 {
+        self.request.priority.unwrap_or(PRIORITY)
+    }
+}
