@@ -53,9 +53,9 @@ impl Meaning {
     }
 }
 
-/// What a reply says about the motion of the motor.
+/// The motion of the motor, as a reply reports it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Told {
+pub enum Reported {
     /// A control command was obeyed: position, rad, and velocity, rad/s.
     State([f64; 2]),
     /// Indicator 0x13: the angle of the output shaft, rad.
@@ -64,7 +64,7 @@ pub enum Told {
     Speed(f64),
 }
 
-impl Told {
+impl Reported {
     /// Reads the payload of a reply. `None` when it says nothing of the motion, or tells of a failure.
     #[must_use]
     pub fn of(payload: &[u8]) -> Option<Self> {
@@ -101,7 +101,7 @@ mod tests {
 
     /// Table 4.
     #[test]
-    fn every_other_command_byte_is_told_apart() {
+    fn every_other_command_byte_is_recognised() {
         let of = |command: u8| Meaning::of([command, 0, 0, 0, 0, 0, 0, 0]);
         let known = [
             (0x91, Meaning::Start),
@@ -121,23 +121,24 @@ mod tests {
     /// 0x3412 · 25 / 65535 − 12.5 rad and 0x567 · 130 / 4095 − 65 rad/s, by hand. 1.5 rad; 60 rpm. 0x01 is a failure.
     #[test]
     fn a_reply_tells_position_and_velocity_or_one_of_them_or_nothing() {
-        let told = |bytes: u64| Told::of(&bytes.to_be_bytes());
+        let reported = |bytes: u64| Reported::of(&bytes.to_be_bytes());
         for command in [0x93_u64, 0x94, 0x95] {
-            let Some(Told::State([position, velocity])) = told((command << 56) | 0x0000_2812_3456_789A)
+            let Some(Reported::State([position, velocity])) =
+                reported((command << 56) | 0x0000_2812_3456_789A)
             else {
                 panic!("{command:#X} has a state")
             };
             assert!((position + 7.414_931).abs() < 1e-5, "{position}");
             assert!((velocity + 21.095_238).abs() < 1e-5, "{velocity}");
         }
-        assert_eq!(told(0xB413_0000_0000_C03F), Some(Told::Angle(1.5)));
-        let Some(Told::Speed(speed)) = told(0xB414_0000_0000_7042) else { panic!("it is a speed") };
+        assert_eq!(reported(0xB413_0000_0000_C03F), Some(Reported::Angle(1.5)));
+        let Some(Reported::Speed(speed)) = reported(0xB414_0000_0000_7042) else { panic!("it is a speed") };
         assert!((speed - std::f64::consts::TAU).abs() < 1e-9, "{speed}");
         for nothing in
             [0x9301_2812_3456_789A, 0xB413_0100_0000_C03F, 0xB400_0000_0000_C03F, 0x9100_0000_0000_0000]
         {
-            assert_eq!(told(nothing), None, "{nothing:016X}");
+            assert_eq!(reported(nothing), None, "{nothing:016X}");
         }
-        assert_eq!(Told::of(&[0x93, 0, 0x28, 0x12, 0x34, 0x56]), None);
+        assert_eq!(Reported::of(&[0x93, 0, 0x28, 0x12, 0x34, 0x56]), None);
     }
 }

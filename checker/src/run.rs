@@ -23,9 +23,9 @@
 mod cycle;
 mod heard;
 mod native;
+mod reported;
 mod slope;
 mod stop;
-mod told;
 
 use crate::codec::{self, Ranges};
 use crate::robot::{Limits, Motor, Protocol, Robot, SafeStop};
@@ -33,11 +33,11 @@ use crate::state::{Bus, Cause, Group, Joint, Mode, Phase, State};
 use cycle::Cycle;
 use heard::{Heard, Order};
 use motord_bus::{Duration, Frame, Instant};
+use reported::Velocities;
 use slope::Slopes;
 use std::collections::VecDeque;
 use std::rc::Rc;
 use stop::{Injections, Target};
-use told::Velocities;
 
 /// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
 /// in the cycle that uses it.
@@ -412,7 +412,7 @@ impl Checker {
         assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
         if now.fresh {
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
-            let said = replies.iter().any(|reply| told::says(reply, settings, now, velocities));
+            let said = replies.iter().any(|reply| reported::says(reply, settings, now, velocities));
             assert!(said, "I6: no reply said {now:?}");
         } else if cycle.state.cycle > cycle.before.cycle {
             assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");

@@ -77,7 +77,7 @@ fn robot(protocol: Protocol) -> Robot {
 struct Script {
     checker: Checker,
     state: State,
-    /// What the motor replies to every command.
+    /// The reply of the motor to every command.
     reply: Vec<u8>,
 }
 

@@ -1,7 +1,7 @@
-//! Whether a published state is what a reply told (I6).
+//! Whether a published state is what a reply reported (I6).
 
 use super::Reply;
-use crate::gim::Told;
+use crate::gim::Reported;
 use crate::robot::{Motor, Protocol};
 use crate::state::Joint;
 use std::collections::VecDeque;
@@ -12,18 +12,19 @@ const TOLERANCE: f64 = 1e-3;
 /// used.
 const REMEMBERED: usize = 64;
 
-/// The velocities that a native motor has told, rad/s, motor side, the newest last.
+/// The velocities that a native motor has reported, rad/s, motor side, the newest last.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Velocities(VecDeque<f64>);
 
 impl Velocities {
-    /// What `motor` said of its velocity in these replies.
+    /// Takes the velocities of `motor` in these replies.
     pub(super) fn hear(&mut self, motor: &Motor, replies: &[Reply]) {
         if motor.protocol != Protocol::Native {
             return;
         }
         for reply in replies.iter().filter(|reply| is_from(reply, motor)) {
-            if let Some(Told::State([_, velocity]) | Told::Speed(velocity)) = Told::of(reply.frame.payload())
+            if let Some(Reported::State([_, velocity]) | Reported::Speed(velocity)) =
+                Reported::of(reply.frame.payload())
             {
                 self.0.push_back(velocity);
             }
@@ -33,7 +34,7 @@ impl Velocities {
 
     /// One of them is `velocity`. Before the first, zero is taken for it.
     fn has(&self, velocity: f64) -> bool {
-        let is = |told: &f64| (told - velocity).abs() < TOLERANCE;
+        let is = |reported: &f64| (reported - velocity).abs() < TOLERANCE;
         self.0.iter().any(is) || self.0.len() < REMEMBERED && is(&0.0)
     }
 }
@@ -50,15 +51,16 @@ pub(super) fn says(reply: &Reply, motor: &Motor, joint: &Joint, velocities: &Vel
     }
     let position = (f64::from(joint.position) - motor.offset) * motor.direction;
     let velocity = motor.direction * f64::from(joint.velocity);
-    let is =
-        |told: [f64; 2]| (told[0] - position).abs() < TOLERANCE && (told[1] - velocity).abs() < TOLERANCE;
+    let is = |reported: [f64; 2]| {
+        (reported[0] - position).abs() < TOLERANCE && (reported[1] - velocity).abs() < TOLERANCE
+    };
     let payload = reply.frame.payload();
     match &motor.protocol {
         Protocol::Mit { ranges, reply } => reply.read(payload, motor.id as u8, ranges).is_some_and(is),
-        Protocol::Native => match Told::of(payload) {
-            Some(Told::State(state)) => is(state),
-            Some(Told::Angle(angle)) => velocities.has(velocity) && is([angle, velocity]),
-            Some(Told::Speed(_)) | None => false,
+        Protocol::Native => match Reported::of(payload) {
+            Some(Reported::State(state)) => is(state),
+            Some(Reported::Angle(angle)) => velocities.has(velocity) && is([angle, velocity]),
+            Some(Reported::Speed(_)) | None => false,
         },
     }
 }
