@@ -41,9 +41,9 @@ pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
     let report = Report::new(&client, &client.wait(status::PATIENCE)?);
     let out = &mut io::stdout().lock();
     if as_json {
-        json::write_line(out, &report)?
+        json::write_line(out, &report)?;
     } else {
-        report.write(out)?
+        report.write(out)?;
     }
     Ok(())
 }

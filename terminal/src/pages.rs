@@ -6,7 +6,7 @@ use clap_mangen::Man;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// What a package installs beside a program.
+/// The files that a package installs beside a program.
 #[derive(Debug, Subcommand)]
 pub enum Pages {
     /// Print the completions of this program for a shell.
