@@ -105,7 +105,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
     let lock = Arc::new(Instance::below(directory.path(), "sweep").unwrap().lock().unwrap());
     let torque_max = settings.motors[0].limits.torque;
     let torque_end = settings.motors[0].scales.torque.max();
-    let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new() };
+    let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new(), injectors: None };
     let daemon = Daemon::start(settings, None, opened, &lock).unwrap();
 
     let not_finite = send_absurd_values(directory.path());

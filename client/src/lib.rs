@@ -118,6 +118,7 @@ mod claim;
 mod client;
 mod error;
 mod group_view;
+mod injection;
 mod link;
 mod members;
 mod setpoint;
@@ -138,6 +139,7 @@ pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error, Stop};
 pub use group_view::GroupView;
+pub use injection::{FaultError, inject_fault};
 pub use members::{JointKey, Slot};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{

@@ -28,6 +28,7 @@ use std::path::Path;
 pub use machine::Machine;
 pub use problem::{Place, Problem, Wrong};
 pub use reference::reference;
+pub use similar::suggestion;
 
 use document::Document;
 use findings::Findings;

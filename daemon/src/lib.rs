@@ -3,6 +3,7 @@
 //! - [`commands`]: `run`, `check`, `safe-stop`.
 //! - [`arming`]: whether the motors are the configured ones.
 //! - [`buses`]: opens the buses of a configuration, and opens them again.
+//! - [`simulation`]: faults for simulated buses.
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
 //! - [`deadman`]: stops the motors when the daemon cannot.
@@ -17,5 +18,6 @@ pub mod emergency_stop;
 pub mod host;
 pub mod ipc;
 pub mod run_error;
+pub mod simulation;
 pub mod telemetry;
 pub mod threads;

@@ -8,11 +8,13 @@
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | hears emergency stops on their socket |
 //! | `motord-reconnector` | opens buses again that went away |
+//! | `motord-simulation` | takes faults for simulated buses; only where no bus is real |
 //!
 //! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
 //! thread only waits for signals; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
+use crate::buses::injection::Injectors;
 use crate::buses::reconnector::Reconnector;
 use crate::deadman::heartbeat::{Heartbeat, Pulse};
 use crate::deadman::registrar::Registrar;
@@ -23,11 +25,13 @@ use crate::host::rt::{self, SchedulingRequest};
 use crate::ipc::description::describe;
 use crate::ipc::{self, IpcThread};
 use crate::run_error::RunError;
+use crate::simulation;
 use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
 use motord_core::cycle::{Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
+use motord_shared::injection::InjectionListener;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
 use std::collections::hash_map::RandomState;
@@ -146,6 +150,9 @@ impl Daemon {
         let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
         start_registrar(&settings, lock.instance(), &orders, pulse)?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
+        if let Some(injectors) = buses.injectors {
+            start_simulation(lock, &orders, injectors)?;
+        }
         Ok(Self { orders, cycle, ipc, telemetry })
     }
 
@@ -362,6 +369,23 @@ fn start_stop(
 /// For a thread that sleeps most of the time, and must not wait when it is needed.
 fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
     SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) }
+}
+
+/// Nobody waits for this thread: it waits for askers, and ends with the process.
+fn start_simulation(
+    lock: &Arc<InstanceLock>,
+    orders: &Arc<Orders>,
+    mut injectors: Injectors,
+) -> Result<(), RunError> {
+    let listener = match InjectionListener::bind(lock) {
+        Ok(listener) => listener,
+        Err(error) => {
+            tracing::warn!("no faults from `motorctl sim`: {error}");
+            return Ok(());
+        }
+    };
+    let _detached = start("simulation", orders, move || simulation::run(&listener, &mut injectors))?;
+    Ok(())
 }
 
 /// The starting thread waits for the report: nobody else can miss it.

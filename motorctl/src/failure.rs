@@ -2,7 +2,7 @@
 
 use crate::demo::DemoError;
 use crate::exit_status;
-use motord_client::Error;
+use motord_client::{Error, FaultError};
 use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
 use motord_wire::WireFailure;
@@ -32,6 +32,9 @@ pub(crate) enum Failure {
     /// A command on the bus failed, or was not confirmed.
     #[error(transparent)]
     Wire(#[from] WireFailure),
+    /// No fault was injected.
+    #[error(transparent)]
+    Sim(#[from] FaultError),
     /// The monitor was started without a terminal.
     #[error("the monitor needs a terminal: use `motorctl status`, or `motorctl watch --json` for scripts")]
     NoTerminal,
@@ -54,6 +57,9 @@ impl Failure {
             Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
             Self::Wire(failure) => failure.status(),
+            Self::Sim(FaultError::Daemon(error)) => exit_status::of_client(error),
+            Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
+            Self::Sim(_) => exit_status::UNAVAILABLE,
             Self::NoTerminal => exit_status::USAGE,
             Self::Troubled => 1,
             Self::Interrupted => exit_status::INTERRUPTED,

@@ -17,6 +17,7 @@ mod latency;
 mod monitor;
 mod operate;
 mod report;
+mod sim;
 mod status;
 mod watch;
 
@@ -226,6 +227,11 @@ enum Command {
         after_help = "Examples:\n  motorctl doctor\n  sudo motorctl doctor --config robot.toml --seconds 600\n  motorctl doctor --seconds 0 --json | jq -r '.findings[] | .level + \" \" + .check'"
     )]
     Doctor(doctor::Arguments),
+    /// Give a simulated motor or bus a fault, to try a controller against it.
+    ///
+    /// Only an instance whose buses are all simulated takes faults, such as that of config/quadruped-simulated.toml.
+    #[command(after_help = sim::after_help())]
+    Sim(sim::Sim),
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
     Frame(frame::Frame),
@@ -326,6 +332,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Doctor(arguments) => {
             Ok(doctor::run(&arguments, &motord_client::runtime_directory(instance)?)?)
         }
+        Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Pages(pages) => Ok(pages.write(Arguments::command())?),
         Command::DemoController { seconds } => demo::control(instance, seconds),

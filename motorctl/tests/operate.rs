@@ -269,6 +269,62 @@ fn escape_sequences_of_a_file_are_spelled_out() {
     }
 }
 
+/// Until `status` is as `wanted`.
+fn await_status(daemon: &Daemon, wanted: impl Fn(&Value) -> bool) {
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !wanted(&daemon.status()) {
+        assert!(Instant::now() < deadline, "{}", daemon.status());
+    }
+}
+
+#[test]
+fn a_simulated_fault_is_seen_by_clients_and_ends() {
+    let daemon = Daemon::start();
+    let sim = |words: &[&str]| daemon.motorctl(&[&["sim"], words].concat());
+    let mode = |mode: &'static str| move |status: &Value| status["joints"][0]["mode"] == mode;
+    assert!(sim(&["arm", "off"]).status.success());
+    await_status(&daemon, mode("offline"));
+    assert!(sim(&["arm", "ok"]).status.success());
+    await_status(&daemon, mode("idle"));
+    assert!(sim(&["arm", "fault", "over-voltage"]).status.success());
+    await_status(&daemon, mode("fault"));
+    assert!(daemon.motorctl(&["fault", "clear", "arm"]).status.success());
+    await_status(&daemon, mode("idle"));
+    // A bus whose adapter was unplugged comes back with the same motors.
+    for fault in ["bus-off", "down", "gone"] {
+        assert!(sim(&["desk", fault]).status.success(), "{fault}");
+        await_status(&daemon, |status| status["buses"][0]["condition"] != "active");
+        await_status(&daemon, mode("offline"));
+        assert!(sim(&["desk", "ok"]).status.success(), "{fault}");
+        await_status(&daemon, |status| status["buses"][0]["condition"] == "active");
+        await_status(&daemon, mode("idle"));
+    }
+}
+
+#[test]
+fn a_fault_that_there_is_not_is_answered_by_the_nearest_one() {
+    let daemon = Daemon::start();
+    let refused = [
+        (["arn", "off"].as_slice(), "did you mean `arm`?"),
+        (&["arm", "of"], "did you mean `off`?"),
+        (&["arm", "fault", "overvoltage"], "did you mean `over-voltage`?"),
+        (&["arm", "delayed", "2"], "2ms"),
+        (&["arm", "bus-off"], "only a bus"),
+        (&["desk", "off"], "only a motor"),
+        (&["desk", "echo"], "only a serial port"),
+    ];
+    for (words, reason) in refused {
+        let output = daemon.motorctl(&[&["sim"], words].concat());
+        assert_eq!(output.status.code(), Some(64), "{words:?}");
+        assert!(text(&output.stderr).contains(reason), "{words:?}: {}", text(&output.stderr));
+    }
+    let mut command = daemon.command(&["sim", "arm", "off"]);
+    let elsewhere = TempDir::new().unwrap();
+    let nobody = command.env("MOTORD_RUNTIME_DIR", elsewhere.path()).output().unwrap();
+    assert_eq!(nobody.status.code(), Some(69));
+    assert!(text(&nobody.stderr).contains("no motord runs"), "{}", text(&nobody.stderr));
+}
+
 #[test]
 fn latency_tells_every_percentile() {
     let daemon = Daemon::start();

@@ -7,6 +7,7 @@
 //! - [`description`]: names and limits of the joints, and what the tool asks for, as text.
 //! - [`limits`]: every bound, by name.
 //! - [`instance`]: where daemon and clients meet, and who may.
+//! - [`injection`]: faults for simulated buses.
 //! - [`service`]: the iceoryx2 services, with every limit of theirs.
 //! - [`ports`]: the two ends of the services.
 //! - [`stop_socket`]: the way for emergency stops that needs no file.
@@ -23,6 +24,8 @@
 pub mod clock;
 pub mod codes;
 pub mod description;
+#[cfg(feature = "ports")]
+pub mod injection;
 #[cfg(feature = "ports")]
 pub mod instance;
 mod lease;

@@ -145,82 +145,240 @@ enum Form {
     Either { otherwise: Fault, example: &'static str, read: fn(&str) -> Option<Fault> },
 }
 
-/// All verbs; the documentation of [`Fault`] says what they do.
-const VERBS: [(&str, Form); 39] = {
-    use Form::{Bare, Either, With};
+/// What can have a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FaultTarget {
+    /// A motor or a bus.
+    Any,
+    /// A motor.
+    Motor,
+    /// A bus.
+    Bus,
+    /// A serial bus.
+    Line,
+}
+
+/// A word for a fault.
+#[derive(Clone, Copy)]
+pub struct Verb {
+    /// The word.
+    pub name: &'static str,
+    /// The targets that can have the fault.
+    pub target: FaultTarget,
+    /// The effect, for people.
+    pub effect: &'static str,
+    form: Form,
+}
+
+impl Verb {
+    const fn bare(name: &'static str, target: FaultTarget, fault: Fault, effect: &'static str) -> Self {
+        Self { name, target, effect, form: Form::Bare(fault) }
+    }
+
+    const fn with(
+        (name, example): (&'static str, &'static str),
+        target: FaultTarget,
+        read: fn(&str) -> Option<Fault>,
+        effect: &'static str,
+    ) -> Self {
+        Self { name, target, effect, form: Form::With { example, read } }
+    }
+
+    const fn either(
+        (name, example): (&'static str, &'static str),
+        target: FaultTarget,
+        (otherwise, read): (Fault, fn(&str) -> Option<Fault>),
+        effect: &'static str,
+    ) -> Self {
+        Self { name, target, effect, form: Form::Either { otherwise, example, read } }
+    }
+
+    /// The verb with an example of its argument, in brackets where it may be left out.
+    #[must_use]
+    pub fn usage(&self) -> String {
+        let Self { name, form, .. } = self;
+        match form {
+            Form::Bare(_) => (*name).to_owned(),
+            Form::With { example, .. } => format!("{name} {example}"),
+            Form::Either { example, .. } => format!("{name} [{example}]"),
+        }
+    }
+
+    /// A line for each verb whose target is one of `targets`: its usage and its effect. For the help of a program.
+    #[must_use]
+    pub fn list(targets: &[FaultTarget]) -> String {
+        let listed = VERBS.iter().filter(|verb| targets.contains(&verb.target));
+        listed.map(|verb| format!("  {:<20} {}\n", verb.usage(), verb.effect)).collect()
+    }
+}
+
+/// All verbs; the documentation of [`Fault`] says more of what they do.
+pub const VERBS: [Verb; 39] = {
+    use FaultTarget::{Any, Bus, Line, Motor};
     let slow = Fault::Slow(Duration::from_millis(10));
     let delayed = Fault::Delayed(Duration::from_millis(2));
     // The latency timer of common USB adapters.
     let glue = Fault::Glue(Duration::from_millis(16));
     [
-        ("ok", Bare(Fault::Ok)),
-        ("on", Bare(Fault::Ok)),
-        ("off", Bare(Fault::Off)),
-        ("stuck", Bare(Fault::Stuck)),
-        ("garbage", Bare(Fault::Garbage)),
-        ("wrong", Bare(Fault::Wrong)),
-        ("slow", Either { otherwise: slow, example: "10ms", read: |text| duration(text).map(Fault::Slow) }),
-        (
-            "delayed",
-            Either { otherwise: delayed, example: "2ms", read: |text| duration(text).map(Fault::Delayed) },
+        Verb::bare("ok", Any, Fault::Ok, "ends every fault; a motor without power boots"),
+        Verb::bare("on", Any, Fault::Ok, "the same"),
+        Verb::bare(
+            "off",
+            Motor,
+            Fault::Off,
+            "unplugged: neither hears nor answers, goes on with its last command",
         ),
-        (
-            "intermittent",
-            Either {
-                otherwise: Fault::Intermittent(0.5),
-                example: "50%",
-                read: |text| percentage(text).map(Fault::Intermittent),
-            },
+        Verb::bare("power-off", Motor, Fault::PowerOff, "has no power: limp and silent"),
+        Verb::bare(
+            "power-cycle",
+            Motor,
+            Fault::PowerCycle,
+            "boots: silent, then stopped, its position within one turn",
         ),
-        ("duplicate", Bare(Fault::Duplicate)),
-        ("reorder", Bare(Fault::Reorder)),
-        ("short", Bare(Fault::Short)),
-        ("fault", With { example: "0x02", read: |text| number(text).map(Fault::Raise) }),
-        ("power-cycle", Bare(Fault::PowerCycle)),
-        ("power-off", Bare(Fault::PowerOff)),
-        ("refuse", With { example: "0x0B", read: |text| byte(text).map(Fault::Refuse) }),
-        ("temperature", With { example: "120", read: |text| finite(text).map(Fault::Temperature) }),
-        ("voltage", With { example: "60", read: |text| finite(text).map(Fault::Voltage) }),
-        ("load", With { example: "5.0", read: |text| finite(text).map(Fault::Load) }),
-        ("bus-off", Bare(Fault::BusOff)),
-        (
-            "tx-full",
-            Either {
-                otherwise: Fault::TxFull(0),
-                example: "1",
-                read: |text| text.parse().ok().map(Fault::TxFull),
-            },
+        Verb::with(
+            ("fault", "0x02"),
+            Motor,
+            |text| number(text).map(Fault::Raise),
+            "raises a fault of its vendor's list",
         ),
-        ("no-ack", Bare(Fault::NoAck)),
-        ("down", Bare(Fault::Down)),
-        ("gone", Bare(Fault::Gone)),
-        (
-            "flood",
-            Either {
-                otherwise: Fault::Flood(8000),
-                example: "8000",
-                read: |text| rate(text).map(Fault::Flood),
-            },
+        Verb::with(
+            ("temperature", "120"),
+            Motor,
+            |text| finite(text).map(Fault::Temperature),
+            "its winding has this temperature, °C",
         ),
-        ("bitrate", With { example: "500000", read: |text| rate(text).map(Fault::Bitrate) }),
-        ("active", Bare(Fault::Report(ControllerState::Active))),
-        ("warning", Bare(Fault::Report(ControllerState::Warning))),
-        ("passive", Bare(Fault::Report(ControllerState::Passive))),
-        ("extended", Bare(Fault::Unsupported(Unsupported::Extended))),
-        ("remote", Bare(Fault::Unsupported(Unsupported::Remote))),
-        ("fd", Bare(Fault::Unsupported(Unsupported::Fd))),
-        ("overflow", With { example: "5", read: |text| text.parse().ok().map(Fault::Overflow) }),
-        ("echo", Bare(Fault::Echo)),
-        ("glue", Either { otherwise: glue, example: "16ms", read: |text| duration(text).map(Fault::Glue) }),
-        ("loss", With { example: "1%", read: |text| percentage(text).map(Fault::Loss) }),
-        ("corrupt", With { example: "1%", read: |text| percentage(text).map(Fault::Corruption) }),
-        ("silent", Bare(Fault::Silent)),
-        ("blocked", Bare(Fault::Blocked)),
+        Verb::with(
+            ("voltage", "60"),
+            Motor,
+            |text| finite(text).map(Fault::Voltage),
+            "its supply has this voltage, V",
+        ),
+        Verb::with(
+            ("load", "5.0"),
+            Motor,
+            |text| finite(text).map(Fault::Load),
+            "something turns its output with this torque, N·m",
+        ),
+        Verb::bare("stuck", Motor, Fault::Stuck, "its reported position stands still"),
+        Verb::bare("garbage", Motor, Fault::Garbage, "its answers are random bytes"),
+        Verb::bare(
+            "wrong",
+            Motor,
+            Fault::Wrong,
+            "its answers are false: 1 rad off, velocity and torque reversed",
+        ),
+        Verb::either(
+            ("slow", "10ms"),
+            Motor,
+            (slow, |text| duration(text).map(Fault::Slow)),
+            "its reported states are refreshed only that often",
+        ),
+        Verb::either(
+            ("delayed", "2ms"),
+            Motor,
+            (delayed, |text| duration(text).map(Fault::Delayed)),
+            "its answers come later by this time",
+        ),
+        Verb::either(
+            ("intermittent", "50%"),
+            Motor,
+            (Fault::Intermittent(0.5), |text| percentage(text).map(Fault::Intermittent)),
+            "this share of its answers is lost",
+        ),
+        Verb::bare("duplicate", Motor, Fault::Duplicate, "every answer comes twice"),
+        Verb::bare("reorder", Motor, Fault::Reorder, "every other answer comes after its successor"),
+        Verb::bare("short", Motor, Fault::Short, "its answers lack their last two bytes"),
+        Verb::with(
+            ("refuse", "0x0B"),
+            Motor,
+            |text| byte(text).map(Fault::Refuse),
+            "native commands that write get this result, and have no effect",
+        ),
+        Verb::bare("bus-off", Bus, Fault::BusOff, "the controller has left the bus: frames are lost"),
+        Verb::bare("down", Bus, Fault::Down, "the interface is down"),
+        Verb::bare("gone", Bus, Fault::Gone, "the adapter is unplugged"),
+        Verb::bare("no-ack", Bus, Fault::NoAck, "no node acknowledges: the queue fills"),
+        Verb::either(
+            ("tx-full", "1"),
+            Bus,
+            (Fault::TxFull(0), |text| text.parse().ok().map(Fault::TxFull)),
+            "each send accepts this many frames; none without a number",
+        ),
+        Verb::either(
+            ("flood", "8000"),
+            Bus,
+            (Fault::Flood(8000), |text| rate(text).map(Fault::Flood)),
+            "so many frames a second with ids of no motor",
+        ),
+        Verb::with(
+            ("overflow", "5"),
+            Bus,
+            |text| text.parse().ok().map(Fault::Overflow),
+            "so many received frames were lost",
+        ),
+        Verb::with(
+            ("bitrate", "500000"),
+            Bus,
+            |text| rate(text).map(Fault::Bitrate),
+            "the host's controller has this bit rate",
+        ),
+        Verb::bare(
+            "active",
+            Bus,
+            Fault::Report(ControllerState::Active),
+            "the controller reports: error-active",
+        ),
+        Verb::bare(
+            "warning",
+            Bus,
+            Fault::Report(ControllerState::Warning),
+            "the controller reports: error-warning",
+        ),
+        Verb::bare(
+            "passive",
+            Bus,
+            Fault::Report(ControllerState::Passive),
+            "the controller reports: error-passive",
+        ),
+        Verb::bare(
+            "extended",
+            Bus,
+            Fault::Unsupported(Unsupported::Extended),
+            "one extended frame, which no motor sends",
+        ),
+        Verb::bare(
+            "remote",
+            Bus,
+            Fault::Unsupported(Unsupported::Remote),
+            "one remote frame, which no motor sends",
+        ),
+        Verb::bare("fd", Bus, Fault::Unsupported(Unsupported::Fd), "one CAN FD frame, which no motor sends"),
+        Verb::bare("echo", Line, Fault::Echo, "the adapter gives the host back what it sends"),
+        Verb::either(
+            ("glue", "16ms"),
+            Line,
+            (glue, |text| duration(text).map(Fault::Glue)),
+            "the adapter hands bytes over only that often",
+        ),
+        Verb::with(
+            ("loss", "1%"),
+            Line,
+            |text| percentage(text).map(Fault::Loss),
+            "this share of the bytes is lost",
+        ),
+        Verb::with(
+            ("corrupt", "1%"),
+            Line,
+            |text| percentage(text).map(Fault::Corruption),
+            "this share of the bytes is changed",
+        ),
+        Verb::bare("silent", Line, Fault::Silent, "no byte passes"),
+        Verb::bare("blocked", Line, Fault::Blocked, "the port takes no byte of the host"),
     ]
 };
 
 fn fault(verb: &str, argument: Option<&str>) -> Result<Fault, VerbError> {
-    let (_, form) = VERBS.iter().find(|(name, _)| *name == verb).ok_or(VerbError::Verb)?;
+    let Verb { form, .. } = VERBS.iter().find(|known| known.name == verb).ok_or(VerbError::Verb)?;
     match (*form, argument) {
         (Form::Bare(fault), None) => Ok(fault),
         (Form::Bare(_), Some(_)) => Err(VerbError::Words { received: 3 }),
@@ -328,6 +486,34 @@ mod tests {
         for (line, fault) in cases {
             let target = line.split_whitespace().next().unwrap().into();
             assert_eq!(line.parse(), Ok(FaultVerb { target, fault }), "{line}");
+        }
+    }
+
+    /// Goal: the help is true. Method: every verb of the list goes to a motor, to a bus and to a serial bus.
+    #[test]
+    fn every_verb_is_for_the_targets_that_the_list_says() {
+        use crate::{BusKind, BusSettings, MotorSettings, SerialSlave, SimulatedBus};
+        use motord_bus::Instant;
+        let bus = |kind| {
+            let motor = MotorSettings { name: "motor".into(), ..Default::default() };
+            SimulatedBus::new(BusSettings { name: "bus".into(), kind, ..Default::default() }, vec![motor], 0)
+        };
+        for verb in VERBS {
+            let usage = verb.usage().replace(['[', ']'], "");
+            let line = |target| format!("{target} {usage}").parse::<FaultVerb>().unwrap();
+            let to_motor = bus(BusKind::Can).inject(Instant::ZERO, &line("motor")).is_ok();
+            let to_bus = bus(BusKind::Can).inject(Instant::ZERO, &line("bus")).is_ok();
+            let to_line =
+                SerialSlave::new(bus(BusKind::Serial), 0).inject(Instant::ZERO, &line("bus")).is_ok();
+            let (motor, any_bus) = match verb.target {
+                FaultTarget::Any => (true, true),
+                FaultTarget::Motor => (true, false),
+                FaultTarget::Bus => (false, true),
+                FaultTarget::Line => (false, false),
+            };
+            assert_eq!((to_motor, to_bus), (motor, any_bus), "{usage}");
+            // The port blocks, not the slave behind it.
+            assert_eq!(to_line || verb.name == "blocked", verb.target != FaultTarget::Motor, "{usage}");
         }
     }
 

@@ -62,7 +62,7 @@ mod wire;
 #[cfg(feature = "bridge")]
 pub use bridge::Bridge;
 pub use bus::SimulatedBus;
-pub use fault::{Fault, FaultVerb, InjectError, VerbError};
+pub use fault::{Fault, FaultTarget, FaultVerb, InjectError, VERBS, Verb, VerbError};
 pub use length::frame_bits;
 pub use motor::{Mode, Motor};
 pub use plant::{Plant, PlantBus, couple};

@@ -1,13 +1,14 @@
 //! `motord-sim`: a configuration's motors, simulated, on its CAN interfaces and on pseudo terminals.
 
 use clap::{CommandFactory, Parser};
-use motord::buses;
+use motord::buses::fault_line::FaultLineError;
+use motord::buses::{self, fault_line};
 use motord_bus::socketcan::{InvalidName, OpenError};
 use motord_bus::{Duration, Instant, Readiness, clock, wait};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{
-    Bridge, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, VerbError,
+    Bridge, FaultTarget, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };
 use motord_terminal::{Pages, printable};
 use std::convert::Infallible;
@@ -26,7 +27,7 @@ use std::process::ExitCode;
 #[command(
     name = "motord-sim",
     version,
-    after_help = AFTER_HELP,
+    after_help = after_help(),
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true
 )]
@@ -59,7 +60,7 @@ struct Arguments {
     seed: u64,
 }
 
-const AFTER_HELP: &str = "\
+const EXAMPLES: &str = "\
 Example:
   motord-sim --config /etc/motord/motord.toml
 
@@ -81,8 +82,18 @@ Lines for a serial bus:
   gripper blocked
   gripper gone
   gripper ok
+";
 
-Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 78 the configuration is refused.";
+const EXIT_STATUSES: &str =
+    "Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 78 the configuration is refused.";
+
+/// The examples, and every fault that there is.
+fn after_help() -> String {
+    use FaultTarget::{Any, Bus, Line, Motor};
+    let sections = [("Every target", Any), ("A motor", Motor), ("A bus", Bus), ("A serial bus", Line)];
+    let lists = sections.map(|(title, target)| format!("{title}:\n{}\n", Verb::list(&[target])));
+    format!("{EXAMPLES}\n{}{EXIT_STATUSES}", lists.concat())
+}
 
 const EXIT_USAGE: u8 = 64;
 const EXIT_UNAVAILABLE: u8 = 69;
@@ -155,7 +166,7 @@ fn run(config: &Path, arguments: &Arguments) -> Result<Infallible, Failure> {
         let until = lines.iter().map(Line::due).min().unwrap_or(now).min(now + IDLE);
         if wait(&readiness, now, until).contains(lines.len()) {
             for command in commands.read() {
-                match obey(&mut lines, clock::monotonic(), &command) {
+                match obey(&settings, &mut lines, clock::monotonic(), &command) {
                     Ok(()) => say("ok"),
                     Err(reason) => say(&format!("error: {reason}")),
                 }
@@ -262,16 +273,8 @@ fn open(settings: &Settings, arguments: &Arguments) -> Result<Vec<Line>, Failure
     if lines.is_empty() { Err(Failure::NoBus) } else { Ok(lines) }
 }
 
-#[derive(Debug, thiserror::Error)]
-enum Refused {
-    #[error(transparent)]
-    Verb(#[from] VerbError),
-    #[error(transparent)]
-    Inject(#[from] InjectError),
-}
-
-fn obey(lines: &mut [Line], now: Instant, command: &str) -> Result<(), Refused> {
-    let verb: FaultVerb = command.parse()?;
+fn obey(settings: &Settings, lines: &mut [Line], now: Instant, command: &str) -> Result<(), FaultLineError> {
+    let verb = fault_line::read(command, settings)?;
     for line in lines {
         let device = line.device().map(Path::to_owned);
         match line.inject(now, &verb) {

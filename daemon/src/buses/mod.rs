@@ -1,9 +1,13 @@
 //! Opens the buses of a configuration.
 
+pub mod fault_line;
+pub mod injection;
 mod physics;
 pub mod reconnector;
 
 pub use physics::{physics, simulate};
+
+use injection::Injectors;
 
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
@@ -56,6 +60,8 @@ pub struct Buses {
     pub buses: Vec<Box<dyn Bus>>,
     /// Held until they are dropped.
     pub locks: Vec<BusLock>,
+    /// Gives faults to the buses, which are all simulated; `None` when one of them is real.
+    pub injectors: Option<Injectors>,
 }
 
 /// Opens every bus. Lock files go to `directory`.
@@ -64,7 +70,10 @@ pub struct Buses {
 ///
 /// The first bus that cannot be opened, and why.
 pub fn open(settings: &Settings, directory: &Path) -> Result<Buses, BusError> {
-    let mut opened = Buses { buses: Vec::new(), locks: Vec::new() };
+    if let Some((buses, injectors)) = Injectors::open(settings) {
+        return Ok(Buses { buses, locks: Vec::new(), injectors: Some(injectors) });
+    }
+    let mut opened = Buses { buses: Vec::new(), locks: Vec::new(), injectors: None };
     for (index, bus) in settings.buses.iter().enumerate() {
         opened.locks.extend(lock(bus, directory)?);
         opened.buses.push(open_one(settings, index)?);

@@ -10,6 +10,8 @@
 //!
 //! A serial port is closed before it is opened again: it is locked, and while it is open, the kernel gives another name to the
 //! adapter that is plugged in again. The cycle gets an `Unplugged` bus for it meanwhile.
+//!
+//! A simulated bus is never opened again: it comes back by itself when its fault ends, with the same motors.
 
 use crate::buses;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
@@ -42,6 +44,10 @@ impl Bus for Unplugged {
     }
 }
 
+fn is_real(settings: &Settings, bus: usize) -> bool {
+    !matches!(settings.buses[bus].kind, BusKind::Simulated { .. })
+}
+
 /// Opens buses again.
 pub struct Reconnector(Supply);
 
@@ -59,7 +65,7 @@ impl Reconnector {
         let mut back_off = BACK_OFF;
         while !stop() {
             match broken.recv_timeout(if waiting.is_empty() { BACK_OFF } else { back_off }) {
-                Ok(bus) if !waiting.contains(&bus) => {
+                Ok(bus) if is_real(settings, bus) && !waiting.contains(&bus) => {
                     waiting.push(bus);
                     self.close(settings, bus);
                 }

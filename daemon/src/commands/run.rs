@@ -25,14 +25,14 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let config::Loaded { mut settings, warnings, hash } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
-    let Buses { buses, locks } = buses::open(&settings, lock.instance().runtime())?;
+    let Buses { buses, locks, injectors } = buses::open(&settings, lock.instance().runtime())?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
     rt::log(&deep_sleep, "main");
 
-    let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks };
+    let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks, injectors };
     let damp = settings.safety.damp;
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
     tracing::info!(instance = lock.instance().name(), "ready");

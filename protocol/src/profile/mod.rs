@@ -179,6 +179,15 @@ impl Profile {
         matches!(self.faults, FaultReport::Asked(_))
     }
 
+    /// The numbers of the vendor's fault list that have a word, each with its words.
+    pub fn fault_numbers(&self) -> impl Iterator<Item = (u32, Faults)> {
+        let (bits, codes): (&[_], &[_]) = match self.faults {
+            FaultReport::Asked(FaultReply { words, .. }) => (words, &[]),
+            FaultReport::InEveryReply(Status { words, .. }) => (&[], words),
+        };
+        bits.iter().copied().chain(codes.iter().map(|(code, faults)| (u32::from(*code), *faults)))
+    }
+
     /// `payload` is a fault report beyond doubt: no state has its shape. Bytes that it lacks count as zero, but it has at
     /// least six.
     ///

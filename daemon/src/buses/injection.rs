@@ -1,0 +1,200 @@
+//! Faults on their way into the simulated buses of a running daemon.
+//!
+//! ```text
+//!   thread that injects ──verb──▶ cycle: the bus that is read next
+//!                       ◀──verb, outcome──┘
+//! ```
+//!
+//! Only a configuration whose buses are all simulated gets such buses: the cycle of a real bus never passes here.
+
+use super::fault_line::{self, FaultLineError};
+use super::simulate;
+use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, Inbox, Instant, Readiness, Sent, clock};
+use motord_core::settings::{BusKind, Settings};
+use motord_simulator::{Fault, FaultVerb, InjectError, SimulatedBus};
+use rtrb::{Consumer, Producer, RingBuffer};
+
+/// The cycle takes a fault within this time, as long as it runs.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Between two looks for its outcome.
+const TURN: Duration = Duration::from_millis(1);
+
+/// A verb that was obeyed, or not. It goes back to where it was made, because the cycle frees nothing.
+type Outcome = (FaultVerb, Result<(), InjectError>);
+
+/// A simulated bus that takes faults from another thread.
+pub struct InjectedBus {
+    bus: SimulatedBus,
+    verbs: Consumer<FaultVerb>,
+    outcomes: Producer<Outcome>,
+    unplugged: bool,
+}
+
+impl InjectedBus {
+    /// Obeys the next verb, if there is one. Neither allocates nor blocks.
+    fn obey(&mut self, now: Instant) {
+        if self.outcomes.is_full() {
+            return;
+        }
+        let Ok(verb) = self.verbs.pop() else { return };
+        let outcome = self.bus.inject(now, &verb);
+        if verb.target == self.bus.name() {
+            self.plug(now, verb.fault);
+        }
+        let _has_a_place = self.outcomes.push((verb, outcome));
+    }
+
+    /// The cycle sends nothing to a bus that is gone, until its controller reports. A real one is opened again instead.
+    fn plug(&mut self, now: Instant, fault: Fault) {
+        if fault == Fault::Ok && std::mem::take(&mut self.unplugged) {
+            let restarted = ErrorFrame { class: ErrorFrame::RESTARTED, data: [0; 8] };
+            self.bus.deliver(now, Content::Error(restarted));
+        }
+        self.unplugged |= fault == Fault::Gone;
+    }
+}
+
+impl Bus for InjectedBus {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.bus.send(now, frames)
+    }
+
+    /// Called in every cycle, also of a bus that is off or gone: so faults end, too.
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        self.obey(now);
+        self.bus.receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        self.bus.readiness()
+    }
+}
+
+/// The other end of one bus.
+struct Injector {
+    verbs: Producer<FaultVerb>,
+    outcomes: Consumer<Outcome>,
+}
+
+impl Injector {
+    /// The bus `index` of `settings`, and the end that gives it faults. Allocates.
+    fn of(settings: &Settings, index: usize, seed: u64) -> (InjectedBus, Self) {
+        let (verbs, taken) = RingBuffer::new(1);
+        let (told, outcomes) = RingBuffer::new(1);
+        let bus = simulate(settings, index, seed);
+        (InjectedBus { bus, verbs: taken, outcomes: told, unplugged: false }, Self { verbs, outcomes })
+    }
+
+    fn inject(&mut self, verb: FaultVerb) -> Result<(), FaultLineError> {
+        // That of a verb which the cycle took too late.
+        let _late = self.outcomes.pop();
+        self.verbs.push(verb).map_err(|_| FaultLineError::Unanswered(PATIENCE))?;
+        let begun = clock::monotonic();
+        while clock::monotonic().since(begun) < PATIENCE {
+            if let Ok((_, outcome)) = self.outcomes.pop() {
+                return Ok(outcome?);
+            }
+            std::thread::sleep(TURN);
+        }
+        Err(FaultLineError::Unanswered(PATIENCE))
+    }
+}
+
+/// Gives faults to the buses of a configuration, which are all simulated.
+pub struct Injectors {
+    settings: Settings,
+    /// In the order of the configuration.
+    injectors: Vec<Injector>,
+}
+
+impl Injectors {
+    /// The buses of `settings`, and the end that gives them faults; `None` when one of them is real. Allocates.
+    #[must_use]
+    pub fn open(settings: &Settings) -> Option<(Vec<Box<dyn Bus>>, Self)> {
+        let (mut buses, mut injectors) = (Vec::<Box<dyn Bus>>::new(), Vec::new());
+        for (index, bus) in settings.buses.iter().enumerate() {
+            let BusKind::Simulated { seed, .. } = bus.kind else { return None };
+            let (bus, injector) = Injector::of(settings, index, seed);
+            buses.push(Box::new(bus));
+            injectors.push(injector);
+        }
+        Some((buses, Self { settings: settings.clone(), injectors }))
+    }
+
+    /// Gives the fault that `line` asks for to its motor or bus. Waits for the cycle, [`PATIENCE`] at most.
+    ///
+    /// # Errors
+    ///
+    /// Why nothing has changed; or that the cycle did not answer, and may still obey.
+    pub fn obey(&mut self, line: &str) -> Result<(), FaultLineError> {
+        let verb = fault_line::read(line, &self.settings)?;
+        let motor =
+            self.settings.motors.iter().find(|motor| motor.name == verb.target).map(|motor| motor.bus);
+        let bus = self.settings.buses.iter().position(|bus| bus.name == verb.target);
+        let injector = bus.or(motor).and_then(|bus| self.injectors.get_mut(bus));
+        injector.ok_or(InjectError::NoSuchTarget)?.inject(verb)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_bus::Refusal;
+    use std::path::Path;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    fn settings(file: &str) -> Settings {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config").join(file);
+        motord_configuration::load(&file).unwrap().settings
+    }
+
+    #[test]
+    fn a_configuration_with_a_real_bus_takes_no_faults() {
+        assert!(Injectors::open(&settings("quadruped.toml")).is_none());
+        assert!(Injectors::open(&settings("quadruped-simulated.toml")).is_some());
+    }
+
+    /// Runs `test` while another thread reads the first bus over and over. Returns the bus.
+    fn with_cycle(mut bus: Box<dyn Bus>, test: impl FnOnce()) -> Box<dyn Bus> {
+        let over = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            let cycle = scope.spawn(|| {
+                while !over.load(Ordering::Relaxed) {
+                    bus.receive(clock::monotonic(), &mut Inbox::new());
+                    std::thread::sleep(TURN);
+                }
+                bus
+            });
+            test();
+            over.store(true, Ordering::Relaxed);
+            cycle.join().unwrap()
+        })
+    }
+
+    #[test]
+    fn a_fault_is_obeyed_by_the_bus_of_its_motor_and_a_refusal_comes_back() {
+        let (mut buses, mut injectors) = Injectors::open(&settings("quadruped-simulated.toml")).unwrap();
+        with_cycle(buses.swap_remove(0), || {
+            assert_eq!(injectors.obey("fl-knee off"), Ok(()));
+            assert_eq!(injectors.obey("fl-knee down"), Err(InjectError::NotForMotors.into()));
+            assert_eq!(injectors.obey("front-left off"), Err(InjectError::NotForBuses.into()));
+        });
+        assert!(matches!(injectors.obey("rr-knee off"), Err(FaultLineError::Unanswered(_))));
+        assert!(
+            matches!(injectors.obey("rr-knee ok"), Err(FaultLineError::Unanswered(_))),
+            "one waits already"
+        );
+    }
+
+    #[test]
+    fn an_adapter_that_is_plugged_in_again_reports() {
+        let (mut buses, mut injectors) = Injectors::open(&settings("quadruped-simulated.toml")).unwrap();
+        let mut bus = with_cycle(buses.swap_remove(0), || injectors.obey("front-left gone").unwrap());
+        assert_eq!(bus.send(clock::monotonic(), &[]).refusal, Some(Refusal::Gone));
+        injectors.injectors[0].verbs.push("front-left ok".parse().unwrap()).unwrap();
+        let mut inbox = Inbox::new();
+        bus.receive(clock::monotonic(), &mut inbox);
+        assert!(matches!(inbox.arrivals()[0].content, Content::Error(error) if error.state().is_some()));
+        assert_eq!(bus.send(clock::monotonic(), &[]).refusal, None);
+    }
+}

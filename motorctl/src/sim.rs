@@ -1,0 +1,40 @@
+//! `motorctl sim`: faults for simulated motors and buses, in a running daemon.
+
+use crate::failure::Failure;
+use motord_client::{Fault, inject_fault};
+use motord_simulator::{FaultTarget, Verb};
+use std::io::{self, Write};
+
+/// The words of a fault.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Sim {
+    /// Name of a motor or a bus.
+    target: String,
+    /// The fault, see below. `ok` ends all faults of the target.
+    fault: String,
+    /// Its argument, if it has one.
+    #[arg(allow_hyphen_values = true)]
+    argument: Option<String>,
+}
+
+/// Examples, and every fault that there is.
+pub(crate) fn after_help() -> String {
+    let names: Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
+    format!(
+        "Examples:\n  motorctl sim fl-knee off\n  motorctl sim fl-knee fault over-voltage\n  motorctl sim fl-knee ok\n  \
+         motorctl sim front-left bus-off\n  motorctl sim front-left ok\n\nFaults of a motor or a bus:\n{}\nFaults of a \
+         motor:\n{}\nFaults of a bus:\n{}\nFaults that a drive may raise, by name, as far as its vendor has them:\n  {}",
+        Verb::list(&[FaultTarget::Any]),
+        Verb::list(&[FaultTarget::Motor]),
+        Verb::list(&[FaultTarget::Bus]),
+        names.join(", "),
+    )
+}
+
+/// Gives the fault to its target. The daemon judges the words.
+pub(crate) fn run(instance: &str, sim: &Sim) -> Result<(), Failure> {
+    let Sim { target, fault, argument } = sim;
+    let line = [target, fault].into_iter().chain(argument).map(String::as_str).collect::<Vec<_>>().join(" ");
+    inject_fault(instance, &line)?;
+    Ok(writeln!(io::stdout(), "{line}: done; `motorctl sim {target} ok` ends it")?)
+}

@@ -1,0 +1,165 @@
+//! Faults for the simulated buses of a running daemon: lines of text on the socket `<runtime>/<instance>.sim`.
+//!
+//! One line is asked on a connection, such as `fl-knee off`; one line is the answer: `ok`, or `error: ` and why. The daemon has
+//! the socket only where every bus of its configuration is simulated. Whoever may enter the runtime directory may ask.
+
+use crate::instance::{Instance, InstanceLock};
+use nix::sys::socket::{getsockopt, sockopt};
+use std::fs::{self, Permissions};
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Most bytes of a line. A longer one is cut.
+const LINE_BYTES_MAX: u64 = 1024;
+/// Each end waits so long for each piece of the other's line. The daemon's cycle takes a fault within a second.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Why a fault was not injected.
+#[derive(Debug, thiserror::Error)]
+pub enum InjectionError {
+    /// The instance has no such socket: no daemon runs it, or not all of its buses are simulated.
+    #[error("takes no faults")]
+    NotSimulated,
+    /// The daemon refused, and says why.
+    #[error("{0}")]
+    Refused(String),
+    /// The connection failed.
+    #[error(transparent)]
+    System(#[from] io::Error),
+}
+
+/// Asks the daemon of `instance` for the fault that `line` says. Waits for the answer.
+///
+/// # Errors
+/// See [`InjectionError`]. After [`InjectionError::System`] nobody knows whether the fault is there.
+pub fn inject(instance: &Instance, line: &str) -> Result<(), InjectionError> {
+    let stream = UnixStream::connect(path(instance)).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => InjectionError::NotSimulated,
+        _ => InjectionError::System(error),
+    })?;
+    let one_line: String = line.split_whitespace().collect::<Vec<_>>().join(" ");
+    send(&stream, &one_line)?;
+    match receive(&stream)?.as_str() {
+        "ok" => Ok(()),
+        "" => Err(io::Error::from(io::ErrorKind::UnexpectedEof).into()),
+        refusal => Err(InjectionError::Refused(refusal.trim_start_matches("error: ").to_owned())),
+    }
+}
+
+/// The daemon's end: a socket for one asker after the other.
+#[derive(Debug)]
+pub struct InjectionListener(UnixListener);
+
+impl InjectionListener {
+    /// Opens the socket of the instance that is held, for those who may enter its runtime directory.
+    ///
+    /// # Errors
+    /// Those of the system.
+    pub fn bind(lock: &InstanceLock) -> io::Result<Self> {
+        let path = path(lock.instance());
+        // That of a daemon that is dead: the lock proves it.
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            Ok(()) | Err(_) => {}
+        }
+        let listener = UnixListener::bind(&path)?;
+        // The umask of a service must not lock its group out.
+        let mode = fs::metadata(lock.instance().runtime())?.mode();
+        fs::set_permissions(&path, Permissions::from_mode(mode & 0o777))?;
+        Ok(Self(listener))
+    }
+
+    /// Waits for the next line, gives it to `obey` with the asker's process id, and answers with the outcome. An asker that
+    /// says nothing is left after some seconds.
+    ///
+    /// # Errors
+    /// Those of the system: the asker is gone, or no descriptors are left.
+    pub fn serve(&self, obey: impl FnOnce(&str, u32) -> Result<(), String>) -> io::Result<()> {
+        let (stream, _) = self.0.accept()?;
+        let pid = getsockopt(&stream, sockopt::PeerCredentials)?.pid();
+        let line = receive(&stream)?;
+        let answer = obey(&line, u32::try_from(pid).unwrap_or(0));
+        send(&stream, &answer.map_or_else(|refusal| format!("error: {refusal}"), |()| "ok".to_owned()))
+    }
+}
+
+fn path(instance: &Instance) -> PathBuf {
+    instance.runtime().join(format!("{}.sim", instance.name()))
+}
+
+fn send(mut stream: &UnixStream, line: &str) -> io::Result<()> {
+    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.write_all(format!("{line}\n").as_bytes())
+}
+
+fn receive(stream: &UnixStream) -> io::Result<String> {
+    stream.set_read_timeout(Some(PATIENCE))?;
+    let mut line = Vec::new();
+    BufReader::new(stream.take(LINE_BYTES_MAX)).read_until(b'\n', &mut line)?;
+    Ok(String::from_utf8_lossy(&line).trim_end().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_listener(test: impl FnOnce(&Instance, &InjectionListener)) {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let listener = InjectionListener::bind(&lock).unwrap();
+        test(&instance, &listener);
+    }
+
+    #[test]
+    fn a_line_reaches_the_daemon_with_its_asker_and_the_refusal_comes_back() {
+        with_listener(|instance, listener| {
+            std::thread::scope(|scope| {
+                let asker = scope.spawn(|| inject(instance, "fl-knee  off\nfl-hip off"));
+                let served = listener.serve(|line, pid| {
+                    assert_eq!((line, pid), ("fl-knee off fl-hip off", std::process::id()));
+                    Err("no".into())
+                });
+                served.unwrap();
+                assert!(matches!(asker.join().unwrap(), Err(InjectionError::Refused(why)) if why == "no"));
+                let asker = scope.spawn(|| inject(instance, "fl-knee off"));
+                listener.serve(|_, _| Ok(())).unwrap();
+                assert!(asker.join().unwrap().is_ok());
+            });
+        });
+    }
+
+    #[test]
+    fn a_line_without_an_end_is_cut_and_an_asker_that_leaves_asks_nothing() {
+        with_listener(|instance, listener| {
+            let mut endless = UnixStream::connect(path(instance)).unwrap();
+            endless.write_all(&[b'x'; 4096]).unwrap();
+            listener
+                .serve(|line, _| {
+                    assert_eq!(line.len() as u64, LINE_BYTES_MAX);
+                    Ok(())
+                })
+                .ok();
+            drop(UnixStream::connect(path(instance)).unwrap());
+            listener
+                .serve(|line, _| {
+                    assert_eq!(line, "");
+                    Ok(())
+                })
+                .ok();
+        });
+    }
+
+    #[test]
+    fn without_a_socket_and_with_that_of_a_dead_daemon_an_instance_is_not_simulated() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        assert!(matches!(inject(&instance, "fl-knee off"), Err(InjectionError::NotSimulated)));
+        drop(InjectionListener::bind(&instance.lock().unwrap()).unwrap());
+        assert!(matches!(inject(&instance, "fl-knee off"), Err(InjectionError::NotSimulated)));
+        drop(InjectionListener::bind(&instance.lock().unwrap()).unwrap());
+    }
+}
