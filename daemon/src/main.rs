@@ -9,9 +9,10 @@ use motord::host::log::Log;
 use motord::run_error::RunError;
 use motord_terminal::{Pages, printable};
 use std::fmt::Display;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use tracing_subscriber::filter::LevelFilter;
 
 /// Owns every motor of a legged robot: cycles them at a fixed rate, and serves controllers through shared memory.
 #[derive(Debug, Parser)]
@@ -21,6 +22,9 @@ use std::process::ExitCode;
     after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
+    /// The least important lines of the log: error, warn, info or debug. Every change of every motor is debug.
+    #[arg(long, global = true, value_name = "LEVEL", env = "MOTORD_LOG", default_value = "info")]
+    log: LevelFilter,
     #[command(subcommand)]
     command: Command,
 }
@@ -84,6 +88,7 @@ fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
+    let log = arguments.log;
     match arguments.command {
         Command::Check { config, json } => {
             let status = motord::commands::check::check(&config, json, &mut std::io::stdout().lock());
@@ -93,10 +98,10 @@ fn main() -> ExitCode {
         Command::Pages(pages) => {
             ended(pages.write(Arguments::command()), |_| EXIT_IO, &mut std::io::stderr())
         }
-        Command::Run { config } => logged(|| motord::commands::run::run(&config), RunError::exit_status),
-        Command::Deadman { config } => logged(|| deadman::run(&config), DeadmanError::exit_status),
+        Command::Run { config } => logged(log, || motord::commands::run::run(&config), RunError::exit_status),
+        Command::Deadman { config } => logged(log, || deadman::run(&config), DeadmanError::exit_status),
         Command::SafeStop { config } => {
-            logged(|| safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
+            logged(log, || safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
         }
     }
 }
@@ -108,21 +113,24 @@ fn ended<E: Display>(outcome: Result<(), E>, exit_status: fn(&E) -> u8, out: &mu
 }
 
 /// Runs a command that logs; whoever reads its log, or does not, cannot hold it up.
-fn logged<E: Display>(command: impl FnOnce() -> Result<(), E>, exit_status: fn(&E) -> u8) -> ExitCode {
-    let mut log = match Log::to_stderr() {
+fn logged<E: Display>(
+    most: LevelFilter,
+    command: impl FnOnce() -> Result<(), E>,
+    exit_status: fn(&E) -> u8,
+) -> ExitCode {
+    let log = match Log::to_stderr() {
         Ok(log) => log,
         Err(error) => return ended(Err(error), |_| EXIT_OS, &mut std::io::stderr()),
     };
     log.hear_panics();
-    let lines = log.clone();
-    tracing_subscriber::fmt()
-        .with_writer(move || lines.clone())
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        // A log that nobody reads any more must not end a thread.
-        .log_internal_errors(false)
-        .init();
-    let status = ended(command(), exit_status, &mut log);
+    log.hear_tracing(most);
+    let status = match command() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            log.error(&format!("motord: {}", printable(&error.to_string())));
+            ExitCode::from(exit_status(&error))
+        }
+    };
     log.finish();
     status
 }

@@ -21,7 +21,7 @@ use crate::deadman::registrar::Registrar;
 use crate::deadman::safe_frames::SafeFrames;
 use crate::emergency_stop;
 use crate::host::clock::Monotonic;
-use crate::host::rt::{self, SchedulingRequest};
+use crate::host::rt::{self, SchedulingRequest, Step};
 use crate::ipc::description::describe;
 use crate::ipc::{self, IpcThread};
 use crate::run_error::RunError;
@@ -109,6 +109,7 @@ pub struct Daemon {
     cycle: JoinHandle<()>,
     ipc: JoinHandle<()>,
     telemetry: JoinHandle<()>,
+    realtime: Vec<Step>,
 }
 
 impl Daemon {
@@ -147,13 +148,19 @@ impl Daemon {
 
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
         cycle.on_begin(move |cycle| heartbeat.beat(cycle));
-        let cycle = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
+        let (cycle, realtime) = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
         start_registrar(&settings, lock.instance(), &orders, pulse)?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         if let Some(injectors) = buses.injectors {
             start_simulation(lock, &orders, injectors)?;
         }
-        Ok(Self { orders, cycle, ipc, telemetry })
+        Ok(Self { orders, cycle, ipc, telemetry, realtime })
+    }
+
+    /// The steps by which the cycle thread became real-time, and their outcomes.
+    #[must_use]
+    pub fn realtime(&self) -> &[Step] {
+        &self.realtime
     }
 
     /// The motors are stopped, by request or because a thread panicked.
@@ -279,7 +286,7 @@ fn start_cycle(
     mut cycle: Cycle<Monotonic>,
     heartbeat: Heartbeat,
     locks: Vec<motord_bus::BusLock>,
-) -> Result<JoinHandle<()>, RunError> {
+) -> Result<(JoinHandle<()>, Vec<Step>), RunError> {
     let given = Arc::clone(orders);
     let request = SchedulingRequest { cpu: settings.cycle.cpu, priority: Some(settings.cycle.priority) };
     let required = settings.cycle.require_realtime;
@@ -299,7 +306,7 @@ fn start_cycle(
             );
         }
         cycle.set_realtime(refused.is_none());
-        report(&prepared, Ok(()));
+        report(&prepared, Ok(steps));
         drop(prepared);
         let ran = catch_unwind(AssertUnwindSafe(|| cycle.run_until(|| given.cycle_order())));
         if let Err(panic) = ran {
@@ -314,8 +321,8 @@ fn start_cycle(
             let _the_only_one = given.unstopped.set(unstopped);
         }
     })?;
-    await_report(&ready, "cycle")??;
-    Ok(thread)
+    let steps = await_report(&ready, "cycle")??;
+    Ok((thread, steps))
 }
 
 /// Nobody waits for this thread: it may wait for the switch, and ends with the process.
@@ -327,7 +334,7 @@ fn start_registrar(
 ) -> Result<(), RunError> {
     let frames = SafeFrames::of(settings);
     if frames.buses.is_empty() {
-        tracing::info!("no dead man's switch: every bus is simulated, and ends with this process");
+        tracing::debug!("no dead man's switch: every bus is simulated, and ends with this process");
         return Ok(());
     }
     let mut registrar = Registrar::new(instance.clone(), frames, pulse);

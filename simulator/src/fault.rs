@@ -145,7 +145,7 @@ enum Form {
     Either { otherwise: Fault, example: &'static str, read: fn(&str) -> Option<Fault> },
 }
 
-/// What can have a fault.
+/// The targets that can have a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FaultTarget {
     /// A motor or a bus.

@@ -62,7 +62,14 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ),
     (
         "motorctl",
-        &["motord-client", "motord-doctor", "motord-frame", "motord-simulator", "motord-terminal", "motord-wire"],
+        &[
+            "motord-client",
+            "motord-doctor",
+            "motord-frame",
+            "motord-simulator",
+            "motord-terminal",
+            "motord-wire",
+        ],
         &["motord-bus", "motord-protocol", "motord-simulator"],
     ),
     // It judges the others, and shares no code with them.

@@ -27,9 +27,13 @@ const DAEMON: Rows = &[
     ("host", &[]),
     ("ipc", &["telemetry"]),
     ("run_error", &["buses"]),
+    ("simulation", &["buses", "host"]),
     ("telemetry", &["host"]),
     ("emergency_stop", &["host", "telemetry"]),
-    ("threads", &["buses", "deadman", "emergency_stop", "host", "ipc", "run_error", "telemetry"]),
+    (
+        "threads",
+        &["buses", "deadman", "emergency_stop", "host", "ipc", "run_error", "simulation", "telemetry"],
+    ),
 ];
 
 /// Where code may name a vendor or its protocols.

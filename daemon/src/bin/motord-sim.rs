@@ -84,8 +84,7 @@ Lines for a serial bus:
   gripper ok
 ";
 
-const EXIT_STATUSES: &str =
-    "Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 78 the configuration is refused.";
+const EXIT_STATUSES: &str = "Exit status: 64 usage, 69 an interface or a directory is unavailable, 74 a file cannot be written, 78 the configuration is refused.";
 
 /// The examples, and every fault that there is.
 fn after_help() -> String {

@@ -80,9 +80,9 @@ impl Injector {
     /// The bus `index` of `settings`, and the end that gives it faults. Allocates.
     fn of(settings: &Settings, index: usize, seed: u64) -> (InjectedBus, Self) {
         let (verbs, taken) = RingBuffer::new(1);
-        let (told, outcomes) = RingBuffer::new(1);
+        let (returned, outcomes) = RingBuffer::new(1);
         let bus = simulate(settings, index, seed);
-        (InjectedBus { bus, verbs: taken, outcomes: told, unplugged: false }, Self { verbs, outcomes })
+        (InjectedBus { bus, verbs: taken, outcomes: returned, unplugged: false }, Self { verbs, outcomes })
     }
 
     fn inject(&mut self, verb: FaultVerb) -> Result<(), FaultLineError> {

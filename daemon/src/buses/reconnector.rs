@@ -17,6 +17,7 @@ use crate::buses;
 use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Refusal, Sent};
 use motord_core::cycle::Supply;
 use motord_core::settings::{BusKind, Settings};
+use std::collections::BTreeMap;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 
 /// The wait after a failed attempt. It doubles up to [`BACK_OFF_MAX`].
@@ -49,13 +50,17 @@ fn is_real(settings: &Settings, bus: usize) -> bool {
 }
 
 /// Opens buses again.
-pub struct Reconnector(Supply);
+pub struct Reconnector {
+    supply: Supply,
+    /// The last failure of each bus, by index: it is logged once.
+    failures: BTreeMap<usize, String>,
+}
 
 impl Reconnector {
     /// A reconnector that hands opened buses to `supply`.
     #[must_use]
     pub const fn new(supply: Supply) -> Self {
-        Self(supply)
+        Self { supply, failures: BTreeMap::new() }
     }
 
     /// Opens the buses whose indices come from `broken`, until `stop` returns true. A bus that cannot be opened is tried
@@ -72,7 +77,7 @@ impl Reconnector {
                 Ok(_) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
-            self.0.close_retired();
+            self.supply.close_retired();
             let before = waiting.len();
             waiting.retain(|&bus| !self.reopen(settings, bus));
             let failing = !waiting.is_empty() && waiting.len() == before;
@@ -83,7 +88,7 @@ impl Reconnector {
     /// Closes the port of a serial bus that is gone.
     fn close(&mut self, settings: &Settings, index: usize) {
         if let BusKind::Serial { .. } = settings.buses[index].kind
-            && self.0.hand_over(index, Box::new(Unplugged))
+            && self.supply.hand_over(index, Box::new(Unplugged))
         {
             std::thread::sleep(HAND_OVER);
         }
@@ -94,10 +99,15 @@ impl Reconnector {
         match buses::open_one(settings, index) {
             Ok(bus) => {
                 tracing::warn!(bus = name, "opened again; its motors are stopped until they are enabled");
-                self.0.hand_over(index, bus)
+                self.failures.remove(&index);
+                self.supply.hand_over(index, bus)
             }
             Err(error) => {
-                tracing::warn!("{error}; trying again");
+                let failure = error.to_string();
+                if self.failures.get(&index) != Some(&failure) {
+                    tracing::warn!("{failure}; trying again");
+                    self.failures.insert(index, failure);
+                }
                 false
             }
         }

@@ -2,6 +2,7 @@
 
 use crate::arming;
 use crate::buses::{self, Buses};
+use crate::host::process::program;
 use crate::host::rt;
 use crate::host::systemd;
 use crate::run_error::RunError;
@@ -10,7 +11,8 @@ use motord_bus::Duration;
 use motord_configuration as config;
 use motord_shared::instance::Instance;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
+use signal_hook::iterator::SignalsInfo;
+use signal_hook::iterator::exfiltrator::origin::{Origin, WithOrigin};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -28,34 +30,51 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let Buses { buses, locks, injectors } = buses::open(&settings, lock.instance().runtime())?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
-    let mut signals = Signals::new([SIGTERM, SIGINT, SIGHUP])?;
+    let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
     rt::log(&deep_sleep, "main");
 
     let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks, injectors };
     let damp = settings.safety.damp;
+    let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
-    tracing::info!(instance = lock.instance().name(), "ready");
+    let realtime = rt::granted(&[daemon.realtime(), &[deep_sleep]].concat());
+    log_start(lock.instance().name(), (path, hash), size, &realtime);
     systemd::ready();
     while !daemon.has_ended() {
-        for signal in signals.pending() {
-            heed(&daemon, signal, damp);
+        for origin in signals.pending() {
+            heed(&daemon, &origin, damp);
         }
         std::thread::sleep(SIGNAL_TURN);
     }
     daemon.end()
 }
 
+/// The one line of a start. `size` is the number of buses and of motors, and the rate in Hz.
+fn log_start(
+    instance: &str,
+    (path, hash): (&Path, u64),
+    (buses, motors, rate_hz): (usize, usize, f64),
+    realtime: &str,
+) {
+    let (version, config, hash) = (env!("CARGO_PKG_VERSION"), path.display(), format!("{hash:016x}"));
+    tracing::info!(instance, version, %config, hash, buses, motors, rate_hz, realtime, "ready");
+}
+
 /// `damp` is how long the motors may have to be damped.
-fn heed(daemon: &Daemon, signal: i32, damp: Duration) {
-    match signal {
+fn heed(daemon: &Daemon, origin: &Origin, damp: Duration) {
+    let signal = signal_hook::low_level::signal_name(origin.signal).unwrap_or("a signal");
+    // The kernel tells no process where the terminal sent it.
+    let pid = origin.process.as_ref().and_then(|process| u32::try_from(process.pid).ok());
+    let program = pid.and_then(program);
+    match origin.signal {
         SIGHUP => tracing::info!("SIGHUP is ignored: the configuration is read once, at the start"),
         _ if daemon.is_stopping() => {
-            tracing::warn!("second signal: stopping the motors at once");
+            tracing::warn!(signal, program, pid, "second signal: stopping the motors at once");
             daemon.stop_now();
         }
         _ => {
-            tracing::info!("damping and stopping the motors, then leaving");
+            tracing::info!(signal, program, pid, "damping and stopping the motors, then leaving");
             systemd::stopping(damp);
             daemon.stop();
         }

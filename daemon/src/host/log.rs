@@ -4,16 +4,23 @@
 //! block the thread that feeds the watchdog of systemd, or the one that ends the process. A line that does not fit into the
 //! queue is dropped and counted.
 //!
+//! Where the journal of systemd reads, each line begins with its priority, as in `<3>` (`sd-daemon(3)`), and bears no time: the
+//! journal has its own. `journalctl -p err` then shows the errors.
+//!
 //! `tracing-appender` 0.2 does not serve: when the queue is full at the end of the process, its guard prints to standard
 //! output, which can block for ever and panics when it is closed; it writes nothing about dropped lines; and it panics when
 //! there can be no more threads.
 
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
+use std::os::unix::fs::MetadataExt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::Builder;
 use std::time::Duration;
+use tracing::{Level, Metadata};
+use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::fmt::MakeWriter;
 
 /// The most lines in the queue.
 const LINES_MAX: usize = 1024;
@@ -31,6 +38,14 @@ enum Message {
 pub struct Log {
     messages: SyncSender<Message>,
     dropped: Arc<AtomicU64>,
+    /// Lines begin with their priority.
+    for_journal: bool,
+}
+
+/// Writes lines of one level.
+pub struct Lines {
+    log: Log,
+    level: Level,
 }
 
 impl Log {
@@ -40,15 +55,30 @@ impl Log {
     ///
     /// The error of the system when it refuses a thread.
     pub fn to_stderr() -> io::Result<Self> {
-        Self::to(io::stderr())
+        Self::to(io::stderr(), is_read_by_journal())
     }
 
-    fn to(out: impl Write + Send + 'static) -> io::Result<Self> {
+    fn to(out: impl Write + Send + 'static, for_journal: bool) -> io::Result<Self> {
         let (messages, received) = sync_channel(LINES_MAX);
         let dropped = Arc::new(AtomicU64::new(0));
         let counted = Arc::clone(&dropped);
         Builder::new().name("motord-log".into()).spawn(move || write(out, &received, &counted))?;
-        Ok(Self { messages, dropped })
+        Ok(Self { messages, dropped, for_journal })
+    }
+
+    /// Takes the lines of `tracing` from now on, those of `most` and more important ones.
+    pub fn hear_tracing(&self, most: LevelFilter) {
+        let lines = tracing_subscriber::fmt()
+            .with_writer(self.clone())
+            .with_max_level(most)
+            .with_ansi(std::io::stderr().is_terminal())
+            .with_target(false)
+            // A log that nobody reads any more must not end a thread.
+            .log_internal_errors(false);
+        match self.for_journal {
+            true => lines.without_time().with_level(false).init(),
+            false => lines.init(),
+        }
     }
 
     /// Writes the messages of panics from now on. The cycle damps its motors after the message of its panic, and must not
@@ -57,9 +87,21 @@ impl Log {
         let log = self.clone();
         std::panic::set_hook(Box::new(move |panic| {
             let thread = std::thread::current();
-            let line = format!("{}: {panic}\n", thread.name().unwrap_or("a thread"));
-            let _never_fails = log.clone().write_all(line.as_bytes());
+            log.error(&format!("{}: {panic}", thread.name().unwrap_or("a thread")));
         }));
+    }
+
+    /// Writes an error. Never blocks.
+    pub fn error(&self, text: &str) {
+        self.push(Level::ERROR, format!("{text}\n").as_bytes());
+    }
+
+    /// Queues the lines of `text`.
+    fn push(&self, level: Level, text: &[u8]) {
+        let text = if self.for_journal { with_priority(level, text) } else { text.to_vec() };
+        if self.messages.try_send(Message::Line(text)).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
     }
 
     /// Waits until every line is written, at most `FLUSH_TIME`.
@@ -71,18 +113,48 @@ impl Log {
     }
 }
 
-impl Write for Log {
-    /// One call is one line. Never blocks, never fails.
+impl<'a> MakeWriter<'a> for Log {
+    type Writer = Lines;
+
+    fn make_writer(&'a self) -> Lines {
+        Lines { log: self.clone(), level: Level::INFO }
+    }
+
+    fn make_writer_for(&'a self, event: &Metadata<'_>) -> Lines {
+        Lines { log: self.clone(), level: *event.level() }
+    }
+}
+
+impl Write for Lines {
+    /// One call is one message. Never blocks, never fails.
     fn write(&mut self, line: &[u8]) -> io::Result<usize> {
-        if self.messages.try_send(Message::Line(line.to_vec())).is_err() {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
+        self.log.push(self.level, line);
         Ok(line.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
+}
+
+/// Whether standard error is the stream that systemd gave its journal: its device and inode are in the environment.
+fn is_read_by_journal() -> bool {
+    let stream = std::env::var("JOURNAL_STREAM").ok();
+    let device_and_inode = std::fs::metadata("/proc/self/fd/2").ok();
+    let named = device_and_inode.map(|file| format!("{}:{}", file.dev(), file.ino()));
+    stream.is_some() && stream == named
+}
+
+/// Each line with the priority of `level`, of `syslog(3)`.
+fn with_priority(level: Level, text: &[u8]) -> Vec<u8> {
+    let priority = match level {
+        Level::ERROR => "<3>",
+        Level::WARN => "<4>",
+        Level::INFO => "<6>",
+        Level::DEBUG | Level::TRACE => "<7>",
+    };
+    let lines = text.split_inclusive(|&byte| byte == b'\n');
+    lines.flat_map(|line| [priority.as_bytes(), line].concat()).collect()
 }
 
 /// Writes lines until the last sender is gone. A line that cannot be written is lost: there is no place to report it.
@@ -113,9 +185,9 @@ mod tests {
     #[test]
     fn a_log_that_nobody_reads_blocks_no_thread_and_counts_dropped_lines() {
         let (reader, writer) = UnixStream::pair().unwrap();
-        let mut log = Log::to(writer).unwrap();
+        let log = Log::to(writer, false).unwrap();
         for line in 0..100_000 {
-            log.write_all(format!("line {line}\n").as_bytes()).unwrap();
+            log.error(&format!("line {line}"));
         }
         log.finish();
         let lines = BufReader::new(reader).lines().map_while(Result::ok);
@@ -127,10 +199,17 @@ mod tests {
     #[test]
     fn lines_before_the_end_are_written() {
         let (reader, writer) = UnixStream::pair().unwrap();
-        let mut log = Log::to(writer).unwrap();
-        log.write_all(b"the motors are stopped\n").unwrap();
+        let log = Log::to(writer, false).unwrap();
+        log.error("the motors are stopped");
         log.finish();
         reader.set_nonblocking(true).unwrap();
         assert_eq!(BufReader::new(reader).lines().next().unwrap().unwrap(), "the motors are stopped");
+    }
+
+    #[test]
+    fn every_line_for_the_journal_begins_with_its_priority() {
+        assert_eq!(with_priority(Level::WARN, b"one\ntwo\n"), b"<4>one\n<4>two\n");
+        let priority = |level| with_priority(level, b"x")[1];
+        assert_eq!([Level::ERROR, Level::INFO, Level::DEBUG].map(priority), *b"367");
     }
 }

@@ -195,6 +195,8 @@ impl IpcThread {
             if let Some(lease) = Lease::from_raw(reply.lease) {
                 self.leases[lease.group()] = Some(lease);
             }
+            let newest = self.cycle.states.output_buffer().cycle;
+            self.questions.answered.note(newest, request.payload(), reply);
             self.answer(request, reply, b"");
         }
         while let Some((ticket, text)) = self.questions.answer() {

@@ -1,108 +1,162 @@
-//! The events of the cycle as lines of the log. A motor or bus that changes all the time is summed up once a second.
+//! The events of the cycle and the requests of clients as lines of the log.
+//!
+//! | level | lines |
+//! |---|---|
+//! | error | a group was stopped for a cause, or a motor has a fault: somebody must look |
+//! | warn | a motor went while nothing moved, a bus changed, ticks were missed |
+//! | info | who asked for what, and what a group does |
+//! | debug | every change of every motor |
+//!
+//! A motor or bus that changes all the time is summed up once a second, missed ticks once a minute.
 
+use super::asked::Asked;
 use super::askers::Askers;
 use motord_core::control::Event;
 use motord_core::cycle::Counters;
 use motord_core::settings::Settings;
 use motord_protocol::Faults;
-use motord_shared::{BusCondition, Cause, MotorMode};
+use motord_shared::message::{ALL_GROUPS, NO_JOINT};
+use motord_shared::{BusCondition, Cause, MotorMode, Operation, Phase, Refusal};
 use std::sync::atomic::Ordering;
 
 /// So many changes of one motor or bus in a second get a line each: a start or a stop makes two.
 const CHANGES_LOGGED: u32 = 4;
+/// So many requests in a second get a line each: one for every group and a few more.
+const REQUESTS_LOGGED: u32 = 16;
+/// Missed ticks get a line at once, and then one in so many seconds.
+const MISSED_TICKS_PERIOD: u32 = 60;
 
 /// Names for the events, and the counts of the last second.
 pub(super) struct Log {
-    motors: Vec<Subject>,
-    groups: Vec<String>,
+    motors: Vec<Motor>,
+    groups: Vec<Group>,
     buses: Vec<Subject>,
+    requests: Subject,
+    refused: Option<Asked>,
     missed_ticks: u64,
+    /// Seconds since missed ticks were logged.
+    quiet_for: u32,
     dropped: u64,
     errors: u64,
 }
 
-/// A motor or a bus.
+/// Something that may change more often than anybody reads.
 struct Subject {
     name: String,
+    logged: u32,
     changes: u32,
 }
 
+struct Motor {
+    subject: Subject,
+    group: usize,
+    /// The log says that it went.
+    is_missed: bool,
+}
+
+struct Group {
+    name: String,
+    phase: Phase,
+    /// Id and program of the last owner.
+    owner: Option<(u32, String)>,
+    /// The cycle of the last stop.
+    stopped_in: u64,
+}
+
 impl Subject {
-    fn new(name: &str) -> Self {
-        Self { name: name.to_owned(), changes: 0 }
+    fn new(name: &str, logged: u32) -> Self {
+        Self { name: name.to_owned(), logged, changes: 0 }
     }
 
     /// Counts a change. Returns whether it gets a line.
     fn changes(&mut self) -> bool {
         self.changes += 1;
-        self.changes <= CHANGES_LOGGED
+        self.changes <= self.logged
     }
 
     /// A second is over: sums up the changes that got no line.
     fn summarise(&mut self) {
         let changes = std::mem::take(&mut self.changes);
-        if changes > CHANGES_LOGGED {
-            tracing::warn!(name = self.name, changes, "changed its state all the time");
+        if changes > self.logged {
+            tracing::warn!(name = self.name, changes, "too many changes in a second for a line each");
         }
     }
 }
 
 impl Log {
     pub(super) fn new(settings: &Settings) -> Self {
+        let group_of = |motor| settings.groups.iter().position(|group| group.motors.contains(&motor));
+        let motors = settings.motors.iter().enumerate().map(|(index, motor)| Motor {
+            subject: Subject::new(&motor.name, CHANGES_LOGGED),
+            group: group_of(index).unwrap_or_default(),
+            is_missed: false,
+        });
+        let groups = settings.groups.iter().map(|group| Group {
+            name: group.name.clone(),
+            phase: Phase::Disarmed,
+            owner: None,
+            stopped_in: 0,
+        });
         Self {
-            motors: settings.motors.iter().map(|motor| Subject::new(&motor.name)).collect(),
-            groups: settings.groups.iter().map(|group| group.name.clone()).collect(),
-            buses: settings.buses.iter().map(|bus| Subject::new(&bus.name)).collect(),
+            motors: motors.collect(),
+            groups: groups.collect(),
+            buses: settings.buses.iter().map(|bus| Subject::new(&bus.name, CHANGES_LOGGED)).collect(),
+            requests: Subject::new("requests", REQUESTS_LOGGED),
+            refused: None,
             missed_ticks: 0,
+            quiet_for: MISSED_TICKS_PERIOD,
             dropped: 0,
             errors: 0,
         }
     }
 
+    /// `askers` knows the programs of those who asked.
     pub(super) fn log(&mut self, cycle: u64, event: Event, askers: &Askers) {
         match event {
             Event::Motor { motor, mode } => self.log_mode(cycle, motor, mode),
-            Event::Silent { motor } => tracing::error!(
-                cycle,
-                motor = self.motors[motor].name,
-                "has never answered: check its power and wiring, its id and host id, the bit rate, and that it speaks the \
-                 configured protocol"
-            ),
-            Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
-            Event::Group { group, phase } => {
-                tracing::info!(
+            Event::Silent { motor } => {
+                self.motors[motor].is_missed = true;
+                tracing::error!(
                     cycle,
-                    group = self.groups[group],
-                    phase = phase.name(),
-                    "{}",
-                    phase.sentence()
+                    motor = self.motors[motor].subject.name,
+                    "has never answered: check its power and wiring, its id and host id, the bit rate, and that it speaks the \
+                     configured protocol"
                 );
             }
+            Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
+            Event::Group { group, phase } => self.log_phase(cycle, group, phase),
             Event::Stopped { group, cause, motor, pid } => {
-                let process = pid.map(|pid| (pid, askers.program(pid)));
-                self.log_stop(cycle, group, cause, motor, process);
+                let asker = pid.map(|pid| (pid, askers.program(pid)));
+                self.log_stop(cycle, group, cause, motor, asker);
             }
-            Event::Reset { group } => tracing::info!(cycle, group = self.groups[group], "reset"),
-            Event::Owner { group, pid: Some(pid) } => {
-                tracing::info!(cycle, group = self.groups[group], pid, "claimed");
-            }
-            Event::Owner { group, pid: None } => {
-                tracing::info!(cycle, group = self.groups[group], "has no owner");
-            }
+            Event::Reset { group } => tracing::debug!(cycle, group = self.groups[group].name, "reset"),
+            Event::Owner { group, pid } => self.log_owner(cycle, group, pid, askers),
             Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
             Event::Overrun { missed_ticks } => self.missed_ticks += missed_ticks,
         }
     }
 
+    /// A motor that goes while its group moves stops it, and that is a line of its own.
     fn log_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
-        let motor = &mut self.motors[motor];
-        if motor.changes() {
-            tracing::info!(cycle, motor = motor.name, mode = mode.name(), "{}", mode.sentence());
+        let is_moving =
+            matches!(self.groups[self.motors[motor].group].phase, Phase::Starting | Phase::Active);
+        let Motor { subject, is_missed, .. } = &mut self.motors[motor];
+        let was_missed = std::mem::replace(is_missed, mode == MotorMode::Offline && !is_moving);
+        let is_logged = was_missed != *is_missed && subject.changes();
+        let (motor, mode_name) = (&subject.name, mode.name());
+        match (is_logged, *is_missed) {
+            (true, true) => tracing::warn!(
+                cycle,
+                motor,
+                "does not answer any more: check its power and wiring; its group was not moving"
+            ),
+            (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
+            (false, _) => tracing::debug!(cycle, motor, mode = mode_name, "{}", mode.sentence()),
         }
     }
 
     fn log_fault(&mut self, cycle: u64, motor: usize, bits: Faults) {
-        let motor = &mut self.motors[motor];
+        let motor = &mut self.motors[motor].subject;
         if !motor.changes() {
             return;
         }
@@ -113,40 +167,159 @@ impl Log {
         tracing::error!(cycle, motor = motor.name, bits = bits.0, "motor fault: {}", sentences.join(" "));
     }
 
+    /// Who asked for a start, or why the group was stopped, is in another line.
+    fn log_phase(&mut self, cycle: u64, group: usize, phase: Phase) {
+        let group = &mut self.groups[group];
+        group.phase = phase;
+        let (group, phase_name) = (&group.name, phase.name());
+        match phase {
+            Phase::Active | Phase::Disarmed => {
+                tracing::info!(cycle, group, phase = phase_name, "{}", phase.sentence());
+            }
+            Phase::Starting | Phase::Damping => {
+                tracing::debug!(cycle, group, phase = phase_name, "{}", phase.sentence());
+            }
+        }
+    }
+
+    /// A stop for the end of the daemon is none that anybody must look at, and a disable is no error.
     fn log_stop(
-        &self,
+        &mut self,
         cycle: u64,
         group: usize,
         cause: Cause,
         motor: Option<usize>,
-        process: Option<(u32, String)>,
+        asker: Option<(u32, String)>,
     ) {
+        let motor = motor.map(|motor| &self.motors[motor].subject.name);
+        let group = &mut self.groups[group];
+        group.stopped_in = cycle;
+        let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost);
+        let (pid, program) = asker.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();
+        let (group, cause_name, sentence) = (&group.name, cause.name(), cause.sentence());
+        if cause == Cause::Shutdown {
+            return tracing::debug!(cycle, group, cause = cause_name, "{sentence}");
+        }
+        if cause == Cause::Disabled {
+            return tracing::warn!(
+                cycle,
+                group,
+                pid,
+                program,
+                cause = cause_name,
+                "{sentence} {}.",
+                cause.advice()
+            );
+        }
         tracing::error!(
             cycle,
-            group = self.groups[group],
-            motor = motor.map_or("-", |motor| &self.motors[motor].name),
-            pid = process.as_ref().map(|(pid, _)| pid),
-            program = process.as_ref().map(|(_, program)| program),
-            cause = cause.name(),
-            "{} The group is damped and stopped; it stays so until it is reset and enabled.",
-            cause.sentence()
+            group,
+            motor,
+            pid,
+            program,
+            cause = cause_name,
+            "{sentence} The group is stopped until it is reset and enabled. {}.",
+            cause.advice()
         );
+    }
+
+    fn log_owner(&mut self, cycle: u64, group: usize, pid: Option<u32>, askers: &Askers) {
+        let group = &mut self.groups[group];
+        if let Some(pid) = pid {
+            let program = askers.program(pid);
+            tracing::info!(cycle, group = group.name, pid, program, "claimed");
+            group.owner = Some((pid, program));
+            return;
+        }
+        let (pid, program) = group.owner.clone().unzip();
+        if group.stopped_in == cycle {
+            tracing::debug!(cycle, group = group.name, pid, program, "has no owner any more");
+        } else {
+            tracing::info!(
+                cycle,
+                group = group.name,
+                pid,
+                program,
+                "has no owner any more: it was released, or its owner has gone"
+            );
+        }
     }
 
     fn log_condition(&mut self, cycle: u64, bus: usize, condition: BusCondition) {
         let bus = &mut self.buses[bus];
-        if bus.changes() {
-            let condition_name = condition.name();
-            tracing::warn!(cycle, bus = bus.name, condition = condition_name, "{}", condition.sentence());
+        if !bus.changes() {
+            return;
         }
+        let (bus, condition_name) = (&bus.name, condition.name());
+        if condition == BusCondition::Active {
+            tracing::info!(cycle, bus, condition = condition_name, "{}", condition.sentence());
+        } else {
+            tracing::warn!(cycle, bus, condition = condition_name, "{}", condition.sentence());
+        }
+    }
+
+    /// An answered request, if the cycle does not tell of it by an event.
+    pub(super) fn log_request(&mut self, asked: &Asked, askers: &Askers) {
+        let Ok(operation) = asked.request.operation() else { return };
+        match Refusal::try_from(asked.reply.refusal) {
+            Ok(refusal) => self.log_refusal(operation, refusal, asked, askers),
+            Err(_) => {
+                let Some(done) = done(operation) else { return };
+                self.refused = None;
+                if self.requests.changes() {
+                    let (request, program) = (&asked.request, askers.program(asked.request.pid));
+                    let (group, joint) = self.names(request.group, request.joint, operation);
+                    tracing::info!(cycle = asked.cycle, group, joint, pid = request.pid, program, "{done}");
+                }
+            }
+        }
+    }
+
+    /// A program that asks again and again is refused in one line.
+    fn log_refusal(&mut self, operation: Operation, refusal: Refusal, asked: &Asked, askers: &Askers) {
+        let is_same = |last: &Asked| Asked { cycle: asked.cycle, ..*last } == *asked;
+        if self.refused.as_ref().is_some_and(is_same) || !self.requests.changes() {
+            return;
+        }
+        let (request, program) = (&asked.request, askers.program(asked.request.pid));
+        let (group, joint) = self.names(request.group, request.joint, operation);
+        let (why, sentence) = (refusal.name(), refusal.sentence());
+        tracing::info!(
+            cycle = asked.cycle,
+            group,
+            joint,
+            pid = request.pid,
+            program,
+            why,
+            "{operation} was refused: {sentence}"
+        );
+        self.refused = Some(*asked);
+    }
+
+    /// The group or the joint that a request is about.
+    fn names(&self, group: u32, joint: u32, operation: Operation) -> (Option<&str>, Option<&str>) {
+        let of_joint = matches!(
+            operation,
+            Operation::SetZero | Operation::ClearFault | Operation::Exclude | Operation::Include
+        );
+        if of_joint && joint != NO_JOINT {
+            return (None, self.motors.get(joint as usize).map(|motor| motor.subject.name.as_str()));
+        }
+        let group = match group {
+            ALL_GROUPS => Some("all"),
+            group => self.groups.get(group as usize).map(|group| group.name.as_str()),
+        };
+        (group, None)
     }
 
     /// A second is over: logs everything that was only counted.
     pub(super) fn log_counts(&mut self, counters: &Counters) {
-        self.motors.iter_mut().chain(&mut self.buses).for_each(Subject::summarise);
-        let missed_ticks = std::mem::take(&mut self.missed_ticks);
-        if missed_ticks > 0 {
-            tracing::warn!(missed_ticks, "ticks were missed: the cycle thread woke up too late");
+        self.motors.iter_mut().for_each(|motor| motor.subject.summarise());
+        self.buses.iter_mut().for_each(Subject::summarise);
+        self.requests.summarise();
+        self.quiet_for = self.quiet_for.saturating_add(1);
+        if self.quiet_for >= MISSED_TICKS_PERIOD {
+            self.log_missed_ticks();
         }
         let dropped = counters.dropped.load(Ordering::Relaxed);
         if dropped > std::mem::replace(&mut self.dropped, dropped) {
@@ -159,5 +332,34 @@ impl Log {
                 "a service for clients failed: are its files damaged, or is the disk full?"
             );
         }
+    }
+
+    /// The ticks that were missed since the last such line, if there are any.
+    pub(super) fn log_missed_ticks(&mut self) {
+        let missed_ticks = std::mem::take(&mut self.missed_ticks);
+        if missed_ticks > 0 {
+            self.quiet_for = 0;
+            let advice = Cause::TimeBase.advice();
+            tracing::warn!(missed_ticks, "ticks were missed: the cycle thread woke up too late. {advice}.");
+        }
+    }
+}
+
+/// The words for a request that was granted; `None` where an event of the cycle tells the same.
+const fn done(operation: Operation) -> Option<&'static str> {
+    match operation {
+        Operation::Enable => Some("enabled"),
+        Operation::Disable => Some("disabled"),
+        Operation::Reset => Some("reset"),
+        Operation::ForceRelease => Some("taken from its owner"),
+        Operation::SetZero => Some("its present position is its zero now"),
+        Operation::ClearFault => Some("fault cleared"),
+        Operation::Exclude => Some("excluded"),
+        Operation::Include => Some("included again"),
+        Operation::Claim
+        | Operation::Release
+        | Operation::EmergencyStop
+        | Operation::Describe
+        | Operation::Telemetry => None,
     }
 }

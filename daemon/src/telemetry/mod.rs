@@ -3,6 +3,7 @@
 //!
 //! Nothing waits for it. Records and events that it is too slow for are dropped and counted.
 
+mod asked;
 pub mod askers;
 mod distributions;
 mod groups;
@@ -10,6 +11,8 @@ mod log;
 mod unexpected;
 
 use crate::host::systemd;
+pub use asked::Answered;
+use asked::Asked;
 use askers::Askers;
 use distributions::Distributions;
 use groups::Groups;
@@ -48,6 +51,8 @@ pub struct CycleEnd {
 pub struct Questions {
     /// The processes that ask, for the log.
     pub askers: Askers,
+    /// Takes the requests that were answered, for the log.
+    pub answered: Answered,
     questions: Sender<u32>,
     answers: Receiver<(u32, String)>,
 }
@@ -68,6 +73,7 @@ impl Questions {
 
 /// The telemetry thread's end of the questions.
 pub struct Answers {
+    asked: Consumer<Asked>,
     askers: Askers,
     questions: Receiver<u32>,
     answers: Sender<(u32, String)>,
@@ -78,9 +84,11 @@ pub struct Answers {
 pub fn questions() -> (Questions, Answers) {
     let (question_sender, question_receiver) = channel();
     let (answer_sender, answer_receiver) = channel();
+    let (answered, asked) = asked::asked();
     let askers = Askers::default();
-    let answers = Answers { askers: askers.clone(), questions: question_receiver, answers: answer_sender };
-    (Questions { askers, questions: question_sender, answers: answer_receiver }, answers)
+    let answers =
+        Answers { asked, askers: askers.clone(), questions: question_receiver, answers: answer_sender };
+    (Questions { askers, answered, questions: question_sender, answers: answer_receiver }, answers)
 }
 
 /// Everything the telemetry thread knows.
@@ -156,6 +164,7 @@ impl Recorder {
         }
         self.turn();
         self.log.log_counts(&self.cycle.counters);
+        self.log.log_missed_ticks();
     }
 
     fn turn(&mut self) {
@@ -163,13 +172,24 @@ impl Recorder {
             self.distributions.record(&record);
         }
         while let Ok((cycle, event)) = self.cycle.events.pop() {
+            self.log_requests(cycle);
             if let Event::Bus { bus, condition } = event {
                 self.watch_bus(bus, condition);
             }
             self.groups.record(cycle, event, &self.answers.askers);
             self.log.log(cycle, event, &self.answers.askers);
         }
+        self.log_requests(u64::MAX);
         self.unexpected_ids.store(&self.cycle.counters);
+    }
+
+    /// Logs the requests that were answered before `cycle`.
+    fn log_requests(&mut self, cycle: u64) {
+        while self.answers.asked.peek().is_ok_and(|asked| asked.cycle < cycle) {
+            if let Ok(asked) = self.answers.asked.pop() {
+                self.log.log_request(&asked, &self.answers.askers);
+            }
+        }
     }
 
     fn answer(&mut self, ticket: u32) {

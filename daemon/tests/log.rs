@@ -1,0 +1,252 @@
+//! The log of one session, as the journal gets it.
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord_shared::injection::inject;
+use motord_shared::message::{ALL_GROUPS, JOINT_VALID};
+use motord_shared::ports::ClientPorts;
+use motord_shared::{
+    AdminRequest, Instance, JointSetpoint, MotorMode, Operation, Phase, SetpointMessage, StateMessage,
+};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use std::io::Read;
+use std::os::fd::AsFd;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+/// Patient with a machine that stands still. It damps nothing for long: the joint is at rest.
+const CONFIG: &str = r#"
+[daemon]
+instance = "test"
+[cycle]
+rate-hz = 200
+max-lateness-ms = 1000.0
+[safety]
+setpoint-timeout-ms = 1000.0
+deadman-ms = 2000.0
+[[bus]]
+name = "desk"
+type = "simulated"
+[[motor]]
+name = "elbow"
+bus = "desk"
+id = 1
+protocol = "mit"
+model = "GIM8108-8"
+[[group]]
+name = "arm"
+joints = ["elbow"]
+"#;
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A daemon whose standard error is the journal's stream, if it is told so.
+struct Session {
+    daemon: Child,
+    place: TempDir,
+}
+
+impl Session {
+    fn start(for_journal: bool) -> Self {
+        let place = TempDir::new().unwrap();
+        let file = place.path().join("motord.toml");
+        std::fs::write(&file, CONFIG).unwrap();
+        let (reader, writer) = std::io::pipe().unwrap();
+        let stream = nix::sys::stat::fstat(writer.as_fd()).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+        command.arg("run").arg("--config").arg(file).env("MOTORD_RUNTIME_DIR", place.path()).stderr(writer);
+        if for_journal {
+            command.env("JOURNAL_STREAM", format!("{}:{}", stream.st_dev, stream.st_ino));
+        }
+        let daemon = command.stdin(Stdio::null()).spawn().unwrap();
+        drop(command);
+        let log = place.path().join("log");
+        std::thread::spawn(move || {
+            let (mut reader, mut text) = (reader, String::new());
+            let _ended = reader.read_to_string(&mut text);
+            std::fs::write(&log, text).unwrap();
+        });
+        Self { daemon, place }
+    }
+
+    fn instance(&self) -> Instance {
+        Instance::below(self.place.path(), "test").unwrap()
+    }
+
+    /// Ends the daemon, and returns the lines of its log.
+    fn end(mut self) -> Vec<String> {
+        kill(Pid::from_raw(self.daemon.id().cast_signed()), Signal::SIGTERM).unwrap();
+        assert!(self.daemon.wait().unwrap().success());
+        let begun = Instant::now();
+        loop {
+            match std::fs::read_to_string(self.place.path().join("log")) {
+                Ok(text) if !text.is_empty() => return text.lines().map(str::to_owned).collect(),
+                _ => assert!(begun.elapsed() < PATIENCE, "the log does not end"),
+            }
+        }
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        let _ended = self.daemon.kill();
+        let _reaped = self.daemon.wait();
+    }
+}
+
+/// A client of the session.
+struct Asker {
+    ports: ClientPorts,
+    state: StateMessage,
+}
+
+impl Asker {
+    fn of(instance: &Instance) -> Self {
+        let begun = Instant::now();
+        loop {
+            let ports = instance.attach().ok().flatten().map(ClientPorts::open);
+            if let Some(Ok(ports)) = ports {
+                return Self { ports, state: StateMessage::default() };
+            }
+            assert!(begun.elapsed() < PATIENCE, "no daemon");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn ask(&self, operation: Operation, lease: u64) -> (u64, u32) {
+        let group = if operation == Operation::EmergencyStop { ALL_GROUPS } else { 0 };
+        let request = AdminRequest {
+            lease,
+            group,
+            operation: operation.code(),
+            pid: std::process::id(),
+            ..Default::default()
+        };
+        let (begun, question) = (Instant::now(), self.ports.ask(request).unwrap());
+        loop {
+            if let Some((reply, _)) = question.answer().unwrap() {
+                return (reply.lease, reply.refusal);
+            }
+            assert!(begun.elapsed() < PATIENCE, "no answer to {operation}");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn until(&mut self, wanted: impl Fn(&StateMessage) -> bool) {
+        let begun = Instant::now();
+        while !wanted(&self.state) {
+            assert!(begun.elapsed() < PATIENCE, "{:?} {:?}", self.state.groups[0], self.state.joints[0]);
+            if let Some(state) = self.ports.newest_state().unwrap() {
+                self.state = state;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Claims the arm, enables it, and holds it until it is active.
+    fn activate(&mut self) {
+        self.until(|state| state.joints[0].flags & JOINT_VALID != 0);
+        let (lease, _) = self.ask(Operation::Claim, 0);
+        let port = self.ports.setpoint_port().unwrap();
+        let (begun, mut sequence, mut enabled) = (Instant::now(), 0, false);
+        while self.state.groups[0].phase != Phase::Active.code() {
+            assert!(begun.elapsed() < PATIENCE);
+            if let Some(state) = self.ports.newest_state().unwrap() {
+                self.state = state;
+            }
+            sequence += 1;
+            let mut message = SetpointMessage { lease, sequence, joint_count: 1, ..Default::default() };
+            message.time_ns = motord_shared::clock::now_ns();
+            let position = self.state.joints[0].position;
+            message.joints[0] = JointSetpoint { position, kp: 20.0, kd: 1.0, ..Default::default() };
+            port.send(&message).unwrap();
+            enabled = enabled || self.ask(Operation::Enable, lease).1 == 0;
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+fn disarmed(state: &StateMessage) -> bool {
+    state.groups[0].phase == Phase::Disarmed.code()
+}
+
+/// Goal: a person who reads the log of a session knows what happened, who did it and why, and sees nothing else.
+/// Method: start, enable, a controller that falls silent, reset, emergency stop, a motor unplugged, stop.
+#[test]
+fn the_journal_of_a_session_has_a_line_for_each_event_with_who_and_why() {
+    let session = Session::start(true);
+    let instance = session.instance();
+    let mut controller = Asker::of(&instance);
+    controller.activate();
+    // It says nothing any more, as if it were killed.
+    controller.until(disarmed);
+    let mut operator = controller;
+    assert_eq!(operator.ask(Operation::Reset, 0).1, 0);
+    operator.activate();
+    assert_eq!(operator.ask(Operation::EmergencyStop, 0).1, 0);
+    operator.until(disarmed);
+    assert_ne!(operator.ask(Operation::Enable, 0).1, 0);
+    inject(&instance, "elbow off").unwrap();
+    operator.until(|state| state.joints[0].mode == MotorMode::Offline.code());
+    // The log follows the events by its own turn.
+    std::thread::sleep(Duration::from_millis(200));
+    let lines = session.end();
+    let log = lines.join("\n");
+    // Of the real time that this machine refuses it says one line each.
+    let refused = |line: &&String| line.contains("Without it");
+    let events: Vec<&String> = lines.iter().filter(|line| !refused(line)).collect();
+    assert!(events.len() <= 25, "{log}");
+    let errors: Vec<&&String> = events.iter().filter(|line| line.starts_with("<3>")).collect();
+    assert_eq!(errors.len(), 2, "{log}");
+    assert!(
+        errors[0].contains("cause=\"setpoint-timeout\"") && errors[1].contains("cause=\"emergency-stop\"")
+    );
+    let process = format!("pid={}", std::process::id());
+    for (level, words) in [
+        ("<6>", ["ready", "motors=1"]),
+        ("<6>", ["claimed", &process]),
+        ("<6>", ["enabled", &process]),
+        ("<3>", ["setpoint-timeout", &process]),
+        ("<3>", ["emergency-stop", &process]),
+        ("<6>", ["reset", &process]),
+        ("<6>", ["refused: The emergency stop is latched", &process]),
+        ("<6>", ["simulated fault", &process]),
+        ("<4>", ["does not answer any more", "elbow"]),
+        ("<6>", ["damping and stopping", "SIGTERM"]),
+        ("<6>", ["the motors are stopped", ""]),
+    ] {
+        let found =
+            events.iter().any(|line| line.starts_with(level) && words.iter().all(|word| line.contains(word)));
+        assert!(found, "{level} {words:?} in\n{log}");
+    }
+    let has_priority = |line: &&&String| line.starts_with('<') && line.as_bytes()[2] == b'>';
+    assert!(events.iter().all(|line| has_priority(&line)), "{log}");
+    for (index, line) in events.iter().enumerate() {
+        assert!(!events[..index].contains(line), "twice: {line}");
+    }
+}
+
+#[test]
+fn a_terminal_and_a_file_get_the_time_and_the_level() {
+    let session = Session::start(false);
+    let _running = Asker::of(&session.instance());
+    let lines = session.end();
+    assert!(lines.iter().all(|line| line.starts_with("20") && line.contains('Z')), "{lines:?}");
+    assert!(lines.iter().any(|line| line.contains(" INFO ready ")), "{lines:?}");
+}
+
+#[test]
+fn a_configuration_that_is_refused_is_an_error_in_the_journal() {
+    let place = TempDir::new().unwrap();
+    let (mut reader, writer) = std::io::pipe().unwrap();
+    let stream = nix::sys::stat::fstat(writer.as_fd()).unwrap();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
+    command.arg("run").arg("--config").arg(Path::new("missing.toml")).stderr(writer);
+    command.env("JOURNAL_STREAM", format!("{}:{}", stream.st_dev, stream.st_ino));
+    assert_eq!(command.current_dir(place.path()).status().unwrap().code(), Some(78));
+    drop(command);
+    let mut text = String::new();
+    reader.read_to_string(&mut text).unwrap();
+    assert!(!text.is_empty() && text.lines().all(|line| line.starts_with("<3>")), "{text}");
+}
