@@ -1,6 +1,7 @@
 //! Why the daemon does not run, or why it ended by itself.
 
 use crate::buses::BusError;
+use crate::host::descriptors::TooFewDescriptors;
 use motord_bus::LockError;
 use motord_configuration::ConfigError;
 use motord_shared::instance::InstanceError;
@@ -35,6 +36,9 @@ pub enum RunError {
         /// An instruction for the operator.
         remedy: &'static str,
     },
+    /// Clients could not be served.
+    #[error("{0}")]
+    Descriptors(#[from] TooFewDescriptors),
     /// A thread could not be started, or signals not be waited for.
     #[error("the system refused a thread or a signal: {0}")]
     System(#[from] io::Error),
@@ -56,7 +60,7 @@ impl RunError {
             | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => 75,
             Self::Instance(_) => 77,
             Self::Bus(_) | Self::Service(_) | Self::Unstopped(_) => 69,
-            Self::System(_) => 71,
+            Self::Descriptors(_) | Self::System(_) => 71,
             Self::Thread(_) => 70,
         }
     }

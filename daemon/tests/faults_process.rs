@@ -5,6 +5,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, STOP_PLACES};
 use motord_shared::message::AdminReply;
 use motord_shared::{
     AdminRequest, Cause, ClientPorts, Instance, JointSetpoint, Operation, Phase, SetpointMessage,
@@ -446,10 +447,34 @@ fn full_pipe() -> (OwnedFd, OwnedFd) {
 
 #[test]
 fn too_few_descriptors_are_an_error_before_anything_moves() {
-    let limits = [6, 8, 10, 12, 16, 20, 24, 32, 64];
-    let outcomes = limits.map(|limit| {
+    for limit in [6, 8, 10, 12, 16, 20, 24, 32, 64, 256] {
         let script = format!(r#"ulimit -n {limit}; exec "$@""#);
-        Daemon::start(&script, CONFIG, Stdio::piped()).must_refuse_or_run()
-    });
-    assert!(outcomes[0].is_some() && outcomes[8].is_none(), "{outcomes:?}");
+        let mut daemon = Daemon::start(&script, CONFIG, Stdio::piped());
+        assert!(!daemon.says(READY, PATIENCE), "{limit} do not serve every client");
+        let status = daemon.ends();
+        let code = status.code().filter(|code| (64..=78).contains(code));
+        assert!(code.is_some(), "{limit}: {status}: {}", daemon.log());
+        assert!(limit < 16 || daemon.log().contains("LimitNOFILE="), "{limit}");
+    }
+}
+
+/// Goal: a daemon that is ready serves as many clients as there are places, whatever the soft limit is.
+#[test]
+fn a_daemon_that_is_ready_has_descriptors_for_every_client() {
+    let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());
+    daemon.must_say(READY);
+    let mut operators = Vec::new();
+    for _ in 0..ADMINS_MAX - STOP_PLACES {
+        let mut operator = Operator::of(&daemon);
+        operator.refresh();
+        operator.ports.sleep_until_cycle(Duration::from_millis(1)).unwrap();
+        let port = (operators.len() < CONTROLLERS_MAX).then(|| operator.ports.setpoint_port().unwrap());
+        assert_eq!(operator.ask(Operation::Reset).refusal, 0);
+        operators.push((operator, port));
+    }
+    let open = fs::read_dir(format!("/proc/{}/fd", daemon.pid())).unwrap().count();
+    println!("{open} descriptors with {} clients", operators.len());
+    assert!(open < 400, "{open}");
+    drop(operators);
+    daemon.must_live_and_end();
 }

@@ -2,6 +2,7 @@
 
 use crate::arming;
 use crate::buses::{self, Buses};
+use crate::host::descriptors;
 use crate::host::process::program;
 use crate::host::rt;
 use crate::host::systemd;
@@ -26,6 +27,7 @@ const SIGNAL_TURN: Duration = Duration::from_millis(20);
 pub fn run(path: &Path) -> Result<(), RunError> {
     let config::Loaded { mut settings, warnings, hash } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    descriptors::raise_descriptors()?;
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let Buses { buses, locks, injectors } = buses::open(&settings, lock.instance().runtime())?;
     #[cfg(feature = "panic-on-request")]
