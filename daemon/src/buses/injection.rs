@@ -121,7 +121,7 @@ impl Injectors {
         Some((buses, Self { settings: settings.clone(), injectors }))
     }
 
-    /// Gives the fault that `line` asks for to its motor or bus. Waits for the cycle, [`PATIENCE`] at most.
+    /// Gives the fault that `line` asks for to its motor or bus. Waits for the cycle, at most 1 s.
     ///
     /// # Errors
     ///
