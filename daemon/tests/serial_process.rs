@@ -131,7 +131,7 @@ fn the_shipped_arm_runs_on_a_line() {
     let shipped = include_str!("../../config/arm-native.toml");
     assert!(shipped.contains("device = \"/dev/ttyUSB0\""));
     let arm = Arm::of(|device| vec![("one", shipped.replace("/dev/ttyUSB0", device))]);
-    let mut daemon = arm.motord("run", "one").spawn().unwrap();
+    let mut daemon = arm.motord("run", "one").env("MOTORD_LOG", "debug").spawn().unwrap();
     let log = BufReader::new(daemon.stderr.take().unwrap()).lines().map_while(Result::ok);
     let pid = Pid::from_raw(daemon.id().cast_signed());
     let (answered, waits) = channel::<()>();
