@@ -412,7 +412,7 @@ impl Checker {
         assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
         if now.fresh {
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
-            let said = replies.iter().any(|reply| reported::says(reply, settings, now, velocities));
+            let said = replies.iter().any(|reply| reported::says(reply, settings, before, now, velocities));
             assert!(said, "I6: no reply said {now:?}");
         } else if cycle.state.cycle > cycle.before.cycle {
             assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");

@@ -44,8 +44,14 @@ fn is_from(reply: &Reply, motor: &Motor) -> bool {
 }
 
 /// The reply is the motor's, came when `joint` says, and tells its position and velocity; the velocity of a native motor may
-/// have come before.
-pub(super) fn says(reply: &Reply, motor: &Motor, joint: &Joint, velocities: &Velocities) -> bool {
+/// have come before: it is that of the state `before`, or one of `velocities`.
+pub(super) fn says(
+    reply: &Reply,
+    motor: &Motor,
+    before: &Joint,
+    joint: &Joint,
+    velocities: &Velocities,
+) -> bool {
     if !is_from(reply, motor) || reply.at.as_nanos() != joint.receive_ns {
         return false;
     }
@@ -59,7 +65,10 @@ pub(super) fn says(reply: &Reply, motor: &Motor, joint: &Joint, velocities: &Vel
         Protocol::Mit { ranges, reply } => reply.read(payload, motor.id as u8, ranges).is_some_and(is),
         Protocol::Native => match Reported::of(payload) {
             Some(Reported::State(state)) => is(state),
-            Some(Reported::Angle(angle)) => velocities.has(velocity) && is([angle, velocity]),
+            Some(Reported::Angle(angle)) => {
+                let is_kept = joint.velocity.to_bits() == before.velocity.to_bits();
+                (is_kept || velocities.has(velocity)) && is([angle, velocity])
+            }
             Some(Reported::Speed(_)) | None => false,
         },
     }
