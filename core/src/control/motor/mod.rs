@@ -233,8 +233,11 @@ impl Motor {
     }
 
     /// A silent motor may be one in fault that answers nothing but a question for its fault (GIM document 3.2.16): every
-    /// so often that question takes the place of the command.
+    /// so often that question takes the place of the command. Never twice in a row: a motor that moves needs its commands.
     const fn doubts(&mut self) -> bool {
+        if self.replies.asked_fault {
+            return false;
+        }
         let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
         let refused = core::mem::replace(&mut self.refused, false);
         let doubts = (refused || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();

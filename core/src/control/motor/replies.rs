@@ -25,6 +25,8 @@ pub(super) struct Replies {
     asked: bool,
     /// The command of this turn was a stop.
     pub(super) asked_stop: bool,
+    /// The command of this turn was a question for the faults.
+    pub(super) asked_fault: bool,
     /// Whether it reported its state since the command.
     state: Answer,
     /// Turns in a row without any answer.
@@ -47,6 +49,7 @@ impl Replies {
     pub(super) const fn asked(&mut self, command: &Command) {
         self.asked = command.is_answered_by_state();
         self.asked_stop = matches!(command, Command::Stop);
+        self.asked_fault = matches!(command, Command::GetFault);
         self.state = Answer::Awaited;
     }
 
