@@ -470,16 +470,17 @@ fn i5_and_i6_native_commands_in_one_cycle_and_states_that_nobody_told() {
     next("I6", |next| next.reply[4] = 0x81);
     next("I6", |next| next.reply[5] = 0x85);
     next("I6", |next| next.reply[0] = 0x92);
-    // The angle of the shaft, and a velocity that was never told.
+    // The angle of the shaft, and a velocity that was never reported and is not that of the state before.
     let angle = [0xB4, 0x13, 0, 0, 0, 0, 0, 0];
     let mut robot = Script::active_native();
     let mut fine = robot.following(TORQUE);
     (fine.reply, fine.state.joints[0].position) = (angle.to_vec(), 0.0);
     robot.judge(fine);
     refuses("I6", || {
-        let mut robot = Script::native();
-        let mut next = robot.next(Phase::Disarmed, Mode::Idle, ANGLE);
+        let mut robot = Script::active_native();
+        let mut next = robot.following(TORQUE);
         (next.reply, next.state.joints[0].position) = (angle.to_vec(), 0.0);
+        next.state.joints[0].velocity += 0.5;
         robot.judge(next);
     });
 }
