@@ -49,17 +49,24 @@ pub(super) struct Motor {
     /// A request of an operator that is under way.
     pub(super) request: Option<ServiceRequest>,
     heat: Heat,
-    fault: Faults,
-    /// When it should be asked for its faults next.
-    poll_at: Instant,
-    /// It refused a command: it is asked for its fault in the next cycle.
-    refused: bool,
+    faults: FaultWatch,
     /// It was started, and has not confirmed a stop since.
     may_run: bool,
     /// Its states in a row that said "off" while it should follow setpoints.
     off_states: u32,
     replies: Replies,
     plausibility: Plausibility,
+}
+
+/// The faults of a motor, and when it is asked for them.
+#[derive(Debug, Clone, Copy, Default)]
+struct FaultWatch {
+    /// The faults that it reported last.
+    reported: Faults,
+    /// When it should be asked next.
+    poll_at: Instant,
+    /// It refused a command: it is asked in the next cycle.
+    refused: bool,
 }
 
 impl Motor {
@@ -74,9 +81,7 @@ impl Motor {
             applied: Applied::NEUTRAL,
             request: None,
             heat: Heat::of(settings),
-            fault: Faults::NONE,
-            poll_at: Instant::ZERO,
-            refused: false,
+            faults: FaultWatch::default(),
             may_run: false,
             off_states: 0,
             replies: Replies::default(),
@@ -138,7 +143,7 @@ impl Motor {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
             self.measured = None;
-            self.fault = Faults::NONE;
+            self.faults.reported = Faults::NONE;
             self.applied = Applied::NEUTRAL;
             self.replies.silent = 0;
             self.changed(cx);
@@ -239,7 +244,7 @@ impl Motor {
             return false;
         }
         let silent = self.replies.silent > 0 && self.replies.silent.is_multiple_of(SILENT_TURNS);
-        let refused = core::mem::replace(&mut self.refused, false);
+        let refused = core::mem::replace(&mut self.faults.refused, false);
         let doubts = (refused || silent && !matches!(self.mode, Mode::Offline(_))) && !self.is_excluded();
         doubts && self.settings.capabilities.answers_fault_question
     }
@@ -302,7 +307,7 @@ impl Motor {
         self.replies.state(latency);
         match &mut self.mode {
             Mode::Offline(_) => {
-                self.mode = if self.fault.is_none() { Mode::Idle } else { Mode::FAULT };
+                self.mode = if self.faults.reported.is_none() { Mode::Idle } else { Mode::FAULT };
                 self.changed(cx);
             }
             Mode::Starting(start) => start.answered(runs != Some(false)),
@@ -336,7 +341,7 @@ impl Motor {
     /// It refuses the command.
     pub(super) const fn report_refusal(&mut self) {
         self.replies.alive();
-        self.refused = true;
+        self.faults.refused = true;
     }
 
     /// It answered too late.
@@ -351,10 +356,10 @@ impl Motor {
 
     /// Its fault bits came.
     pub(super) fn report_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
-        self.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
+        self.faults.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
         let was_in_fault = matches!(self.mode, Mode::Fault { .. });
-        if fault != self.fault && !(fault.is_none() && was_in_fault) {
-            self.fault = fault;
+        if fault != self.faults.reported && !(fault.is_none() && was_in_fault) {
+            self.faults.reported = fault;
             cx.push(Event::Fault { motor: self.joint, bits: fault.0 });
         }
         if fault.is_none() {
@@ -396,7 +401,7 @@ impl Motor {
 
     fn confirm_cleared(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| request.awaits(Kind::ClearFault)) {
-            self.fault = Faults::NONE;
+            self.faults.reported = Faults::NONE;
             if matches!(self.mode, Mode::Fault { .. }) {
                 self.mode = Mode::Idle;
             }
@@ -428,7 +433,7 @@ impl Motor {
     /// nothing that it answered late can be mistaken for the answer.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
         let answers = self.settings.capabilities.answers_fault_question;
-        (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.poll_at)
+        (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.faults.poll_at)
     }
 
     pub(super) fn report(&self) -> JointState {
@@ -444,7 +449,7 @@ impl Motor {
             applied: message::Applied { position, velocity, kp, kd, torque },
             limits: self.applied.limits,
             mode: self.mode().code(),
-            fault: self.fault.0,
+            fault: self.faults.reported.0,
             flags: fresh | valid,
             age_cycles: self.replies.age_cycles,
             missed: self.replies.missed,
