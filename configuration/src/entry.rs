@@ -27,6 +27,8 @@ pub(super) struct Entry<T> {
     pub(super) value: T,
     /// Where the value is; where its table is, when it is not written.
     pub(super) at: At,
+    /// The unit of the value, where it has one.
+    pub(super) unit: &'static str,
     /// The key is in the file, with a good value or a bad one.
     pub(super) is_written: bool,
 }

@@ -29,6 +29,7 @@ pub use machine::Machine;
 pub use problem::{Place, Problem, Wrong};
 pub use reference::reference;
 pub use similar::suggestion;
+pub use validate::origin::{Limit, Origin};
 
 use document::Document;
 use findings::Findings;
@@ -43,6 +44,8 @@ const FILE_BYTES_MAX: u64 = 1024 * 1024;
 pub struct Loaded {
     /// Its settings.
     pub settings: Settings,
+    /// The effective limits of each motor and where they come from, in the order of `settings.motors`.
+    pub limits: Vec<Vec<Limit>>,
     /// Problems that do not prevent a run.
     pub warnings: Vec<Problem>,
     /// FNV-1a of the file's bytes, to notice later that the file is no longer the one that runs.
@@ -54,6 +57,16 @@ pub struct Loaded {
 pub struct ConfigError {
     /// The problems, each with its place in the file.
     pub problems: Vec<Problem>,
+    /// The settings, where every bus, motor and group could be built: a value that is refused has its default here. They show
+    /// how full the buses would be, and must not be run.
+    pub refused: Option<Box<Settings>>,
+}
+
+impl ConfigError {
+    /// A problem that leaves nothing else to judge.
+    fn of(problem: Problem) -> Self {
+        Self { problems: vec![problem], refused: None }
+    }
 }
 
 impl fmt::Display for ConfigError {
@@ -78,8 +91,8 @@ impl std::error::Error for ConfigError {}
 ///
 /// Every problem found, with file, line and key.
 pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
-    let bytes = read(path)
-        .map_err(|wrong| ConfigError { problems: vec![Problem { file: path.into(), place: None, wrong }] })?;
+    let bytes =
+        read(path).map_err(|wrong| ConfigError::of(Problem { file: path.into(), place: None, wrong }))?;
     parse(path, &bytes, &Machine::here())
 }
 
@@ -112,7 +125,7 @@ pub fn has_changed(path: &Path, hash: u64) -> bool {
 pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, ConfigError> {
     let refuse = |offset, wrong| {
         let place = Place { line: findings::line(bytes, offset), key: None };
-        ConfigError { problems: vec![Problem { file: file.into(), place: Some(place), wrong }] }
+        ConfigError::of(Problem { file: file.into(), place: Some(place), wrong })
     };
     let text = std::str::from_utf8(bytes).map_err(|error| refuse(error.valid_up_to(), Wrong::NotUtf8))?;
     let root = DeTable::parse(text).map_err(|error| {
@@ -124,8 +137,11 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
     let settings = validate::settings(&document, &mut findings);
     let (errors, warnings) = findings.into_problems();
     match settings {
-        Some(settings) if errors.is_empty() => Ok(Loaded { settings, warnings, hash: fnv1a(bytes) }),
-        _ => Err(ConfigError { problems: errors }),
+        Some(settings) if errors.is_empty() => {
+            let limits = validate::origin::limits(&document, &settings, text);
+            Ok(Loaded { settings, limits, warnings, hash: fnv1a(bytes) })
+        }
+        refused => Err(ConfigError { problems: errors, refused: refused.map(Box::new) }),
     }
 }
 

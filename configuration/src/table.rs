@@ -60,7 +60,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
             if let Some(hint) = rule.required {
                 self.findings.error(at, Wrong::Missing(hint));
             }
-            return Entry { value: rule.default, at, is_written: false };
+            return Entry { value: rule.default, at, unit, is_written: false };
         };
         let at = At { offset: written.span().start, ..at };
         let value = match rule.read(written, unit) {
@@ -73,7 +73,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
                 rule.default
             }
         };
-        Entry { value, at, is_written: true }
+        Entry { value, at, unit, is_written: true }
     }
 
     /// Every key of this table.

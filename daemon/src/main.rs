@@ -1,6 +1,7 @@
 //! `motord`: the daemon's command line.
 
 use clap::{CommandFactory, Parser, Subcommand};
+use motord::commands::check::{Wanted, check};
 use motord::commands::init::{InitError, Options};
 use motord::commands::safe_stop::{SafeStopError, safe_stop};
 use motord::deadman::interfaces::open_interface;
@@ -50,10 +51,16 @@ enum Command {
         config: PathBuf,
     },
     /// Judge a configuration and show the plan of its buses, without opening any.
+    #[command(
+        after_help = "Examples:\n  motord check --config robot.toml\n  motord check --config robot.toml --joints\n  motord check --config robot.toml --joints --json\n\nExit status: 0 may run, 78 the configuration is refused."
+    )]
     Check {
         /// The configuration.
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
         config: PathBuf,
+        /// Show the effective limits of each joint, and where each comes from: a line of the file, the model, a default.
+        #[arg(long)]
+        joints: bool,
         /// Print one JSON object.
         #[arg(long)]
         json: bool,
@@ -90,8 +97,8 @@ fn main() -> ExitCode {
     };
     let log = arguments.log;
     match arguments.command {
-        Command::Check { config, json } => {
-            let status = motord::commands::check::check(&config, json, &mut std::io::stdout().lock());
+        Command::Check { config, joints, json } => {
+            let status = check(&config, Wanted { json, joints }, &mut std::io::stdout().lock());
             ExitCode::from(status.unwrap_or(EXIT_IO))
         }
         Command::Init(init) => ended(init.run(), InitError::exit_status, &mut std::io::stderr()),

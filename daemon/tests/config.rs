@@ -5,7 +5,7 @@ use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use motord::commands::check::{EXIT_CONFIG, check};
+use motord::commands::check::{EXIT_CONFIG, Wanted, check};
 use motord_configuration::{ConfigError, Loaded, Machine, load, parse, reference};
 use motord_core::settings::{BusKind, IpcMode, SafeStop};
 use proptest::prelude::*;
@@ -436,12 +436,45 @@ fn check_prints_the_contracted_object_and_exits_78_for_every_bad_configuration()
     for (line, instead, ..) in REFUSED {
         let file = write(&folder, &damaged(line, instead));
         let mut out = Vec::new();
-        assert_eq!(check(&file, true, &mut out).unwrap(), EXIT_CONFIG, "{instead}");
+        assert_eq!(check(&file, JSON, &mut out).unwrap(), EXIT_CONFIG, "{instead}");
         let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
         let first = report["errors"][0].as_str().unwrap();
         assert!(first.starts_with(&format!("{}:", file.display())), "{first}");
-        assert_eq!((&report["warnings"], &report["buses"]), (&serde_json::json!([]), &serde_json::json!([])));
+        assert_eq!(report["warnings"], serde_json::json!([]));
+        assert!(report["buses"].is_array() && report["joints"].is_null(), "{report}");
     }
+}
+
+/// Goal: who has put too much on a bus sees how much, and what would fit, in JSON and as text.
+/// Method: a fourth motor on a bus of the shipped robot; a line whose turns overlap; a file of which no bus can be built.
+#[test]
+fn the_plan_of_a_refused_bus_is_shown() {
+    let folder = TempDir::new().unwrap();
+    let quadruped = fs::read_to_string(shipped("quadruped-simulated.toml")).unwrap();
+    let five = quadruped.replacen("rate-hz = 1000", "rate-hz = 1500", 1);
+    let line = with_serial().replacen("every = 2", "every = 1", 1);
+    for (text, bus, advice) in [
+        (five, "front-left", "TOO FULL: lower the rate or move a motor"),
+        (line, "gripper", "TOO FULL: it needs every = 2"),
+    ] {
+        let file = write(&folder, &text);
+        let (mut json, mut said) = (Vec::new(), Vec::new());
+        assert_eq!(check(&file, JSON, &mut json).unwrap(), EXIT_CONFIG);
+        assert_eq!(check(&file, TEXT, &mut said).unwrap(), EXIT_CONFIG);
+        let report: serde_json::Value = serde_json::from_slice(&json).unwrap();
+        let buses = report["buses"].as_array().unwrap();
+        let planned = buses.iter().find(|planned| planned["name"] == bus).unwrap();
+        let overlaps = planned["line"]["every_least"].as_f64() > planned["every"].as_f64();
+        assert!(planned["worst_case_utilisation"].as_f64() > Some(1.0) || overlaps, "{planned}");
+        let said = String::from_utf8(said).unwrap();
+        assert!(said.lines().any(|line| line.starts_with(bus) && line.contains(advice)), "{said}");
+        assert!(said.lines().last().unwrap().contains("is refused, errors: "), "{said}");
+    }
+    let unknown = write(&folder, &damaged("model = 'GIM3505-8'", "model = 'GIM3505-9'"));
+    let mut json = Vec::new();
+    assert_eq!(check(&unknown, JSON, &mut json).unwrap(), EXIT_CONFIG);
+    let report: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    assert_eq!(report["buses"], serde_json::json!([]));
 }
 
 /// Goal: one run tells every mistake, of whatever kind, in the order of the file.
@@ -798,14 +831,14 @@ fn every_shipped_configuration_passes_check() {
     }
     for name in names {
         let mut out = Vec::new();
-        assert_eq!(check(&shipped(&name), true, &mut out).unwrap(), 0, "{}", String::from_utf8_lossy(&out));
+        assert_eq!(check(&shipped(&name), JSON, &mut out).unwrap(), 0, "{}", String::from_utf8_lossy(&out));
     }
 }
 
 #[test]
 fn the_plan_of_the_simulated_quadruped_is_three_quarters_of_each_bus() {
     let mut out = Vec::new();
-    assert_eq!(check(&shipped("quadruped-simulated.toml"), true, &mut out).unwrap(), 0);
+    assert_eq!(check(&shipped("quadruped-simulated.toml"), JSON, &mut out).unwrap(), 0);
     let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
     let bus = |name| {
         serde_json::json!({
@@ -820,14 +853,110 @@ fn the_plan_of_the_simulated_quadruped_is_three_quarters_of_each_bus() {
 #[test]
 fn check_says_the_same_to_people() {
     let mut out = Vec::new();
-    assert_eq!(check(&shipped("quadruped-simulated.toml"), false, &mut out).unwrap(), 0);
+    assert_eq!(check(&shipped("quadruped-simulated.toml"), TEXT, &mut out).unwrap(), 0);
     let text = String::from_utf8(out).unwrap();
     let row = text.lines().find(|line| line.starts_with("rear-left")).unwrap();
     assert_eq!(
         row.split_whitespace().collect::<Vec<_>>().join(" "),
         "rear-left 3 75.0 % 61.8 % 100.0 % fits"
     );
+    for column in ["worst case", "unstuffed", "fault poll"] {
+        let explained = text.lines().filter(|line| line.starts_with(column)).count();
+        assert_eq!(explained, 1, "{column} is explained once:\n{text}");
+    }
+    assert!(text.lines().last().unwrap().ends_with("quadruped-simulated.toml may run"), "{text}");
 }
+
+/// A motor whose limits come from everywhere.
+const ORIGINS: &str = "[[bus]]
+name = 'desk'
+type = 'simulated'
+[[motor]]
+name = 'hip'
+bus = 'desk'
+id = 1
+protocol = 'mit'
+model = 'GIM8108-8'
+[[motor]]
+name = 'knee'
+bus = 'desk'
+id = 2
+protocol = 'mit'
+model = 'GIM8108-8'
+offset-rad = 0.5
+max-velocity-rad-s = 9.0
+rated-torque-nm = 3.0
+[motor.limits]
+position-rad = [-1.0, 2.0]
+kp-max = 60.0
+temperature-max-celsius = 75.0
+[[motor]]
+name = 'wheel'
+bus = 'desk'
+id = 3
+protocol = 'mit'
+model = 'GIM8108-8'
+peak-torque-nm = 2.0
+[[motor]]
+name = 'claw'
+bus = 'desk'
+id = 4
+protocol = 'mit'
+model = 'GIM8108-8'
+torque-constant-nm-per-a = 0.001
+";
+
+/// Goal: an operator learns which line to change for another limit, or that no line gives it.
+/// Method: the limits of four motors, as text and as JSON, against what their file says.
+#[test]
+fn every_effective_limit_says_where_it_comes_from() {
+    let folder = TempDir::new().unwrap();
+    let file = write(&folder, ORIGINS);
+    let (mut json, mut said) = (Vec::new(), Vec::new());
+    assert_eq!(check(&file, Wanted { joints: true, ..JSON }, &mut json).unwrap(), 0);
+    assert_eq!(check(&file, Wanted { joints: true, ..TEXT }, &mut said).unwrap(), 0);
+    let report: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let said = String::from_utf8(said).unwrap();
+    let line = |key: &str| 1 + ORIGINS.lines().position(|line| line.starts_with(key)).unwrap();
+    let limit = |joint: usize, key: &str| {
+        let limits = report["joints"][joint]["limits"].as_array().unwrap();
+        limits.iter().find(|limit| limit["key"] == key).unwrap().clone()
+    };
+    for (joint, key, from) in [
+        (0, "position-rad", "default".to_owned()),
+        (0, "torque-nm", "rated torque of the model".to_owned()),
+        (0, "kp-max", "default".to_owned()),
+        (0, "torque-slew-nm-per-s", "50 · torque-nm".to_owned()),
+        (0, "temperature-derate-celsius", "default".to_owned()),
+        (0, "following-error-rad", "default".to_owned()),
+        (1, "position-rad", format!("line {}", line("position-rad"))),
+        (1, "velocity-rad-s", format!("max-velocity-rad-s in line {}", line("max-velocity"))),
+        (1, "torque-nm", format!("rated-torque-nm in line {}", line("rated-torque"))),
+        (1, "rated-torque-nm", format!("line {}", line("rated-torque"))),
+        (1, "kp-max", format!("line {}", line("kp-max"))),
+        (1, "temperature-derate-celsius", "10 below temperature-max-celsius".to_owned()),
+        (2, "rated-torque-nm", format!("peak-torque-nm in line {}", line("peak-torque"))),
+        (2, "torque-nm", format!("peak-torque-nm in line {}", line("peak-torque"))),
+        (3, "torque-nm", "end of the protocol's scale".to_owned()),
+    ] {
+        assert_eq!(limit(joint, key)["from"], from.as_str(), "{key} of {joint}: {}", limit(joint, key));
+        let row = |line: &&str| line.trim_start().starts_with(key) && line.ends_with(&from);
+        assert!(said.lines().any(|line| row(&line)), "{key}: {from} in\n{said}");
+    }
+    let settings = load(&file).expect("is good").settings;
+    for (joint, motor) in settings.motors.iter().enumerate() {
+        let number = |key: &str| limit(joint, key)["max"].as_f64().map(|max| max as f32);
+        assert_eq!(number("torque-nm"), Some(motor.limits.torque));
+        assert_eq!(number("velocity-rad-s"), Some(motor.limits.velocity));
+        assert_eq!(number("position-rad"), Some(motor.limits.position[1]));
+        assert_eq!(number("following-error-rad"), motor.limits.following_error);
+    }
+    assert!(said.contains("following-error-rad         not watched"), "{said}");
+}
+
+/// The report as JSON, and as text.
+const JSON: Wanted = Wanted { json: true, joints: false };
+const TEXT: Wanted = Wanted { json: false, joints: false };
 
 /// With `MOTORD_WRITE_DOCS` set, writes the tables of the reference instead.
 #[test]

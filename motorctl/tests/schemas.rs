@@ -246,11 +246,17 @@ fn check_prints_what_its_schema_says_of_a_sound_and_of_a_refused_configuration()
     let directory = TempDir::new().unwrap();
     let serial = CONFIG
         .replace("[[bus]]", "[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '/dev/ttyUSB0'\n[[bus]]");
-    for (config, is_sound) in [(serial.as_str(), true), (CONFIG, true), ("rate = 1", false)] {
+    let too_fast = CONFIG.replace("rate-hz = 100", "rate-hz = 4000");
+    for (config, is_sound) in
+        [(serial.as_str(), true), (CONFIG, true), (&too_fast, false), ("rate = 1", false)]
+    {
         let path = directory.path().join("motord.toml");
         std::fs::write(&path, config).unwrap();
-        let output = program("motord").args(["check", "--json", "--config"]).arg(&path).output().unwrap();
+        let mut command = program("motord");
+        let output = command.args(["check", "--json", "--joints", "--config"]).arg(&path).output().unwrap();
         let printed = assert_valid("motord-check", &String::from_utf8(output.stdout).unwrap());
         assert_eq!(printed["errors"].as_array().unwrap().is_empty(), is_sound, "{printed}");
+        assert_eq!(printed["joints"].is_array(), is_sound, "{printed}");
+        assert_eq!(printed["buses"].as_array().unwrap().is_empty(), config == "rate = 1", "{printed}");
     }
 }

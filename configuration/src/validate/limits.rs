@@ -19,12 +19,12 @@ const UNWRAPPED_POSITION: f64 = 1000.0;
 /// Largest default position, rad at the motor: its behaviour at the end of the scale is not known.
 const CAUTIOUS_POSITION: f64 = 12.0;
 /// Largest default velocity, rad/s.
-const CAUTIOUS_VELOCITY: f64 = 60.0;
+pub(super) const CAUTIOUS_VELOCITY: f64 = 60.0;
 /// Default slews: the full torque within 20 ms, the full gains within 50 ms.
 const TORQUE_SLEW_PER_S: f64 = 50.0;
 const GAIN_SLEW_PER_S: f64 = 20.0;
 /// Default derating begins at this temperature, °C, and at least so far below the maximum.
-const DERATE_CELSIUS: f64 = 70.0;
+pub(super) const DERATE_CELSIUS: f64 = 70.0;
 const DERATING_CELSIUS: f64 = 10.0;
 
 /// The facts of a motor that bound its limits, output side. Infinite where the model is not known.

@@ -7,6 +7,7 @@ mod bus;
 mod group;
 mod limits;
 mod motor;
+pub(super) mod origin;
 
 use motord_bus::Duration;
 use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};

@@ -25,7 +25,7 @@ const SIGNAL_TURN: Duration = Duration::from_millis(20);
 ///
 /// Why it could not start, or why it ended by itself.
 pub fn run(path: &Path) -> Result<(), RunError> {
-    let config::Loaded { mut settings, warnings, hash } = config::load(path)?;
+    let config::Loaded { mut settings, warnings, hash, .. } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     descriptors::raise_descriptors()?;
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);

@@ -1,5 +1,7 @@
 //! `motord check`: judges a configuration and prints the plan of its buses, without opening any.
 
+mod joints;
+
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -12,22 +14,42 @@ use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_terminal::printable;
 
+use joints::JointReport;
+
 /// Exit status of a configuration that is refused, `EX_CONFIG` of `sysexits.h`.
 pub const EXIT_CONFIG: u8 = 78;
 
 /// 8N1: a start bit, eight data bits, a stop bit.
 const SERIAL_BYTE_BITS: u32 = 10;
 
+/// The columns of the plan, in words.
+const LEGEND: &str = "
+worst case  part of a cycle that commands and replies take with all stuff bits;
+            above 80 % is tight, above 100 % is refused
+unstuffed   the same without stuff bits: the least that it takes
+fault poll  worst case of a cycle that also asks a motor for its faults;
+            above 100 % some of these questions wait
+";
+
+/// The parts of a check that are printed on request.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted {
+    /// One JSON object instead of text.
+    pub json: bool,
+    /// The effective limits of each joint.
+    pub joints: bool,
+}
+
 /// Judges the file at `path`, prints the verdict to `out`, as JSON or for people, and returns the exit status.
 ///
 /// # Errors
 ///
 /// Those of `out`.
-pub fn check(path: &Path, json: bool, out: &mut impl Write) -> io::Result<u8> {
+pub fn check(path: &Path, wanted: Wanted, out: &mut impl Write) -> io::Result<u8> {
     let judged = config::load(path);
-    match json {
-        true => writeln!(out, "{}", serde_json::to_string(&Report::of(&judged))?)?,
-        false => print_for_people(path, &judged, out)?,
+    match wanted.json {
+        true => writeln!(out, "{}", serde_json::to_string(&Report::of(&judged, wanted.joints))?)?,
+        false => print_for_people(path, &judged, wanted.joints, out)?,
     }
     out.flush()?;
     Ok(if judged.is_ok() { 0 } else { EXIT_CONFIG })
@@ -39,6 +61,8 @@ struct Report<'a> {
     errors: Vec<String>,
     warnings: Vec<String>,
     buses: Vec<BusReport<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    joints: Option<Vec<JointReport<'a>>>,
 }
 
 /// One bus. Utilisations are fractions of its fullest cycle, those of a serial line of the time for one turn of each motor.
@@ -68,6 +92,8 @@ struct LineReport {
     turnaround_us: f64,
     /// Turns until each motor has had one, with that of the questions.
     turns: usize,
+    /// The least `every` with which the turns do not overlap.
+    every_least: u32,
 }
 
 impl LineReport {
@@ -79,18 +105,27 @@ impl LineReport {
             wire_us: micros(plan.transaction_least),
             turnaround_us: micros(turnaround),
             turns: settings.turns(bus),
+            every_least: plan.every_least,
         })
     }
 }
 
 impl<'a> Report<'a> {
-    fn of(judged: &'a Result<Loaded, ConfigError>) -> Self {
+    fn of(judged: &'a Result<Loaded, ConfigError>, joints: bool) -> Self {
         let lines = |problems: &[config::Problem]| problems.iter().map(ToString::to_string).collect();
         match judged {
-            Ok(Loaded { settings, warnings, .. }) => {
-                Self { errors: Vec::new(), warnings: lines(warnings), buses: bus_reports(settings) }
-            }
-            Err(error) => Self { errors: lines(&error.problems), warnings: Vec::new(), buses: Vec::new() },
+            Ok(loaded) => Self {
+                errors: Vec::new(),
+                warnings: lines(&loaded.warnings),
+                buses: bus_reports(&loaded.settings),
+                joints: joints.then(|| joints::reports(loaded)),
+            },
+            Err(error) => Self {
+                errors: lines(&error.problems),
+                warnings: Vec::new(),
+                buses: error.refused.as_deref().map_or_else(Vec::new, bus_reports),
+                joints: None,
+            },
         }
     }
 }
@@ -112,27 +147,43 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
 fn print_for_people(
     path: &Path,
     judged: &Result<Loaded, ConfigError>,
+    joints: bool,
     out: &mut impl Write,
 ) -> io::Result<()> {
+    let file = path.display().to_string();
+    let file = printable(&file);
     match judged {
-        Ok(Loaded { settings, warnings, .. }) => {
-            for warning in warnings {
-                writeln!(out, "warning: {}", printable(&warning.to_string()))?;
+        Ok(loaded) => {
+            print_problems("warning", &loaded.warnings, out)?;
+            print_plan(&file, &loaded.settings, out)?;
+            if joints {
+                joints::print(loaded, out)?;
             }
-            print_plan(path, settings, out)
+            writeln!(out, "\n{file} may run{}", counted(", warnings", loaded.warnings.len()))
         }
         Err(error) => {
-            for problem in &error.problems {
-                writeln!(out, "error: {}", printable(&problem.to_string()))?;
+            print_problems("error", &error.problems, out)?;
+            if let Some(settings) = &error.refused {
+                print_plan(&file, settings, out)?;
+                writeln!(out)?;
             }
-            writeln!(out, "{} is refused", path.display())
+            writeln!(out, "{file} is refused{}", counted(", errors", error.problems.len()))
         }
     }
 }
 
-fn print_plan(path: &Path, settings: &Settings, out: &mut impl Write) -> io::Result<()> {
+fn print_problems(kind: &str, problems: &[config::Problem], out: &mut impl Write) -> io::Result<()> {
+    problems.iter().try_for_each(|problem| writeln!(out, "{kind}: {}", printable(&problem.to_string())))
+}
+
+/// `, errors: 2`; nothing of nothing.
+fn counted(what: &str, count: usize) -> String {
+    if count == 0 { String::new() } else { format!("{what}: {count}") }
+}
+
+fn print_plan(file: &str, settings: &Settings, out: &mut impl Write) -> io::Result<()> {
     let (motors, buses, rate_hz) = (settings.motors.len(), settings.buses.len(), settings.cycle.rate_hz);
-    writeln!(out, "{}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz", path.display())?;
+    writeln!(out, "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz")?;
     let reports = bus_reports(settings);
     let width = reports.iter().map(|bus| bus.name.len()).max().unwrap_or(0).max("bus".len());
     writeln!(out, "{:<width$}  motors  worst case  unstuffed  fault poll  verdict", "bus")?;
@@ -146,22 +197,35 @@ fn print_plan(path: &Path, settings: &Settings, out: &mut impl Write) -> io::Res
             "{name:<width$}  {motors:>6}  {worst:>8.1} % {unstuffed:>8.1} % {poll:>9.1} %  {verdict}"
         )?;
     }
-    Ok(())
+    write!(out, "{LEGEND}")
 }
 
 fn verdict(bus: &BusReport<'_>) -> String {
     let rate = if bus.every == 1 { String::new() } else { format!("; each motor at {} Hz", bus.rate_hz) };
-    let Some(line) = &bus.line else { return format!("{}{rate}", can_verdict(bus)) };
-    let LineReport { bytes, wire_us, turnaround_us, turns } = line;
+    match &bus.line {
+        Some(line) => format!("{}{rate}; {}", line_verdict(line, bus.every), turns(line, bus.every)),
+        None => format!("{}{rate}", can_verdict(bus)),
+    }
+}
+
+fn turns(line: &LineReport, every: u32) -> String {
+    let LineReport { bytes, wire_us, turnaround_us, turns, .. } = line;
     format!(
-        "fits{rate}; {turns} turns in {} cycles, each {bytes} bytes in {wire_us:.0} µs and {turnaround_us:.0} µs of turnaround",
-        bus.every
+        "{turns} turns in {every} cycles, each {bytes} bytes in {wire_us:.0} µs and {turnaround_us:.0} µs of turnaround"
     )
+}
+
+fn line_verdict(line: &LineReport, every: u32) -> String {
+    match line.every_least {
+        least if every < least => format!("TOO FULL: it needs every = {least}"),
+        _ => "fits".to_owned(),
+    }
 }
 
 fn can_verdict(bus: &BusReport<'_>) -> &'static str {
     match bus {
         BusReport { motors: 0, .. } => "empty",
+        bus if bus.worst_case_utilisation > 1.0 => "TOO FULL: lower the rate or move a motor",
         bus if bus.worst_case_utilisation > WORST_CASE_SOUND => "tight: lower the rate or move a motor",
         bus if bus.fault_poll_utilisation > 1.0 => "fits; fault polls only where there happens to be room",
         _ => "fits",
