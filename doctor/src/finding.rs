@@ -1,5 +1,6 @@
 //! The outcome of a check.
 
+use crate::change::{self, Change};
 use serde::Serialize;
 
 /// How good a finding is.
@@ -41,11 +42,23 @@ pub struct Finding {
     pub why: Option<String>,
     /// The command that mends it.
     pub command: Option<String>,
+    /// The same as changes that `--tune` makes. None where the command lasts beyond the next start of the computer, or where a
+    /// person must look first.
+    #[serde(skip)]
+    pub changes: Vec<Change>,
 }
 
 impl Finding {
     fn new(check: &'static str, level: Level, measured: impl Into<String>) -> Self {
-        Self { check, of: None, level, measured: measured.into(), why: None, command: None }
+        Self {
+            check,
+            of: None,
+            level,
+            measured: measured.into(),
+            why: None,
+            command: None,
+            changes: Vec::new(),
+        }
     }
 
     /// A value as it should be.
@@ -66,6 +79,11 @@ impl Finding {
     /// With the interface or device that was checked.
     pub(crate) fn of(self, subject: &str) -> Self {
         Self { of: Some(subject.to_owned()), ..self }
+    }
+
+    /// With the changes that mend it until the next start of the computer.
+    pub(crate) fn tuned_by(self, changes: Vec<Change>) -> Self {
+        Self { command: Some(change::line(&changes)), changes, ..self }
     }
 
     /// With the command that mends it.

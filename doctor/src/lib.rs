@@ -1,19 +1,23 @@
 //! `motorctl doctor`: whether this computer is fit for a real-time cycle.
 //!
-//! The checks read what the kernel shows below a [`Tree`] and change nothing. Then a thread with the scheduling, the
+//! The checks read what the kernel shows below a [`Tree`] and change nothing; `--tune` makes the changes that last until the
+//! next start of the computer, and checks again. Then a thread with the scheduling, the
 //! processor and the locked memory of the cycle sleeps from tick to tick for some seconds, and its latency is judged as a share
 //! of the period. Where a daemon runs its cycle there is no such thread: it would delay a robot that moves.
 
 #![forbid(unsafe_code)]
 
+mod change;
 mod checks;
 mod finding;
 mod process;
 mod report;
 mod robot;
 mod tree;
+mod tune;
 mod wake;
 
+pub use change::Change;
 pub use checks::all;
 pub use finding::{Finding, Level};
 pub use process::Daemon;
@@ -44,6 +48,13 @@ pub struct Arguments {
     /// Duration of the measurement, s: 0 to 86400; 0 leaves it out.
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = parse_seconds)]
     seconds: f64,
+    /// First make the changes that last until the next start of the computer, and that no person must look at first.
+    ///
+    /// Those are the clock governor, the interrupts of the CAN interfaces, coalescing, the queue, the restart after a bus-off,
+    /// and the latency timer of serial ports. Needs root. Refused while motord runs its cycle, since some of them set an
+    /// interface down.
+    #[arg(long)]
+    tune: bool,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -55,6 +66,11 @@ pub enum DoctorFailure {
     /// The verdict is bad, and printed.
     #[error("this computer is not fit for a real-time cycle")]
     Unfit,
+    /// Nothing was changed: this daemon runs its cycle.
+    #[error(
+        "motord runs (process {0}), and some changes set an interface down: stop it first, or leave --tune out"
+    )]
+    InUse(u32),
     /// Ctrl-C.
     #[error("interrupted")]
     Interrupted,
@@ -74,7 +90,7 @@ impl DoctorFailure {
             Self::Unfit => 1,
             Self::Interrupted => exit_status::INTERRUPTED,
             Self::Output(_) => exit_status::IO,
-            Self::Measurement(_) => exit_status::UNAVAILABLE,
+            Self::InUse(_) | Self::Measurement(_) => exit_status::UNAVAILABLE,
         }
     }
 }
@@ -92,14 +108,20 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 pub fn run(arguments: &Arguments, locks: &Path) -> Result<(), DoctorFailure> {
     let tree = Tree::below(Path::new("/"));
     let (robot, configuration) = Robot::configured(arguments.config.as_deref(), &tree);
+    let daemon = process::daemon(&tree);
+    let tuned = match (arguments.tune, daemon) {
+        (true, Some(daemon)) => return Err(DoctorFailure::InUse(daemon.pid)),
+        (true, None) => tune::tune(&all(&tree, &robot, locks), Change::apply),
+        (false, _) => Vec::new(),
+    };
     let mut findings = vec![configuration];
     findings.extend(all(&tree, &robot, locks));
-    let daemon = process::daemon(&tree);
     let wake = match daemon {
         None if arguments.seconds > 0.0 => Some(measured(&robot, arguments)?),
         _ => None,
     };
-    let report = Report::new(&robot, findings, wake.as_ref(), daemon.filter(|_| arguments.seconds > 0.0));
+    let report =
+        Report::new(&robot, tuned, findings, wake.as_ref(), daemon.filter(|_| arguments.seconds > 0.0));
     let out = &mut io::stdout().lock();
     let written = match arguments.json {
         true => json::write_line(out, &report),

@@ -3,6 +3,7 @@
 use crate::finding::{Finding, Level};
 use crate::process::Daemon;
 use crate::robot::Robot;
+use crate::tune::Tuned;
 use crate::wake::{self, Wake};
 use motord_terminal::{Cell, Colour, Palette};
 use serde::Serialize;
@@ -22,6 +23,8 @@ pub(crate) struct Report {
     /// The processor of the cycle; `null` for any.
     cpu: Option<usize>,
     priority: u8,
+    /// The changes that were made or tried before the checks.
+    tuned: Vec<Tuned>,
     findings: Vec<Finding>,
     /// `null` when it was not measured.
     wake: Option<WakeReport>,
@@ -79,6 +82,7 @@ impl Report {
     /// `daemon` runs, and is why nothing was measured.
     pub(crate) fn new(
         robot: &Robot,
+        tuned: Vec<Tuned>,
         findings: Vec<Finding>,
         wake: Option<&Wake>,
         daemon: Option<Daemon>,
@@ -91,6 +95,7 @@ impl Report {
             rate_hz: robot.rate_hz,
             cpu: robot.request.cpu,
             priority: robot.priority(),
+            tuned,
             findings,
             wake,
             daemon: daemon.map(|daemon| daemon.pid),
@@ -106,6 +111,7 @@ impl Report {
         let Self { rate_hz, cpu, priority, .. } = self;
         let cpu = cpu.map_or_else(|| "any processor".to_owned(), |cpu| format!("processor {cpu}"));
         writeln!(out, "A cycle of {rate_hz} Hz at SCHED_FIFO {priority} on {cpu}\n")?;
+        self.tuned.iter().try_for_each(|tuned| write_tuned(tuned, out, palette))?;
         let width = self.findings.iter().map(|finding| name(finding).chars().count()).max().unwrap_or(0);
         for finding in &self.findings {
             write_finding(finding, width, out, palette)?;
@@ -135,6 +141,12 @@ fn name(finding: &Finding) -> String {
         Some(of) => format!("{of} {}", finding.check),
         None => finding.check.to_owned(),
     }
+}
+
+fn write_tuned(Tuned { command, error }: &Tuned, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
+    let Some(error) = error else { return writeln!(out, "done  $ {command}") };
+    let word = palette.paint(&Cell::new("fail", Colour::Red));
+    writeln!(out, "{word}  $ {command}\n{INDENT}{error}")
 }
 
 fn write_finding(finding: &Finding, width: usize, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
@@ -192,6 +204,7 @@ mod tests {
             rate_hz: 1000.0,
             cpu: Some(3),
             priority: 80,
+            tuned: vec![Tuned { command: "sudo tee x".to_owned(), error: None }],
             findings,
             wake: Some(WakeReport {
                 level: Level::Good,
@@ -217,6 +230,7 @@ mod tests {
         report(findings).write(&mut out, Palette::of_stdout()).unwrap();
         let text = String::from_utf8(out).unwrap();
         let expected = "A cycle of 1000 Hz at SCHED_FIFO 80 on processor 3\n\n\
+            done  $ sudo tee x\n\
             good  kernel         6.1.0-rt\n\
             warn  cpu3 governor  powersave\n      the clock falls\n      $ tee x\n\n\
             good  wake-up latency of 11 ticks: p50 4.0 µs, p99 9.0, p99.9 20.0 (2.0 % of the period), max 30.0 (3.0 %), 0 ticks missed\n";

@@ -212,7 +212,7 @@ enum Command {
     },
     /// Check this computer: is it fit for a real-time cycle, and which commands mend it?
     ///
-    /// Reads what the kernel shows, and changes nothing. Then a thread that has what the daemon's cycle would have (SCHED_FIFO,
+    /// Reads what the kernel shows, and changes nothing without `--tune`. Then a thread that has what the daemon's cycle would have (SCHED_FIFO,
     /// priority, processor, locked memory, the rate of the configuration) sleeps from tick to tick, and its wake-up latency is
     /// judged. This is left out where motord runs its cycle, which must not be disturbed.
     ///
@@ -224,7 +224,7 @@ enum Command {
     ///
     /// Exit status: 0 good or warn, 1 bad.
     #[command(
-        after_help = "Examples:\n  motorctl doctor\n  sudo motorctl doctor --config robot.toml --seconds 600\n  motorctl doctor --seconds 0 --json | jq -r '.findings[] | .level + \" \" + .check'"
+        after_help = "Examples:\n  motorctl doctor\n  sudo motorctl doctor --config robot.toml --seconds 600\n  sudo motorctl doctor --tune --seconds 0\n  motorctl doctor --seconds 0 --json | jq -r '.findings[] | .level + \" \" + .check'"
     )]
     Doctor(doctor::Arguments),
     /// Give a simulated motor or bus a fault, to try a controller against it.

@@ -154,6 +154,8 @@ impl Place {
             .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
             .replace("motord init", "cd $(mktemp -d) && motord init")
             .replace("sudo motorctl doctor", "motorctl doctor")
+            // It changes the machine of the test.
+            .replace(" --tune", "")
             .replace("--seconds 600", "--seconds 1")
             .replace("motorctl demo", "motorctl demo --seconds 2")
             .replace("--seconds 2 --seconds 60", "--seconds 2")

@@ -1,5 +1,6 @@
 //! A CAN interface: its settings, its queue, its interrupts.
 
+use crate::change::Change;
 use crate::finding::Finding;
 use crate::process;
 use crate::robot::{Interface, Robot};
@@ -31,11 +32,11 @@ pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Find
     };
     let rate = link.bitrate.map_or_else(|| "virtual".to_owned(), |bitrate| format!("{bitrate} bit/s"));
     match link.restart_ms {
-        Some(0) => Finding::warn(CHECK, format!("up, {rate}, no restart"), "after a bus-off it stays off the bus")
-            .mended_by(format!(
-                "sudo sh -c 'ip link set {name} down; ip link set {name} type can restart-ms {RESTART_MS}; ip link set {name} up'"
-            ))
-            .of(name),
+        Some(0) => {
+            Finding::warn(CHECK, format!("up, {rate}, no restart"), "after a bus-off it stays off the bus")
+                .tuned_by(while_down(name, format!("ip link set {name} type can restart-ms {RESTART_MS}")))
+                .of(name)
+        }
         Some(restart) => {
             Finding::good(CHECK, format!("up, {rate}, restarts {restart} ms after a bus-off")).of(name)
         }
@@ -57,19 +58,26 @@ pub(super) fn queue(tree: &Tree, interface: &Interface) -> Finding {
     let length = tree.number(&format!("sys/class/net/{name}/tx_queue_len"));
     let Some(length) = length else { return Finding::good(CHECK, "not shown").of(name) };
     let measured = format!("{length} frames");
-    let command = format!("sudo ip link set {name} txqueuelen {}", queue_length(*motors));
+    let changes = vec![Change::run(&format!("ip link set {name} txqueuelen {}", queue_length(*motors)))];
     let least = motors + 1;
     let finding = if length > QUEUE_MAX {
         let why = "a bus that stalled sends so many old torques when it moves again";
-        Finding::warn(CHECK, measured, why).mended_by(command)
+        Finding::warn(CHECK, measured, why).tuned_by(changes)
     } else if length < least as i64 {
         let why =
             format!("the commands of a cycle are {least} frames with a poll for a fault: some are dropped");
-        Finding::bad(CHECK, measured, why).mended_by(command)
+        Finding::bad(CHECK, measured, why).tuned_by(changes)
     } else {
         Finding::good(CHECK, measured)
     };
     finding.of(name)
+}
+
+/// A change that the kernel takes only while the interface is down.
+fn while_down(name: &str, change: String) -> Vec<Change> {
+    [format!("ip link set {name} down"), change, format!("ip link set {name} up")]
+        .map(|words| Change::run(&words))
+        .into()
 }
 
 /// Whether the adapter keeps received frames back.
@@ -95,16 +103,15 @@ pub(super) fn coalescing(name: &str, read: Result<Option<Coalescing>, Errno>) ->
     let words = |values: Vec<String>| values.join(" ");
     let measured = words(known.iter().map(|(key, value, _)| format!("{key} {value}")).collect());
     let best = words(known.iter().map(|(key, _, best)| format!("{key} {best}")).collect());
-    let command =
-        format!("sudo sh -c 'ip link set {name} down; ethtool -C {name} {best}; ip link set {name} up'");
+    let changes = while_down(name, format!("ethtool -C {name} {best}"));
     let pairs = [(rx_usecs, rx_frames), (rx_usecs_irq, rx_frames_irq)];
     let pairs = pairs.map(|(usecs, frames)| (usecs.unwrap_or(0), frames.unwrap_or(0)));
     let finding = if pairs.iter().any(|&(usecs, frames)| usecs == 0 && frames > 1) {
         let why = "the adapter delivers nothing before so many frames arrived";
-        Finding::bad(CHECK, measured, why).mended_by(command)
+        Finding::bad(CHECK, measured, why).tuned_by(changes)
     } else if pairs.iter().any(|&(usecs, frames)| usecs > 0 && frames != 1) {
         let why = "the adapter keeps each reply back for so many µs";
-        Finding::warn(CHECK, measured, why).mended_by(command)
+        Finding::warn(CHECK, measured, why).tuned_by(changes)
     } else {
         Finding::good(CHECK, measured)
     };
@@ -135,18 +142,15 @@ pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
             .of(name);
     }
     let measured = interrupts.iter().map(describe).collect::<Vec<_>>().join("; ");
-    let (mut whys, mut commands) = (Vec::new(), Vec::new());
+    let (mut whys, mut changes) = (Vec::new(), Vec::new());
     let others: Vec<usize> = tree.processors("sys/devices/system/cpu/online");
     let others: Vec<usize> = others.into_iter().filter(|&cpu| Some(cpu) != robot.request.cpu).collect();
     for interrupt in &interrupts {
         let shares = robot.request.cpu.is_some_and(|cpu| interrupt.processors.contains(&cpu));
         if shares && !others.is_empty() {
             whys.push("it interrupts the cycle's processor".to_owned());
-            commands.push(format!(
-                "echo {} | sudo tee /proc/irq/{}/smp_affinity_list",
-                tree::list(&others),
-                interrupt.number
-            ));
+            let path = format!("proc/irq/{}/smp_affinity_list", interrupt.number);
+            changes.push(Change::write(path, tree::list(&others)));
         }
         if let Some((pid, priority)) = interrupt.thread
             && priority.is_none_or(|priority| priority <= robot.priority())
@@ -156,15 +160,15 @@ pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
                 "its thread is not above the cycle ({}), whose replies it delivers",
                 robot.priority()
             ));
-            commands.push(format!("sudo chrt -f -p {above} {pid}"));
+            changes.push(Change::run(&format!("chrt -f -p {above} {pid}")));
         }
     }
-    if commands.is_empty() {
+    if changes.is_empty() {
         return Finding::good(CHECK, measured).of(name);
     }
     whys.dedup();
     let why = format!("{}; counts until the next start of the interface", whys.join(", and "));
-    Finding::warn(CHECK, measured, why).mended_by(commands.join(" && ")).of(name)
+    Finding::warn(CHECK, measured, why).tuned_by(changes).of(name)
 }
 
 fn describe(interrupt: &Interrupt) -> String {

@@ -1,5 +1,6 @@
 //! The processors of the cycle: whether others use them, how fast they are clocked, how deep they sleep.
 
+use crate::change::Change;
 use crate::finding::Finding;
 use crate::process::{self, Daemon};
 use crate::robot::Robot;
@@ -77,8 +78,10 @@ pub(super) fn governor(tree: &Tree, robot: &Robot) -> Finding {
     let measured = format!("{name} on processors {}", tree::list(&slow));
     let why = "a cycle that sleeps most of the time is taken for no load, and the clock falls; a new governor counts until the \
         next start of the computer";
-    let command = format!("echo performance | sudo tee /{CPU}/cpu*/cpufreq/scaling_governor");
-    Finding::warn(CHECK, measured, why).mended_by(command)
+    let path = |cpu: &usize| format!("{CPU}/cpu{cpu}/cpufreq/scaling_governor");
+    let changes = slow.iter().map(|cpu| Change::write(path(cpu), "performance")).collect();
+    let finding = Finding::warn(CHECK, measured, why).tuned_by(changes);
+    finding.mended_by(format!("echo performance | sudo tee /{CPU}/cpu*/cpufreq/scaling_governor"))
 }
 
 /// How long the processors of the cycle need to wake up, and whether the daemon may keep them awake.

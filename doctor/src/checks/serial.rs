@@ -1,5 +1,6 @@
 //! A serial port.
 
+use crate::change::Change;
 use crate::finding::Finding;
 use crate::process;
 use crate::tree::Tree;
@@ -27,7 +28,7 @@ fn latency_timer(tree: &Tree, device: &str, resolved: &str) -> Finding {
         Some(millis) if millis <= 1 => Finding::good(CHECK, format!("{millis} ms")),
         Some(millis) => {
             let why = "the adapter keeps a reply back for so long; counts until it is unplugged";
-            Finding::warn(CHECK, format!("{millis} ms"), why).mended_by(format!("echo 1 | sudo tee /{path}"))
+            Finding::warn(CHECK, format!("{millis} ms"), why).tuned_by(vec![Change::write(path, "1")])
         }
     };
     finding.of(device)

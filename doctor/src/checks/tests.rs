@@ -297,7 +297,7 @@ fn an_interface_that_motors_cannot_be_reached_through_is_bad_and_has_its_command
         &link(Link { restart_ms: Some(0), ..good }),
         Level::Warn,
         "up, 1000000 bit/s, no restart",
-        Some("type can restart-ms 100; ip link set can0 up'"),
+        Some("type can restart-ms 100; sudo ip link set can0 up"),
     );
     let down = link(Link { up: false, ..good });
     assert_finding(&down, Level::Bad, "can0 is down", Some("sudo sh -c 'ip link set can0 down; "));
