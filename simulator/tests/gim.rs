@@ -126,6 +126,24 @@ fn a_position_is_reached_when_its_duration_is_over_and_held() {
     assert!((indicator(&mut bench, 0x13) - 20.0).abs() < 0.01);
 }
 
+/// Goal: a controller may give a position in every turn, however short its turns are, and the shaft keeps up.
+/// Method: the target moves at 3 rad/s, in steps of 1 ms and of 10 ms. A critically damped loop lags 2 / 60 s behind.
+#[test]
+fn a_position_that_is_commanded_anew_again_and_again_is_followed_at_its_speed() {
+    for period in [1, 10] {
+        let mut bench = bench();
+        bench.ask(bare(0x91));
+        let mut target = 0.0;
+        for _ in 0..1000 / period {
+            target += 3.0 * period as f32 / 1000.0;
+            bench.ask(control(0x95, target, 0));
+            bench.pass(Duration::from_millis(period));
+        }
+        let lag = f64::from(target) - bench.motor().position();
+        assert!((0.0..0.15).contains(&lag), "{lag} rad behind, at a command in {period} ms");
+    }
+}
+
 #[test]
 fn a_command_ends_limp_or_not_at_all_when_its_duration_is_over() {
     for (command, value) in [(0x93, 1.5), (0x94, 60.0), (0x95, 1.0)] {

@@ -131,13 +131,15 @@ impl Motor {
         Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
     }
 
-    /// Arrives after `duration`. Without a duration it moves at the highest speed.
+    /// Arrives after `duration`. Without a duration it moves at the highest speed. A target that comes while another is on its way
+    /// leads on from there: a reference that began anew at the shaft would slow each controller down that streams its targets.
     fn position_law(&self, position: f64, duration: Duration) -> Law {
         let target = position + self.origin;
-        let distance = (target - self.body.position).abs();
+        let reference = if self.law.kp > 0.0 { self.law.reference } else { self.body.position };
+        let distance = (target - reference).abs();
         let inertia = self.body.inertia();
         Law {
-            reference: self.body.position,
+            reference,
             target,
             rate: (distance / duration.as_secs_f64()).min(self.speed_max()),
             kp: inertia * POSITION_LOOP * POSITION_LOOP,
