@@ -305,7 +305,7 @@ impl Checker {
         let before = &cycle.heard[motor];
         let first = before.is_none() || order.is_question();
         assert!(first, "I5: {order:?} after {before:?} for {}", motors[motor].name);
-        let heard = Heard::of(order, &motors[motor], motor, [&cycle.before, &cycle.state]);
+        let heard = Heard::of(order, motor, [&cycle.before, &cycle.state]);
         cycle.heard[motor].get_or_insert(heard);
         self.judge_values(cycle, motor, order);
         self.judge_order(cycle, motor, heard);
@@ -391,8 +391,9 @@ impl Checker {
     fn judge_native(&mut self, cycle: &Cycle, motor: usize, order: Order) {
         let limits = &self.robot.motors[motor].limits;
         let joints = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
-        let [before, now] = joints;
-        let active = [before, now].iter().all(|joint| joint.mode == Mode::Active);
+        let [_, now] = joints;
+        let both = |mode: Mode| joints.iter().all(|joint| joint.mode == mode);
+        let active = both(Mode::Active);
         native::judge_value(order, limits, active && !now.slews);
         match order {
             _ if order.is_question() => {}
@@ -401,6 +402,9 @@ impl Checker {
                 let is_wrong = matches!(order, Order::Torque(_)) && is_wrong_lease(fast);
                 assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
                 self.last[motor].judge(order, cycle.time, limits, joints);
+            }
+            Order::Speed(_) if both(Mode::Damping) => {
+                self.last[motor].judge_braking(order, cycle.time, limits);
             }
             _ => self.last[motor].forget(),
         }

@@ -20,14 +20,15 @@ const SET_ZERO: u64 = 0xFFFF_FFFF_FFFF_FFFE;
 const CLEAR_FAULT: u64 = 0xFFFF_FFFF_FFFF_FFFB;
 const GET_FAULT: u64 = 0xFFFF_FFFF_FFFF_00FB;
 
-/// Native commands (GIM document 3.2), filled up so that a motor in MIT mode only hears zeros. Torques of 0.05 and −0.4 N·m.
+/// Native commands (GIM document 3.2), filled up so that a motor in MIT mode only hears zeros. A torque of 0.05 N·m; a speed
+/// of zero.
 const NATIVE_START: u64 = 0x9100_8000_0000_0800;
 const NATIVE_STOP: u64 = 0x9200_8000_0000_0800;
 const NATIVE_FAULT: u64 = 0xB200_8000_0000_0800;
 const NATIVE_CLEAR: u64 = 0xB300_8000_0000_0800;
 const ANGLE: u64 = 0xB413_8000_0000_0800;
 const TORQUE: u64 = 0x93CD_CC4C_3D00_0000;
-const BRAKE: u64 = 0x93CD_CCCC_BE00_0000;
+const BRAKE: u64 = 0x9400_0000_0000_0000;
 
 /// A native control command with a value.
 fn native(command: u8, value: f32) -> u64 {
@@ -382,6 +383,8 @@ fn a_native_motor_that_starts_follows_is_damped_and_stopped_is_accepted() {
     next.state.buses[0].sent += 1;
     robot.judge(next);
     let mut robot = robot.stopped_by(BRAKE);
+    robot.cycle(Phase::Damping, Mode::Damping, native(0x94, 19.0));
+    robot.cycle(Phase::Damping, Mode::Damping, native(0x94, 18.9));
     robot.later(Phase::Damping, Mode::Damping, BRAKE);
     robot.later(Phase::Disarmed, Mode::Idle, NATIVE_STOP);
     robot.later(Phase::Disarmed, Mode::Idle, ANGLE);
@@ -446,7 +449,8 @@ fn i3_and_i4_native_motion_without_a_reason() {
         }
     });
     refuses("I4", || Script::native().cycle(Phase::Disarmed, Mode::Idle, BRAKE));
-    for command in [TORQUE, native(0x94, 0.0), native(0x95, 0.0)] {
+    // 25 rpm are 2.6 rad/s: faster than the joint turns.
+    for command in [TORQUE, native(0x94, 25.0), native(0x95, 0.0)] {
         refuses("I4", || {
             let mut robot = Script::native();
             robot.checker.asked(Request::Enable { group: 0 });
@@ -487,13 +491,18 @@ fn i5_and_i6_native_commands_in_one_cycle_and_states_that_nobody_told() {
 
 #[test]
 fn i10_a_native_motor_that_is_driven_or_goes_limp_while_it_should_be_damped() {
-    // Against its motion, but more than 0.2 N·m·s/rad; with its motion; a speed; a position that it was not held at.
-    for command in [native(0x93, -0.5), TORQUE, native(0x94, 0.0), native(0x95, 0.1)] {
+    // Torques against its motion and with it; a speed beyond its own, and one that turns it back; a position that it was not held
+    // at.
+    for command in [native(0x93, -0.5), TORQUE, native(0x94, 25.0), native(0x94, -1.0), native(0x95, 0.1)] {
         refuses("I10: motion", || {
             let mut robot = Script::active_native().stopped_by(BRAKE);
             robot.cycle(Phase::Damping, Mode::Damping, command);
         });
     }
+    refuses("I10: a speed that brakes was", || {
+        let mut robot = Script::active_native().stopped_by(BRAKE);
+        (0..2).for_each(|_| robot.cycle(Phase::Damping, Mode::Damping, native(0x94, 19.0)));
+    });
     refuses("while it is damped", || {
         let mut robot = Script::active_native().stopped_by(BRAKE);
         robot.later(Phase::Damping, Mode::Damping, native(0x93, 0.0));

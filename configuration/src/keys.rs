@@ -90,7 +90,7 @@ sections! {
         "setpoint-timeout-ms" setpoint_timeout_ms: Option<f64>, "ms" = follows("20, or 2 cycles").within(1.0, 1000.0),
             "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles.";
         "safe-stop" safe_stop: SafeStop, "" = is(SafeStop::Damp),
-            "How a group stops for a cause. `damp`: kp 0, kd `damping-kd`, torque 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp at once.";
+            "How a group stops for a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a native motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp at once.";
         "damp-seconds" damp_seconds: f64, "s" = is(2.0).within(0.1, 30.0),
             "The longest time that motors are damped before they are stopped.";
         "rest-velocity-rad-s" rest_velocity_rad_s: f64, "rad/s" = is(0.2).within(0.01, 10.0),
@@ -169,7 +169,7 @@ sections! {
         "offset-rad" offset_rad: f64, "rad" = is(0.0).within(-12.5, 12.5).angle(),
             "Joint angle at the motor's zero.";
         "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 5.0),
-            "Damping of a safe stop. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
+            "`mit` only: damping of a safe stop. A native motor is braked by the speed loop of its drive. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
         "control-duration-ms" control_duration_ms: i64, "ms" = is(0).within(0.0, 60_000.0),
             "`gim` only: the execution time that is sent with each torque, speed and position command (GIM document, 3.2.7 to 3.2.9). The document does not say how such a time ends: the motor may go limp, which would make it a watchdog in the drive, or hold its last command. In a position command it may be the time of the travel. Leave it at 0, without an end, until a bench has shown what your motor does. At least 3 turns of the motor.";
         "beyond-range" beyond_range: BeyondRange, "" = is(BeyondRange::Stop),

@@ -220,6 +220,10 @@ pub enum Wrong {
         "0 does not damp, but the safe stop of the motor's group does; give a damping, or safe-stop = \"stop\" to the group"
     )]
     NoDamping,
+    #[error(
+        "a native motor does not use it: the speed loop of its drive brakes it in a safe stop; remove it"
+    )]
+    DampingUnused,
     #[error("{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it")]
     DampingBeyondLimit { damping: f64, kd_max: f64 },
     #[error("derating begins at {derate} °C, not below {max} °C where the torque must be zero; lower it")]

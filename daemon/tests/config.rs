@@ -682,6 +682,18 @@ fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
     );
 }
 
+/// Its drive brakes it: no damping is neither too little nor too much for it.
+#[test]
+fn the_damping_of_a_native_motor_is_worth_a_warning_and_no_error() {
+    assert_eq!(warnings(GOOD).len(), 0);
+    for damping in [2.0, 0.0] {
+        let native = format!("model = 'GIM3505-8'\ndamping-kd = {damping:?}");
+        let warned = warnings(&GOOD.replacen("model = 'GIM3505-8'", &native, 1));
+        assert_eq!(warned.len(), 1, "{warned:?}");
+        assert!(warned[0].contains("motor.damping-kd: a native motor does not use it"), "{warned:?}");
+    }
+}
+
 #[test]
 fn motors_of_a_line_that_share_a_host_id_are_worth_one_warning_with_its_cure() {
     let motor = |id: u8, more: &str| {

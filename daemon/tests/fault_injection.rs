@@ -2,7 +2,7 @@
 //! and when they stop doing it, the robot can be armed again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. Of three seeds, one has MIT
 //! motors only; one runs the robot of three vendors' motors, with four buses and twelve motors; and one has native motors among
-//! them, in the first 300 seeds. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs
+//! them. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs
 //! one alone, as the message of a failure says.
 
 mod robot;
@@ -34,13 +34,9 @@ const fn is_mixed(seed: u64) -> bool {
     seed % 3 == 2
 }
 
-/// Seeds below this one may have native motors, and such a run takes [`SECONDS`] at most: longer and later ones find what is open
-/// in docs/faults.md.
-const NATIVE_SEEDS: u64 = SEEDS;
-
 /// In this seed half of the motors speak the native protocol.
 const fn has_native(seed: u64) -> bool {
-    seed % 3 == 1 && seed < NATIVE_SEEDS
+    seed % 3 == 1
 }
 
 /// Farther from its zero, rad, a native joint that stands still is switched off and on, and then counts its turns anew: its zero
@@ -144,7 +140,6 @@ fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_ar
     robot::for_each_seed("fault_injection", SEEDS, |seed| {
         mixed.fetch_add(u64::from(is_mixed(seed)), Relaxed);
         let mut run = Run::new(seed);
-        let seconds = if has_native(seed) { seconds.min(SECONDS) } else { seconds };
         for _ in 0..seconds * 1000 {
             run.step_with_faults();
             native.fetch_add(run.active_native(), Relaxed);

@@ -141,29 +141,108 @@ fn a_drive_that_has_the_torque_to_itself_is_stopped_before_its_winding_is_too_wa
     assert!(robot.joint(0).temperature < robot.settings.motors[0].limits.temperature, "the model was first");
 }
 
-/// Goal: the motors of the shipped arm follow its controller, over a line at 100 Hz.
-/// Method: from where they stand, each joint is asked to go 0.15 rad into its range, within its following error, and must be there
-/// after 3 s.
-#[test]
-fn the_shipped_arm_is_enabled_and_follows_positions_over_its_line() {
-    let mut robot = Robot::new(robot::settings(include_str!("../../config/arm-native.toml")), 1);
+/// The arm's joints that follow setpoints of one mode, in turns of 10 ms, and how its shafts are loaded.
+fn shipped_arm(mode: SetpointMode, load_inertia: f64) -> (Robot, Vec<JointSetpoint>) {
+    let settings = robot::settings(include_str!("../../config/arm-native.toml"));
+    let mut robot = Robot::built(settings, 1, |_, motors| {
+        motors.iter_mut().for_each(|motor| motor.load_inertia = load_inertia);
+    });
     robot.steps(1000);
     for joint in 0..4 {
         assert_eq!(robot.mode(joint), MotorMode::Idle, "joint {joint}");
     }
     robot.claim().expect("the group is free");
     let mut joints = robot.hold(0.0, 0.0);
-    joints.iter_mut().for_each(|joint| joint.mode = SetpointMode::Position.code());
+    joints.iter_mut().for_each(|joint| joint.mode = mode.code());
     robot.follow(&joints);
     robot.operate(Operation::Enable).expect("all is well");
     robot.follow_until(&joints, 500, |robot| robot.phase() == Phase::Active);
-    let targets = [0.15, -0.15, 0.15];
-    joints.iter_mut().zip(targets).for_each(|(joint, target)| joint.position = target);
-    (0..3000).for_each(|_| robot.follow(&joints));
-    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
-    for (joint, target) in targets.iter().enumerate() {
-        let there = robot.joint(joint).position;
-        assert!((there - target).abs() < 0.02, "joint {joint} is at {there}");
+    (robot, joints)
+}
+
+/// Goal: the motors of the shipped arm follow its controller, over a line at 100 Hz, wherever it sends them at once.
+/// Method: each joint is asked to go into its range, for the wrist farther than its following error permits it to lag, and must be there
+/// a second later.
+#[test]
+fn the_shipped_arm_is_enabled_and_follows_steps_of_its_position_over_its_line() {
+    for size in [0.15, 0.3, 1.0] {
+        let (mut robot, mut joints) = shipped_arm(SetpointMode::Position, 0.01);
+        let targets = [size, -size, size];
+        joints.iter_mut().zip(targets).for_each(|(joint, target)| joint.position = target);
+        (0..1000).for_each(|_| robot.follow(&joints));
+        assert_eq!(robot.phase(), Phase::Active, "{size} rad: {:?}", robot.cause());
+        for (joint, target) in targets.iter().enumerate() {
+            let there = robot.joint(joint).position;
+            assert!((there - target).abs() < 0.02, "joint {joint} is at {there}, {size} rad were asked for");
+        }
+    }
+}
+
+/// Goal: a stop takes the motion out of a native joint, however slow its turns are and however light it is.
+/// Method: the wrist of the shipped arm turns at 2 rad/s, alone or with a load, when somebody stops it. Its shaft must slow down in
+/// every cycle, and must not turn back.
+#[test]
+fn a_stop_brakes_a_native_joint_over_a_line_at_100_hz_with_and_without_a_load() {
+    for load_inertia in [1e-6, 0.01, 0.3] {
+        let (mut robot, mut joints) = shipped_arm(SetpointMode::Speed, load_inertia);
+        joints[2].velocity = 2.0;
+        (0..400).for_each(|_| robot.follow(&joints));
+        robot.operate(Operation::EmergencyStop).expect("always");
+        robot.steps(20);
+        let mut fastest = robot.truth(2).velocity();
+        assert!(fastest > 1.0, "{fastest}");
+        while robot.phase() == Phase::Damping {
+            robot.step();
+            let velocity = robot.truth(2).velocity();
+            assert!(velocity > -0.05 && velocity < fastest + 0.05, "{load_inertia} kg·m²: {velocity}");
+            fastest = fastest.min(velocity);
+        }
+        assert!(fastest < 0.1, "{load_inertia} kg·m²: {fastest} rad/s when its stop was over");
+    }
+}
+
+/// Goal: a braked joint hears no command that drives it, whether its states come or not.
+/// Method: its motor falls silent, and what it hears until it is lost goes to zero from the speed that it had.
+#[test]
+fn a_native_joint_that_falls_silent_while_it_is_braked_hears_lower_and_lower_speeds() {
+    let mut robot = arm();
+    let joints = setpoints(SetpointMode::Torque, 0.3);
+    activate(&mut robot, &joints);
+    (0..500).for_each(|_| robot.follow(&joints));
+    let begun = robot.joint(0).velocity;
+    assert!(begun > 1.0, "{begun}");
+    robot.operate(Operation::EmergencyStop).expect("always");
+    robot.steps(2);
+    robot.disturb("shoulder off");
+    robot.take_sent();
+    robot.steps(5);
+    let sent = robot.take_sent_to(1);
+    let speeds: Vec<_> = sent.iter().filter_map(|sent| value(0x94, sent)).collect();
+    assert!(speeds.len() >= 4, "{sent:?}");
+    assert!(speeds.is_sorted_by(|before, after| before > after && *after > 0.0), "{speeds:?}");
+}
+
+/// A damped joint under a load sinks until something bears it. A braked one stands, and would fall.
+#[test]
+fn a_native_joint_is_let_go_at_rest_and_one_that_bears_a_load_when_the_time_is_over() {
+    for (load, least, most) in [(0.0, 0.05, 0.5), (3.0, 1.99, 2.1)] {
+        let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
+        for (id, name) in [(1, "shoulder"), (2, "elbow")] {
+            text += &robot::motor(id, name, "can", "").replace("\"mit\"", "\"gim\"");
+        }
+        let mut robot = Robot::new(robot::settings(&text), 1);
+        let joints = setpoints(SetpointMode::Speed, 0.0);
+        activate(&mut robot, &joints);
+        robot.disturb(&format!("shoulder load {load}"));
+        (0..50).for_each(|_| robot.follow(&joints));
+        robot.operate(Operation::EmergencyStop).expect("always");
+        let begun = robot.now();
+        robot.step();
+        while robot.phase() == Phase::Damping {
+            robot.step();
+        }
+        let seconds = robot.now().since(begun).as_secs_f64();
+        assert!((least..=most).contains(&seconds), "{load} N·m: let go after {seconds} s");
     }
 }
 

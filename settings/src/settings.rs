@@ -302,7 +302,7 @@ pub struct MotorSettings {
     pub capabilities: Capabilities,
     /// How long each control command lasts, of a motor that is told so; 0 says nothing, or for ever.
     pub duration: ExecutionTime,
-    /// Damping of a safe stop, N·m·s/rad.
+    /// Damping of a safe stop, N·m·s/rad. Of a motor without impedance mode it is not used: its drive brakes it.
     pub damping_kd: f32,
     /// The reaction at the end of the position range.
     pub beyond_range: BeyondRange,

@@ -5,12 +5,9 @@ use crate::gim;
 use crate::robot::{Motor, Protocol};
 use crate::state::{Joint, State};
 
-/// Damping may be more than the configured by this share, and its torque by so many N·m: single precision.
-const DAMPING_MARGIN: (f64, f64) = (1e-3, 1e-3);
-/// Over-voltage leaves a quarter of the damping, since braking feeds the supply; with a margin for single precision.
-const LEAST_DAMPING: f64 = 0.24;
-/// Slower than this, rad/s, a joint needs no braking.
-const SLOW: f64 = 0.5;
+/// A speed that brakes may be more than that of the joint by this share, and a torque may be none by so many N·m: single
+/// precision.
+const MARGIN: f64 = 1e-3;
 
 /// The command, values on the side of the joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,22 +94,23 @@ pub(super) struct Heard {
     pub(super) brakes: bool,
     /// It pulls the joint to a position.
     pub(super) pulls: bool,
-    /// Neither stiffness, nor a torque that drives, nor a speed to follow: at most it brakes.
+    /// Neither stiffness, nor a torque that drives, nor a speed that does: at most it brakes.
     pub(super) is_safe: bool,
 }
 
 impl Heard {
-    /// `motor`, number `index`, heard `order` between these states.
-    pub(super) fn of(order: Order, motor: &Motor, index: usize, states: [&State; 2]) -> Self {
+    /// The motor with this index heard `order` between these states.
+    pub(super) fn of(order: Order, index: usize, states: [&State; 2]) -> Self {
         let joints = states.map(|state| &state.joints[index]);
         let (brakes, pulls, is_safe) = match order {
             Order::Stop | Order::GetFault | Order::ClearFault | Order::GetIndicator => (false, false, true),
-            Order::Start | Order::SetZero | Order::Other(_) | Order::Speed(_) => (false, false, false),
+            Order::Start | Order::SetZero | Order::Other(_) => (false, false, false),
             Order::Impedance { kp, kd, neutral, .. } => (kd > 0.0, kp > 0.0, kp == 0.0 && neutral),
             Order::Position(_) => (true, true, false),
-            Order::Torque(torque) => {
-                let is_safe = joints.iter().any(|joint| slows(torque, joint, motor));
-                (is_safe && joints.iter().any(|joint| brakes(torque, joint, motor)), false, is_safe)
+            Order::Torque(torque) => (false, false, torque.abs() <= MARGIN),
+            Order::Speed(speed) => {
+                let brakes = joints.iter().any(|joint| brakes(speed, joint));
+                (brakes, false, brakes)
             }
         };
         Self { order, brakes, pulls, is_safe }
@@ -124,18 +122,9 @@ impl Heard {
     }
 }
 
-/// Whether a torque, N·m, only slows down the joint: it is that of its damping at most. One whose velocity is not known gets
-/// none.
-fn slows(torque: f64, joint: &Joint, motor: &Motor) -> bool {
-    let (share, margin) = DAMPING_MARGIN;
+/// Whether the drive of a joint that follows this speed, rad/s, takes motion out of it: it does not turn faster, nor back. It is zero
+/// where the velocity is not known.
+fn brakes(speed: f64, joint: &Joint) -> bool {
     let velocity = f64::from(joint.velocity);
-    let most = motor.damping_kd * velocity.abs() * (1.0 + share) + margin;
-    torque.abs() <= margin || (0.0..=most).contains(&(-torque * velocity.signum()))
-}
-
-/// Whether a torque, N·m, is enough to damp a joint that is known to turn. The older its state is, the less is computed from it.
-fn brakes(torque: f64, joint: &Joint, motor: &Motor) -> bool {
-    let velocity = f64::from(joint.velocity);
-    let least = LEAST_DAMPING * (motor.damping_kd * velocity.abs()).min(motor.limits.torque);
-    !joint.fresh || velocity.is_nan() || velocity.abs() < SLOW || -torque * velocity.signum() >= least
+    speed == 0.0 || speed * velocity > 0.0 && speed.abs() <= velocity.abs() * (1.0 + MARGIN)
 }

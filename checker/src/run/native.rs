@@ -8,6 +8,9 @@ use crate::state::Joint;
 const PRECISION: f64 = 1e-5;
 /// A speed rises from zero to the joint's limit in this time at least, s. It begins at the speed of the joint.
 const SPEED_RISE: f64 = 0.5;
+/// A speed that brakes falls at this share of that slope at least: a quarter at over-voltage, and not in a cycle whose command a
+/// question for faults replaces.
+const LEAST_SLOPE: f64 = 0.1;
 
 /// The last control command to one native motor, and when it was heard, s.
 #[derive(Debug, Clone, Copy, Default)]
@@ -42,6 +45,15 @@ impl Last {
             }
             _ => {}
         }
+    }
+
+    /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero.
+    pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits) {
+        let last = self.0.replace((order, time));
+        let (Order::Speed(speed), Some((Order::Speed(before), then))) = (order, last) else { return };
+        let fall = LEAST_SLOPE * limits.velocity / SPEED_RISE * (time - then);
+        let most = (before.abs() - fall).max(0.0) + PRECISION * limits.velocity;
+        assert!(speed.abs() <= most, "I10: a speed that brakes was {before} and became {speed}");
     }
 
     /// It heard something else: the next command begins anew.

@@ -291,7 +291,7 @@ pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mu
     }
 }
 
-/// Whether a safe stop can damp: each motor whose group damps or holds has a damping, and within its limit.
+/// Whether a safe stop can damp: each motor whose group damps or holds has a damping, and within its limit. A native motor needs none.
 pub(super) fn judge_damping(
     items: &[Item],
     motors: &[Option<MotorSettings>],
@@ -302,7 +302,11 @@ pub(super) fn judge_damping(
     for &index in damped.flat_map(|group| &group.motors) {
         let (at, Some(motor)) = (items[index].keys.keys.damping_kd.at, &motors[index]) else { continue };
         let (damping, kd_max) = (f64::from(motor.damping_kd), f64::from(motor.limits.kd));
-        if damping == 0.0 {
+        if motor.protocol == MotorProtocol::Gim {
+            if items[index].keys.keys.damping_kd.value.is_some() {
+                findings.warn(at, Wrong::DampingUnused);
+            }
+        } else if damping == 0.0 {
             findings.error(at, Wrong::NoDamping);
         } else if damping > kd_max {
             findings.error(at, Wrong::DampingBeyondLimit { damping, kd_max });

@@ -71,8 +71,8 @@ pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
     motord_protocol::gim::repeats(request, reply)
 }
 
-/// The frames that damp and stop a motor when nobody controls it any more. In native mode damping is made of the last
-/// state, which nobody knows then: such a motor is stopped at once.
+/// The frames that damp and stop a motor when nobody controls it any more. A native motor is braked by
+/// speed commands, which are full torque in MIT mode, and nobody knows the mode then: such a motor is stopped at once.
 #[must_use]
 pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
     let make = |command| Drive::new(motor, Duration::ZERO, false).request(&command, Instant::ZERO);

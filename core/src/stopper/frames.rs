@@ -7,8 +7,8 @@ use motord_bus::{Frame, Refusal};
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BusFrames {
-    /// One frame per motor that damps it. For a native motor it is the frame that stops it: damping takes the last
-    /// state of the motor, which is not known any more.
+    /// One frame per motor that damps it. For a native motor it is the frame that stops it: one that
+    /// brakes it would be full torque to a motor in MIT mode.
     pub damp: Vec<Frame>,
     /// One frame per motor that stops it.
     pub stop: Vec<Frame>,

@@ -8,7 +8,7 @@ use crate::control::context::Context;
 use crate::joint::{Impedance, Joint, Setpoint};
 use motord_shared::SetpointMode;
 
-/// Damping that is left when a motor reports over-voltage.
+/// Damping, or the slope of a braked speed, that is left when a motor reports over-voltage.
 const OVER_VOLTAGE_DAMPING: f32 = 0.25;
 /// A state that answers the last turn is not older than so many turns, jitter included.
 const LATE_TURNS: f32 = 1.5;
@@ -57,7 +57,7 @@ impl Motor {
     /// A control loop over a state that is late becomes unstable at lower gains: stiffness and damping fall with the age of the
     /// state, so that gain times age is never more than with a state of the last turn. 1 down to 0.
     fn share_of_gains(&self, cx: &Context) -> f32 {
-        let turn = self.turn.elapsed.unwrap_or(cx.elapsed);
+        let turn = self.turn_time(cx);
         let age = cx.now.since(self.measured_at).as_secs_f32();
         if age <= LATE_TURNS * turn { 1.0 } else { LATE_TURNS * turn / age }
     }
@@ -81,7 +81,7 @@ impl Motor {
             previous: &previous.values,
             measured,
             age: self.age(cx),
-            elapsed: self.turn.elapsed.unwrap_or(cx.elapsed),
+            elapsed: self.turn_time(cx),
             ramp: orders.ramp,
             winding_torque: self.heat.allowed(limits.torque),
         };
@@ -90,16 +90,25 @@ impl Motor {
 
     fn damp(&self, held: Option<Impedance<Joint>>, orders: &Orders, cx: &Context) -> Applied {
         let limits = &self.settings.limits;
-        let kd = self.settings.damping_kd * if orders.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
+        let share = if orders.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
+        let kd = self.settings.damping_kd * share;
+        // A motor without impedance mode holds and brakes by itself: its setpoints have no gains to do it with.
+        let impedance = self.settings.capabilities.impedance;
         match (held, self.measured()) {
             (Some(held), Some(measured)) => {
-                // A motor without impedance mode holds by itself: its setpoints have no stiffness to hold with.
-                let impedance = self.settings.capabilities.impedance;
                 let mode = if impedance { SetpointMode::Impedance } else { SetpointMode::Position };
                 limit::hold(Setpoint { values: held, mode }, kd, limits, measured, self.age(cx))
             }
-            (_, measured) => limit::damp(kd, limits, measured),
+            (_, measured) if impedance => limit::damp(kd, limits, measured),
+            (_, measured) => {
+                limit::brake(&self.applied.setpoint, share, limits, measured, self.turn_time(cx))
+            }
         }
+    }
+
+    /// The time that a command lasts, s.
+    fn turn_time(&self, cx: &Context) -> f32 {
+        self.turn.elapsed.unwrap_or(cx.elapsed)
     }
 
     /// Age of its state, s. Where every cycle is a turn: beyond a cycle.

@@ -68,6 +68,28 @@ pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<J
     limiter.applied()
 }
 
+/// Takes the motion out of a joint whose drive has a speed loop of its own: a speed that falls from that of the joint to zero.
+///
+/// It is never more than the joint is known to turn, nor against it, and without a new state it falls on: each such command
+/// brakes. Nothing bounds the torque of the drive but the slope, of which `share` is given.
+#[must_use]
+pub(super) fn brake(
+    previous: &Setpoint,
+    share: f32,
+    limits: &LimitSettings,
+    measured: Option<&Measured<Joint>>,
+    elapsed: f32,
+) -> Applied {
+    let turns = measured.map_or(0.0, |measured| measured.velocity);
+    let begun = if previous.mode == SetpointMode::Speed { previous.values.velocity } else { turns };
+    let slower = (begun.abs() - share * limits.velocity / SPEED_RISE * elapsed).max(0.0).copysign(begun);
+    // Of comparisons with what is no number, the number remains.
+    let [low, high] = [turns.min(0.0).max(-limits.velocity), turns.max(0.0).min(limits.velocity)];
+    let speed = slower.max(low).min(high);
+    let setpoint = Setpoint { values: Impedance::new(0.0, speed, 0.0, 0.0, 0.0), mode: SetpointMode::Speed };
+    Limiter::new(setpoint, 0.0).applied()
+}
+
 /// Keeps a joint where it was held when the stop began, with the gains it had, but not damped less than `kd`.
 #[must_use]
 pub(super) fn hold(

@@ -31,6 +31,8 @@ use service::ZERO_TOLERANCE;
 
 /// A motor that has been silent for this many turns is asked for its faults instead.
 const SILENT_TURNS: u32 = 5;
+/// A joint that takes more than this share of the rated torque to stand still bears a load.
+const LOAD_SHARE: f32 = 0.1;
 /// So many states in a row that say "off" stop the group of a motor that should follow setpoints.
 const OFF_STATES_MAX: u32 = 5;
 
@@ -118,9 +120,16 @@ impl Motor {
         self.measured.is_some_and(|state| !(low..=high).contains(&state.position))
     }
 
-    /// It is known to turn slower than `rest_velocity`, rad/s.
+    /// It is known to turn slower than `rest_velocity`, rad/s, and would do so without its drive.
     pub(super) fn is_at_rest(&self, rest_velocity: f32) -> bool {
-        self.is_fresh() && self.measured.is_some_and(|state| state.velocity.abs() < rest_velocity)
+        let rests =
+            |state: Measured<Joint>| state.velocity.abs() < rest_velocity && !self.is_held_by_brake(&state);
+        self.is_fresh() && self.measured.is_some_and(rests)
+    }
+
+    /// A damped joint that bears a load sinks; one that its drive brakes stands still, and falls when it is let go.
+    fn is_held_by_brake(&self, state: &Measured<Joint>) -> bool {
+        !self.settings.capabilities.impedance && state.torque.abs() > LOAD_SHARE * self.settings.rated_torque
     }
 
     /// It was started, and nothing says that it has stopped since. A motor in fault stopped by itself.
