@@ -12,6 +12,7 @@ mod findings;
 mod keys;
 pub mod lock;
 mod machine;
+mod origin;
 mod problem;
 mod reference;
 mod similar;
@@ -26,10 +27,10 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 pub use machine::Machine;
+pub use origin::{Limit, Origin};
 pub use problem::{Place, Problem, Wrong};
 pub use reference::reference;
 pub use similar::suggestion;
-pub use validate::origin::{Limit, Origin};
 
 use document::Document;
 use findings::Findings;
@@ -138,7 +139,7 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
     let (errors, warnings) = findings.into_problems();
     match settings {
         Some(settings) if errors.is_empty() => {
-            let limits = validate::origin::limits(&document, &settings, text);
+            let limits = validate::limits::explained(&document, &settings, text);
             Ok(Loaded { settings, limits, warnings, hash: fnv1a(bytes) })
         }
         refused => Err(ConfigError { problems: errors, refused: refused.map(Box::new) }),

@@ -955,6 +955,14 @@ fn every_effective_limit_says_where_it_comes_from() {
         let row = |line: &&str| line.trim_start().starts_with(key) && line.ends_with(&from);
         assert!(said.lines().any(|line| row(&line)), "{key}: {from} in\n{said}");
     }
+    let keys: Vec<_> =
+        report["joints"][0]["limits"].as_array().unwrap().iter().map(|limit| &limit["key"]).collect();
+    let written = fs::read_to_string(shipped("../docs/configuration.md")).unwrap();
+    let section = written.split("\n## ").find(|section| section.starts_with("[motor.limits]")).unwrap();
+    for row in section.lines().filter_map(|line| line.strip_prefix("| `")) {
+        let key = row.split('`').next().unwrap();
+        assert!(keys.contains(&&serde_json::json!(key)), "{key} is a limit without an origin");
+    }
     let settings = load(&file).expect("is good").settings;
     for (joint, motor) in settings.motors.iter().enumerate() {
         let number = |key: &str| limit(joint, key)["max"].as_f64().map(|max| max as f32);

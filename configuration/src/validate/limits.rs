@@ -1,12 +1,14 @@
 //! `[motor.limits]`: within the capability of the motor and the scale of its protocol.
 
 use motord_core::joint::Transmission;
-use motord_core::settings::{BeyondRange, LimitSettings};
+use motord_core::settings::{BeyondRange, LimitSettings, MotorSettings, Settings};
 use motord_protocol::{Field, Scales};
 
+use crate::document::{Document, Motor};
 use crate::entry::{At, Entry, degrees};
-use crate::findings::Findings;
+use crate::findings::{Findings, line};
 use crate::keys::Limits;
+use crate::origin::{Limit, Origin};
 use crate::problem::Wrong;
 
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
@@ -19,12 +21,12 @@ const UNWRAPPED_POSITION: f64 = 1000.0;
 /// Largest default position, rad at the motor: its behaviour at the end of the scale is not known.
 const CAUTIOUS_POSITION: f64 = 12.0;
 /// Largest default velocity, rad/s.
-pub(super) const CAUTIOUS_VELOCITY: f64 = 60.0;
+const CAUTIOUS_VELOCITY: f64 = 60.0;
 /// Default slews: the full torque within 20 ms, the full gains within 50 ms.
 const TORQUE_SLEW_PER_S: f64 = 50.0;
 const GAIN_SLEW_PER_S: f64 = 20.0;
 /// Default derating begins at this temperature, °C, and at least so far below the maximum.
-pub(super) const DERATE_CELSIUS: f64 = 70.0;
+const DERATE_CELSIUS: f64 = 70.0;
 const DERATING_CELSIUS: f64 = 10.0;
 
 /// The facts of a motor that bound its limits, output side. Infinite where the model is not known.
@@ -167,4 +169,95 @@ fn temperatures(keys: &Limits, findings: &mut Findings<'_>) -> [f64; 2] {
         findings.error(entry.at, Wrong::DerateOrder { derate, max });
     }
     [derate, max]
+}
+
+/// The effective limits of every motor and where they come from, in the order of `settings.motors`; `text` is the file.
+pub(crate) fn explained(document: &Document, settings: &Settings, text: &str) -> Vec<Vec<Limit>> {
+    let motors = document.motors.iter().zip(&settings.motors);
+    motors.map(|(item, motor)| Explained { text, keys: &item.keys, motor }.limits()).collect()
+}
+
+/// A motor, as it is written and as it is built.
+struct Explained<'a> {
+    text: &'a str,
+    keys: &'a Motor,
+    motor: &'a MotorSettings,
+}
+
+impl Explained<'_> {
+    fn limits(&self) -> Vec<Limit> {
+        let (keys, is) = (&self.keys.limits, &self.motor.limits);
+        let rated = (&self.keys.keys.rated_torque_nm, self.motor.rated_torque);
+        let [low, high] = is.position;
+        let position = self.limit(&keys.position_rad, high, Origin::Default);
+        vec![
+            Limit { min: Some(low), ..position },
+            self.limit(&keys.velocity_rad_s, is.velocity, self.velocity()),
+            self.limit(&keys.torque_nm, is.torque, self.torque()),
+            self.limit(rated.0, rated.1, self.rated_torque()),
+            self.limit(&keys.kp_max, is.kp, Origin::Default),
+            self.limit(&keys.kd_max, is.kd, Origin::Default),
+            self.limit(&keys.torque_slew_nm_per_s, is.torque_slew, Origin::Rule("50 · torque-nm")),
+            self.limit(&keys.kp_slew_per_s, is.kp_slew, Origin::Rule("20 · kp-max")),
+            self.limit(&keys.kd_slew_per_s, is.kd_slew, Origin::Rule("20 · kd-max")),
+            self.limit(&keys.temperature_derate_celsius, is.temperature_derate, self.derating()),
+            self.limit(&keys.temperature_max_celsius, is.temperature, Origin::Default),
+            self.limit(&keys.following_error_rad, is.following_error, Origin::Default),
+        ]
+    }
+
+    /// The limit of a key, whose value comes from elsewhere when it is not written.
+    fn limit<T>(&self, entry: &Entry<T>, max: impl Into<Option<f32>>, elsewhere: Origin) -> Limit {
+        let origin = if entry.is_written { Origin::File { line: self.line(entry) } } else { elsewhere };
+        Limit { key: entry.at.key, unit: entry.unit, min: None, max: max.into(), origin }
+    }
+
+    fn line<T>(&self, entry: &Entry<T>) -> usize {
+        line(self.text.as_bytes(), entry.at.offset)
+    }
+
+    /// A fact of the motor: of its model, unless the file has another.
+    fn fact<T>(&self, entry: &Entry<T>, fact: &'static str) -> Origin {
+        match entry.is_written {
+            true => Origin::Key { key: entry.at.key, line: self.line(entry) },
+            false => Origin::Model(fact),
+        }
+    }
+
+    /// The default is the least of three: without load, cautious, and the protocol's.
+    fn velocity(&self) -> Origin {
+        let (motor, keys) = (self.motor, &self.keys.keys);
+        match motor.limits.velocity {
+            velocity if velocity >= motor.max_velocity => {
+                self.fact(&keys.max_velocity_rad_s, "velocity without load")
+            }
+            velocity if velocity >= CAUTIOUS_VELOCITY as f32 => Origin::Default,
+            _ => Origin::Protocol,
+        }
+    }
+
+    /// The default is the rated torque, as far as the protocol can carry it.
+    fn torque(&self) -> Origin {
+        if self.motor.limits.torque < self.motor.rated_torque {
+            return Origin::Protocol;
+        }
+        let written = &self.keys.keys.rated_torque_nm;
+        if written.is_written { self.fact(written, "") } else { self.rated_torque() }
+    }
+
+    /// That of the model, unless the file allows a smaller peak.
+    fn rated_torque(&self) -> Origin {
+        let peak = &self.keys.keys.peak_torque_nm;
+        match self.motor.rated_torque < self.motor.peak_torque {
+            false if peak.is_written => self.fact(peak, "peak torque"),
+            _ => Origin::Model("rated torque"),
+        }
+    }
+
+    fn derating(&self) -> Origin {
+        match self.motor.limits.temperature_derate < DERATE_CELSIUS as f32 {
+            true => Origin::Rule("10 below temperature-max-celsius"),
+            false => Origin::Default,
+        }
+    }
 }

@@ -5,9 +5,8 @@
 
 mod bus;
 mod group;
-mod limits;
+pub(super) mod limits;
 mod motor;
-pub(super) mod origin;
 
 use motord_bus::Duration;
 use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
