@@ -1,6 +1,6 @@
 //! The limits, which are the last thing before the wire.
 
-use motord_core::control::{Applied, Circumstances, limit};
+use motord_core::control::{Applied, Circumstances, damp, limit};
 use motord_core::joint::{Impedance, Joint, Measured, Setpoint};
 use motord_core::settings::LimitSettings;
 use motord_shared::Limit;
@@ -114,4 +114,11 @@ fn a_joint_that_was_not_heard_is_pulled_with_less_torque_for_as_far_as_it_may_ha
     for gone in [-0.18, 0.0, 0.18] {
         assert!(applied.predicted_torque(gone, 20.0).abs() <= LIMITS.torque + 1e-4, "{gone}");
     }
+}
+
+#[test]
+fn braking_a_fast_joint_stays_within_its_torque() {
+    let measured = Measured::new(0.0, 30.0, 0.0, None);
+    let applied = damp(2.0, &LIMITS, Some(&measured)).setpoint.values;
+    assert!((applied.predicted_torque(0.0, 30.0) + 10.0).abs() < 1e-4);
 }

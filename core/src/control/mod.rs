@@ -25,7 +25,7 @@ mod time_base;
 
 pub use command::{Command, Reported, Status};
 pub use event::{Event, Events};
-pub use motor::{Applied, Circumstances, limit};
+pub use motor::{Applied, Circumstances, damp, limit};
 
 use crate::settings::Settings;
 use admin::Leases;

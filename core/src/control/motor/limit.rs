@@ -59,7 +59,7 @@ pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
 
 /// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
 #[must_use]
-pub(super) fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Applied {
+pub fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Applied {
     let damping = Setpoint::impedance(Impedance::new(0.0, 0.0, 0.0, kd, 0.0));
     let mut limiter = Limiter::new(damping, 0.0);
     if let Some(measured) = measured {
@@ -214,30 +214,5 @@ impl Limiter {
         let inside = if inside < high { inside } else { high };
         self.acted |= if inside == value { 0 } else { limit.bit() };
         inside
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn braking_a_fast_joint_stays_within_its_torque() {
-        let limits = LimitSettings {
-            position: [-1.0, 1.0],
-            velocity: 20.0,
-            torque: 10.0,
-            kp: 100.0,
-            kd: 4.0,
-            torque_slew: 100.0,
-            kp_slew: 1000.0,
-            kd_slew: 40.0,
-            temperature_derate: 80.0,
-            temperature: 100.0,
-            following_error: None,
-        };
-        let measured = Measured::new(0.0, 30.0, 0.0, None);
-        let applied = damp(2.0, &limits, Some(&measured)).setpoint.values;
-        assert!((applied.predicted_torque(0.0, 30.0) + 10.0).abs() < 1e-4);
     }
 }

@@ -12,7 +12,7 @@ mod service;
 mod turn;
 
 pub(super) use follow::Orders;
-pub use limit::{Applied, Circumstances, limit};
+pub use limit::{Applied, Circumstances, damp, limit};
 pub(super) use service::{Kind, ServiceRequest};
 pub(super) use turn::Turn;
 
