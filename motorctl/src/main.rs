@@ -12,6 +12,7 @@ mod demo;
 mod exit_status;
 mod failure;
 mod fault;
+mod history;
 mod instances;
 mod latency;
 mod monitor;

@@ -81,13 +81,15 @@ pub(crate) fn release(instance: &str, group: &str) -> Result<(), Failure> {
 /// `motorctl fault clear`: clears a motor's fault.
 pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.clear_fault(joint)?;
-    say(&format!("{joint}: the fault was cleared; `motorctl status` shows it again if its cause remains"))
+    let status = format!("{} status", motorctl(instance));
+    say(&format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains"))
 }
 
 /// `motorctl exclude`: leaves a joint out of its group.
 pub(crate) fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.exclude(joint)?;
-    say(&format!("{joint}: is excluded until `motorctl include {joint}`, or until the daemon starts again"))
+    let include = format!("{} include {joint}", motorctl(instance));
+    say(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"))
 }
 
 /// `motorctl include`: ends the exclusion of a joint.

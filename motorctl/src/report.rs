@@ -2,8 +2,8 @@
 
 use crate::advice::{Advice, motorctl};
 use motord_client::{
-    Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Rejection,
-    RobotDescription, State, Telemetry,
+    Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Process,
+    Rejection, RobotDescription, State, Telemetry,
 };
 use motord_terminal::{Cell, Colour, Palette, Table, printable};
 use serde::Serialize;
@@ -42,6 +42,8 @@ pub(crate) struct GroupReport {
     pub(crate) phase: &'static str,
     /// The owner's lease; `null` when nobody owns the group.
     pub(crate) lease: Option<u64>,
+    /// The owner's process; `null` when nobody owns the group, or the daemon does not know the process.
+    pub(crate) owner: Option<ProcessReport>,
     /// Age of the setpoint in use when the cycle began; `null` when there is none.
     pub(crate) setpoint_age_us: Option<f64>,
     pub(crate) accepted: u32,
@@ -59,24 +61,24 @@ pub(crate) struct Stop {
     /// The joint that gave the cause.
     pub(crate) joint: Option<String>,
     /// The process that asked for the stop.
-    pub(crate) asked_by: Option<AskedBy>,
+    pub(crate) asked_by: Option<ProcessReport>,
     pub(crate) advice: String,
     /// The commands of the advice.
     #[serde(skip)]
     pub(crate) steps: Advice,
 }
 
-/// A process that asked for a stop.
+/// A process that owns a group or asked for a stop.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub(crate) struct AskedBy {
+pub(crate) struct ProcessReport {
     pub(crate) pid: u32,
     /// `null` when the daemon does not know it.
     pub(crate) program: Option<String>,
 }
 
-impl fmt::Display for AskedBy {
+impl fmt::Display for ProcessReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "by pid {}", self.pid)?;
+        write!(f, "pid {}", self.pid)?;
         // Any process may choose its name.
         let of_a_name = |letter: char| if letter.is_control() { '?' } else { letter };
         let program = self.program.iter().map(|program| program.chars().map(of_a_name).collect::<String>());
@@ -84,11 +86,17 @@ impl fmt::Display for AskedBy {
     }
 }
 
+impl From<&Process> for ProcessReport {
+    fn from(Process { pid, program }: &Process) -> Self {
+        Self { pid: *pid, program: Some(program.clone()).filter(|program| !program.is_empty()) }
+    }
+}
+
 impl Stop {
     /// The joint that gave the cause, or the process that asked for the stop, in brackets after a space; else nothing.
     pub(crate) fn origin(&self) -> String {
         let joint = self.joint.clone();
-        let origin = joint.or_else(|| self.asked_by.as_ref().map(AskedBy::to_string));
+        let origin = joint.or_else(|| self.asked_by.as_ref().map(|process| format!("by {process}")));
         origin.map_or_else(String::new, |origin| format!(" ({origin})"))
     }
 }
@@ -175,13 +183,14 @@ impl Report {
         }
     }
 
-    /// Names the programs that asked for stops.
+    /// Names the owners, and the programs that asked for stops.
     pub(crate) fn name_programs(&mut self, telemetry: &Telemetry) {
         for (group, history) in self.groups.iter_mut().zip(&telemetry.groups) {
+            // The history remembers the owner before.
+            group.owner = history.owner.as_ref().filter(|_| group.lease.is_some()).map(ProcessReport::from);
             let (Some(stop), Some(process)) = (&mut group.stop, &history.stopped_by) else { continue };
-            let asker = stop.asked_by.as_mut().filter(|asker| asker.pid == process.pid);
-            if let Some(asker) = asker {
-                asker.program = Some(process.program.clone()).filter(|program| !program.is_empty());
+            if let Some(asker) = stop.asked_by.as_mut().filter(|asker| asker.pid == process.pid) {
+                *asker = process.into();
             }
         }
     }
@@ -283,10 +292,19 @@ impl GroupReport {
             name: name.to_owned(),
             phase: group.phase.map_or(UNKNOWN, Phase::name),
             lease: group.lease.map(Lease::raw),
+            owner: None,
             setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
             accepted: group.accepted,
             rejected: rejected.filter(|(_, count)| *count > 0).collect(),
             stop: group.latched.then(|| Stop::new(name, group, robot)),
+        }
+    }
+
+    fn owner(&self) -> String {
+        match (&self.owner, self.lease) {
+            (Some(process), _) => process.to_string(),
+            (None, Some(lease)) => format!("lease {lease}"),
+            (None, None) => "none".to_owned(),
         }
     }
 }
@@ -299,7 +317,7 @@ impl Stop {
             cause: group.cause.map_or(UNKNOWN, Cause::name),
             sentence: group.cause.map_or("This motorctl does not know the cause.", Cause::sentence),
             joint: joint.cloned(),
-            asked_by: group.cause_pid.map(|pid| AskedBy { pid, program: None }),
+            asked_by: group.cause_pid.map(|pid| ProcessReport { pid, program: None }),
             advice: steps.to_string(),
             steps,
         }
@@ -379,7 +397,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
         table.row(vec![
             Cell::plain(&group.name),
             Cell::plain(group.phase),
-            group.lease.map_or_else(|| Cell::plain("none"), |lease| Cell::plain(format!("lease {lease}"))),
+            Cell::plain(group.owner()),
             Cell::number(group.setpoint_age_us, 0),
             Cell::plain(group.accepted),
             Cell::new(if rejected.is_empty() { "0".into() } else { rejected.join(", ") }, Colour::Plain),

@@ -1,8 +1,11 @@
 //! `motorctl sim`: faults for simulated motors and buses, in a running daemon.
 
+use crate::advice::motorctl;
 use crate::failure::Failure;
 use motord_client::{Fault, inject_fault};
 use motord_simulator::{FaultTarget, Verb};
+use motord_terminal::json;
+use serde::Serialize;
 use std::io::{self, Write};
 
 /// The words of a fault.
@@ -15,13 +18,25 @@ pub(crate) struct Sim {
     /// Its argument, if it has one.
     #[arg(allow_hyphen_values = true)]
     argument: Option<String>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The object that `--json` prints.
+#[derive(Serialize)]
+struct Report<'a> {
+    instance: &'a str,
+    target: &'a str,
+    fault: &'a str,
+    argument: Option<&'a str>,
 }
 
 /// Examples, and every fault that there is.
 pub(crate) fn after_help() -> String {
     let names: Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
     format!(
-        "Examples:\n  motorctl sim fl-knee off\n  motorctl sim fl-knee fault over-voltage\n  motorctl sim fl-knee ok\n  \
+        "Examples:\n  motorctl sim fl-knee off\n  motorctl sim fl-knee ok --json\n  motorctl sim fl-knee fault over-voltage\n  motorctl sim fl-knee ok\n  \
          motorctl sim front-left bus-off\n  motorctl sim front-left ok\n\nFaults of a motor or a bus:\n{}\nFaults of a \
          motor:\n{}\nFaults of a bus:\n{}\nFaults that a drive may raise, by name, as far as its vendor has them:\n  {}",
         Verb::list(&[FaultTarget::Any]),
@@ -33,8 +48,16 @@ pub(crate) fn after_help() -> String {
 
 /// Gives the fault to its target. The daemon judges the words.
 pub(crate) fn run(instance: &str, sim: &Sim) -> Result<(), Failure> {
-    let Sim { target, fault, argument } = sim;
+    let Sim { target, fault, argument, .. } = sim;
     let line = [target, fault].into_iter().chain(argument).map(String::as_str).collect::<Vec<_>>().join(" ");
     inject_fault(instance, &line)?;
-    Ok(writeln!(io::stdout(), "{line}: done; `motorctl sim {target} ok` ends it")?)
+    let out = &mut io::stdout().lock();
+    if sim.json {
+        json::write_line(out, &Report { instance, target, fault, argument: argument.as_deref() })?;
+    } else if fault == "ok" {
+        writeln!(out, "{target}: has no simulated fault any more")?;
+    } else {
+        writeln!(out, "{line}: done; `{} sim {target} ok` ends it", motorctl(instance))?;
+    }
+    Ok(())
 }

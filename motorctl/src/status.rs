@@ -1,6 +1,7 @@
 //! `motorctl status`: the state of the robot, once.
 
 use crate::failure::Failure;
+use crate::history::History;
 use crate::report::Report;
 use motord_client::{Client, Error};
 use motord_terminal::{Palette, json, printable};
@@ -30,10 +31,7 @@ pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Fail
     let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
     let mut report = Report::new(&client.description(), &state);
-    if report.groups.iter().any(|group| group.stop.as_ref().is_some_and(|stop| stop.asked_by.is_some())) {
-        // Who it was is worth a request, and no failure.
-        let _unknown = client.telemetry().map(|telemetry| report.name_programs(&telemetry));
-    }
+    report.name_programs(History::default().telemetry(&client, &state));
     let out = &mut io::stdout().lock();
     let troubles = if check { report.troubles() } else { Vec::new() };
     if as_json {

@@ -1,6 +1,7 @@
 //! `motorctl watch`: the state of the robot, repeatedly, also across restarts of the daemon.
 
 use crate::failure::Failure;
+use crate::history::History;
 use crate::report::Report;
 use crate::status;
 use motord_client::{Client, Error, State};
@@ -46,16 +47,18 @@ struct Output {
     palette: Palette,
     /// The daemon is away, and a message has said so.
     lost: bool,
+    history: History,
 }
 
 impl Output {
     fn new(as_json: bool) -> Self {
-        Self { as_json, palette: Palette::of_stdout(), lost: false }
+        Self { as_json, palette: Palette::of_stdout(), lost: false, history: History::default() }
     }
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
         self.lost = false;
-        let report = Report::new(&client.description(), state);
+        let mut report = Report::new(&client.description(), state);
+        report.name_programs(self.history.telemetry(client, state));
         let mut text = Vec::new();
         if self.as_json {
             json::write_line(&mut text, &report)?;

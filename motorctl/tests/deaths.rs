@@ -4,19 +4,16 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+mod daemon;
+
+use daemon::{Daemon, quadruped, until};
 use motord_client::{Cause, Client, Error, Phase, Setpoint, State};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-use tempfile::TempDir;
 
 /// Where the killed controller finds its daemon. It is this program, started again for one ignored test.
 const RUNTIME: &str = "MOTORD_TEST_RUNTIME";
-const PATIENCE: Duration = Duration::from_secs(20);
-
-fn config() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml")
-}
 
 /// A process that does not outlive its test.
 struct Process(Child);
@@ -28,37 +25,10 @@ impl Drop for Process {
     }
 }
 
-fn daemon(runtime: &TempDir) -> Process {
-    let motord = Path::new(env!("CARGO_BIN_EXE_motorctl")).with_file_name("motord");
-    assert!(motord.is_file(), "{} is missing: run `cargo build --workspace` first", motord.display());
-    let mut command = Command::new(motord);
-    command.arg("run").arg("--config").arg(config()).env("MOTORD_RUNTIME_DIR", runtime.path());
-    Process(command.stderr(Stdio::null()).spawn().unwrap())
-}
-
-fn controller(runtime: &TempDir) -> Process {
+fn controller(daemon: &Daemon) -> Process {
     let mut command = Command::new(std::env::current_exe().unwrap());
-    command.args(["--ignored", "--exact", "controller_process"]).env(RUNTIME, runtime.path());
+    command.args(["--ignored", "--exact", "controller_process"]).env(RUNTIME, daemon.directory.path());
     Process(command.stdout(Stdio::null()).spawn().unwrap())
-}
-
-fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        if let Some(found) = attempt() {
-            return found;
-        }
-        assert!(Instant::now() < deadline, "{what} did not happen");
-    }
-}
-
-fn connect(runtime: &TempDir) -> Client {
-    let client = until("a connection", || Client::connect_in(runtime.path(), "demo").ok());
-    until("a standing robot", || {
-        let state = client.wait(Duration::from_secs(1)).ok()?;
-        state.joints().all(|joint| joint.fresh).then_some(())
-    });
-    client
 }
 
 fn group(state: &State) -> motord_client::Group {
@@ -87,10 +57,9 @@ fn controller_process() {
 
 #[test]
 fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enables() {
-    let runtime = TempDir::new().unwrap();
-    let _daemon = daemon(&runtime);
-    let client = connect(&runtime);
-    let mut controller = controller(&runtime);
+    let daemon = Daemon::start(&quadruped());
+    let client = daemon.connect();
+    let mut controller = controller(&daemon);
     until("motion", || {
         let state = client.wait(Duration::from_secs(1)).unwrap();
         let stiff = state.joints().all(|joint| joint.applied.kp > 39.0);
@@ -140,17 +109,16 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
 
 #[test]
 fn a_killed_daemon_is_an_error_at_once_and_its_successor_is_found_without_a_restart() {
-    let runtime = TempDir::new().unwrap();
-    let mut first = daemon(&runtime);
-    let client = connect(&runtime);
+    let mut daemon = Daemon::start(&quadruped());
+    let client = daemon.connect();
     let killed = Instant::now();
-    first.0.kill().unwrap();
+    daemon.process.kill().unwrap();
     let error = until("an error", || client.wait(Duration::from_secs(5)).err());
     println!("{:?} after the kill: {error}", killed.elapsed());
     assert!(matches!(error, Error::NotRunning { .. } | Error::Silent { .. }), "{error}");
-    first.0.wait().unwrap();
+    daemon.process.wait().unwrap();
 
-    let _second = daemon(&runtime);
+    daemon.restart();
     let message = until("the restart", || match client.wait(Duration::from_secs(1)) {
         Err(error @ Error::Restarted) => Some(error.to_string()),
         Ok(_) | Err(_) => None,

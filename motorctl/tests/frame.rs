@@ -2,6 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+mod schema;
+
+use schema::assert_lines_valid;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
@@ -97,6 +100,7 @@ fn is_commentary(key: &str) -> bool {
 fn decode_tells_every_key_of_every_golden_vector() {
     for vector in vectors() {
         let decoded = vector.decode();
+        assert_lines_valid("motorctl-frame-decode", &decoded.to_string());
         for (key, expected) in vector.decoded.as_object().unwrap() {
             let agrees = is_commentary(key) || is_same(&decoded[key], expected);
             assert!(agrees, "{}: {key} is {}, expected {expected}", vector.name, decoded[key]);
@@ -194,6 +198,7 @@ fn is_identity(layout: &[&str], asked: &str, make: impl Fn(&mut Noise) -> Vec<u8
     let decode = [layout, &["--asked", asked, "-"]].concat();
     let decoded = text(&frame("decode", &decode, &frames.join("\n")));
     assert_eq!(decoded.lines().count(), frames.len());
+    assert_lines_valid("motorctl-frame-decode", &decoded);
     let read = frames.iter().zip(decoded.lines()).filter(|(_, object)| !object.contains("\"reject\""));
     let (frames, objects): (Vec<&String>, Vec<&str>) = read.unzip();
     assert!(frames.len() > 2_500, "{layout:?}: {} of 3000 frames were read", frames.len());

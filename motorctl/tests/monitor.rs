@@ -3,80 +3,23 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+mod daemon;
 mod tmux;
 
+use daemon::{Daemon, slow_quadruped, until};
 use motord_client::{Claim, Client, Error, Phase, Setpoint, State};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
-use tempfile::TempDir;
+use std::time::Duration;
 use tmux::Tmux;
 
-const PATIENCE: Duration = Duration::from_secs(30);
-
-/// The shipped simulated quadruped, slow, so that it runs beside other tests.
-struct Daemon {
-    process: Child,
-    directory: TempDir,
-}
-
-impl Daemon {
-    fn start() -> Self {
-        let directory = TempDir::new().unwrap();
-        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml");
-        let robot = std::fs::read_to_string(config).unwrap().replace("rate-hz = 1000", "rate-hz = 100");
-        std::fs::write(directory.path().join("robot.toml"), robot).unwrap();
-        Self { process: Self::spawn(&directory), directory }
-    }
-
-    fn spawn(directory: &TempDir) -> Child {
-        let motord = Path::new(env!("CARGO_BIN_EXE_motorctl")).with_file_name("motord");
-        assert!(motord.is_file(), "{} is missing: run `cargo build --workspace` first", motord.display());
-        let mut command = Command::new(motord);
-        command.arg("run").arg("--config").arg(directory.path().join("robot.toml"));
-        command.env("MOTORD_RUNTIME_DIR", directory.path()).stderr(Stdio::null()).spawn().unwrap()
-    }
-
-    fn kill(&mut self) {
-        self.process.kill().unwrap();
-        self.process.wait().unwrap();
-    }
-
-    fn connect(&self) -> Client {
-        let client = until("a connection", || Client::connect_in(self.directory.path(), "demo").ok());
-        until("a standing robot", || {
-            let state = client.wait(Duration::from_secs(1)).ok()?;
-            state.joints().all(|joint| joint.fresh).then_some(())
-        });
-        client
-    }
-
-    fn terminal(&self) -> Option<Tmux> {
-        let programs = Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap();
-        let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
-        let runtime = self.directory.path().to_str().unwrap();
-        Tmux::start(&[("PATH", &path), ("MOTORD_RUNTIME_DIR", runtime)])
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _gone = self.process.kill();
-        let _status = self.process.wait();
-    }
-}
-
-fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + PATIENCE;
-    loop {
-        if let Some(found) = attempt() {
-            return found;
-        }
-        assert!(Instant::now() < deadline, "{what} did not happen");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+/// A terminal in which `motorctl` is the program of this test.
+fn terminal(daemon: &Daemon) -> Option<Tmux> {
+    let programs = Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap();
+    let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+    let runtime = daemon.directory.path().to_str().unwrap();
+    Tmux::start(&[("PATH", &path), ("MOTORD_RUNTIME_DIR", runtime)])
 }
 
 /// Holds the legs where they are, until `end`; enables them when `enable` says so.
@@ -103,8 +46,8 @@ fn hold(client: &Client, end: &AtomicBool, enable: &AtomicBool, newest: &Mutex<O
 /// it. Method: keys of tmux; the screen and the daemon's states are judged.
 #[test]
 fn keys_stop_reset_and_disable_a_robot_and_the_screen_tells_it() {
-    let daemon = Daemon::start();
-    let Some(tmux) = daemon.terminal() else { return };
+    let daemon = Daemon::start(&slow_quadruped());
+    let Some(tmux) = terminal(&daemon) else { return };
     let client = daemon.connect();
     let (end, enable, newest) = (AtomicBool::new(false), AtomicBool::new(true), Mutex::new(None));
     let phase = || newest.lock().unwrap().and_then(|state: State| state.group(0)?.phase);
@@ -146,10 +89,77 @@ fn keys_stop_reset_and_disable_a_robot_and_the_screen_tells_it() {
     tmux.assert_given_back();
 }
 
+/// Goal: the worst day of a robot is on the first screen of a small terminal: why it stands, whose it is, what to do; and what
+/// the screen says to paste ends it.
+/// Method: the real program at 80x24 and at 60x20; a motor in fault and a bus that is off, as the simulator makes them, and an
+/// emergency stop, all at once; then the lines of the screen in another shell, and the key for the reset.
+#[test]
+fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
+    let daemon = Daemon::start(&slow_quadruped());
+    let (Some(tmux), Some(shell)) = (terminal(&daemon), terminal(&daemon)) else { return };
+    let client = daemon.connect();
+    let (end, enable, newest) = (AtomicBool::new(false), AtomicBool::new(true), Mutex::new(None));
+    let phase = || newest.lock().unwrap().and_then(|state: State| state.group(0)?.phase);
+    std::thread::scope(|scope| {
+        scope.spawn(|| hold(&client, &end, &enable, &newest));
+        let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+            until("motion", || (phase() == Some(Phase::Active)).then_some(()));
+            tmux.enter("motorctl --instance demo monitor");
+            tmux.until("the robot", |screen| screen.contains("legs  active"));
+            tmux.press(&["Space"]);
+            tmux.until("the stop", |screen| screen.contains("emergency stop confirmed"));
+            until("rest", || (phase() == Some(Phase::Disarmed)).then_some(()));
+            shell.enter("motorctl --instance demo sim fr-knee fault over-voltage");
+            shell.enter("motorctl --instance demo sim rear-right bus-off; echo made");
+            shell.until("the troubles", |screen| screen.contains("\nmade"));
+
+            let owner = format!("({})", std::process::id());
+            let first_screen = [
+                "EMERGENCY STOP",
+                "legs disarmed owner ",
+                &owner,
+                "legs: An emergency stop was requested. (by pid ",
+                "Bus rear-right is off. Check the wiring, the termination and the bit rate of the bus.",
+                "fr-knee reports over-voltage. Remove its cause, then paste: motorctl --instance demo fault clear fr-knee",
+                "Then paste, or press r: motorctl --instance demo reset legs",
+                "rear-right off",
+                "rr-knee",
+                "SPACE e-stop",
+            ];
+            for (width, height) in [(80, 24), (60, 20)] {
+                tmux.resize(width, height);
+                tmux.until("everything at once", |screen| {
+                    let said = screen.split_whitespace().collect::<Vec<_>>().join(" ");
+                    screen.lines().count() <= height.into()
+                        && first_screen.iter().all(|line| said.contains(line))
+                });
+            }
+
+            // Its page of the buses, and the way back.
+            tmux.press(&["Tab"]);
+            tmux.until("the buses", |screen| screen.contains("rear-right") && !screen.contains("fl-hip "));
+            tmux.press(&["1"]);
+            shell.enter("motorctl --instance demo sim rear-right ok");
+            shell.enter("motorctl --instance demo fault clear fr-knee; echo cleared");
+            tmux.until("the end of both", |screen| {
+                !screen.contains("rear-right is off")
+                    && !screen.contains("over-voltage")
+                    && !screen.contains("offline")
+            });
+            tmux.press(&["r"]);
+            tmux.until("the reset", |screen| screen.contains("legs: reset") && !screen.contains("STOPPED"));
+        }));
+        end.store(true, Ordering::Relaxed);
+        all.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+    });
+    tmux.press(&["q"]);
+    tmux.assert_given_back();
+}
+
 #[test]
 fn pages_filters_and_sizes_follow_the_keys_and_the_terminal() {
-    let daemon = Daemon::start();
-    let Some(tmux) = daemon.terminal() else { return };
+    let daemon = Daemon::start(&slow_quadruped());
+    let Some(tmux) = terminal(&daemon) else { return };
     let _client = daemon.connect();
     // On a terminal the watch is the monitor.
     tmux.enter("motorctl --instance demo watch");
@@ -171,14 +181,14 @@ fn pages_filters_and_sizes_follow_the_keys_and_the_terminal() {
 
 #[test]
 fn a_signal_gives_the_terminal_back_and_a_restarted_daemon_is_found() {
-    let mut daemon = Daemon::start();
-    let Some(tmux) = daemon.terminal() else { return };
+    let mut daemon = Daemon::start(&slow_quadruped());
+    let Some(tmux) = terminal(&daemon) else { return };
     drop(daemon.connect());
     tmux.enter("motorctl --instance demo monitor & echo $! >$MOTORD_RUNTIME_DIR/pid; fg");
     tmux.until("the joints", |screen| screen.contains("rr-knee"));
     daemon.kill();
     tmux.until("the loss", |screen| screen.contains("NO CONTACT for") && screen.contains("rr-knee"));
-    daemon.process = Daemon::spawn(&daemon.directory);
+    daemon.restart();
     tmux.until("the next daemon", |screen| {
         screen.contains(&format!("({})", daemon.process.id())) && !screen.contains("NO CONTACT")
     });

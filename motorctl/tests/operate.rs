@@ -2,97 +2,25 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+mod daemon;
+
+use daemon::{BENCH, Daemon};
 use motord_client::Client;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Slow and patient, so that many of them run side by side on a busy machine.
-const CONFIG: &str = r#"
-[daemon]
-instance = "bench"
-[cycle]
-rate-hz = 100
-max-lateness-ms = 1000.0
-[safety]
-setpoint-timeout-ms = 1000.0
-deadman-ms = 2000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
-"#;
-
-/// A daemon in a directory of its own.
-struct Daemon {
-    process: Child,
-    directory: TempDir,
-}
-
-impl Daemon {
-    fn start() -> Self {
-        let directory = TempDir::new().unwrap();
-        std::fs::write(directory.path().join("motord.toml"), CONFIG).unwrap();
-        let process = Self::spawn(&directory);
-        let daemon = Self { process, directory };
-        daemon.await_ready();
-        daemon
-    }
-
-    fn spawn(directory: &TempDir) -> Child {
-        let motord = Path::new(env!("CARGO_BIN_EXE_motorctl")).with_file_name("motord");
-        assert!(motord.is_file(), "{} is missing: run `cargo build --workspace` first", motord.display());
-        let mut command = Command::new(motord);
-        command.arg("run").arg("--config").arg(directory.path().join("motord.toml"));
-        command.env("MOTORD_RUNTIME_DIR", directory.path()).stderr(Stdio::null()).spawn().unwrap()
-    }
-
-    fn kill(&mut self) {
-        self.process.kill().unwrap();
-        self.process.wait().unwrap();
-    }
-
-    fn await_ready(&self) {
-        let deadline = Instant::now() + Duration::from_secs(20);
-        while self.motorctl(&["status"]).status.code() != Some(0)
-            || self.status()["joints"][0]["mode"] != "idle"
-        {
-            assert!(Instant::now() < deadline, "the daemon is not ready");
-        }
-    }
-
-    fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
-        command.args(["--instance", "bench"]).args(arguments);
-        command.env("MOTORD_RUNTIME_DIR", self.directory.path());
-        command
-    }
-
-    fn motorctl(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().unwrap()
-    }
-
-    fn status(&self) -> Value {
-        serde_json::from_slice(&self.motorctl(&["status", "--json"]).stdout).unwrap()
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _ = kill(Pid::from_raw(self.process.id().cast_signed()), Signal::SIGTERM);
-        let _ = self.process.wait();
-    }
+/// The arm on its desk, at rest.
+fn started() -> Daemon {
+    let daemon = Daemon::start(BENCH);
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    daemon
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -101,7 +29,7 @@ fn text(bytes: &[u8]) -> String {
 
 #[test]
 fn status_tells_people_and_scripts_the_same() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let status = daemon.status();
     assert_eq!(status["instance"], "bench");
     assert_eq!(status["pid"], daemon.process.id());
@@ -120,7 +48,7 @@ fn status_tells_people_and_scripts_the_same() {
 
 #[test]
 fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let mut idle = Vec::new();
     let full = loop {
         match Client::connect_in(daemon.directory.path(), "bench") {
@@ -137,7 +65,7 @@ fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
 
 #[test]
 fn an_emergency_stop_says_what_to_do_and_a_reset_takes_it_back() {
-    let daemon = Daemon::start();
+    let daemon = started();
     assert!(daemon.motorctl(&["estop"]).status.success());
     let status = daemon.status();
     assert_eq!(status["emergency_stop"], true);
@@ -153,7 +81,7 @@ fn an_emergency_stop_says_what_to_do_and_a_reset_takes_it_back() {
 
 #[test]
 fn what_the_daemon_refuses_fails_with_the_reason() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let refused = daemon.motorctl(&["enable", "all"]);
     assert_eq!(refused.status.code(), Some(1));
     assert!(text(&refused.stderr).contains("Nobody owns this group"), "{}", text(&refused.stderr));
@@ -190,7 +118,7 @@ fn while_held(daemon: &Daemon, test: impl FnOnce()) {
 
 #[test]
 fn an_active_group_is_enabled_already_and_a_reset_can_wait_for_a_stop() {
-    let daemon = Daemon::start();
+    let daemon = started();
     while_held(&daemon, || {
         let until_enabled = Instant::now() + Duration::from_secs(20);
         while !daemon.motorctl(&["enable", "all"]).status.success() {
@@ -207,9 +135,31 @@ fn an_active_group_is_enabled_already_and_a_reset_can_wait_for_a_stop() {
     });
 }
 
+/// The process that moves the robot is what an operator looks for: a lease tells nobody whom to ask.
+#[test]
+fn status_names_the_process_that_owns_a_group() {
+    let daemon = started();
+    assert_eq!(daemon.status()["groups"][0]["owner"], Value::Null);
+    while_held(&daemon, || {
+        let pid = std::process::id();
+        let status = daemon.await_status(|status| status["groups"][0]["owner"]["pid"] == pid);
+        let program = status["groups"][0]["owner"]["program"].as_str().unwrap();
+        let said = text(&daemon.motorctl(&["status"]).stdout);
+        assert!(said.contains(&format!("pid {pid}, {program}")) && !said.contains("lease"), "{said}");
+        let mut watch = daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(watch.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        watch.kill().unwrap();
+        watch.wait().unwrap();
+        let watched: Value = serde_json::from_str(&line).unwrap();
+        assert_eq!(watched["groups"][0]["owner"], status["groups"][0]["owner"]);
+    });
+    daemon.await_status(|status| status["groups"][0]["owner"] == Value::Null);
+}
+
 #[test]
 fn a_check_judges_the_robot_by_its_exit_status() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let check = || daemon.motorctl(&["status", "--check"]);
     assert_eq!((check().status.code(), text(&check().stdout)), (Some(0), String::new()));
     assert!(daemon.motorctl(&["estop"]).status.success());
@@ -228,7 +178,7 @@ fn a_check_judges_the_robot_by_its_exit_status() {
 
 #[test]
 fn a_name_is_looked_up_before_anybody_is_asked() {
-    let daemon = Daemon::start();
+    let daemon = started();
     // Nobody can be asked here: that would be the complaint.
     let output = daemon.motorctl(&["zero", "leg"]);
     let complaint = text(&output.stderr);
@@ -243,7 +193,7 @@ fn escape_sequences_of_a_file_are_spelled_out() {
     let directory = TempDir::new().unwrap();
     let path = directory.path().join("motord.toml");
     let name = "\\u001B[31mleg\\u0007";
-    std::fs::write(&path, CONFIG.replace("\"arm\"", &format!("\"{name}\""))).unwrap();
+    std::fs::write(&path, BENCH.replace("\"arm\"", &format!("\"{name}\""))).unwrap();
     let programs = Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap();
     for (program, arguments) in [
         ("motord", ["check"].as_slice()),
@@ -269,41 +219,34 @@ fn escape_sequences_of_a_file_are_spelled_out() {
     }
 }
 
-/// Until `status` is as `wanted`.
-fn await_status(daemon: &Daemon, wanted: impl Fn(&Value) -> bool) {
-    let deadline = Instant::now() + Duration::from_secs(20);
-    while !wanted(&daemon.status()) {
-        assert!(Instant::now() < deadline, "{}", daemon.status());
-    }
-}
-
 #[test]
 fn a_simulated_fault_is_seen_by_clients_and_ends() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let sim = |words: &[&str]| daemon.motorctl(&[&["sim"], words].concat());
     let mode = |mode: &'static str| move |status: &Value| status["joints"][0]["mode"] == mode;
     assert!(sim(&["arm", "off"]).status.success());
-    await_status(&daemon, mode("offline"));
+    daemon.await_status(mode("offline"));
     assert!(sim(&["arm", "ok"]).status.success());
-    await_status(&daemon, mode("idle"));
-    assert!(sim(&["arm", "fault", "over-voltage"]).status.success());
-    await_status(&daemon, mode("fault"));
+    daemon.await_status(mode("idle"));
+    let said = text(&sim(&["arm", "fault", "over-voltage"]).stdout);
+    assert!(said.contains("`motorctl --instance bench sim arm ok` ends it"), "{said}");
+    daemon.await_status(mode("fault"));
     assert!(daemon.motorctl(&["fault", "clear", "arm"]).status.success());
-    await_status(&daemon, mode("idle"));
+    daemon.await_status(mode("idle"));
     // A bus whose adapter was unplugged comes back with the same motors.
     for fault in ["bus-off", "down", "gone"] {
         assert!(sim(&["desk", fault]).status.success(), "{fault}");
-        await_status(&daemon, |status| status["buses"][0]["condition"] != "active");
-        await_status(&daemon, mode("offline"));
+        daemon.await_status(|status| status["buses"][0]["condition"] != "active");
+        daemon.await_status(mode("offline"));
         assert!(sim(&["desk", "ok"]).status.success(), "{fault}");
-        await_status(&daemon, |status| status["buses"][0]["condition"] == "active");
-        await_status(&daemon, mode("idle"));
+        daemon.await_status(|status| status["buses"][0]["condition"] == "active");
+        daemon.await_status(mode("idle"));
     }
 }
 
 #[test]
 fn a_fault_that_there_is_not_is_answered_by_the_nearest_one() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let refused = [
         (["arn", "off"].as_slice(), "did you mean `arm`?"),
         (&["arm", "of"], "did you mean `off`?"),
@@ -327,7 +270,7 @@ fn a_fault_that_there_is_not_is_answered_by_the_nearest_one() {
 
 #[test]
 fn latency_tells_every_percentile() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let latency: Value = serde_json::from_slice(&daemon.motorctl(&["latency", "--json"]).stdout).unwrap();
     for key in ["cycle_us", "wake_latency_us", "reply_latency_us", "setpoint_age_us"] {
         for percentile in ["p50", "p99", "p99_9", "max"] {
@@ -339,7 +282,7 @@ fn latency_tells_every_percentile() {
 
 #[test]
 fn a_closed_pipe_ends_a_watch_without_complaint() {
-    let daemon = Daemon::start();
+    let daemon = started();
     let mut watch = daemon.command(&["watch"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     BufReader::new(watch.stdout.take().unwrap()).read_line(&mut line).unwrap();
@@ -351,7 +294,7 @@ fn a_closed_pipe_ends_a_watch_without_complaint() {
 /// Method: kill the daemon under a watch, start another one, and read on.
 #[test]
 fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
-    let mut daemon = Daemon::start();
+    let mut daemon = started();
     let mut watch =
         daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(watch.stdout.take().unwrap()).lines();
@@ -367,7 +310,7 @@ fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
     errors.read_line(&mut complaint).unwrap();
     assert!(complaint.contains("no motord runs instance \"bench\""), "{complaint}");
 
-    daemon.process = Daemon::spawn(&daemon.directory);
+    daemon.restart();
     let next = u64::from(daemon.process.id());
     while pid() != next {}
     kill(Pid::from_raw(watch.id().cast_signed()), Signal::SIGINT).unwrap();
@@ -376,7 +319,7 @@ fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
 
 #[test]
 fn a_configuration_that_was_changed_is_told_and_not_used() {
-    let daemon = Daemon::start();
+    let daemon = started();
     assert_eq!(daemon.status()["config_changed"], false);
     std::fs::write(daemon.directory.path().join("motord.toml"), "nonsense").unwrap();
     let deadline = Instant::now() + Duration::from_secs(20);

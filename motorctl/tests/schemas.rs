@@ -1,15 +1,18 @@
 //! Every `--json` prints what `docs/schema` says.
 //!
-//! The schemas leave room for what later versions add. Here they are closed, so that nothing is printed that they do not
-//! describe.
+//! What `frame decode` prints is held against its schema by the tests of `frame`.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
+mod daemon;
 mod line;
 mod programs;
+mod schema;
 
+use daemon::Daemon;
 use line::Line;
 use programs::{commands, help, program};
+use schema::{assert_lines_valid, schema, schemas};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
@@ -18,27 +21,8 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-const PATIENCE: Duration = Duration::from_secs(30);
-
-/// Slow, so that it runs beside other tests.
-const CONFIG: &str = r#"
-[daemon]
-instance = "bench"
-[cycle]
-rate-hz = 100
-max-lateness-ms = 1000.0
-[safety]
-setpoint-timeout-ms = 1000.0
-deadman-ms = 2000.0
-[[bus]]
-name = "desk"
-type = "simulated"
-[[motor]]
-name = "arm"
-bus = "desk"
-id = 1
-protocol = "mit"
-model = "GIM8108-8"
+/// A motor more, which has indicators.
+const HAND: &str = r#"
 [[motor]]
 name = "hand"
 bus = "desk"
@@ -47,89 +31,13 @@ protocol = "gim"
 model = "GIM8108-8"
 "#;
 
-fn schemas() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema")
-}
-
-/// Forbids members that the schema does not describe.
-fn close(schema: &mut Value) {
-    match schema {
-        Value::Object(members) => {
-            members.values_mut().for_each(close);
-            if members.contains_key("properties") {
-                members.entry("additionalProperties").or_insert(false.into());
-            }
-        }
-        Value::Array(members) => members.iter_mut().for_each(close),
-        _ => {}
-    }
-}
-
-/// The closed schema of a command.
-fn schema(name: &str) -> Value {
-    let path = schemas().join(format!("{name}.json"));
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-    let mut schema = serde_json::from_str(&text).unwrap();
-    close(&mut schema);
-    schema
+fn config() -> String {
+    format!("{}{HAND}", daemon::BENCH)
 }
 
 fn assert_valid(name: &str, line: &str) -> Value {
-    let printed: Value = serde_json::from_str(line).unwrap_or_else(|error| panic!("{name}: {error}: {line}"));
-    let validator = jsonschema::validator_for(&schema(name)).unwrap();
-    let errors: Vec<String> =
-        validator.iter_errors(&printed).map(|error| format!("{}: {error}", error.instance_path())).collect();
-    assert!(errors.is_empty(), "{name}: {errors:#?} in {line}");
-    printed
-}
-
-/// A daemon, and a directory for it.
-struct Daemon {
-    process: Child,
-    directory: TempDir,
-}
-
-impl Daemon {
-    fn start() -> Self {
-        let directory = TempDir::new().unwrap();
-        std::fs::write(directory.path().join("motord.toml"), CONFIG).unwrap();
-        let mut command = program("motord");
-        command.arg("run").arg("--config").arg(directory.path().join("motord.toml"));
-        let process =
-            command.env("MOTORD_RUNTIME_DIR", directory.path()).stderr(Stdio::null()).spawn().unwrap();
-        Self { process, directory }
-    }
-
-    fn motorctl(&self, arguments: &str) -> Command {
-        let mut command = program("motorctl");
-        command.env("MOTORD_RUNTIME_DIR", self.directory.path()).args(["--instance", "bench"]);
-        command.args(arguments.split_whitespace());
-        command
-    }
-
-    fn printed(&self, arguments: &str) -> String {
-        String::from_utf8(self.motorctl(arguments).output().unwrap().stdout).unwrap()
-    }
-
-    /// Asks for the status until it is as it should be.
-    fn await_status(&self, is_so: impl Fn(&Value) -> bool) -> String {
-        let deadline = Instant::now() + PATIENCE;
-        loop {
-            let line = self.printed("status --json");
-            if serde_json::from_str(&line).is_ok_and(|status| is_so(&status)) {
-                return line;
-            }
-            assert!(Instant::now() < deadline, "{line}");
-            std::thread::sleep(Duration::from_millis(50));
-        }
-    }
-}
-
-impl Drop for Daemon {
-    fn drop(&mut self) {
-        let _gone = self.process.kill();
-        let _status = self.process.wait();
-    }
+    assert_lines_valid(name, line);
+    serde_json::from_str(line).unwrap()
 }
 
 #[test]
@@ -167,18 +75,24 @@ fn every_command_with_json_has_a_schema() {
 
 #[test]
 fn the_commands_that_ask_the_daemon_print_what_their_schemas_say() {
-    let daemon = Daemon::start();
-    let is_heard = |status: &Value| status["joints"][1]["indicators"].is_object();
-    assert_valid("motorctl-status", &daemon.await_status(is_heard));
-    assert!(daemon.motorctl("estop").output().unwrap().status.success());
-    let is_stopped = |status: &Value| status["groups"][0]["stop"].is_object();
-    let stopped = assert_valid("motorctl-status", &daemon.await_status(is_stopped));
+    let daemon = Daemon::start(&config());
+    let printed = |arguments: &str| {
+        let arguments: Vec<&str> = arguments.split(' ').collect();
+        String::from_utf8(daemon.motorctl(&arguments).stdout).unwrap()
+    };
+    let assert_status = |status: &Value| assert_lines_valid("motorctl-status", &status.to_string());
+    assert_status(&daemon.await_status(|status| status["joints"][1]["indicators"].is_object()));
+    assert!(daemon.motorctl(&["estop"]).status.success());
+    let stopped = daemon.await_status(|status| status["groups"][0]["stop"].is_object());
+    assert_status(&stopped);
     assert_eq!(stopped["groups"][0]["stop"]["cause"], "emergency-stop");
-    assert_valid("motorctl-instances", &daemon.printed("instances --json"));
-    assert_valid("motorctl-latency", &daemon.printed("latency --json"));
-    assert_valid("motorctl-fault", &daemon.printed("fault --json"));
+    assert_valid("motorctl-instances", &printed("instances --json"));
+    assert_valid("motorctl-latency", &printed("latency --json"));
+    assert_valid("motorctl-fault", &printed("fault --json"));
+    assert_valid("motorctl-sim", &printed("sim arm fault over-voltage --json"));
+    assert_valid("motorctl-sim", &printed("sim arm ok --json"));
 
-    let mut watch = daemon.motorctl("watch --json").stdout(Stdio::piped()).spawn().unwrap();
+    let mut watch = daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).spawn().unwrap();
     let mut line = String::new();
     BufReader::new(watch.stdout.take().unwrap()).read_line(&mut line).unwrap();
     watch.kill().unwrap();
@@ -244,11 +158,11 @@ fn the_commands_on_the_wire_print_what_their_schemas_say() {
 #[test]
 fn check_prints_what_its_schema_says_of_a_sound_and_of_a_refused_configuration() {
     let directory = TempDir::new().unwrap();
-    let serial = CONFIG
+    let serial = config()
         .replace("[[bus]]", "[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '/dev/ttyUSB0'\n[[bus]]");
-    let too_fast = CONFIG.replace("rate-hz = 100", "rate-hz = 4000");
+    let too_fast = config().replace("rate-hz = 100", "rate-hz = 4000");
     for (config, is_sound) in
-        [(serial.as_str(), true), (CONFIG, true), (&too_fast, false), ("rate = 1", false)]
+        [(serial.as_str(), true), (&config(), true), (&too_fast, false), ("rate = 1", false)]
     {
         let path = directory.path().join("motord.toml");
         std::fs::write(&path, config).unwrap();
