@@ -123,7 +123,7 @@ fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
                 "fr-knee reports over-voltage. Remove its cause, then paste: motorctl --instance demo fault clear fr-knee",
                 "Then paste, or press r: motorctl --instance demo reset legs",
                 "rear-right off",
-                "rr-knee",
+                "rr-hip",
                 "SPACE e-stop",
             ];
             for (width, height) in [(80, 24), (60, 20)] {
@@ -152,7 +152,9 @@ fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
         end.store(true, Ordering::Relaxed);
         all.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
     });
+    tmux.resize(80, 24);
     tmux.press(&["q"]);
+    tmux.until("the shell", |screen| screen.trim_end().ends_with('$'));
     tmux.assert_given_back();
 }
 

@@ -16,9 +16,7 @@ use schema::{assert_lines_valid, schema, schemas};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::process::Stdio;
 use tempfile::TempDir;
 
 /// A motor more, which has indicators.
