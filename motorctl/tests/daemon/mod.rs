@@ -39,9 +39,19 @@ pub(crate) fn quadruped() -> String {
     std::fs::read_to_string(config).unwrap()
 }
 
-/// The same, slow, so that it runs beside other tests.
+/// The same, slow and patient, so that it runs beside other tests.
 pub(crate) fn slow_quadruped() -> String {
-    quadruped().replace("rate-hz = 1000", "rate-hz = 100")
+    [
+        ("rate-hz = 1000", "rate-hz = 100"),
+        ("max-lateness-ms = 100.0", "max-lateness-ms = 1000.0"),
+        ("setpoint-timeout-ms = 200.0", "setpoint-timeout-ms = 1000.0"),
+        ("deadman-ms = 250.0", "deadman-ms = 2000.0"),
+    ]
+    .iter()
+    .fold(quadruped(), |config, (shipped, slow)| {
+        assert!(config.contains(shipped), "{shipped}");
+        config.replace(shipped, slow)
+    })
 }
 
 /// A running daemon, which ends with the test.
