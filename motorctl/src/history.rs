@@ -1,4 +1,4 @@
-//! What the daemon remembers of the groups beside their states: owners, and who asked for stops.
+//! The daemon's memory of the groups, beside their states: owners, and who asked for stops.
 
 use motord_client::{Cause, Client, Lease, Phase, State, Telemetry};
 use std::time::{Duration, Instant};

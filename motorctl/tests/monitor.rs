@@ -89,6 +89,30 @@ fn keys_stop_reset_and_disable_a_robot_and_the_screen_tells_it() {
     tmux.assert_given_back();
 }
 
+/// At 80x24 and at 60x20.
+fn the_first_screen_tells_everything(tmux: &Tmux) {
+    let owner = format!("({})", std::process::id());
+    let everything = [
+        "EMERGENCY STOP",
+        "legs disarmed owner ",
+        &owner,
+        "legs: An emergency stop was requested. (by pid ",
+        "Bus rear-right is off. Check the wiring, the termination and the bit rate of the bus.",
+        "fr-knee reports over-voltage. Remove its cause, then paste: motorctl --instance demo fault clear fr-knee",
+        "Then paste, or press r: motorctl --instance demo reset legs",
+        "rear-right off",
+        "rr-hip",
+        "SPACE e-stop",
+    ];
+    for (width, height) in [(80, 24), (60, 20)] {
+        tmux.resize(width, height);
+        tmux.until("everything at once", |screen| {
+            let said = screen.split_whitespace().collect::<Vec<_>>().join(" ");
+            screen.lines().count() <= height.into() && everything.iter().all(|line| said.contains(line))
+        });
+    }
+}
+
 /// Goal: the worst day of a robot is on the first screen of a small terminal: why it stands, whose it is, what to do; and what
 /// the screen says to paste ends it.
 /// Method: the real program at 80x24 and at 60x20; a motor in fault and a bus that is off, as the simulator makes them, and an
@@ -113,27 +137,7 @@ fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
             shell.enter("motorctl --instance demo sim rear-right bus-off; echo made");
             shell.until("the troubles", |screen| screen.contains("\nmade"));
 
-            let owner = format!("({})", std::process::id());
-            let first_screen = [
-                "EMERGENCY STOP",
-                "legs disarmed owner ",
-                &owner,
-                "legs: An emergency stop was requested. (by pid ",
-                "Bus rear-right is off. Check the wiring, the termination and the bit rate of the bus.",
-                "fr-knee reports over-voltage. Remove its cause, then paste: motorctl --instance demo fault clear fr-knee",
-                "Then paste, or press r: motorctl --instance demo reset legs",
-                "rear-right off",
-                "rr-hip",
-                "SPACE e-stop",
-            ];
-            for (width, height) in [(80, 24), (60, 20)] {
-                tmux.resize(width, height);
-                tmux.until("everything at once", |screen| {
-                    let said = screen.split_whitespace().collect::<Vec<_>>().join(" ");
-                    screen.lines().count() <= height.into()
-                        && first_screen.iter().all(|line| said.contains(line))
-                });
-            }
+            the_first_screen_tells_everything(&tmux);
 
             // Its page of the buses, and the way back.
             tmux.press(&["Tab"]);

@@ -1,6 +1,6 @@
 //! Every `--json` prints what `docs/schema` says.
 //!
-//! What `frame decode` prints is held against its schema by the tests of `frame`.
+//! The tests of `frame` hold the objects of `frame decode` against theirs.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
