@@ -153,9 +153,7 @@ pub enum Error {
         waited: Duration,
     },
     /// The daemon did not answer a request in time. Whether it was carried out is unknown.
-    #[error(
-        "motord did not answer {operation} within {waited:?}: the states show whether it was carried out"
-    )]
+    #[error("motord did not answer {operation} within {waited:?}: {}", without_answer(*operation))]
     NoAnswer {
         /// The operation that was asked for.
         operation: Operation,
@@ -187,6 +185,14 @@ pub enum Error {
     /// A service cannot be used.
     #[error(transparent)]
     Service(#[from] ServiceError),
+}
+
+/// The situation of who asked for `operation` in vain.
+fn without_answer(operation: Operation) -> &'static str {
+    match operation {
+        Operation::Describe | Operation::Telemetry => "it is frozen or overloaded; see its log",
+        _ => "the states show whether it was carried out",
+    }
 }
 
 impl Error {

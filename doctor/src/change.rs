@@ -1,4 +1,4 @@
-//! What mends a finding until the next start of the computer: printed as a command, done by `--tune`.
+//! The change that mends a finding until the next start of the computer: printed as a command, done by `--tune`.
 
 use std::fmt::{self, Display};
 use std::io;
