@@ -25,6 +25,7 @@ pub mod frame;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 #[cfg(feature = "linux")]
 mod kernel;
+mod learned;
 #[cfg(feature = "linux")]
 mod lock;
 mod readiness;
@@ -36,6 +37,7 @@ pub mod time;
 mod wait;
 
 pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
+pub use learned::{Lateness, ReplyTime};
 #[cfg(feature = "linux")]
 pub use lock::{BusLock, LockError};
 pub use readiness::{MAX_BUSES, Readiness, Ready};

@@ -244,7 +244,9 @@ fn start_ipc(
             Err(error) => return report(&opened, Err(error)),
         };
         let request = SchedulingRequest { cpu: ipc.cpu, priority: ipc.priority };
-        rt::prepare_thread(request).iter().for_each(|step| rt::log(step, "ipc"));
+        let mut steps = rt::prepare_thread(request);
+        steps.push(rt::tighten_timers());
+        steps.iter().for_each(|step| rt::log(step, "ipc"));
         report(&opened, Ok(()));
         IpcThread::new(ports, end, questions, description, &ipc, period).run(|| given.are(Orders::END));
     })?;

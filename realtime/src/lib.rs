@@ -46,15 +46,15 @@ pub fn prepare_thread(request: SchedulingRequest) -> Vec<Step> {
         steps.push(Step {
             what: "processor of its own",
             outcome: pin(cpu),
-            without: "the scheduler may move the cycle, with cold caches each time",
-            remedy: "set `cpu` in [cycle] to a processor that `taskset -p $$` allows",
+            without: "the scheduler may move this thread, with cold caches each time",
+            remedy: "set its `cpu` to a processor that `taskset -p $$` allows",
         });
     }
     if let Some(priority) = request.priority {
         steps.push(Step {
             what: "SCHED_FIFO",
             outcome: kernel::schedule_fifo(priority),
-            without: "any other program can delay the cycle by milliseconds",
+            without: "any other program can delay this thread by milliseconds",
             remedy: "give it the right: LimitRTPRIO=90 in the unit, or `ulimit -r 90`",
         });
     }

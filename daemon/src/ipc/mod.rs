@@ -7,13 +7,15 @@ pub mod description;
 mod pending;
 
 use crate::telemetry::Questions;
-use motord_bus::{Duration, Instant, clock};
+use motord_bus::{Duration, Instant, Lateness, clock};
 use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
 use motord_core::settings::{IpcMode, IpcSettings};
 use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
 use motord_shared::ports::{DaemonPorts, Request};
-use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
+use motord_shared::{
+    AdminReply, AdminRequest, Lease, Operation, Phase, Refusal, SetpointMessage, StateMessage,
+};
 use pending::Pending;
 use rtrb::{Consumer, Producer};
 use std::sync::Arc;
@@ -59,7 +61,10 @@ pub struct IpcThread {
     /// Requests that telemetry has not answered yet.
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
+    /// Every group was disarmed when the newest states were published.
+    is_disarmed: bool,
     tick: Instant,
+    lateness: Lateness,
 }
 
 impl IpcThread {
@@ -84,7 +89,9 @@ impl IpcThread {
             requested: Pending::new(REQUESTS_MAX),
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
+            is_disarmed: true,
             tick: Instant::ZERO,
+            lateness: Lateness::default(),
         }
     }
 
@@ -99,23 +106,36 @@ impl IpcThread {
     }
 
     fn turn(&mut self) {
-        self.fetch_setpoints();
+        // Controllers wait for the states, and the next cycle waits for the setpoints.
         self.publish_states();
+        self.fetch_setpoints();
         self.take_requests();
         self.give_answers();
     }
 
-    /// In timed mode the cycle ends this sleep when its states are ready; else it lasts until `lead` before the next
-    /// cycle, so that a setpoint sent by then is used in that cycle.
-    fn wait(&self) {
+    fn wait(&mut self) {
         if self.mode == IpcMode::Spin {
             std::hint::spin_loop();
             return;
         }
         let now = clock::monotonic();
-        let fetch = self.tick + self.period - self.lead;
-        let fetch = if fetch > now { fetch } else { fetch + self.period };
-        std::thread::park_timeout(fetch.since(now).clamp(Duration::from_micros(1), self.period));
+        let due = self.fetch_after(now) - self.lateness.expected();
+        std::thread::park_timeout(due.since(now).max(Duration::from_micros(1)));
+        let woken = clock::monotonic();
+        if woken >= due {
+            self.lateness.observe(due, woken);
+        }
+    }
+
+    /// When the setpoints are fetched next, after `now`, unless the cycle ends the sleep before because its states are ready:
+    /// `lead` before a cycle, so that a setpoint sent by then is used in it. While nobody may send setpoints and nothing moves,
+    /// the thread does not wake before a cycle: only one that does not come ends the sleep.
+    fn fetch_after(&self, now: Instant) -> Instant {
+        let is_calm = self.is_disarmed && self.leases.iter().all(Option::is_none);
+        let ahead = if is_calm { 2 * self.period } else { self.period - self.lead };
+        let fetch = self.tick + ahead;
+        // Where the cycle stands still, this thread goes on once in a period.
+        if fetch > now + self.lateness.expected() { fetch } else { fetch.max(now) + self.period }
     }
 
     fn fetch_setpoints(&mut self) {
@@ -140,6 +160,7 @@ impl IpcThread {
         }
         let state = self.cycle.states.output_buffer();
         self.tick = Instant::from_nanos(state.tick_ns);
+        self.is_disarmed = state.groups().iter().all(|group| group.phase == Phase::Disarmed.code());
         for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
             *lease = Lease::from_raw(group.lease);
         }
@@ -265,6 +286,26 @@ mod tests {
             let refused = ask(thread, client, Operation::Enable);
             assert_eq!(refusal(&refused), Some(Refusal::Busy.code()));
             assert_eq!(refusal(&ask(thread, client, Operation::EmergencyStop)), None);
+        });
+    }
+
+    #[test]
+    fn the_thread_wakes_before_a_cycle_only_where_a_setpoint_may_come_or_a_group_moves() {
+        let place = tempfile::tempdir().unwrap();
+        unanswered(place.path(), |thread, _| {
+            let micros = |micros: u64| Instant::from_nanos(1000 * micros);
+            (thread.tick, thread.lead) = (micros(5000), Duration::from_micros(50));
+            let mut fetch = |is_disarmed, lease, now| {
+                (thread.is_disarmed, thread.leases[1]) = (is_disarmed, lease);
+                thread.fetch_after(micros(now))
+            };
+            let lease = Lease::new(1, 1, 0);
+            for (is_disarmed, lease) in [(true, lease), (false, None), (false, lease)] {
+                assert_eq!(fetch(is_disarmed, lease, 5700), micros(5950), "in time for the next cycle");
+                assert_eq!(fetch(is_disarmed, lease, 5950), micros(6950), "not twice before one cycle");
+            }
+            assert_eq!(fetch(true, None, 5700), micros(7000), "the states of the next cycle end it");
+            assert_eq!(fetch(false, lease, 9000), micros(10_000), "the cycle stands still");
         });
     }
 

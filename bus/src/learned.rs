@@ -1,0 +1,118 @@
+//! Times that are learned from what happened: how late a thread is woken, and when replies come.
+
+use crate::time::{Duration, Instant};
+
+/// The lateness that a thread should expect of its next wake-up, so that it can sleep shorter by as much. A quarter of the
+/// wake-ups or less are later, as long as they come from one distribution. Neither allocates nor blocks.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Lateness(Duration);
+
+impl Lateness {
+    /// A later wake-up counts as one part of so many, an earlier one as one of so many more.
+    const RISE: u32 = 16;
+    const FALL: u32 = 64;
+    /// Against a stall no shorter sleep helps: it counts as this.
+    const MAX: Duration = Duration::from_micros(100);
+
+    /// The thread slept until `due`, and was awake at `now`.
+    pub fn observe(&mut self, due: Instant, now: Instant) {
+        let late = now.since(due).min(Self::MAX);
+        self.0 = match late > self.0 {
+            true => self.0 + (late - self.0) / Self::RISE,
+            false => self.0 - (self.0 - late) / Self::FALL,
+        };
+    }
+
+    /// Zero before the first sleep, and never above 100 µs.
+    #[must_use]
+    pub const fn expected(self) -> Duration {
+        self.0
+    }
+}
+
+/// Time from the sending of frames to the last reply to them. Neither allocates nor blocks.
+#[derive(Debug, Clone, Copy)]
+pub struct ReplyTime {
+    latest: Duration,
+    earliest: Duration,
+}
+
+impl ReplyTime {
+    /// What is followed slowly counts as one part of so many, and what is followed fast as one of so many.
+    const SLOW: u32 = 32;
+    const FAST: u32 = 4;
+
+    /// Before the first reply it is thought to take `time`.
+    #[must_use]
+    pub const fn new(time: Duration) -> Self {
+        Self { latest: time, earliest: time }
+    }
+
+    /// The last reply took this `time`.
+    pub fn observe(&mut self, time: Duration) {
+        let Self { latest, earliest } = *self;
+        self.latest = if time > latest { time } else { latest - (latest - time) / Self::SLOW };
+        self.earliest = match time > earliest {
+            true => earliest + (time - earliest) / Self::SLOW,
+            false => earliest - (earliest - time) / Self::FAST,
+        };
+    }
+
+    /// By then the last reply has mostly come: follows a longer time at once, and a shorter one slowly.
+    #[must_use]
+    pub const fn latest(self) -> Duration {
+        self.latest
+    }
+
+    /// Before it the last reply seldom comes: follows a longer time slowly, and a shorter one fast.
+    #[must_use]
+    pub const fn earliest(self) -> Duration {
+        self.earliest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_reply_comes_mostly_between_the_earliest_and_the_latest_time() {
+        let mut reply = ReplyTime::new(Duration::from_micros(100));
+        // Between 600 and 650 µs, all alike often.
+        let times = || (0..2000_u64).map(|place| Duration::from_micros(600 + place * 23 % 51));
+        times().for_each(|time| reply.observe(time));
+        let (mut early, mut late) = (0, 0);
+        for time in times() {
+            early += u32::from(time < reply.earliest());
+            late += u32::from(time > reply.latest());
+            reply.observe(time);
+        }
+        assert!(early < 600 && late < 600, "{early} too early, {late} too late of 2000");
+        assert!(reply.latest() - reply.earliest() < Duration::from_micros(51), "{reply:?}");
+        reply.observe(Duration::from_micros(900));
+        assert_eq!(
+            reply.latest(),
+            Duration::from_micros(900),
+            "a late reply is waited for in the next cycle"
+        );
+        assert!(reply.earliest() < Duration::from_micros(630), "and not missed because of one: {reply:?}");
+    }
+
+    fn after(sleeps: impl Iterator<Item = u64>) -> Duration {
+        let mut lateness = Lateness::default();
+        sleeps.for_each(|late| lateness.observe(Instant::ZERO, Instant::from_nanos(1000 * late)));
+        lateness.expected()
+    }
+
+    #[test]
+    fn most_wake_ups_come_by_the_time_that_was_learned_and_a_stall_is_soon_forgotten() {
+        // Between 10 and 20 µs, all alike often.
+        let wake_ups = || (0..1000).map(|place| 10 + place * 7 % 11);
+        let learned = after(wake_ups());
+        assert!((Duration::from_micros(15)..Duration::from_micros(20)).contains(&learned), "{learned:?}");
+        let stalled = after(wake_ups().chain([1_000_000]));
+        assert!(stalled < learned + Duration::from_micros(6), "{stalled:?}");
+        let always = after([u64::MAX / 1000; 10_000].into_iter());
+        assert!((Duration::from_micros(99)..=Lateness::MAX).contains(&always), "{always:?}");
+    }
+}
