@@ -38,7 +38,7 @@ pub struct ReplyTime {
 }
 
 impl ReplyTime {
-    /// What is followed slowly counts as one part of so many, and what is followed fast as one of so many.
+    /// A time that is followed slowly counts as one part of so many, one that is followed fast as one of so many.
     const SLOW: u32 = 32;
     const FAST: u32 = 4;
 

@@ -157,7 +157,7 @@ impl Claim {
             return Err(Error::NotSet { joint: self.members.names[place].clone() });
         }
         self.refresh()?;
-        self.message.cycle = self.link.cycle();
+        self.message.cycle = self.link.answered();
         self.transmit()?;
         self.link.check_alive()
     }
@@ -256,6 +256,8 @@ impl Claim {
         self.message.sequence += 1;
         self.message.time_ns = clock::now_ns();
         let sent = self.port.send(&self.message);
+        // Sent again, it is no answer to any states.
+        self.message.cycle = 0;
         sent.map_err(|error| Error::of_service(error, self.link.instance()))
     }
 

@@ -338,7 +338,9 @@ impl Client {
         if view.is_unseen() {
             self.must_be(&self.description())?;
         }
-        Ok(view.take_unseen(n))
+        let state = view.take_unseen(n);
+        state.iter().for_each(|state| self.link.taken(state.cycle()));
+        Ok(state)
     }
 
     /// Reports a restart: an index from before may name another joint now. Other threads get the report too if they still

@@ -60,7 +60,7 @@
 //! # Timing
 //!
 //! The daemon's cycle has a fixed grid, 1 ms by default. In cycle *k* it sends commands, collects the replies, and
-//! publishes the states; shortly before cycle *k + 1*, by the *lead* (`lead-us`, 150 µs by default), it fetches the
+//! publishes the states; shortly before cycle *k + 1*, by the *lead* (`lead-us`, 20 µs by default), it fetches the
 //! newest setpoint of each owner:
 //!
 //! ```text
@@ -69,7 +69,7 @@
 //! ```
 //!
 //! A controller that wakes with [`Client::wait`] and has sent its setpoint before the lead begins is heard in the next
-//! tick: one cycle from measurement to command. A later one is heard one tick later.
+//! tick: one cycle from measurement to command. A later one is heard one tick later, and counted in [`Group::late`].
 //!
 //! | call | for | costs |
 //! |---|---|---|
@@ -143,8 +143,8 @@ pub use injection::{FaultError, inject_fault};
 pub use members::{JointKey, Slot};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
-    GroupDescription, GroupHistory, JointDescription, JointLimits, Percentiles, Process, RobotDescription,
-    Telemetry,
+    ControlLatency, GroupDescription, GroupHistory, JointDescription, JointLimits, Percentiles, Process,
+    RobotDescription, Telemetry,
 };
 pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};

@@ -75,6 +75,8 @@ pub(crate) struct Link {
     stop: Mutex<()>,
     /// Number of the newest state's cycle.
     cycle: AtomicU64,
+    /// Number of the cycle whose state was last given to the caller.
+    taken: AtomicU64,
     /// When a state was last taken in, ns of `CLOCK_MONOTONIC`; at first when the first was looked for, 0 before.
     heard_ns: AtomicU64,
     /// Longest time without a state that is no error, ns.
@@ -163,6 +165,7 @@ impl Link {
             ordinary: Mutex::default(),
             stop: Mutex::default(),
             cycle: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
             heard_ns: AtomicU64::new(0),
             silence_ns: AtomicU64::new(nanos(SILENCE_MIN)),
         };
@@ -298,6 +301,16 @@ impl Link {
     /// Number of the newest state's cycle; 0 before the first.
     pub(crate) fn cycle(&self) -> u64 {
         self.cycle.load(Ordering::Relaxed)
+    }
+
+    /// The caller has the state of `cycle` now: its next setpoint answers it.
+    pub(crate) fn taken(&self, cycle: u64) {
+        self.taken.store(cycle, Ordering::Relaxed);
+    }
+
+    /// Number of the cycle whose state the caller has; 0 before the first.
+    pub(crate) fn answered(&self) -> u64 {
+        self.taken.load(Ordering::Relaxed)
     }
 
     /// The robot of the daemon whose states arrive.

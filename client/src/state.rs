@@ -160,7 +160,12 @@ impl State {
             cause_pid: (group.cause_pid != 0 && group.cause != 0).then_some(group.cause_pid),
             sequence: group.sequence,
             setpoint_age: (group.sequence != 0).then(|| Duration::from_nanos(group.setpoint_age_ns)),
+            control_cycles: group
+                .used_cycle
+                .checked_sub(group.answered_cycle)
+                .filter(|_| group.answered_cycle > 0),
             accepted: group.accepted,
+            late: group.late,
             rejected: group.rejected,
         }
     }
@@ -367,8 +372,13 @@ pub struct Group {
     pub sequence: u64,
     /// Age of the setpoint in use when the cycle began.
     pub setpoint_age: Option<Duration>,
+    /// Cycles from the states that the setpoint in use answers to the cycle that first used it: 1 when it was in time for the
+    /// next. `None` where that is not known.
+    pub control_cycles: Option<u64>,
     /// Setpoint messages that were accepted, modulo 2³².
     pub accepted: u32,
+    /// Those of them that came too late for the first cycle after the one that they answer, modulo 2³².
+    pub late: u32,
     rejected: [u32; Rejection::COUNT],
 }
 

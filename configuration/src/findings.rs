@@ -144,10 +144,10 @@ impl<'a> Findings<'a> {
         }
     }
 
-    pub(super) fn within_cycle(&mut self, entry: &Entry<f64>, period: Duration) {
-        let (value_us, period_us) = (entry.value, 1e6 * period.as_secs_f64());
-        if entry.is_written && value_us >= period_us {
-            self.error(entry.at, Wrong::NotWithinCycle { value_us, period_us });
+    pub(super) fn within_cycle(&mut self, at: At, value_us: f64, period: Duration) {
+        let period_us = 1e6 * period.as_secs_f64();
+        if value_us >= period_us {
+            self.error(at, Wrong::NotWithinCycle { value_us, period_us });
         }
     }
 }

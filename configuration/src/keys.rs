@@ -69,20 +69,20 @@ sections! {
             "Share of the period. A reply that comes later is missed.";
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
             "How often each indicator of a native motor (GIM document, table 10) is asked for, where its bus has room. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
-        "busy-poll-us" busy_poll_us: f64, "µs" = is(0.0).within(0.0, 1000.0),
-            "Before each sleep for replies, the cycle polls the buses for this long. Shorter than a cycle. Costs and gains: [decision 12](adr/0012-no-busy-polling-by-default.md).";
+        "busy-poll-us" busy_poll_us: Option<f64>, "µs" = follows("30 with `cpu`, else 0").within(0.0, 1000.0),
+            "When the last replies of a cycle usually come, the cycle polls the buses for at most this long, so that it publishes them at once. Shorter than a cycle. 0 never polls. Costs and gains: [decision 21](adr/0021-the-cycle-polls-for-the-last-replies.md).";
     }
 
     /// `[ipc]`, in older files `[exchange]`.
     Ipc "ipc" {
         "mode" mode: IpcMode, "" = is(IpcMode::Timed),
             "`timed` wakes when states are ready and before each cycle. `spin` polls, and needs a processor of its own.";
-        "lead-us" lead_us: f64, "µs" = is(150.0).within(10.0, 10_000.0),
+        "lead-us" lead_us: f64, "µs" = is(20.0).within(10.0, 10_000.0),
             "Setpoints that are sent until this long before a cycle are used in it. Shorter than a cycle.";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the IPC thread is pinned to. With `spin` not that of the cycle.";
-        "priority" priority: Option<i64>, "" = follows("none").within(1.0, 98.0),
-            "`SCHED_FIFO` priority of the IPC thread. Without it the thread has a normal priority.";
+        "priority" priority: Option<i64>, "" = follows("70, or below the cycle; 0 with `spin`").within(0.0, 98.0),
+            "`SCHED_FIFO` priority of the IPC thread, where it is permitted. 0 is a normal priority.";
     }
 
     /// `[safety]`.

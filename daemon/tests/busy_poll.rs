@@ -30,6 +30,29 @@ fn busy_polling_finds_every_reply_after_one_wait() {
 }
 
 #[test]
+fn polling_ends_at_its_bound_and_is_counted() {
+    let mut settings = robot::three_motors();
+    settings.cycle.busy_poll = Duration::from_micros(30);
+    settings.safety.fault_poll_hz = 0.0;
+    let mut robot = Robot::new(settings, 1);
+    robot.clock.reading.set(Duration::from_micros(1));
+    let polled = |robot: &mut Robot| {
+        robot.cycle_only();
+        let record = robot.client.record().expect("one for each cycle");
+        (Duration::from_nanos(record.polled_ns), record.polled_in_vain)
+    };
+    robot.steps(1000);
+    let found = (0..CYCLES).map(|_| polled(&mut robot));
+    let in_vain = found.filter(|(time, in_vain)| *in_vain || time.is_zero()).count();
+    assert!(in_vain < 10, "replies come when they came before: {in_vain}");
+    robot.disturb("thigh off");
+    let (time, in_vain) = polled(&mut robot);
+    // A reading of the clock may be the step over the bound, and a few are on the way.
+    let bound = Duration::from_micros(30)..Duration::from_micros(40);
+    assert!(in_vain && bound.contains(&time), "{time:?}");
+}
+
+#[test]
 fn busy_polling_for_a_motor_that_is_off_ends_and_leaves_the_others_their_replies() {
     for reading in [Duration::from_micros(1), Duration::ZERO] {
         let (mut robot, _) = waits(Duration::from_micros(50), reading, Some("thigh off"));

@@ -757,13 +757,28 @@ fn a_spinning_ipc_thread_does_not_share_the_cycles_processor() {
 }
 
 #[test]
+fn the_ipc_thread_has_a_real_time_priority_below_the_cycles_and_none_where_it_spins() {
+    for (cycle, ipc, expected) in [
+        ("priority = 40", "mode = 'timed'", Some(39)),
+        ("priority = 1", "mode = 'timed'", Some(1)),
+        ("priority = 40", "mode = 'timed'\npriority = 45", Some(45)),
+        ("priority = 40", "mode = 'timed'\npriority = 0", None),
+        ("priority = 40", "mode = 'spin'", None),
+    ] {
+        let text = damaged("mode = 'timed'", ipc).replace("rate-hz = 1000", cycle);
+        let Loaded { settings, .. } = judge(&text).expect("is good");
+        assert_eq!(settings.ipc.priority, expected, "{cycle}, {ipc}");
+    }
+}
+
+#[test]
 fn what_is_not_written_is_cautious() {
     let Loaded { settings, .. } = load(&shipped("minimal.toml")).expect("is shipped");
     assert_eq!(settings.instance, "robot");
     assert_eq!(settings.cycle.period, Duration::from_millis(1));
     assert_eq!(settings.cycle.reply_deadline, Duration::from_micros(800));
     assert_eq!(settings.cycle.max_lateness, Duration::from_millis(5));
-    assert_eq!(settings.ipc.lead, Duration::from_micros(150));
+    assert_eq!((settings.ipc.lead, settings.ipc.priority), (Duration::from_micros(20), Some(70)));
     assert_eq!(settings.safety.setpoint_timeout, Duration::from_millis(20));
     assert_eq!(settings.safety.deadman, Duration::from_millis(7));
     assert_eq!((settings.safety.safe_stop, settings.safety.lost_cycles), (SafeStop::Damp, 10));

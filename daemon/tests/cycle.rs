@@ -166,6 +166,41 @@ fn a_late_wake_up_skips_to_the_grid_and_sends_one_set_of_frames() {
 }
 
 #[test]
+fn a_setpoint_that_missed_the_cycle_after_the_states_it_answers_is_counted_and_dated() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    let joints = robot.activate();
+    let mut used = |answered: u64, oversleep: u64| {
+        let (before, late) = (robot.state().cycle, robot.group().late);
+        // Relative to the newest states; 0 and a cycle that has not been tell nothing.
+        let answers = if answered == 0 { 0 } else { before + 2 - answered };
+        let message = motord_shared::SetpointMessage { cycle: answers, ..robot.message(&joints) };
+        robot.deliver(&message);
+        robot.oversleep(Duration::from_micros(1000 * oversleep));
+        robot.step();
+        let group = robot.group();
+        assert_eq!(group.used_cycle, robot.state().cycle, "it is in use");
+        robot.step();
+        assert_eq!(robot.group().used_cycle, group.used_cycle, "the first cycle counts");
+        (
+            group.answered_cycle,
+            group.late - late,
+            group.used_cycle.saturating_sub(group.answered_cycle),
+            answers,
+        )
+    };
+    for (answered, oversleep, is_known, late, cycles) in
+        [(2, 0, true, 0, 1), (3, 0, true, 1, 2), (5, 0, true, 1, 4), (2, 3, true, 0, 4), (3, 3, true, 1, 5)]
+    {
+        let (known, counted, latency, answers) = used(answered, oversleep);
+        assert_eq!((known == answers, counted, latency), (is_known, late, cycles), "{answered}, {oversleep}");
+    }
+    for unknown in [0, 1] {
+        let (answered, late, ..) = used(unknown, 0);
+        assert_eq!((answered, late), (0, 0), "{unknown}");
+    }
+}
+
+#[test]
 fn set_zero_needs_a_stopped_motor_and_is_confirmed_by_its_position() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let request =

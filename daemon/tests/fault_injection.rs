@@ -2,8 +2,8 @@
 //! and when they stop doing it, the robot can be armed again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. Of three seeds, one has MIT
 //! motors only; one runs the robot of three vendors' motors, with four buses and twelve motors; and one has native motors among
-//! them. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs
-//! one alone, as the message of a failure says.
+//! them. In every fourth seed the cycle polls for the last replies. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how
+//! long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
 
 mod robot;
 
@@ -32,6 +32,11 @@ const SAFETY: &str = "[safety]\nsetpoint-timeout-ms = 20\ndamp-seconds = 0.3\n";
 /// This seed runs the robot of three vendors' motors.
 const fn is_mixed(seed: u64) -> bool {
     seed % 3 == 2
+}
+
+/// Whether the cycle polls for the last replies.
+const fn polls(seed: u64) -> bool {
+    seed % 4 == 1
 }
 
 /// In this seed half of the motors speak the native protocol.
@@ -175,10 +180,17 @@ struct Run {
 impl Run {
     fn new(seed: u64) -> Self {
         // A limp joint comes to rest in a part of a second, as one with a leg on it does.
-        let settings = if is_mixed(seed) { mixed_settings() } else { settings(has_native(seed)) };
+        let mut settings = if is_mixed(seed) { mixed_settings() } else { settings(has_native(seed)) };
+        if polls(seed) {
+            settings.cycle.busy_poll = Duration::from_micros(30);
+        }
         let robot = Robot::built(settings, seed, |_, motors| {
             motors.iter_mut().for_each(|motor| motor.coulomb_friction = 1.0);
         });
+        if polls(seed) {
+            // A cycle that polls waits for its clock to move.
+            robot.clock.reading.set(Duration::from_micros(1));
+        }
         let mut checker = Checker::new(&robot);
         checker.allow_loss();
         let controllers = [0, 1].map(FuzzClient::new);

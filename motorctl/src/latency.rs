@@ -1,7 +1,7 @@
 //! `motorctl latency`: percentiles of all latencies since the daemon started.
 
 use crate::failure::Failure;
-use motord_client::{Client, Percentiles, RobotDescription, Telemetry};
+use motord_client::{Client, ControlLatency, Percentiles, RobotDescription, Telemetry};
 use motord_terminal::{Cell, Palette, Table, json};
 use serde_json::{Value, json};
 use std::io::{self, Write};
@@ -44,6 +44,30 @@ fn named<'a>(
     robot.joints.iter().map(|joint| joint.name.as_str()).zip(telemetry.joints.iter().copied())
 }
 
+/// The control latencies of the groups, by name.
+fn controlled<'a>(
+    robot: &'a RobotDescription,
+    telemetry: &'a Telemetry,
+) -> impl Iterator<Item = (&'a str, &'a ControlLatency)> {
+    robot.groups.iter().map(|group| group.name.as_str()).zip(&telemetry.control)
+}
+
+/// The setpoints of each group by the cycle that first used them, counted from that of the states that they answer.
+fn control_table(robot: &RobotDescription, telemetry: &Telemetry) -> Table {
+    let mut table = Table::new(&["group", "next cycle", "2nd", "3rd", "later", "late %"]);
+    for (name, latency) in controlled(robot, telemetry) {
+        let of = |cycles: usize| latency.cycles.get(cycles).copied().unwrap_or_default();
+        let all: u64 = latency.cycles.iter().sum();
+        let late = (all > 0).then(|| 100.0 * (all - of(0)) as f64 / all as f64);
+        let counts = [of(0), of(1), of(2), latency.cycles.iter().skip(3).sum()];
+        let mut cells = vec![Cell::plain(name)];
+        cells.extend(counts.map(Cell::plain));
+        cells.push(Cell::number(late, 1));
+        table.row(cells);
+    }
+    table
+}
+
 fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
     let joints: Vec<Value> = named(robot, telemetry)
         .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
@@ -53,18 +77,29 @@ fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
     object.as_object_mut().and_then(|object| object.remove("groups"));
     object["instance"] = json!(robot.instance);
     object["joints"] = json!(joints);
+    let controlled = controlled(robot, telemetry).map(|(name, latency)| {
+        json!({ "name": name, "control_latency_us": latency.control_latency_us, "cycles": latency.cycles })
+    });
+    object["control"] = controlled.collect();
     object
 }
 
 fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -> io::Result<()> {
     let palette = Palette::of_stdout();
-    let rows = [
+    let mut rows = vec![
         ("cycle", telemetry.cycle_us),
         ("wake latency", telemetry.wake_latency_us),
         ("reply latency", telemetry.reply_latency_us),
         ("setpoint age", telemetry.setpoint_age_us),
+        ("control latency", telemetry.control_latency_us),
+        ("last reply to states", telemetry.publication_us),
     ];
+    if telemetry.polled_us.count > 0 {
+        rows.push(("polled for replies", telemetry.polled_us));
+    }
     table(&rows).write(out, palette)?;
+    writeln!(out, "\nsetpoints by the cycle that used them, after that of the states they answer")?;
+    control_table(robot, telemetry).write(out, palette)?;
     writeln!(out, "\nreply latency by joint")?;
     let joints: Vec<_> = named(robot, telemetry).collect();
     table(&joints).write(out, palette)?;
@@ -73,6 +108,9 @@ fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -
         out,
         "\n{cycles} cycles in {seconds:.1} s; overruns {overruns}, missed replies {missed_replies}"
     )?;
+    if telemetry.polled_us.count > 0 {
+        writeln!(out, "polled for replies in vain: {} cycles", telemetry.polled_in_vain)?;
+    }
     if *dropped_records > 0 {
         writeln!(
             out,

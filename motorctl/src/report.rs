@@ -46,7 +46,11 @@ pub(crate) struct GroupReport {
     pub(crate) owner: Option<ProcessReport>,
     /// Age of the setpoint in use when the cycle began; `null` when there is none.
     pub(crate) setpoint_age_us: Option<f64>,
+    /// Cycles from the states that the setpoint in use answers to the cycle that first used it; `null` when not known.
+    pub(crate) control_cycles: Option<u64>,
     pub(crate) accepted: u32,
+    /// Accepted setpoint messages that came too late for the first cycle after the one that they answer.
+    pub(crate) late: u32,
     /// Rejected setpoint messages by reason; only reasons that occurred.
     pub(crate) rejected: BTreeMap<&'static str, u32>,
     /// The latched stop; `null` when there is none.
@@ -294,7 +298,9 @@ impl GroupReport {
             lease: group.lease.map(Lease::raw),
             owner: None,
             setpoint_age_us: group.setpoint_age.map(|age| age.as_secs_f64() * 1e6),
+            control_cycles: group.control_cycles,
             accepted: group.accepted,
+            late: group.late,
             rejected: rejected.filter(|(_, count)| *count > 0).collect(),
             stop: group.latched.then(|| Stop::new(name, group, robot)),
         }
@@ -306,6 +312,11 @@ impl GroupReport {
             (None, Some(lease)) => format!("lease {lease}"),
             (None, None) => "none".to_owned(),
         }
+    }
+
+    /// More than one setpoint in 20 came too late: the controller has too little time.
+    pub(crate) const fn is_often_late(&self) -> bool {
+        self.late > self.accepted / 20
     }
 }
 
@@ -390,7 +401,8 @@ impl From<(&String, Bus)> for BusReport {
 }
 
 fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -> io::Result<()> {
-    let mut table = Table::new(&["group", "phase", "owner", "setpoint age µs", "accepted", "rejected"]);
+    let mut table =
+        Table::new(&["group", "phase", "owner", "setpoint age µs", "accepted", "late", "rejected"]);
     for group in groups {
         let rejected: Vec<String> =
             group.rejected.iter().map(|(reason, count)| format!("{count} {reason}")).collect();
@@ -400,6 +412,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
             Cell::plain(group.owner()),
             Cell::number(group.setpoint_age_us, 0),
             Cell::plain(group.accepted),
+            Cell::new(group.late, if group.is_often_late() { Colour::Yellow } else { Colour::Plain }),
             Cell::new(if rejected.is_empty() { "0".into() } else { rejected.join(", ") }, Colour::Plain),
         ]);
     }

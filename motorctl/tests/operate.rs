@@ -272,12 +272,21 @@ fn a_fault_that_there_is_not_is_answered_by_the_nearest_one() {
 fn latency_tells_every_percentile() {
     let daemon = started();
     let latency: Value = serde_json::from_slice(&daemon.motorctl(&["latency", "--json"]).stdout).unwrap();
-    for key in ["cycle_us", "wake_latency_us", "reply_latency_us", "setpoint_age_us"] {
+    for key in [
+        "cycle_us",
+        "wake_latency_us",
+        "reply_latency_us",
+        "setpoint_age_us",
+        "control_latency_us",
+        "publication_us",
+    ] {
         for percentile in ["p50", "p99", "p99_9", "max"] {
             assert!(latency[key][percentile].is_number(), "{key}.{percentile} in {latency}");
         }
     }
     assert_eq!(latency["joints"][0]["name"], "arm");
+    assert_eq!(latency["control"][0]["name"], "all");
+    assert_eq!(latency["control"][0]["cycles"].as_array().map(Vec::len), Some(8));
 }
 
 #[test]

@@ -62,7 +62,7 @@ pub struct CycleSettings {
     pub max_missed_ticks: f32,
     /// From the sending of a cycle's commands: replies that have not come by then are missed.
     pub reply_deadline: Duration,
-    /// Read the buses without a sleep for this long, before each sleep for replies; zero sleeps only.
+    /// Read the buses without a sleep for this long, when the last replies of a cycle usually come; zero sleeps only.
     pub busy_poll: Duration,
     /// Each indicator of a motor that has some is asked for this often, Hz; 0 never asks.
     pub indicator_hz: f64,

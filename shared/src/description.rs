@@ -126,6 +126,8 @@ pub struct Telemetry {
     pub seconds: f64,
     /// Replies that did not come in their cycle, over all motors that were online.
     pub missed_replies: u64,
+    /// Cycles that polled for the last replies until their time for it was over.
+    pub polled_in_vain: u64,
     /// Records that telemetry could not keep up with.
     pub dropped_records: u64,
     /// From a tick to the beginning of its cycle.
@@ -136,10 +138,30 @@ pub struct Telemetry {
     pub setpoint_age_us: Percentiles,
     /// From the beginning of a cycle to the publication of its states.
     pub cycle_us: Percentiles,
+    /// From the last reply of a cycle to the publication of its states.
+    pub publication_us: Percentiles,
+    /// How long the cycles polled for their last replies, of those that did (`busy-poll-us`).
+    pub polled_us: Percentiles,
+    /// From the publication of states to the beginning of the cycle that first used the setpoint that answers them, all
+    /// groups. Answers to states of more than 64 cycles ago are left out.
+    pub control_latency_us: Percentiles,
     /// Reply latency by joint, in the order of the description.
     pub joints: Vec<Percentiles>,
     /// Owners and stops, in the order of the description.
     pub groups: Vec<GroupHistory>,
+    /// Control latency by group, in the order of the description.
+    pub control: Vec<ControlLatency>,
+}
+
+/// The time between states and the setpoint that answers them, of one group.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ControlLatency {
+    /// As [`Telemetry::control_latency_us`].
+    pub control_latency_us: Percentiles,
+    /// How many setpoints were first used so many cycles after the states that they answer: 1, 2, 3, and so on; the last
+    /// number counts all that took longer. Ticks that were missed count as cycles.
+    pub cycles: Vec<u64>,
 }
 
 /// The owner of a group and the beginnings of its phase and stop. Up to 50 ms old: `GroupState` tells whether the group has

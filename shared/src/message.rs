@@ -89,7 +89,7 @@ pub struct JointState {
 
 /// One group in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v2"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v3"))]
 #[repr(C)]
 pub struct GroupState {
     /// The owner's [`Lease`](crate::Lease); 0 for none.
@@ -98,6 +98,10 @@ pub struct GroupState {
     pub sequence: u64,
     /// Age of the setpoint in use when the cycle began, ns.
     pub setpoint_age_ns: u64,
+    /// Number of the cycle whose states the setpoint in use answers, as its owner tells; 0 when it tells none that has been.
+    pub answered_cycle: u64,
+    /// Number of the cycle that first used the setpoint in use; 0 for none.
+    pub used_cycle: u64,
     /// `Phase` code.
     pub phase: u32,
     /// `Cause` code that is latched; 0 for none.
@@ -106,10 +110,10 @@ pub struct GroupState {
     pub cause_joint: u32,
     /// Id of the process that asked for the stop; 0 when none did, or none is known.
     pub cause_pid: u32,
-    /// Keeps the layout free of implicit padding.
-    pub reserved: u32,
     /// Setpoint messages accepted, modulo 2³².
     pub accepted: u32,
+    /// Those of them that came too late for the first cycle after the one that they answer, modulo 2³².
+    pub late: u32,
     /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
     pub rejected: [u32; Rejection::COUNT],
 }
@@ -159,7 +163,7 @@ pub struct BusState {
 
 /// Everything that is known after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v4"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v5"))]
 #[repr(C)]
 pub struct StateMessage {
     /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
@@ -381,7 +385,7 @@ const _: () = {
     use core::mem::{offset_of, size_of};
     assert!(size_of::<Applied>() == 20);
     assert!(size_of::<JointState>() == 80 && offset_of!(JointState, implausible) == 68);
-    assert!(size_of::<GroupState>() == 48 + 4 * Rejection::COUNT);
+    assert!(size_of::<GroupState>() == 64 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
     assert!(size_of::<JointIndicators>() == 4 + 4 * INDICATORS_MAX);
     assert!(offset_of!(StateMessage, joints) == 72);

@@ -17,6 +17,12 @@ use super::findings::Findings;
 use super::keys;
 use super::problem::Wrong;
 
+/// The cycle polls for so long where it has a processor of its own.
+const BUSY_POLL_US: f64 = 30.0;
+
+/// `SCHED_FIFO` priority of the IPC thread: above threaded interrupts, below the cycle.
+const IPC_PRIORITY: u8 = 70;
+
 /// The dead man's switch waits for as long as a cycle may be late, and for this many cycles more.
 const DEADMAN_CYCLES: f64 = 2.0;
 
@@ -50,7 +56,10 @@ fn instance(keys: &keys::Daemon, findings: &mut Findings<'_>) -> String {
 fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
     let rate_hz = keys.rate_hz.value;
     let period = Duration::from_secs_f64(1.0 / rate_hz);
-    findings.within_cycle(&keys.busy_poll_us, period);
+    let cpu = findings.processor(&keys.cpu);
+    // A processor that others use is not taken from them.
+    let busy_poll_us = keys.busy_poll_us.value.unwrap_or(if cpu.is_some() { BUSY_POLL_US } else { 0.0 });
+    findings.within_cycle(keys.busy_poll_us.at, busy_poll_us, period);
     let (require_realtime, priority) = (keys.require_realtime.value, keys.priority.value as u8);
     // Nobody asked for a priority that is only the default, unless real time is required.
     if keys.priority.is_written || require_realtime {
@@ -60,30 +69,35 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
     CycleSettings {
         rate_hz,
         period,
-        cpu: findings.processor(&keys.cpu),
+        cpu,
         priority,
         require_realtime,
         max_lateness: millis(keys.max_lateness_ms.value),
         max_missed_ticks: keys.max_skipped_percent.value as f32 / 100.0,
         reply_deadline: period.mul_f64(keys.reply_deadline_percent.value / 100.0),
-        busy_poll: micros(keys.busy_poll_us.value),
+        busy_poll: micros(busy_poll_us),
         indicator_hz: keys.indicator_hz.value,
     }
 }
 
 fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> IpcSettings {
-    findings.within_cycle(&keys.lead_us, cycle.period);
+    findings.within_cycle(keys.lead_us.at, keys.lead_us.value, cycle.period);
     let (mode, cpu) = (keys.mode.value, findings.processor(&keys.cpu));
     if let (IpcMode::Spin, Some(cpu)) = (mode, cpu)
         && cycle.cpu == Some(cpu)
     {
         findings.error(keys.cpu.at, Wrong::SharedProcessor { cpu });
     }
-    let priority = keys.priority.value.map(|priority| priority as u8);
-    if let Some(priority) = priority {
+    let priority = match (keys.priority.value, mode) {
+        (Some(wanted), _) => wanted as u8,
+        (None, IpcMode::Timed) => IPC_PRIORITY.min(cycle.priority - 1).max(1),
+        // Spinning with a real-time priority takes the processor away from everything else.
+        (None, IpcMode::Spin) => 0,
+    };
+    if keys.priority.value.is_some() {
         findings.judge_priority(keys.priority.at, priority, cycle.require_realtime);
     }
-    IpcSettings { mode, lead: micros(keys.lead_us.value), cpu, priority }
+    IpcSettings { mode, lead: micros(keys.lead_us.value), cpu, priority: (priority > 0).then_some(priority) }
 }
 
 fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> SafetySettings {

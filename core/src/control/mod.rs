@@ -117,10 +117,10 @@ impl Control {
     /// Offers a setpoint message. A message with an error is counted by its reason, and nothing of it is used. Does not
     /// allocate; bounded by the joints of a message.
     pub fn offer(&mut self, message: &SetpointMessage, now: Instant) {
-        let timeout = self.context.safety.setpoint_timeout;
-        let group = Lease::from_raw(message.lease).and_then(|lease| self.groups.get_mut(lease.group()));
+        let Self { groups, context, .. } = self;
+        let group = Lease::from_raw(message.lease).and_then(|lease| groups.get_mut(lease.group()));
         if let Some(group) = group {
-            group.offer(message, now, timeout);
+            group.offer(message, now, context);
         }
     }
 

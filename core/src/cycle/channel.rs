@@ -8,7 +8,9 @@ use crate::plan::BusPlan;
 use crate::settings::{MotorSettings, Settings};
 use crate::stopper::{LineRound, Outlet};
 use motord_bus::frame::ControllerState;
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
+use motord_bus::{
+    Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, ReplyTime, Sent,
+};
 use motord_shared::{BusCondition, BusState};
 
 /// A bus, and everything the cycle knows of it.
@@ -27,7 +29,7 @@ pub(super) struct BusChannel {
     replied_at: Instant,
     batch: Batch,
     /// By [`Batch`].
-    expected: [ExpectedReplyTime; 2],
+    expected: [ReplyTime; 2],
     /// How long a fault request and its reply take on the wire at worst.
     poll_time: Duration,
 }
@@ -50,20 +52,6 @@ pub(super) enum Batch {
     Commands,
     /// A fault request to one motor.
     FaultRequest,
-}
-
-/// Time from the sending of a batch to its last reply. The bus is read first after this time, and mostly only then.
-/// Follows a longer time at once, and a shorter one slowly.
-#[derive(Debug, Clone, Copy)]
-struct ExpectedReplyTime(Duration);
-
-impl ExpectedReplyTime {
-    /// A shorter time counts as one part of so many.
-    const FALL: u32 = 32;
-
-    fn observe(&mut self, time: Duration) {
-        self.0 = if time > self.0 { time } else { self.0 - (self.0 - time) / Self::FALL };
-    }
 }
 
 impl BusChannel {
@@ -94,7 +82,7 @@ impl BusChannel {
             sent_at: Instant::ZERO,
             replied_at: Instant::ZERO,
             batch: Batch::Commands,
-            expected: [ExpectedReplyTime(plan.expected), ExpectedReplyTime(plan.transaction_least)],
+            expected: [plan.expected, plan.transaction_least].map(ReplyTime::new),
             poll_time: plan.transaction_worst,
         }
     }
@@ -172,7 +160,12 @@ impl BusChannel {
     /// When all replies to this batch are expected to have arrived.
     #[inline]
     pub(super) fn expected(&self) -> Instant {
-        self.sent_at + self.expected[self.batch as usize].0
+        self.sent_at + self.expected[self.batch as usize].latest()
+    }
+
+    /// Before it the last reply to this batch seldom arrives.
+    pub(super) fn earliest(&self) -> Instant {
+        self.sent_at + self.expected[self.batch as usize].earliest()
     }
 
     /// Every reply to this batch has arrived: learns how long that takes.

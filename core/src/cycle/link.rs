@@ -42,6 +42,14 @@ pub struct Record {
     pub cycle_ns: u64,
     /// Age of the oldest setpoint that an active group used, ns; `None` when none was active.
     pub setpoint_age_ns: Option<u64>,
+    /// By group, the cycle whose states its setpoint answers, where this cycle is the first to use it; else 0.
+    pub answered_cycle: [u64; GROUPS_MAX],
+    /// From the last state that came after the beginning of this cycle to the publication, ns; `None` when none came.
+    pub publication_ns: Option<u64>,
+    /// For how long the cycle polled for the last replies, ns; 0 when it did not.
+    pub polled_ns: u64,
+    /// Not all of them had come by then.
+    pub polled_in_vain: bool,
     /// Cycles without a reply, over all motors, since the start.
     pub missed: u64,
     /// Ticks missed just before this cycle.
@@ -51,17 +59,24 @@ pub struct Record {
 }
 
 impl Record {
-    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints.
+    /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints and groups.
     pub(super) fn of(
         wake: &Wake,
         published: Instant,
         setpoint_age: Option<Duration>,
         state: &StateMessage,
     ) -> Self {
-        let (mut reply_latency_ns, mut missed) = ([0; JOINTS_MAX], 0);
+        let (mut reply_latency_ns, mut missed, mut last_reply) = ([0; JOINTS_MAX], 0, 0);
         for (joint, latency) in state.joints().iter().zip(&mut reply_latency_ns) {
             missed += u64::from(joint.missed);
-            *latency = if joint.flags & message::JOINT_FRESH == 0 { 0 } else { joint.reply_latency_ns };
+            if joint.flags & message::JOINT_FRESH != 0 {
+                *latency = joint.reply_latency_ns;
+                last_reply = joint.receive_ns.max(last_reply);
+            }
+        }
+        let mut answered_cycle = [0; GROUPS_MAX];
+        for (group, answered) in state.groups().iter().zip(&mut answered_cycle) {
+            *answered = if group.used_cycle == wake.cycle { group.answered_cycle } else { 0 };
         }
         Self {
             cycle: wake.cycle,
@@ -69,6 +84,11 @@ impl Record {
             wake_latency_ns: nanos(wake.begun.since(wake.scheduled)),
             cycle_ns: nanos(published.since(wake.begun)),
             setpoint_age_ns: setpoint_age.map(nanos),
+            answered_cycle,
+            polled_ns: 0,
+            polled_in_vain: false,
+            publication_ns: (last_reply > wake.begun.as_nanos())
+                .then(|| published.as_nanos().saturating_sub(last_reply)),
             missed,
             missed_ticks: wake.missed_ticks,
             reply_latency_ns,

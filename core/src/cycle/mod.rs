@@ -29,7 +29,7 @@ use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
 use channel::{Batch, BusChannel};
 use motord_bus::time::nanos;
-use motord_bus::{Bus, Duration, Instant, Readiness, Ready};
+use motord_bus::{Bus, Duration, Instant, Lateness, Readiness, Ready};
 use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
 
 /// Most requests answered in one cycle: all that the clients may have under way, so an emergency stop does not wait behind
@@ -54,8 +54,20 @@ pub struct Cycle<C> {
     link: Link,
     stopper: Stopper,
     missed_ticks: u64,
+    /// How late the sleeps for replies end.
+    lateness: Lateness,
+    polled: Polled,
     boot_id: u64,
     realtime: bool,
+}
+
+/// The polling for replies in a cycle.
+#[derive(Debug, Clone, Copy, Default)]
+struct Polled {
+    /// Zero when there was none.
+    time: Duration,
+    /// Some replies had not come by its end.
+    in_vain: bool,
 }
 
 /// The configured times of a cycle.
@@ -70,7 +82,7 @@ struct Timing {
     /// Commands are stale so long after their cycle began: the dead man's switch may have acted by then, or the cycle lost its
     /// time base.
     stale_after: Duration,
-    /// Time for which the buses are polled before each sleep for replies.
+    /// Time for which the buses are polled for the last replies of a cycle, without a sleep.
     busy_poll: Duration,
 }
 
@@ -116,6 +128,8 @@ impl<C: Clock> Cycle<C> {
             link,
             stopper: Stopper::new(frames, settings.safety.damp),
             missed_ticks: 0,
+            lateness: Lateness::default(),
+            polled: Polled::default(),
             boot_id,
             realtime: false,
         }
@@ -202,7 +216,8 @@ impl<C: Clock> Cycle<C> {
         }
         self.serve(wake.begun);
         let sent = self.transmit(wake);
-        let open = self.collect(sent + self.timing.reply_deadline);
+        self.polled = Polled::default();
+        let open = self.collect(sent + self.timing.reply_deadline, true);
         self.control.end_cycle();
         self.publish(wake);
         if self.control.asks_questions() {
@@ -298,26 +313,60 @@ impl<C: Clock> Cycle<C> {
         self.channels[bus].queue(motor, frame);
     }
 
-    /// Waits for the replies to all open requests, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per
-    /// bus beside those of busy polling.
-    /// The first wait lasts for the expected reply time: waking for every single frame would cost more calls. Returns the buses
-    /// whose replies have not all come.
-    fn collect(&mut self, deadline: Instant) -> Ready {
-        let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
-        let mut open = self.open_buses();
-        let open_channels = self.channels.iter().enumerate().filter(|&(bus, _)| open.contains(bus));
-        let Some(expected) = open_channels.map(|(_, channel)| channel.expected()).max() else {
+    /// Waits for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all come.
+    /// At most [`CALLS_PER_BUS`] system calls per bus beside those of [`busy_poll`](Self::busy_poll), which it only does when told so.
+    fn collect(&mut self, deadline: Instant, polls: bool) -> Ready {
+        let open = self.open_buses();
+        let Some(earliest) = self.last_of(open, BusChannel::earliest) else {
             // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
             self.receive(None);
             return open;
         };
-        self.clock.sleep_until((expected - self.timing.busy_poll).min(deadline));
+        if !polls || self.timing.busy_poll.is_zero() || !self.busy_poll(earliest, deadline) {
+            self.gather(deadline);
+        }
+        let open = self.open_buses();
+        let channels = self.channels.iter_mut().enumerate();
+        channels.filter(|&(bus, _)| !open.contains(bus)).for_each(|(_, channel)| channel.complete());
+        open
+    }
+
+    /// Sleeps until `earliest`, less the time by which this thread is woken late; then reads the buses again and again without
+    /// a sleep, for as long as configured and at most until `deadline`: the last reply waits for no wake-up. Returns whether
+    /// every reply has come. One sleep, and at most [`READS_MAX`] reads of each bus.
+    fn busy_poll(&mut self, earliest: Instant, deadline: Instant) -> bool {
+        let due = earliest.min(deadline) - self.lateness.expected();
+        let sleeps = due > self.clock.now();
+        self.clock.sleep_until(due);
+        let begun = self.clock.now();
+        if sleeps {
+            self.lateness.observe(due, begun);
+        }
+        let until = deadline.min(begun + self.timing.busy_poll);
+        let mut ready = None;
+        for _ in 0..READS_MAX {
+            self.receive(ready);
+            let (open, now) = (self.open_buses(), self.clock.now());
+            self.polled = Polled { time: now.since(begun), in_vain: open.any() };
+            if !open.any() || now >= until {
+                break;
+            }
+            ready = Some(open);
+        }
+        !self.polled.in_vain
+    }
+
+    /// Reads the buses as replies come, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per bus. The first
+    /// wait lasts for the expected reply time: waking for every single frame would cost more calls.
+    fn gather(&mut self, deadline: Instant) {
+        let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
+        let expected = self.last_of(self.open_buses(), BusChannel::expected);
+        self.clock.sleep_until(expected.unwrap_or(deadline).min(deadline));
         let mut ready = None;
         loop {
             let read = self.receive(ready);
             calls = calls.saturating_sub(1 + read);
-            self.busy_poll(deadline);
-            open = self.open_buses();
+            let open = self.open_buses();
             if !open.any() || self.clock.now() >= deadline {
                 break;
             }
@@ -329,25 +378,12 @@ impl<C: Clock> Cycle<C> {
                 Some(self.wait(open, deadline))
             };
         }
-        let channels = self.channels.iter_mut().enumerate();
-        channels.filter(|&(bus, _)| !open.contains(bus)).for_each(|(_, channel)| channel.complete());
-        open
     }
 
-    /// Reads the open buses again and again without a sleep, for as long as configured and at most until `deadline`: the
-    /// replies that arrive meanwhile wait for no wake-up. At most [`READS_MAX`] reads of each bus.
-    fn busy_poll(&mut self, deadline: Instant) {
-        if self.timing.busy_poll.is_zero() {
-            return;
-        }
-        let until = deadline.min(self.clock.now() + self.timing.busy_poll);
-        for _ in 0..READS_MAX {
-            let open = self.open_buses();
-            if !open.any() || self.clock.now() >= until {
-                break;
-            }
-            self.receive(Some(open));
-        }
+    /// The last of these times of the buses that are `open`.
+    fn last_of(&self, open: Ready, time: impl Fn(&BusChannel) -> Instant) -> Option<Instant> {
+        let channels = self.channels.iter().enumerate().filter(|&(bus, _)| open.contains(bus));
+        channels.map(|(_, channel)| time(channel)).max()
     }
 
     /// Waits until something arrives on an `open` bus, at most until `until`. Returns the buses that are worth reading. One
@@ -406,7 +442,8 @@ impl<C: Clock> Cycle<C> {
         let now = self.clock.now();
         self.report(wake, now);
         let Self { link, control, .. } = self;
-        let record = Record::of(wake, now, control.setpoint_age(), link.state().0);
+        let mut record = Record::of(wake, now, control.setpoint_age(), link.state().0);
+        (record.polled_ns, record.polled_in_vain) = (nanos(self.polled.time), self.polled.in_vain);
         link.publish(record);
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);
@@ -434,7 +471,8 @@ impl<C: Clock> Cycle<C> {
             asked = true;
         }
         if asked {
-            self.collect(end);
+            // Nobody waits for these replies.
+            self.collect(end, false);
         }
     }
 }

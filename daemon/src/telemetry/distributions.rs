@@ -1,12 +1,16 @@
 //! Latency distributions since the start.
 
 use hdrhistogram::Histogram;
+use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
 use motord_core::cycle::Record;
-use motord_shared::description::{Percentiles, Telemetry};
+use motord_shared::description::{ControlLatency, Percentiles, Telemetry};
 
 /// Latencies beyond it are recorded as it: 10 s.
 const LATENCY_MAX_NS: u64 = 10_000_000_000;
+
+/// Control latencies are counted up to so many cycles; longer ones as this many.
+const CONTROL_CYCLES: usize = 8;
 
 /// The histograms behind [`Telemetry`].
 pub(super) struct Distributions {
@@ -17,15 +21,41 @@ pub(super) struct Distributions {
     reply: Histogram<u64>,
     setpoint_age: Histogram<u64>,
     cycle: Histogram<u64>,
+    publication: Histogram<u64>,
+    polled: Histogram<u64>,
     joints: Vec<Histogram<u64>>,
+    control: Vec<Control>,
+    publications: Publications,
     period: Duration,
 }
 
+/// The control latencies of a group.
+struct Control {
+    latency: Histogram<u64>,
+    /// By cycles, as in [`ControlLatency::cycles`].
+    cycles: [u64; CONTROL_CYCLES],
+}
+
+/// When the states of the last cycles were published, by their number modulo [`Self::KEPT`].
+struct Publications([(u64, Instant); Self::KEPT]);
+
+impl Publications {
+    const KEPT: usize = 64;
+
+    fn take(&mut self, cycle: u64, published: Instant) {
+        self.0[cycle as usize % Self::KEPT] = (cycle, published);
+    }
+
+    /// `None` when it was too long ago, or its record was lost.
+    fn of(&self, cycle: u64) -> Option<Instant> {
+        let (kept, published) = self.0[cycle as usize % Self::KEPT];
+        (kept == cycle).then_some(published)
+    }
+}
+
 impl Distributions {
-    pub(super) fn new(joints: usize, period: Duration) -> Self {
-        let histogram = || {
-            Histogram::new_with_bounds(1, LATENCY_MAX_NS, 3).expect("1 and 10 s are bounds of a histogram")
-        };
+    pub(super) fn new(joints: usize, groups: usize, period: Duration) -> Self {
+        let control = || Control { latency: histogram(), cycles: [0; CONTROL_CYCLES] };
         Self {
             totals: Telemetry::default(),
             first: None,
@@ -34,6 +64,10 @@ impl Distributions {
             reply: histogram(),
             setpoint_age: histogram(),
             cycle: histogram(),
+            publication: histogram(),
+            polled: histogram(),
+            control: (0..groups).map(|_| control()).collect(),
+            publications: Publications([(0, Instant::ZERO); Publications::KEPT]),
             joints: (0..joints).map(|_| histogram()).collect(),
             period,
         }
@@ -50,12 +84,42 @@ impl Distributions {
         if let Some(age) = record.setpoint_age_ns {
             self.setpoint_age.saturating_record(age);
         }
+        if let Some(publication) = record.publication_ns {
+            self.publication.saturating_record(publication);
+        }
+        if record.polled_ns > 0 {
+            self.polled.saturating_record(record.polled_ns);
+            self.totals.polled_in_vain += u64::from(record.polled_in_vain);
+        }
+        self.record_control(record);
         for (joint, &latency) in self.joints.iter_mut().zip(&record.reply_latency_ns) {
             if latency > 0 {
                 joint.saturating_record(u64::from(latency));
                 self.reply.saturating_record(u64::from(latency));
             }
         }
+    }
+
+    /// A group's setpoint answers a cycle before this one, so that its publication was taken in.
+    fn record_control(&mut self, record: &Record) {
+        let begun = record.scheduled + Duration::from_nanos(record.wake_latency_ns);
+        for (control, &answered) in self.control.iter_mut().zip(&record.answered_cycle) {
+            let Some(cycles) = record.cycle.checked_sub(answered).filter(|_| answered > 0) else { continue };
+            control.cycles[(cycles.max(1) - 1).min(CONTROL_CYCLES as u64 - 1) as usize] += 1;
+            let is_recent = cycles <= Publications::KEPT as u64;
+            if let Some(published) = self.publications.of(answered).filter(|_| is_recent) {
+                control.latency.saturating_record(nanos(begun.since(published)));
+            }
+        }
+        self.publications.take(record.cycle, begun + Duration::from_nanos(record.cycle_ns));
+    }
+
+    fn all_control(&self) -> Histogram<u64> {
+        let mut all = histogram();
+        for control in &self.control {
+            all.add(&control.latency).expect("their bounds are the same");
+        }
+        all
     }
 
     pub(super) fn telemetry(&self) -> Telemetry {
@@ -66,9 +130,23 @@ impl Distributions {
             reply_latency_us: percentiles(&self.reply),
             setpoint_age_us: percentiles(&self.setpoint_age),
             cycle_us: percentiles(&self.cycle),
+            publication_us: percentiles(&self.publication),
+            polled_us: percentiles(&self.polled),
+            control_latency_us: percentiles(&self.all_control()),
+            control: self.control.iter().map(Control::latency).collect(),
             joints: self.joints.iter().map(percentiles).collect(),
             ..self.totals.clone()
         }
+    }
+}
+
+fn histogram() -> Histogram<u64> {
+    Histogram::new_with_bounds(1, LATENCY_MAX_NS, 3).expect("1 and 10 s are bounds of a histogram")
+}
+
+impl Control {
+    fn latency(&self) -> ControlLatency {
+        ControlLatency { control_latency_us: percentiles(&self.latency), cycles: self.cycles.to_vec() }
     }
 }
 
@@ -80,5 +158,49 @@ fn percentiles(histogram: &Histogram<u64>) -> Percentiles {
         p99: microseconds(histogram.value_at_quantile(0.99)),
         p99_9: microseconds(histogram.value_at_quantile(0.999)),
         max: microseconds(histogram.max()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
+
+    const PERIOD: Duration = Duration::from_millis(1);
+
+    /// The cycle begins with its tick and publishes 700 µs later; the first group begins to use an answer to `answered`.
+    fn record(cycle: u64, answered: u64) -> Record {
+        let mut answered_cycle = [0; GROUPS_MAX];
+        answered_cycle[0] = answered;
+        Record {
+            cycle,
+            scheduled: Instant::ZERO + PERIOD * cycle as u32,
+            wake_latency_ns: 0,
+            cycle_ns: 700_000,
+            setpoint_age_ns: None,
+            answered_cycle,
+            publication_ns: None,
+            polled_ns: 0,
+            polled_in_vain: false,
+            missed: 0,
+            missed_ticks: 0,
+            reply_latency_ns: [0; JOINTS_MAX],
+        }
+    }
+
+    #[test]
+    fn the_control_latency_lasts_from_the_states_to_the_cycle_that_uses_the_answer() {
+        let mut distributions = Distributions::new(1, 2, PERIOD);
+        // In time, one cycle late, without a new setpoint, after a record was lost, and from another age.
+        for (cycle, answered) in [(1, 0), (2, 1), (3, 1), (4, 0), (6, 5), (100, 1)] {
+            distributions.record(&record(cycle, answered));
+        }
+        let telemetry = distributions.telemetry();
+        assert_eq!(telemetry.control[0].cycles, [2, 1, 0, 0, 0, 0, 0, 1]);
+        assert_eq!(telemetry.control[1], ControlLatency { cycles: vec![0; 8], ..Default::default() });
+        let latency = telemetry.control_latency_us;
+        assert_eq!(latency, telemetry.control[0].control_latency_us);
+        assert_eq!(latency.count, 2, "of those whose states' publication is known");
+        assert!((latency.p50 - 300.0).abs() < 1.0 && (latency.max - 1300.0).abs() < 2.0, "{latency:?}");
     }
 }

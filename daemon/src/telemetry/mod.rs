@@ -113,7 +113,11 @@ impl Recorder {
         Self {
             cycle,
             answers,
-            distributions: Distributions::new(settings.motors.len(), settings.cycle.period),
+            distributions: Distributions::new(
+                settings.motors.len(),
+                settings.groups.len(),
+                settings.cycle.period,
+            ),
             groups: Groups::new(settings.groups.len()),
             log: Log::new(settings),
             unexpected_ids: UnexpectedCounts::new(settings),

@@ -239,7 +239,7 @@ impl Robot {
 
     /// One cycle.
     pub fn step(&mut self) {
-        self.tick = self.cycle.run(self.tick);
+        self.cycle_only();
         while self.client.record().is_some() {}
         while let Some((_, event)) = self.client.event() {
             self.events.push(event);
@@ -247,6 +247,11 @@ impl Robot {
         for bus in 0..self.buses.len() {
             self.collect_record(bus);
         }
+    }
+
+    /// One cycle, whose record the caller takes.
+    pub fn cycle_only(&mut self) {
+        self.tick = self.cycle.run(self.tick);
     }
 
     pub fn steps(&mut self, cycles: usize) {

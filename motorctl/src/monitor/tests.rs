@@ -77,6 +77,8 @@ fn trotting() -> Reading {
         reply_latency_us: percentiles(8.0),
         cycle_us: percentiles(9.0),
         setpoint_age_us: percentiles(3.0),
+        control_latency_us: percentiles(11.0),
+        publication_us: percentiles(2.0),
         joints: vec![percentiles(8.0); 12],
         groups: vec![GroupHistory { owner, phase_cycle: 300, ..GroupHistory::default() }],
         ..Telemetry::default()

@@ -49,6 +49,7 @@ pub(super) struct Group {
     owner: Option<Owner>,
     setpoints: Setpoints,
     accepted: u32,
+    late: u32,
     rejected: [u32; Rejection::COUNT],
 }
 
@@ -93,6 +94,7 @@ impl Group {
             owner: None,
             setpoints: Setpoints::new(settings.motors.len()),
             accepted: 0,
+            late: 0,
             rejected: [0; Rejection::COUNT],
         }
     }
@@ -115,6 +117,7 @@ impl Group {
         self.advance(cx);
         let ramp = cx.now.since(self.since).as_secs_f32() / cx.safety.start_ramp.as_secs_f32();
         let Self { motors, setpoints, held_until, over_voltage, .. } = self;
+        setpoints.begin_use(cx.wake.cycle);
         for (place, motor) in motors.iter_mut().enumerate() {
             let wanted = setpoints.get(place);
             let orders = Orders { wanted, ramp, held: held_until.is_some(), over_voltage: *over_voltage };
@@ -210,8 +213,10 @@ impl Group {
             cause: self.cause().map_or(0, Cause::code),
             cause_joint: self.cause.and_then(|latched| latched.joint).map_or(u32::MAX, |joint| joint as u32),
             cause_pid: self.cause.and_then(|latched| latched.pid).unwrap_or(0),
-            reserved: 0,
+            answered_cycle: self.setpoints.answered,
+            used_cycle: self.setpoints.used,
             accepted: self.accepted,
+            late: self.late,
             rejected: self.rejected,
         }
     }

@@ -1,6 +1,6 @@
 //! The setpoints of a group: checked as a whole when they arrive, and kept until newer ones do.
 
-use super::{Group, Owner};
+use super::{Context, Group, Owner};
 use crate::joint::{Impedance, Joint, Setpoint};
 use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
@@ -16,13 +16,17 @@ const SEQUENCE_STEP_MAX: u64 = 1 << 32;
 pub(super) struct Setpoints {
     /// When they were sent, or when they arrived if that was earlier. `None`: there are none.
     at: Option<Instant>,
+    /// The cycle whose states they answer; 0 when their owner tells none that has been.
+    pub(super) answered: u64,
+    /// The cycle that first used them; 0 before it.
+    pub(super) used: u64,
     joints: Vec<Setpoint>,
 }
 
 impl Setpoints {
     /// None, for a group of so many joints. Allocates; nothing after it does.
     pub(super) fn new(joints: usize) -> Self {
-        Self { at: None, joints: vec![Setpoint::NEUTRAL; joints] }
+        Self { at: None, answered: 0, used: 0, joints: vec![Setpoint::NEUTRAL; joints] }
     }
 
     pub(super) fn get(&self, place: usize) -> Option<Setpoint> {
@@ -34,15 +38,23 @@ impl Setpoints {
     }
 
     pub(super) const fn forget(&mut self) {
-        self.at = None;
+        (self.at, self.answered, self.used) = (None, 0, 0);
+    }
+
+    /// The cycle with this number uses them, if there are any.
+    pub(super) const fn begin_use(&mut self, cycle: u64) {
+        if self.at.is_some() && self.used == 0 {
+            self.used = cycle;
+        }
     }
 }
 
 impl Group {
-    /// Takes the setpoints of `message`, or counts why not. Does not allocate; bounded by the joints of one message.
-    pub(in crate::control) fn offer(&mut self, message: &SetpointMessage, now: Instant, timeout: Duration) {
-        match self.check(message, now, timeout) {
-            Ok(()) => self.accept(message, now),
+    /// Takes the setpoints of `message` before a cycle decides, or counts why not. `cx` is still that of the cycle before.
+    /// Does not allocate; bounded by the joints of one message.
+    pub(in crate::control) fn offer(&mut self, message: &SetpointMessage, now: Instant, cx: &Context) {
+        match self.check(message, now, cx.safety.setpoint_timeout) {
+            Ok(()) => self.accept(message, now, cx.wake.cycle),
             Err(rejection) => {
                 let counter = &mut self.rejected[rejection.code() as usize];
                 *counter = counter.wrapping_add(1);
@@ -50,8 +62,13 @@ impl Group {
         }
     }
 
-    fn accept(&mut self, message: &SetpointMessage, now: Instant) {
-        let Self { setpoints, owner, accepted, .. } = self;
+    /// `before` is the number of the cycle before.
+    fn accept(&mut self, message: &SetpointMessage, now: Instant, before: u64) {
+        let Self { setpoints, owner, accepted, late, .. } = self;
+        setpoints.answered = if message.cycle > before { 0 } else { message.cycle };
+        setpoints.used = 0;
+        let is_late = setpoints.answered > 0 && setpoints.answered < before;
+        *late = late.wrapping_add(u32::from(is_late));
         setpoints.at = Some(Instant::from_nanos(message.time_ns).min(now));
         for (kept, joint) in setpoints.joints.iter_mut().zip(&message.joints) {
             *kept = setpoint(joint);

@@ -37,6 +37,9 @@ fn group_line(group: &GroupReport, history: &GroupHistory, names: usize) -> Line
     if let Some(age) = group.setpoint_age_us {
         line.push_span(Span::from(format!("  setpoint {} µs old", number(Some(age), 0))));
     }
+    if group.is_often_late() {
+        line.push_span(warning(format!("  {} late", group.late)));
+    }
     for (reason, count) in &group.rejected {
         line.push_span(warning(format!("  {count} rejected: {reason}")));
     }

@@ -56,7 +56,11 @@ pub(super) fn table(reading: &Reading) -> (Line<'static>, Vec<Line<'static>>) {
     let joints = reading.report.joints.iter().zip(&reading.telemetry.joints);
     let joints = joints.map(|(joint, latency)| (format!("reply {}", joint.name), *latency));
     let named = rows(reading).map(|(name, latency, _)| (name.to_owned(), latency));
-    let all: Vec<(String, Percentiles)> = named.into_iter().chain(joints).collect();
+    let more = [
+        ("control".to_owned(), reading.telemetry.control_latency_us),
+        ("publish".to_owned(), reading.telemetry.publication_us),
+    ];
+    let all: Vec<(String, Percentiles)> = named.into_iter().chain(more).chain(joints).collect();
     let names = all.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     let heading = format!("{:<names$}{:>9}{:>9}{:>9}{:>9}", "µs", "p50", "p99", "p99.9", "max");
     let row = |(name, latency): &(String, Percentiles)| {
