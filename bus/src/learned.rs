@@ -1,4 +1,4 @@
-//! Times that are learned from what happened: how late a thread is woken, and when replies come.
+//! Times that are learned from what happened: how late a thread is woken, when replies come, and when polling is of no use.
 
 use crate::time::{Duration, Instant};
 
@@ -71,6 +71,33 @@ impl ReplyTime {
     }
 }
 
+/// Attempts that may be in vain, such as polling for the reply of a motor that is off: after two in a row the next ones are left
+/// out, after each further one twice as many, up to 63. Neither allocates nor blocks.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Backoff {
+    in_vain: u32,
+    left_out: u32,
+}
+
+impl Backoff {
+    /// Attempts in vain that are told apart.
+    const IN_VAIN_MAX: u32 = 7;
+
+    /// Whether to make the next attempt.
+    #[must_use]
+    pub const fn attempts(&mut self) -> bool {
+        let attempts = self.left_out == 0;
+        self.left_out = self.left_out.saturating_sub(1);
+        attempts
+    }
+
+    /// An attempt was made.
+    pub fn observe(&mut self, in_vain: bool) {
+        self.in_vain = if in_vain { (self.in_vain + 1).min(Self::IN_VAIN_MAX) } else { 0 };
+        self.left_out = (1 << self.in_vain.saturating_sub(1)) - 1;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,6 +123,23 @@ mod tests {
             "a late reply is waited for in the next cycle"
         );
         assert!(reply.earliest() < Duration::from_micros(630), "and not missed because of one: {reply:?}");
+    }
+
+    #[test]
+    fn what_is_always_in_vain_is_soon_attempted_in_one_of_64_cycles_and_a_success_ends_that() {
+        let mut backoff = Backoff::default();
+        let mut attempts = |cycles: u32, in_vain: bool| {
+            let attempt = |_: &u32| {
+                let attempts = backoff.attempts();
+                attempts.then(|| backoff.observe(in_vain)).is_some()
+            };
+            (0..cycles).filter(attempt).count()
+        };
+        assert_eq!(attempts(2, true), 2, "one may be by chance");
+        attempts(200, true);
+        assert_eq!(attempts(6400, true), 100);
+        assert!(attempts(64, false) > 0);
+        assert_eq!(attempts(64, false), 64, "a success ends it");
     }
 
     fn after(sleeps: impl Iterator<Item = u64>) -> Duration {

@@ -37,7 +37,7 @@ pub mod time;
 mod wait;
 
 pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
-pub use learned::{Lateness, ReplyTime};
+pub use learned::{Backoff, Lateness, ReplyTime};
 #[cfg(feature = "linux")]
 pub use lock::{BusLock, LockError};
 pub use readiness::{MAX_BUSES, Readiness, Ready};

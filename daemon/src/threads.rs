@@ -243,9 +243,11 @@ fn start_ipc(
             Ok(ports) => ports,
             Err(error) => return report(&opened, Err(error)),
         };
-        let request = SchedulingRequest { cpu: ipc.cpu, priority: ipc.priority };
-        let mut steps = rt::prepare_thread(request);
+        let mut steps = rt::prepare_thread(SchedulingRequest { cpu: ipc.cpu, priority: None });
         steps.push(rt::tighten_timers());
+        let scheduled = rt::prepare_thread(SchedulingRequest { cpu: None, priority: ipc.priority });
+        // Refused like the cycle's, which tells it.
+        steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
         steps.iter().for_each(|step| rt::log(step, "ipc"));
         report(&opened, Ok(()));
         IpcThread::new(ports, end, questions, description, &ipc, period).run(|| given.are(Orders::END));

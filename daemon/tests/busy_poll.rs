@@ -3,6 +3,7 @@
 mod robot;
 
 use motord_bus::Duration;
+use motord_core::cycle::Polled;
 use robot::Robot;
 
 const CYCLES: u32 = 1000;
@@ -36,20 +37,32 @@ fn polling_ends_at_its_bound_and_is_counted() {
     settings.safety.fault_poll_hz = 0.0;
     let mut robot = Robot::new(settings, 1);
     robot.clock.reading.set(Duration::from_micros(1));
-    let polled = |robot: &mut Robot| {
-        robot.cycle_only();
-        let record = robot.client.record().expect("one for each cycle");
-        (Duration::from_nanos(record.polled_ns), record.polled_in_vain)
-    };
     robot.steps(1000);
     let found = (0..CYCLES).map(|_| polled(&mut robot));
-    let in_vain = found.filter(|(time, in_vain)| *in_vain || time.is_zero()).count();
+    let in_vain = found.filter(|polled| polled.in_vain || polled.reads == 0).count();
     assert!(in_vain < 10, "replies come when they came before: {in_vain}");
     robot.disturb("thigh off");
-    let (time, in_vain) = polled(&mut robot);
+    let Polled { time, reads, in_vain } = polled(&mut robot);
     // A reading of the clock may be the step over the bound, and a few are on the way.
     let bound = Duration::from_micros(30)..Duration::from_micros(40);
     assert!(in_vain && bound.contains(&time), "{time:?}");
+    assert!((2..40).contains(&reads), "a read of one bus at each step of the clock: {reads}");
+}
+
+/// The polling of the next cycle.
+fn polled(robot: &mut Robot) -> Polled {
+    robot.cycle_only();
+    robot.client.record().expect("one for each cycle").polled
+}
+
+#[test]
+fn a_motor_that_stays_off_is_polled_for_in_few_cycles_and_one_that_is_back_in_all() {
+    let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), Some("thigh off"));
+    let reads = |robot: &mut Robot| (0..CYCLES).filter(|_| polled(robot).reads > 0).count();
+    assert!(reads(&mut robot) <= 16, "one in 64");
+    robot.disturb("thigh on");
+    robot.steps(100);
+    assert_eq!(reads(&mut robot), CYCLES as usize);
 }
 
 #[test]

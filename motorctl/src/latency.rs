@@ -109,7 +109,12 @@ fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -
         "\n{cycles} cycles in {seconds:.1} s; overruns {overruns}, missed replies {missed_replies}"
     )?;
     if telemetry.polled_us.count > 0 {
-        writeln!(out, "polled for replies in vain: {} cycles", telemetry.polled_in_vain)?;
+        let Telemetry { polled_us, polled_reads, polled_in_vain, .. } = telemetry;
+        let cycles = polled_us.count;
+        writeln!(
+            out,
+            "polled for replies in {cycles} cycles, {polled_in_vain} in vain; {polled_reads} reads"
+        )?;
     }
     if *dropped_records > 0 {
         writeln!(

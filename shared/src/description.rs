@@ -128,6 +128,8 @@ pub struct Telemetry {
     pub missed_replies: u64,
     /// Cycles that polled for the last replies until their time for it was over.
     pub polled_in_vain: u64,
+    /// Reads of a bus by polling, each a system call.
+    pub polled_reads: u64,
     /// Records that telemetry could not keep up with.
     pub dropped_records: u64,
     /// From a tick to the beginning of its cycle.

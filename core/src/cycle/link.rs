@@ -46,10 +46,8 @@ pub struct Record {
     pub answered_cycle: [u64; GROUPS_MAX],
     /// From the last state that came after the beginning of this cycle to the publication, ns; `None` when none came.
     pub publication_ns: Option<u64>,
-    /// For how long the cycle polled for the last replies, ns; 0 when it did not.
-    pub polled_ns: u64,
-    /// Not all of them had come by then.
-    pub polled_in_vain: bool,
+    /// Its polling for the last replies.
+    pub polled: Polled,
     /// Cycles without a reply, over all motors, since the start.
     pub missed: u64,
     /// Ticks missed just before this cycle.
@@ -58,12 +56,24 @@ pub struct Record {
     pub reply_latency_ns: [u32; JOINTS_MAX],
 }
 
+/// The polling for replies in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Polled {
+    /// From its first read to the end of its last; zero when there was none.
+    pub time: Duration,
+    /// Reads of a bus, each a system call.
+    pub reads: u32,
+    /// Some replies had not come by its end.
+    pub in_vain: bool,
+}
+
 impl Record {
     /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints and groups.
     pub(super) fn of(
         wake: &Wake,
         published: Instant,
         setpoint_age: Option<Duration>,
+        polled: Polled,
         state: &StateMessage,
     ) -> Self {
         let (mut reply_latency_ns, mut missed, mut last_reply) = ([0; JOINTS_MAX], 0, 0);
@@ -85,8 +95,7 @@ impl Record {
             cycle_ns: nanos(published.since(wake.begun)),
             setpoint_age_ns: setpoint_age.map(nanos),
             answered_cycle,
-            polled_ns: 0,
-            polled_in_vain: false,
+            polled,
             publication_ns: (last_reply > wake.begun.as_nanos())
                 .then(|| published.as_nanos().saturating_sub(last_reply)),
             missed,

@@ -3,7 +3,7 @@
 //! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: that a motor is silent is data for a later phase. System
 //! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
-//! receiving; busy polling, where configured, comes on top.
+//! receiving. Busy polling, where configured, comes on top: one sleep, and the reads that [`Polled`] counts.
 
 mod assemble;
 mod channel;
@@ -16,7 +16,7 @@ mod run;
 
 pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
-pub use link::{Counters, Ends, Link, REQUESTS_MAX, Record, link};
+pub use link::{Counters, Ends, Link, Polled, REQUESTS_MAX, Record, link};
 pub use local::LocalClient;
 pub use replacement::Supply;
 pub use run::Order;
@@ -29,7 +29,7 @@ use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
 use channel::{Batch, BusChannel};
 use motord_bus::time::nanos;
-use motord_bus::{Bus, Duration, Instant, Lateness, Readiness, Ready};
+use motord_bus::{Backoff, Bus, Duration, Instant, Lateness, Readiness, Ready};
 use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
 
 /// Most requests answered in one cycle: all that the clients may have under way, so an emergency stop does not wait behind
@@ -56,18 +56,10 @@ pub struct Cycle<C> {
     missed_ticks: u64,
     /// How late the sleeps for replies end.
     lateness: Lateness,
+    backoff: Backoff,
     polled: Polled,
     boot_id: u64,
     realtime: bool,
-}
-
-/// The polling for replies in a cycle.
-#[derive(Debug, Clone, Copy, Default)]
-struct Polled {
-    /// Zero when there was none.
-    time: Duration,
-    /// Some replies had not come by its end.
-    in_vain: bool,
 }
 
 /// The configured times of a cycle.
@@ -129,6 +121,7 @@ impl<C: Clock> Cycle<C> {
             stopper: Stopper::new(frames, settings.safety.damp),
             missed_ticks: 0,
             lateness: Lateness::default(),
+            backoff: Backoff::default(),
             polled: Polled::default(),
             boot_id,
             realtime: false,
@@ -217,7 +210,8 @@ impl<C: Clock> Cycle<C> {
         self.serve(wake.begun);
         let sent = self.transmit(wake);
         self.polled = Polled::default();
-        let open = self.collect(sent + self.timing.reply_deadline, true);
+        let polls = !self.timing.busy_poll.is_zero() && self.backoff.attempts();
+        let open = self.collect(sent + self.timing.reply_deadline, polls);
         self.control.end_cycle();
         self.publish(wake);
         if self.control.asks_questions() {
@@ -322,7 +316,7 @@ impl<C: Clock> Cycle<C> {
             self.receive(None);
             return open;
         };
-        if !polls || self.timing.busy_poll.is_zero() || !self.busy_poll(earliest, deadline) {
+        if !polls || !self.busy_poll(earliest, deadline) {
             self.gather(deadline);
         }
         let open = self.open_buses();
@@ -343,16 +337,17 @@ impl<C: Clock> Cycle<C> {
             self.lateness.observe(due, begun);
         }
         let until = deadline.min(begun + self.timing.busy_poll);
-        let mut ready = None;
+        let (mut ready, mut reads) = (None, 0);
         for _ in 0..READS_MAX {
-            self.receive(ready);
+            reads += self.receive(ready) as u32;
             let (open, now) = (self.open_buses(), self.clock.now());
-            self.polled = Polled { time: now.since(begun), in_vain: open.any() };
+            self.polled = Polled { time: now.since(begun), reads, in_vain: open.any() };
             if !open.any() || now >= until {
                 break;
             }
             ready = Some(open);
         }
+        self.backoff.observe(self.polled.in_vain);
         !self.polled.in_vain
     }
 
@@ -442,8 +437,7 @@ impl<C: Clock> Cycle<C> {
         let now = self.clock.now();
         self.report(wake, now);
         let Self { link, control, .. } = self;
-        let mut record = Record::of(wake, now, control.setpoint_age(), link.state().0);
-        (record.polled_ns, record.polled_in_vain) = (nanos(self.polled.time), self.polled.in_vain);
+        let record = Record::of(wake, now, control.setpoint_age(), self.polled, link.state().0);
         link.publish(record);
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);

@@ -113,17 +113,28 @@ impl IpcThread {
         self.give_answers();
     }
 
+    /// Sleeps until the cycle has published its states, or the setpoints are to be fetched. The sleep ends earlier than that by
+    /// the time that wake-ups are usually late, and the rest is waited for awake: no setpoint misses its cycle because this
+    /// thread was woken sooner than it learned to expect.
     fn wait(&mut self) {
         if self.mode == IpcMode::Spin {
             std::hint::spin_loop();
             return;
         }
         let now = clock::monotonic();
-        let due = self.fetch_after(now) - self.lateness.expected();
-        std::thread::park_timeout(due.since(now).max(Duration::from_micros(1)));
-        let woken = clock::monotonic();
-        if woken >= due {
+        let fetch = self.fetch_after(now);
+        let due = fetch - self.lateness.expected();
+        if due > now {
+            std::thread::park_timeout(due.since(now));
+            let woken = clock::monotonic();
+            if woken < due {
+                return;
+            }
             self.lateness.observe(due, woken);
+        }
+        // At most the lateness that was learned, which is bounded.
+        while clock::monotonic() < fetch && !self.cycle.states.updated() {
+            std::hint::spin_loop();
         }
     }
 
@@ -135,7 +146,7 @@ impl IpcThread {
         let ahead = if is_calm { 2 * self.period } else { self.period - self.lead };
         let fetch = self.tick + ahead;
         // Where the cycle stands still, this thread goes on once in a period.
-        if fetch > now + self.lateness.expected() { fetch } else { fetch.max(now) + self.period }
+        [fetch, fetch + self.period].into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
     }
 
     fn fetch_setpoints(&mut self) {
@@ -303,6 +314,7 @@ mod tests {
             for (is_disarmed, lease) in [(true, lease), (false, None), (false, lease)] {
                 assert_eq!(fetch(is_disarmed, lease, 5700), micros(5950), "in time for the next cycle");
                 assert_eq!(fetch(is_disarmed, lease, 5950), micros(6950), "not twice before one cycle");
+                assert_eq!(fetch(is_disarmed, lease, 5970), micros(6950), "on the grid after a late one");
             }
             assert_eq!(fetch(true, None, 5700), micros(7000), "the states of the next cycle end it");
             assert_eq!(fetch(false, lease, 9000), micros(10_000), "the cycle stands still");

@@ -87,9 +87,10 @@ impl Distributions {
         if let Some(publication) = record.publication_ns {
             self.publication.saturating_record(publication);
         }
-        if record.polled_ns > 0 {
-            self.polled.saturating_record(record.polled_ns);
-            self.totals.polled_in_vain += u64::from(record.polled_in_vain);
+        if record.polled.reads > 0 {
+            self.polled.saturating_record(nanos(record.polled.time));
+            self.totals.polled_reads += u64::from(record.polled.reads);
+            self.totals.polled_in_vain += u64::from(record.polled.in_vain);
         }
         self.record_control(record);
         for (joint, &latency) in self.joints.iter_mut().zip(&record.reply_latency_ns) {
@@ -164,6 +165,7 @@ fn percentiles(histogram: &Histogram<u64>) -> Percentiles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motord_core::cycle::Polled;
     use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
 
     const PERIOD: Duration = Duration::from_millis(1);
@@ -180,8 +182,7 @@ mod tests {
             setpoint_age_ns: None,
             answered_cycle,
             publication_ns: None,
-            polled_ns: 0,
-            polled_in_vain: false,
+            polled: Polled::default(),
             missed: 0,
             missed_ticks: 0,
             reply_latency_ns: [0; JOINTS_MAX],
