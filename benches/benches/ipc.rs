@@ -6,11 +6,11 @@
 //! (`event`) or keeps looking (`spin`). Both threads need a core of their own.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use motord::ipc::{CycleEnd, IpcThread};
+use motord::ipc::{CycleEnd, IpcThread, Schedule};
 use motord::telemetry;
 use motord_client::{Claim, Client, Setpoint, State};
 use motord_core::cycle::{self, Ends, REQUESTS_MAX};
-use motord_core::settings::{IpcMode, IpcSettings};
+use motord_core::settings::IpcMode;
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::ports::DaemonPorts;
 use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage};
@@ -124,8 +124,8 @@ fn ipc_thread(lock: &InstanceLock) -> (IpcThread, Echo) {
         ..Default::default()
     };
     let description = serde_json::to_string(&robot).expect("names and numbers are JSON");
-    let settings = IpcSettings { mode: IpcMode::Spin, lead: Duration::ZERO, cpu: None, priority: None };
-    (IpcThread::new(ports, end, questions, description, &settings, Duration::from_millis(1)), echo)
+    let schedule = Schedule::new(Duration::from_millis(1), Duration::ZERO, Duration::ZERO);
+    (IpcThread::new(ports, end, questions, description, IpcMode::Spin, schedule), echo)
 }
 
 /// Sends a setpoint, and takes the state that answers it.

@@ -23,7 +23,7 @@ use crate::emergency_stop;
 use crate::host::clock::Monotonic;
 use crate::host::rt::{self, SchedulingRequest, Step};
 use crate::ipc::description::describe;
-use crate::ipc::{self, IpcThread};
+use crate::ipc::{self, IpcThread, Schedule};
 use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
@@ -234,7 +234,7 @@ fn start_ipc(
     let (opened, ready) = channel();
     let (lock, given) = (Arc::clone(lock), Arc::clone(orders));
     let ipc = settings.ipc.clone();
-    let period = settings.cycle.period;
+    let schedule = Schedule::new(settings.cycle.period, ipc.lead, settings.cycle.busy_poll);
     let description =
         serde_json::to_string(&describe(settings, boot_id)).expect("names and numbers are JSON");
     let thread = start("ipc", orders, move || {
@@ -250,7 +250,8 @@ fn start_ipc(
         steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
         steps.iter().for_each(|step| rt::log(step, "ipc"));
         report(&opened, Ok(()));
-        IpcThread::new(ports, end, questions, description, &ipc, period).run(|| given.are(Orders::END));
+        let mut thread = IpcThread::new(ports, end, questions, description, ipc.mode, schedule);
+        thread.run(|| given.are(Orders::END));
     })?;
     await_report(&ready, "ipc")??;
     Ok(thread)

@@ -5,19 +5,19 @@
 
 pub mod description;
 mod pending;
+mod schedule;
 
 use crate::telemetry::Questions;
-use motord_bus::{Duration, Instant, Lateness, clock};
+use motord_bus::clock;
 use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
-use motord_core::settings::{IpcMode, IpcSettings};
+use motord_core::settings::IpcMode;
 use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
 use motord_shared::ports::{DaemonPorts, Request};
-use motord_shared::{
-    AdminReply, AdminRequest, Lease, Operation, Phase, Refusal, SetpointMessage, StateMessage,
-};
+use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
 use pending::Pending;
 use rtrb::{Consumer, Producer};
+pub use schedule::{Schedule, Wake};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -53,18 +53,13 @@ pub struct IpcThread {
     cycle: CycleEnd,
     questions: Questions,
     description: String,
-    period: Duration,
     mode: IpcMode,
-    lead: Duration,
     /// Requests that the cycle has not answered yet.
     requested: Pending<Request>,
     /// Requests that telemetry has not answered yet.
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
-    /// Every group was disarmed when the newest states were published.
-    is_disarmed: bool,
-    tick: Instant,
-    lateness: Lateness,
+    schedule: Schedule,
 }
 
 impl IpcThread {
@@ -75,23 +70,19 @@ impl IpcThread {
         cycle: CycleEnd,
         questions: Questions,
         description: String,
-        settings: &IpcSettings,
-        period: Duration,
+        mode: IpcMode,
+        schedule: Schedule,
     ) -> Self {
         Self {
             ports,
             cycle,
             questions,
             description,
-            period,
-            mode: settings.mode,
-            lead: settings.lead,
+            mode,
             requested: Pending::new(REQUESTS_MAX),
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
-            is_disarmed: true,
-            tick: Instant::ZERO,
-            lateness: Lateness::default(),
+            schedule,
         }
     }
 
@@ -113,40 +104,27 @@ impl IpcThread {
         self.give_answers();
     }
 
-    /// Sleeps until the cycle has published its states, or the setpoints are to be fetched. The sleep ends earlier than that by
-    /// the time that wake-ups are usually late, and the rest is waited for awake: no setpoint misses its cycle because this
-    /// thread was woken sooner than it learned to expect.
+    /// Sleeps until the cycle has published its states, or [`Schedule::next`] says so.
     fn wait(&mut self) {
         if self.mode == IpcMode::Spin {
             std::hint::spin_loop();
             return;
         }
         let now = clock::monotonic();
-        let fetch = self.fetch_after(now);
-        let due = fetch - self.lateness.expected();
-        if due > now {
-            std::thread::park_timeout(due.since(now));
+        let next = self.schedule.next(now);
+        if next.sleeps_until > now {
+            std::thread::park_timeout(next.sleeps_until.since(now));
             let woken = clock::monotonic();
-            if woken < due {
+            if woken < next.sleeps_until {
                 return;
             }
-            self.lateness.observe(due, woken);
+            self.schedule.woken(next, woken);
         }
-        // At most the lateness that was learned, which is bounded.
-        while clock::monotonic() < fetch && !self.cycle.states.updated() {
+        let Self { cycle, schedule, .. } = self;
+        while !cycle.states.updated() && clock::monotonic() < next.at {
             std::hint::spin_loop();
         }
-    }
-
-    /// When the setpoints are fetched next, after `now`, unless the cycle ends the sleep before because its states are ready:
-    /// `lead` before a cycle, so that a setpoint sent by then is used in it. While nobody may send setpoints and nothing moves,
-    /// the thread does not wake before a cycle: only one that does not come ends the sleep.
-    fn fetch_after(&self, now: Instant) -> Instant {
-        let is_calm = self.is_disarmed && self.leases.iter().all(Option::is_none);
-        let ahead = if is_calm { 2 * self.period } else { self.period - self.lead };
-        let fetch = self.tick + ahead;
-        // Where the cycle stands still, this thread goes on once in a period.
-        [fetch, fetch + self.period].into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
+        schedule.waited(next, cycle.states.updated());
     }
 
     fn fetch_setpoints(&mut self) {
@@ -170,8 +148,7 @@ impl IpcThread {
             return;
         }
         let state = self.cycle.states.output_buffer();
-        self.tick = Instant::from_nanos(state.tick_ns);
-        self.is_disarmed = state.groups().iter().all(|group| group.phase == Phase::Disarmed.code());
+        self.schedule.observe(state);
         for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
             *lease = Lease::from_raw(group.lease);
         }
@@ -258,6 +235,7 @@ impl IpcThread {
 mod tests {
     use super::*;
     use crate::telemetry;
+    use motord_bus::Duration;
     use motord_shared::Instance;
     use motord_shared::ports::{ClientPorts, Question};
 
@@ -268,10 +246,9 @@ mod tests {
         let (_cycle, ends) = motord_core::cycle::link(1);
         let (end, _telemetry, _supply) = CycleEnd::split(ends);
         let (questions, _answers) = telemetry::questions();
-        let settings = IpcSettings { mode: IpcMode::Timed, lead: Duration::ZERO, cpu: None, priority: None };
+        let schedule = Schedule::new(Duration::from_millis(1), Duration::ZERO, Duration::ZERO);
         let ports = DaemonPorts::open(&lock).unwrap();
-        let mut thread =
-            IpcThread::new(ports, end, questions, "{}".into(), &settings, Duration::from_millis(1));
+        let mut thread = IpcThread::new(ports, end, questions, "{}".into(), IpcMode::Timed, schedule);
         let client = ClientPorts::open_to_stop(instance.attach().unwrap().unwrap()).unwrap();
         test(&mut thread, &client);
     }
@@ -297,27 +274,6 @@ mod tests {
             let refused = ask(thread, client, Operation::Enable);
             assert_eq!(refusal(&refused), Some(Refusal::Busy.code()));
             assert_eq!(refusal(&ask(thread, client, Operation::EmergencyStop)), None);
-        });
-    }
-
-    #[test]
-    fn the_thread_wakes_before_a_cycle_only_where_a_setpoint_may_come_or_a_group_moves() {
-        let place = tempfile::tempdir().unwrap();
-        unanswered(place.path(), |thread, _| {
-            let micros = |micros: u64| Instant::from_nanos(1000 * micros);
-            (thread.tick, thread.lead) = (micros(5000), Duration::from_micros(50));
-            let mut fetch = |is_disarmed, lease, now| {
-                (thread.is_disarmed, thread.leases[1]) = (is_disarmed, lease);
-                thread.fetch_after(micros(now))
-            };
-            let lease = Lease::new(1, 1, 0);
-            for (is_disarmed, lease) in [(true, lease), (false, None), (false, lease)] {
-                assert_eq!(fetch(is_disarmed, lease, 5700), micros(5950), "in time for the next cycle");
-                assert_eq!(fetch(is_disarmed, lease, 5950), micros(6950), "not twice before one cycle");
-                assert_eq!(fetch(is_disarmed, lease, 5970), micros(6950), "on the grid after a late one");
-            }
-            assert_eq!(fetch(true, None, 5700), micros(7000), "the states of the next cycle end it");
-            assert_eq!(fetch(false, lease, 9000), micros(10_000), "the cycle stands still");
         });
     }
 

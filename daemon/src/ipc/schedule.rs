@@ -1,0 +1,93 @@
+//! When the ipc thread wakes by itself, in timed mode. Reads no clock.
+
+use motord_bus::{Backoff, Duration, Instant, Lateness, ReplyTime};
+use motord_shared::{GroupState, Phase, StateMessage};
+
+/// The times of a cycle that this thread wakes for, and all that it learned of them. Nothing here allocates or blocks.
+pub struct Schedule {
+    period: Duration,
+    lead: Duration,
+    busy_poll: Duration,
+    tick: Instant,
+    /// Nobody owned a group, and every group was disarmed, when the newest states were published.
+    is_calm: bool,
+    /// How late the sleeps of this thread end.
+    lateness: Lateness,
+    /// From the tick of a cycle to the publication of its states.
+    publication: ReplyTime,
+    /// Of the polling for states.
+    backoff: Backoff,
+}
+
+/// The next time for which this thread wakes by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wake {
+    /// The sleep is shorter than `at` by the time that wake-ups are usually late; the rest is waited for awake. So no setpoint
+    /// misses its cycle because this thread was woken sooner than it learned to expect.
+    pub sleeps_until: Instant,
+    /// The end of the waiting.
+    pub at: Instant,
+    /// The states are expected by then; else the setpoints are fetched.
+    pub is_for_states: bool,
+}
+
+impl Schedule {
+    /// Before every cycle of this `period` the setpoints are fetched, by `lead`. States are polled for at most as long as
+    /// `busy_poll`; zero never polls.
+    #[must_use]
+    pub fn new(period: Duration, lead: Duration, busy_poll: Duration) -> Self {
+        Self {
+            period,
+            lead,
+            busy_poll,
+            tick: Instant::ZERO,
+            is_calm: true,
+            lateness: Lateness::default(),
+            publication: ReplyTime::new(period),
+            backoff: Backoff::default(),
+        }
+    }
+
+    /// A cycle published `state`.
+    pub fn observe(&mut self, state: &StateMessage) {
+        self.tick = Instant::from_nanos(state.tick_ns);
+        self.publication.observe(Instant::from_nanos(state.publish_ns).since(self.tick));
+        let is_calm = |group: &GroupState| group.lease == 0 && group.phase == Phase::Disarmed.code();
+        self.is_calm = state.groups().iter().all(is_calm);
+    }
+
+    /// The next fetch, or before it the publication of the next states where that is polled for. A publication ends the waiting
+    /// at any time.
+    #[must_use]
+    pub fn next(&mut self, now: Instant) -> Wake {
+        let fetch = self.fetch_after(now);
+        let states = self.tick + self.period + self.publication.earliest();
+        let is_ahead = !self.is_calm && !self.busy_poll.is_zero() && now < states && states < fetch;
+        let (expected, wait) = match is_ahead && self.backoff.attempts() {
+            true => (states, self.busy_poll),
+            false => (fetch, Duration::ZERO),
+        };
+        let sleeps_until = expected - self.lateness.expected();
+        Wake { sleeps_until, at: expected + wait, is_for_states: !wait.is_zero() }
+    }
+
+    /// The sleep before `wake` ended by itself, at `now`.
+    pub fn woken(&mut self, wake: Wake, now: Instant) {
+        self.lateness.observe(wake.sleeps_until, now);
+    }
+
+    /// The waiting for `wake` has ended, with new states or without.
+    pub fn waited(&mut self, wake: Wake, has_states: bool) {
+        if wake.is_for_states {
+            self.backoff.observe(!has_states);
+        }
+    }
+
+    /// `lead` before a cycle, so that a setpoint sent by then is used in it. While nobody may send setpoints and nothing moves,
+    /// the thread does not wake before a cycle: only one that does not come ends the sleep.
+    fn fetch_after(&self, now: Instant) -> Instant {
+        let fetch = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
+        // Where the cycle stands still, this thread goes on once in a period.
+        [fetch, fetch + self.period].into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
+    }
+}

@@ -1,0 +1,66 @@
+//! When the ipc thread wakes by itself: decisions on given times, without a thread.
+
+use motord::ipc::{Schedule, Wake};
+use motord_bus::{Duration, Instant};
+use motord_shared::{GroupState, Lease, Phase, StateMessage};
+
+const fn micros(micros: u64) -> Instant {
+    Instant::from_nanos(1000 * micros)
+}
+
+/// After many cycles that published 700 µs after their tick, the last of them at 5000 µs.
+fn schedule(busy_poll: u64, phase: Phase, lease: Option<Lease>) -> Schedule {
+    let [lead, busy_poll] = [50, busy_poll].map(Duration::from_micros);
+    let mut schedule = Schedule::new(Duration::from_millis(1), lead, busy_poll);
+    let mut state =
+        StateMessage { tick_ns: 5_000_000, publish_ns: 5_700_000, group_count: 2, ..Default::default() };
+    let group = GroupState { phase: Phase::Disarmed.code(), ..Default::default() };
+    state.groups[..2].fill(group);
+    state.groups[1].phase = phase.code();
+    state.groups[1].lease = lease.map_or(0, Lease::raw);
+    (0..200).for_each(|_| schedule.observe(&state));
+    schedule
+}
+
+#[test]
+fn the_thread_wakes_before_a_cycle_only_where_a_setpoint_may_come_or_a_group_moves() {
+    let lease = Lease::new(1, 1, 0);
+    for (phase, lease) in [(Phase::Disarmed, lease), (Phase::Damping, None), (Phase::Active, lease)] {
+        let mut schedule = schedule(0, phase, lease);
+        let mut next = |now| schedule.next(micros(now)).at;
+        assert_eq!(next(5700), micros(5950), "in time for the next cycle");
+        assert_eq!(next(5949), micros(5950), "however close that is");
+        assert_eq!(next(5950), micros(6950), "not twice before one cycle");
+        assert_eq!(next(5970), micros(6950), "on the grid after a late one");
+        assert_eq!(next(9000), micros(10_000), "the cycle stands still");
+    }
+    let mut calm = schedule(30, Phase::Disarmed, None);
+    assert_eq!(calm.next(micros(5700)).at, micros(7000), "the states of the next cycle end it");
+}
+
+#[test]
+fn a_wake_up_that_is_usually_late_is_asked_for_sooner_and_the_fetch_is_not() {
+    let mut schedule = schedule(0, Phase::Active, Lease::new(1, 1, 0));
+    for _ in 0..1000 {
+        let wake = schedule.next(micros(5700));
+        schedule.woken(wake, wake.sleeps_until + Duration::from_micros(20));
+    }
+    let Wake { sleeps_until, at, is_for_states } = schedule.next(micros(5700));
+    assert!((micros(5930)..micros(5932)).contains(&sleeps_until), "{sleeps_until:?}");
+    assert_eq!((at, is_for_states), (micros(5950), false));
+}
+
+#[test]
+fn states_are_polled_for_when_they_usually_come_and_seldom_where_that_is_in_vain() {
+    let mut schedule = schedule(30, Phase::Active, Lease::new(1, 1, 0));
+    assert_eq!(schedule.next(micros(5700)).at, micros(5950), "first the fetch");
+    let states = schedule.next(micros(5950));
+    assert!(states.is_for_states && (micros(6730)..micros(6735)).contains(&states.at), "{states:?}");
+    assert_eq!(schedule.next(states.at).at, micros(6950), "once in a cycle");
+    let polls = (0..640).filter(|_| {
+        let wake = schedule.next(micros(5950));
+        schedule.waited(wake, false);
+        wake.is_for_states
+    });
+    assert!(polls.count() < 20);
+}
