@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 
 /// A state may differ from the reply by this much, rad and rad/s: single precision.
 const TOLERANCE: f64 = 1e-3;
-/// Velocities that are remembered: a native motor that is stopped tells its velocity now and then only, and a late reply is not
-/// used.
+/// Different velocities that are remembered: a native motor that is stopped tells its velocity now and then only, and a late reply
+/// is not used.
 const REMEMBERED: usize = 64;
 
 /// The velocities that a native motor has reported, rad/s, motor side, the newest last.
@@ -26,6 +26,7 @@ impl Velocities {
             if let Some(Reported::State([_, velocity]) | Reported::Speed(velocity)) =
                 Reported::of(reply.frame.payload())
             {
+                self.0.retain(|known| known.to_bits() != velocity.to_bits());
                 self.0.push_back(velocity);
             }
         }
