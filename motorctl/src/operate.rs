@@ -51,9 +51,12 @@ pub(crate) fn estop(instance: &str) -> Result<(), Failure> {
     let reset = format!("{} reset", motorctl(instance));
     say(&format!(
         "confirmed: every motor is being damped, then stopped; `{reset}` clears the emergency stop"
-    ))?;
+    ));
     // Only now it looks: nothing that it may wait for kept the stop from the motors.
-    unheard(instance).map_or(Ok(()), |warning| Ok(writeln!(io::stderr(), "motorctl: {warning}")?))
+    if let Some(warning) = unheard(instance) {
+        let _nobody_reads = writeln!(io::stderr(), "motorctl: {warning}");
+    }
+    Ok(())
 }
 
 /// The motors of which nobody knows whether they heard a stop.
@@ -75,27 +78,31 @@ fn unheard(instance: &str) -> Option<String> {
 /// `motorctl release --force`: removes the owner of a group.
 pub(crate) fn release(instance: &str, group: &str) -> Result<(), Failure> {
     Client::connect(instance)?.force_release(group)?;
-    say(&format!("{group}: has no owner any more"))
+    say(&format!("{group}: has no owner any more"));
+    Ok(())
 }
 
 /// `motorctl fault clear`: clears a motor's fault.
 pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.clear_fault(joint)?;
     let status = format!("{} status", motorctl(instance));
-    say(&format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains"))
+    say(&format!("{joint}: the fault was cleared; `{status}` shows it again if its cause remains"));
+    Ok(())
 }
 
 /// `motorctl exclude`: leaves a joint out of its group.
 pub(crate) fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.exclude(joint)?;
     let include = format!("{} include {joint}", motorctl(instance));
-    say(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"))
+    say(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"));
+    Ok(())
 }
 
 /// `motorctl include`: ends the exclusion of a joint.
 pub(crate) fn include(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.include(joint)?;
-    say(&format!("{joint}: is looked for again"))
+    say(&format!("{joint}: is looked for again"));
+    Ok(())
 }
 
 /// `motorctl zero`: stores the present position of a stopped joint as its zero.
@@ -106,7 +113,8 @@ pub(crate) fn zero(instance: &str, joint: &str, confirm: Confirm) -> Result<(), 
     let position = client.wait(PATIENCE)?.joint(index).and_then(|joint| joint.position());
     confirm.ask(&effect_of_zero(&robot.joints[index], position))?;
     client.set_zero(joint)?;
-    say(&format!("{joint}: the present position is now zero"))
+    say(&format!("{joint}: the present position is now zero"));
+    Ok(())
 }
 
 /// The angle that a joint at `position`, rad, will have once its motor is at zero, against its limits.
@@ -143,15 +151,20 @@ fn for_groups(
     let mut outcome = Ok(());
     for group in groups {
         match request(&client, &group) {
-            Ok(done) => say(&format!("{group}: {done}"))?,
+            Ok(done) => say(&format!("{group}: {done}")),
             Err(refusal) => outcome = outcome.and(Err(refusal)),
         }
     }
     Ok(outcome?)
 }
 
-fn say(sentence: &str) -> Result<(), Failure> {
-    Ok(writeln!(io::stdout(), "{}", printable(sentence))?)
+/// The robot has done what was asked for, whether or not anybody can read of it: no error of the output is one of the command,
+/// and none keeps a request from the other groups.
+fn say(sentence: &str) {
+    if let Err(error) = writeln!(io::stdout(), "{}", printable(sentence)) {
+        let _nobody_reads =
+            writeln!(io::stderr(), "motorctl: done, but standard output takes no text: {error}");
+    }
 }
 
 #[cfg(test)]

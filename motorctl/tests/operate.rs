@@ -63,6 +63,18 @@ fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
     assert_eq!(daemon.status()["emergency_stop"], true);
 }
 
+/// Whoever stops a robot is not told that it failed because nobody could read of it.
+#[test]
+fn what_was_done_is_a_success_whatever_becomes_of_the_output() {
+    let daemon = Daemon::start(BENCH);
+    for verb in ["estop", "reset", "disable"] {
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let output = daemon.command(&[verb]).stdout(full).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{verb}: {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("done, but"), "{verb}: {}", text(&output.stderr));
+    }
+}
+
 #[test]
 fn an_emergency_stop_says_what_to_do_and_a_reset_takes_it_back() {
     let daemon = started();

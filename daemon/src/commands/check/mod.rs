@@ -44,15 +44,27 @@ pub struct Wanted {
 ///
 /// # Errors
 ///
-/// Those of `out`.
+/// Those of `out`. That its reader has gone is none: the verdict stands.
 pub fn check(path: &Path, wanted: Wanted, out: &mut impl Write) -> io::Result<u8> {
     let judged = config::load(path);
-    match wanted.json {
-        true => writeln!(out, "{}", serde_json::to_string(&Report::of(&judged, wanted.joints))?)?,
-        false => print_for_people(path, &judged, wanted.joints, out)?,
+    match print(path, &judged, wanted, out) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => return Err(error),
+        Ok(()) | Err(_) => {}
     }
-    out.flush()?;
     Ok(if judged.is_ok() { 0 } else { EXIT_CONFIG })
+}
+
+fn print(
+    path: &Path,
+    judged: &Result<Loaded, ConfigError>,
+    wanted: Wanted,
+    out: &mut impl Write,
+) -> io::Result<()> {
+    match wanted.json {
+        true => writeln!(out, "{}", serde_json::to_string(&Report::of(judged, wanted.joints))?)?,
+        false => print_for_people(path, judged, wanted.joints, out)?,
+    }
+    out.flush()
 }
 
 /// The object that `--json` prints.
