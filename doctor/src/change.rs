@@ -1,4 +1,4 @@
-//! The change that mends a finding until the next start of the computer: printed as a command, done by `--tune`.
+//! The changes that mend a finding until the next start of the computer: printed as a command, made by `--tune`.
 
 use std::fmt::{self, Display};
 use std::io;
