@@ -48,6 +48,33 @@ pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Shows the faults of one joint.
+///
+/// # Errors
+///
+/// When no daemon answers or it has no such joint, or the output cannot be written.
+pub(crate) fn get(instance: &str, joint: &str, as_json: bool) -> Result<(), Failure> {
+    let client = status::connect(instance)?;
+    let index = client.joint_named(joint)?;
+    let faults = client.wait(status::PATIENCE)?.joint(index).map(|joint| joint.faults).unwrap_or_default();
+    let faults = JointFaults::new(joint, faults);
+    let out = &mut io::stdout().lock();
+    if as_json {
+        json::write_line(out, &faults)?;
+        return Ok(());
+    }
+    if faults.bits == 0 {
+        writeln!(out, "{joint}: no fault")?;
+    }
+    for Named { name, meaning } in &faults.faults {
+        writeln!(out, "{joint}: {name}: {meaning}")?;
+    }
+    if faults.unknown_bits != 0 {
+        writeln!(out, "{joint}: fault bits {:#04X}, which are in no document", faults.unknown_bits)?;
+    }
+    Ok(())
+}
+
 impl Report {
     fn new(client: &Client, state: &State) -> Self {
         let robot = client.description();

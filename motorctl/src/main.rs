@@ -13,6 +13,7 @@ mod exit_status;
 mod failure;
 mod fault;
 mod history;
+mod indicator;
 mod instances;
 mod latency;
 mod monitor;
@@ -262,11 +263,20 @@ struct Faults {
 
 #[derive(Debug, Subcommand)]
 enum Fault {
-    /// Read the faults of a motor, from the wire.
+    /// Read the faults of a motor.
     ///
-    /// A motor in MIT is stopped first. A motor with a fault may not answer to anything else: name its --protocol then.
-    #[command(after_help = "Example:\n  motorctl fault get --bus can0 --id 3 --protocol gim")]
-    Get(wire::Reading),
+    /// Through the daemon for a joint: those that it knows. With --bus or --config the command goes to the wire, without a daemon. There
+    /// a motor in MIT is stopped first, and a motor with a fault may not answer to anything else: name its --protocol then.
+    #[command(
+        after_help = "Examples:\n  motorctl fault get fl-knee\n  motorctl fault get --bus can0 --id 3 --protocol gim"
+    )]
+    Get {
+        /// Name of the joint, through the daemon.
+        #[arg(value_name = "JOINT")]
+        name: Option<String>,
+        #[command(flatten)]
+        reading: wire::Reading,
+    },
     /// Clear the fault of a motor. The motor reports it again while its cause remains.
     ///
     /// With --bus or --config the command goes to the wire, without a daemon.
@@ -320,13 +330,16 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Estop => operate::estop(instance),
         Command::Release { group, .. } => operate::release(instance, &group),
         Command::Fault(Faults { command: None, json }) => fault::list(instance, json),
-        Command::Fault(Faults { command: Some(Fault::Get(reading)), .. }) => {
-            Ok(wire::get_fault(instance, &reading)?)
+        Command::Fault(Faults { command: Some(Fault::Get { name, reading }), .. }) => {
+            get_fault(instance, name, &reading)
         }
         Command::Fault(Faults { command: Some(Fault::Clear { name, target }), .. }) => {
             clear_fault(instance, name, &target)
         }
         Command::Zero { name, target, zero, confirm } => set_zero(instance, name, &target, zero, confirm),
+        Command::Wire(wire::Command::Indicator(asked)) if asked.joint().is_some() => {
+            indicator::run(instance, &asked)
+        }
         Command::Wire(command) => Ok(wire::run(instance, command)?),
         Command::Exclude { joint } => operate::exclude(instance, &joint),
         Command::Include { joint } => operate::include(instance, &joint),
@@ -340,6 +353,15 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::ChildGuard { parent, program, arguments } => {
             Err(demo::guard(parent, &program, &arguments).into())
         }
+    }
+}
+
+/// Through the daemon for a joint, on the wire for a motor of a bus.
+fn get_fault(instance: &str, name: Option<String>, reading: &wire::Reading) -> Result<(), Failure> {
+    match name {
+        Some(joint) if !reading.target.is_given() => fault::get(instance, &joint, reading.json),
+        Some(_) => Err(both()),
+        None => Ok(wire::get_fault(instance, reading)?),
     }
 }
 

@@ -199,6 +199,36 @@ fn a_name_is_looked_up_before_anybody_is_asked() {
     assert_eq!(text(&daemon.motorctl(&["fault"]).stdout), "bench: no motor reports a fault\n");
 }
 
+/// A running daemon tells of its joints in the form in which `--bus` reads a wire that nobody owns.
+#[test]
+fn faults_and_indicators_of_a_joint_are_read_through_the_daemon() {
+    let daemon = Daemon::start(&BENCH.replace("\"mit\"", "\"gim\""));
+    daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
+    let ask = |arguments: &[&str]| text(&daemon.motorctl(arguments).stdout);
+    assert_eq!(ask(&["fault", "get", "arm"]), "arm: no fault\n");
+    let faults = ask(&["fault", "get", "arm", "--json"]);
+    assert_eq!(faults, "{\"name\":\"arm\",\"bits\":0,\"faults\":[],\"unknown_bits\":0}\n");
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !ask(&["indicator", "arm", "bus-voltage"]).contains("bus-voltage") {
+        assert!(Instant::now() < deadline, "the daemon asks for it");
+    }
+    let voltage = ask(&["indicator", "arm", "0x00", "--json"]);
+    assert!(voltage.starts_with("[{\"name\":\"bus-voltage\",\"value\":4"), "{voltage}");
+    for (wrong, complaint) in [
+        (&["indicator", "arm", "voltage"][..], "no indicator is `voltage`: expected one of"),
+        (&["indicator", "leg"], "there is no joint"),
+        (&["fault", "get", "arm", "--bus", "can0"], "JOINT is for the daemon"),
+    ] {
+        let output = daemon.motorctl(wrong);
+        assert_eq!(output.status.code(), Some(64), "{wrong:?}");
+        assert!(text(&output.stderr).contains(complaint), "{}", text(&output.stderr));
+    }
+    assert!(daemon.motorctl(&["sim", "arm", "fault", "over-voltage"]).status.success());
+    while !ask(&["fault", "get", "arm"]).starts_with("arm: over-voltage: ") {
+        assert!(Instant::now() < deadline, "the daemon asks for it");
+    }
+}
+
 /// A terminal obeys no file: its text arrives there as letters.
 #[test]
 fn escape_sequences_of_a_file_are_spelled_out() {

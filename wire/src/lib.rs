@@ -20,7 +20,7 @@ mod zero;
 
 pub use confirm::Confirm;
 pub use failure::WireFailure;
-pub use status::clear_fault;
+pub use status::{Indicators, clear_fault};
 pub use target::Target;
 pub use zero::{Arguments as Zero, run as zero};
 
@@ -150,6 +150,9 @@ pub enum Command {
     )]
     Jog(jog::Arguments),
     /// Read what a motor measures: voltages, currents, temperatures, angles, power.
+    ///
+    /// Through the daemon for a joint: the values that it has, each about a second old. With --bus or --config the command goes to the
+    /// wire, without a daemon. Only native motors measure them.
     #[command(
         after_help = "Examples:\n  motorctl indicator --bus can0 --id 3\n  motorctl indicator bus-voltage iq --bus can0 --id 3 --json | jq '.[0].value'"
     )]
@@ -327,10 +330,10 @@ pub enum ConfigCommand {
 pub struct Reading {
     /// The motor.
     #[command(flatten)]
-    target: Target,
+    pub target: Target,
     /// Print JSON.
     #[arg(long)]
-    json: bool,
+    pub json: bool,
 }
 
 /// `motorctl fault get`.

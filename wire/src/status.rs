@@ -132,17 +132,84 @@ pub(crate) fn stop(instance: &str, target: &Target, control_only: bool) -> Resul
 /// Which indicators, and how often.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Indicators {
-    /// The indicator, by its name or number. The default is all of them.
-    #[arg(value_name = "NAME", value_parser = parse_indicator)]
-    indicators: Vec<&'static Indicator>,
+    /// Without --bus and --config a joint. Then indicators, by their names or numbers; the default is all of them.
+    #[arg(value_name = "NAME")]
+    names: Vec<String>,
     #[command(flatten)]
     target: Target,
     /// Read again every second until Ctrl-C.
     #[arg(long)]
     watch: bool,
-    /// Print one JSON object for each reading.
+    /// Print one JSON array for each reading.
     #[arg(long)]
     json: bool,
+}
+
+impl Indicators {
+    /// The joint whose indicators are asked for through a daemon, if they are.
+    #[must_use]
+    pub fn joint(&self) -> Option<&str> {
+        self.names.first().filter(|_| !self.target.is_given()).map(String::as_str)
+    }
+
+    fn wanted(&self) -> Result<Vec<&'static Indicator>, WireFailure> {
+        let names = &self.names[usize::from(self.joint().is_some())..];
+        if names.is_empty() {
+            return Ok(INDICATORS.iter().collect());
+        }
+        let wanted = names.iter().map(|name| {
+            parse_indicator(name)
+                .map_err(|expected| WireFailure::Usage(format!("no indicator is `{name}`: {expected}")))
+        });
+        wanted.collect()
+    }
+
+    /// Prints the indicators that are asked for, once, or every second until Ctrl-C. `read` gives the value of the one with
+    /// this number (GIM document, table 10); one without a value is left out.
+    ///
+    /// # Errors
+    ///
+    /// A name that no indicator has, output that cannot be written, and the errors of `read`.
+    pub fn print<E: From<WireFailure>>(
+        &self,
+        mut read: impl FnMut(u8) -> Result<Option<f32>, E>,
+    ) -> Result<(), E> {
+        let interrupt = Interrupt::register();
+        let wanted = self.wanted()?;
+        loop {
+            let mut readings = Vec::with_capacity(wanted.len());
+            for &&Indicator { id, name, unit } in &wanted {
+                readings.extend(read(id)?.map(|value| IndicatorReading { name, value, unit }));
+            }
+            write_readings(&readings, self.json).map_err(WireFailure::Output)?;
+            if self.watch {
+                interrupt.pause_until(Instant::now() + Duration::from_secs(1));
+            }
+            if !self.watch || interrupt.came() {
+                return Ok(());
+            }
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct IndicatorReading {
+    name: &'static str,
+    value: f32,
+    unit: &'static str,
+}
+
+fn write_readings(readings: &[IndicatorReading], as_json: bool) -> io::Result<()> {
+    let out = &mut io::stdout().lock();
+    if as_json {
+        return json::write_line(out, &readings);
+    }
+    let mut table = Table::new(&["indicator", "value", "unit"]);
+    for IndicatorReading { name, value, unit } in readings {
+        let value = Cell::number(Some(f64::from(*value)), 3);
+        table.row(vec![Cell::plain(*name), value, Cell::plain(*unit)]);
+    }
+    table.write(out, Palette::of_stdout())
 }
 
 fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
@@ -151,42 +218,10 @@ fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
     Indicator::by_name(text).or_else(by_number).ok_or_else(unknown)
 }
 
-/// `motorctl indicator`.
+/// `motorctl indicator` on the bus.
 pub(crate) fn indicators(instance: &str, arguments: &Indicators) -> Result<(), WireFailure> {
-    #[derive(Serialize)]
-    struct Reading {
-        name: &'static str,
-        value: f32,
-        unit: &'static str,
-    }
-    let interrupt = Interrupt::register();
+    // Names are judged before a motor is asked.
+    arguments.wanted()?;
     let mut session = arguments.target.open_native(instance)?;
-    let wanted: Vec<&Indicator> = match &arguments.indicators[..] {
-        [] => INDICATORS.iter().collect(),
-        wanted => wanted.to_vec(),
-    };
-    loop {
-        let mut motor = session.native();
-        let read = wanted.iter().map(|indicator| {
-            let value = motor.indicator(indicator.id)?;
-            Ok(Reading { name: indicator.name, value, unit: indicator.unit })
-        });
-        let readings = read.collect::<Result<Vec<_>, Error>>()?;
-        let out = &mut io::stdout().lock();
-        if arguments.json {
-            json::write_line(out, &readings)?;
-        } else {
-            let mut table = Table::new(&["indicator", "value", "unit"]);
-            for Reading { name, value, unit } in readings {
-                table.row(vec![Cell::plain(name), Cell::number(Some(value.into()), 3), Cell::plain(unit)]);
-            }
-            table.write(out, Palette::of_stdout())?;
-        }
-        if arguments.watch {
-            interrupt.pause_until(Instant::now() + Duration::from_secs(1));
-        }
-        if !arguments.watch || interrupt.came() {
-            return Ok(());
-        }
-    }
+    arguments.print(|number| Ok(Some(session.native().indicator(number)?)))
 }
