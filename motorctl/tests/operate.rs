@@ -66,7 +66,7 @@ fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
 /// Whoever stops a robot is not told that it failed because nobody could read of it.
 #[test]
 fn what_was_done_is_a_success_whatever_becomes_of_the_output() {
-    let daemon = Daemon::start(BENCH);
+    let daemon = started();
     for verb in ["estop", "reset", "disable"] {
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let output = daemon.command(&[verb]).stdout(full).output().unwrap();
