@@ -232,6 +232,9 @@ impl Checker {
             self.judge_activation(motor, &cycle);
             self.velocities[motor].hear(&self.robot.motors[motor], replies);
             self.judge_joint(motor, &cycle, replies);
+            if !matches!(cycle.state.joints[motor].mode, Mode::Active | Mode::Damping) {
+                self.last[motor].rest(cycle.time);
+            }
         }
         self.injections.judge(&cycle);
         judge_counters(&cycle.before, &cycle.state);

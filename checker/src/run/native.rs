@@ -12,14 +12,19 @@ const SPEED_RISE: f64 = 0.5;
 /// question for faults replaces.
 const LEAST_SLOPE: f64 = 0.1;
 
-/// The last control command to one native motor, and when it was heard, s.
+/// The last control command to one native motor.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Last(Option<(Order, f64)>);
+pub(super) struct Last {
+    /// The command, and when it was heard, s.
+    order: Option<(Order, f64)>,
+    /// When the motor was last neither moved nor damped, s.
+    rested: f64,
+}
 
 impl Last {
     /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle.
     pub(super) fn judge(&mut self, order: Order, time: f64, limits: &Limits, [joint, now]: [&Joint; 2]) {
-        let last = self.0.replace((order, time));
+        let last = self.order.replace((order, time));
         let elapsed = last.map_or(0.0, |(_, before)| time - before);
         match (order, last.map(|(last, _)| last)) {
             (Order::Position(position), Some(Order::Position(before))) => {
@@ -47,9 +52,10 @@ impl Last {
         }
     }
 
-    /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero.
+    /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero. A brake that
+    /// begins after it was lost begins at the speed that it has then.
     pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits) {
-        let last = self.0.replace((order, time));
+        let last = self.order.replace((order, time)).filter(|(_, then)| *then >= self.rested);
         let (Order::Speed(speed), Some((Order::Speed(before), then))) = (order, last) else { return };
         let fall = LEAST_SLOPE * limits.velocity / SPEED_RISE * (time - then);
         let most = (before.abs() - fall).max(0.0) + PRECISION * limits.velocity;
@@ -58,7 +64,12 @@ impl Last {
 
     /// It heard something else: the next command begins anew.
     pub(super) const fn forget(&mut self) {
-        self.0 = None;
+        self.order = None;
+    }
+
+    /// At `time`, s, it is neither moved nor damped, whether or not it hears that.
+    pub(super) const fn rest(&mut self, time: f64) {
+        self.rested = time;
     }
 }
 
