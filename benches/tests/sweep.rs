@@ -137,7 +137,9 @@ fn send_absurd_values(directory: &Path) -> u32 {
     claim.send(&hold).unwrap();
     claim.enable().unwrap();
     // Enabling repeats the setpoint. These cycles judge the last repetition, so that each verdict below is of its own message.
-    (0..25).for_each(|_| drop(client.wait(PATIENCE).unwrap()));
+    for _ in 0..25 {
+        let _state = client.wait(PATIENCE).unwrap();
+    }
     let (mut not_finite, mut negative, mut limited) = (0, 0, 0);
     let joints_and_fields = (0..hold.len()).flat_map(|joint| (0..5).map(move |field| (joint, field)));
     for (joint, field) in joints_and_fields {
