@@ -345,7 +345,8 @@ impl Run {
             if joint.mode == MotorMode::Fault.code() {
                 self.ask(Operation::ClearFault, group, motor);
             } else if self.is_native(motor) {
-                if joint.age_cycles == 0 && joint.position.abs() > NATIVE_FAR && !self.is_active(group) {
+                // A question for faults may always meet the cycle of the operator's look, and takes the place of its state.
+                if joint.age_cycles <= 1 && joint.position.abs() > NATIVE_FAR && !self.is_active(group) {
                     self.disturb_motor(motor, "power-cycle");
                 }
             } else if joint.age_cycles == 0 && joint.position.abs() > 2.0 {
