@@ -9,8 +9,8 @@ const PRECISION: f64 = 1e-5;
 /// A speed rises from zero to the joint's limit in this time at least, s. It begins at the speed of the joint.
 const SPEED_RISE: f64 = 0.5;
 /// A speed that brakes falls at this share of that slope at least: a quarter at over-voltage, and not in a cycle whose command a
-/// question for faults replaces.
-const LEAST_SLOPE: f64 = 0.1;
+/// question for faults replaces, which may be each second one, and the longer one of the two.
+const LEAST_SLOPE: f64 = 0.05;
 
 /// The last control command to one native motor.
 #[derive(Debug, Clone, Copy, Default)]
