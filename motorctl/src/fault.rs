@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use crate::status;
 use motord_client::{Client, Fault, Faults, State};
 use motord_terminal::{Cell, Palette, Table, json, printable};
+use motord_wire::{NamedFault, say_faults};
 use serde::Serialize;
 use std::io::{self, Write};
 
@@ -20,15 +21,9 @@ struct JointFaults {
     name: String,
     /// As the daemon sent them.
     bits: u32,
-    faults: Vec<Named>,
+    faults: Vec<NamedFault>,
     /// The bits that no word stands for.
     unknown_bits: u32,
-}
-
-#[derive(Serialize)]
-struct Named {
-    name: &'static str,
-    meaning: &'static str,
 }
 
 /// Lists the faults of all joints.
@@ -58,21 +53,10 @@ pub(crate) fn get(instance: &str, joint: &str, as_json: bool) -> Result<(), Fail
     let index = client.joint_named(joint)?;
     let faults = client.wait(status::PATIENCE)?.joint(index).map(|joint| joint.faults).unwrap_or_default();
     let faults = JointFaults::new(joint, faults);
-    let out = &mut io::stdout().lock();
     if as_json {
-        json::write_line(out, &faults)?;
-        return Ok(());
+        return Ok(json::write_line(&mut io::stdout().lock(), &faults)?);
     }
-    if faults.bits == 0 {
-        writeln!(out, "{joint}: no fault")?;
-    }
-    for Named { name, meaning } in &faults.faults {
-        writeln!(out, "{joint}: {name}: {meaning}")?;
-    }
-    if faults.unknown_bits != 0 {
-        writeln!(out, "{joint}: fault bits {:#04X}, which are in no document", faults.unknown_bits)?;
-    }
-    Ok(())
+    Ok(say_faults(joint, &faults.faults, faults.unknown_bits)?)
 }
 
 impl Report {
@@ -91,7 +75,7 @@ impl Report {
         }
         let mut table = Table::new(&["joint", "fault", "meaning"]);
         for joint in &self.joints {
-            for Named { name, meaning } in &joint.faults {
+            for NamedFault { name, meaning } in &joint.faults {
                 table.row([joint.name.as_str(), name, meaning].map(Cell::plain).into());
             }
             if joint.unknown_bits != 0 {
@@ -105,7 +89,7 @@ impl Report {
 
 impl JointFaults {
     fn new(name: &str, faults: Faults) -> Self {
-        let named = |fault: Fault| Named { name: fault.name(), meaning: fault.sentence() };
+        let named = |fault: Fault| NamedFault { name: fault.name(), meaning: fault.sentence() };
         Self {
             name: name.to_owned(),
             bits: faults.bits(),

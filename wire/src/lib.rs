@@ -20,7 +20,7 @@ mod zero;
 
 pub use confirm::Confirm;
 pub use failure::WireFailure;
-pub use status::{Indicators, clear_fault};
+pub use status::{Indicators, NamedFault, clear_fault, say_faults};
 pub use target::Target;
 pub use zero::{Arguments as Zero, run as zero};
 

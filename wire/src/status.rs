@@ -28,41 +28,52 @@ pub(crate) fn version(instance: &str, target: &Target, as_json: bool) -> Result<
     say(&format!("{}: firmware version {version} ({version:#010X})", session.name()))
 }
 
-/// `motorctl fault get`.
+/// A fault in words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct NamedFault {
+    /// Its name.
+    pub name: &'static str,
+    /// A sentence about it.
+    pub meaning: &'static str,
+}
+
+/// `motorctl fault get` on the bus.
 pub(crate) fn fault(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
-    #[derive(Serialize)]
-    struct Named {
-        name: &'static str,
-        meaning: &'static str,
-    }
     #[derive(Serialize)]
     struct Report {
         id: u8,
         bits: u32,
-        faults: Vec<Named>,
+        faults: Vec<NamedFault>,
         unknown_bits: u32,
     }
     let mut session = target.open(instance)?;
-    let faults = read_faults(&mut session)?;
-    let named = |fault: &motord_protocol::fault::Fault| Named { name: fault.name, meaning: fault.sentence };
+    let reported = read_faults(&mut session)?;
+    let named =
+        |fault: &motord_protocol::fault::Fault| NamedFault { name: fault.name, meaning: fault.sentence };
+    let faults: Vec<NamedFault> = reported.named().map(named).collect();
+    let unknown_bits = reported.unknown();
     if as_json {
-        let report = Report {
-            id: session.id,
-            bits: faults.0,
-            faults: faults.named().map(named).collect(),
-            unknown_bits: faults.unknown(),
-        };
+        let report = Report { id: session.id, bits: reported.0, faults, unknown_bits };
         return Ok(json::write_line(&mut io::stdout().lock(), &report)?);
     }
-    if faults.is_none() {
-        return say(&format!("{}: no fault", session.name()));
+    say_faults(&session.name(), &faults, unknown_bits)
+}
+
+/// Prints the faults of a motor or joint, a line each; `unknown_bits` are those that no name stands for.
+///
+/// # Errors
+///
+/// When the output cannot be written.
+pub fn say_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> Result<(), WireFailure> {
+    if faults.is_empty() && unknown_bits == 0 {
+        return say(&format!("{subject}: no fault"));
     }
-    for fault in faults.named() {
-        say(&format!("{}: {}: {}", session.name(), fault.name, fault.sentence))?;
+    for NamedFault { name, meaning } in faults {
+        say(&format!("{subject}: {name}: {meaning}"))?;
     }
-    match faults.unknown() {
+    match unknown_bits {
         0 => Ok(()),
-        bits => say(&format!("{}: fault bits {bits:#04X}, which are in no document", session.name())),
+        bits => say(&format!("{subject}: fault bits {bits:#04X}, which are in no document")),
     }
 }
 
