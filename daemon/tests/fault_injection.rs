@@ -345,7 +345,7 @@ impl Run {
             if joint.mode == MotorMode::Fault.code() {
                 self.ask(Operation::ClearFault, group, motor);
             } else if self.is_native(motor) {
-                // A question for faults may always meet the cycle of the operator's look, and takes the place of its state.
+                // Each look of the operator may meet a cycle in which a question for faults replaced the request for a state.
                 if joint.age_cycles <= 1 && joint.position.abs() > NATIVE_FAR && !self.is_active(group) {
                     self.disturb_motor(motor, "power-cycle");
                 }

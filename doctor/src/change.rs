@@ -29,11 +29,11 @@ impl Change {
         Self::Run(words.split_whitespace().map(str::to_owned).collect())
     }
 
-    /// Does it on this computer, as the user of this process. Blocks until it is done.
+    /// Makes the change on this computer, as the user of this process. Blocks until it is made.
     ///
     /// # Errors
     ///
-    /// The reason why it was not done: that of the file, or the last line of the program.
+    /// The reason why it was not made: that of the file, or the last line of the program.
     pub fn apply(&self) -> io::Result<()> {
         match self {
             Self::Write { path, text } => std::fs::write(format!("/{path}"), text),

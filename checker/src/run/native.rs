@@ -8,8 +8,8 @@ use crate::state::Joint;
 const PRECISION: f64 = 1e-5;
 /// A speed rises from zero to the joint's limit in this time at least, s. It begins at the speed of the joint.
 const SPEED_RISE: f64 = 0.5;
-/// A speed that brakes falls at this share of that slope at least: a quarter at over-voltage, and not in a cycle whose command a
-/// question for faults replaces, which may be each second one, and the longer one of the two.
+/// A speed that brakes falls at this share of that slope at least. At over-voltage a quarter of the slope is left. A question for
+/// faults may replace each second command, and the cycle of that question may be longer than the other.
 const LEAST_SLOPE: f64 = 0.05;
 
 /// The last control command to one native motor.
@@ -52,8 +52,8 @@ impl Last {
         }
     }
 
-    /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero. A brake that
-    /// begins after it was lost begins at the speed that it has then.
+    /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero. A motor that was lost
+    /// in between is braked from the speed that it has when it comes back.
     pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits) {
         let last = self.order.replace((order, time)).filter(|(_, then)| *then >= self.rested);
         let (Order::Speed(speed), Some((Order::Speed(before), then))) = (order, last) else { return };
