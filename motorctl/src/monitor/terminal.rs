@@ -59,27 +59,48 @@ fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Resul
         if !event::poll(GLANCE)? {
             continue;
         }
-        let heard = match event::read()? {
-            Event::Key(key) => {
-                if is_stop(&key) {
-                    stop();
-                }
-                News::Key(key)
-            }
-            Event::Resize(..) => News::Resized,
-            _ => continue,
-        };
-        if news.send(heard).is_err() {
+        if !pass_on(&event::read()?, stop, news) {
             break;
         }
     }
     Ok(())
 }
 
+/// Tells of an event. The outcome of a stop must not be told before its key: the screen would wait for another one. Does not block.
+/// Returns whether somebody listens.
+fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
+    match event {
+        Event::Key(key) => {
+            let listens = news.send(News::Key(*key)).is_ok();
+            if is_stop(key) {
+                stop();
+            }
+            listens
+        }
+        Event::Resize(..) => news.send(News::Resized).is_ok(),
+        _ => true,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::monitor::tmux::Tmux;
+    use ratatui::crossterm::event::KeyCode;
+
+    #[test]
+    fn a_stop_that_is_confirmed_at_once_is_told_after_its_key_and_one_that_nobody_sees_is_made() {
+        let space = Event::Key(KeyCode::Char(' ').into());
+        let (news, heard) = std::sync::mpsc::channel();
+        let confirmed = news.clone();
+        assert!(pass_on(&space, &|| confirmed.send(News::Stop(Ok(()))).unwrap(), &news));
+        let told: Vec<_> = heard.try_iter().collect();
+        assert!(matches!(told[..], [News::Key(_), News::Stop(Ok(()))]), "{told:?}");
+        drop(heard);
+        let stopped = AtomicBool::new(false);
+        assert!(!pass_on(&space, &|| stopped.store(true, Ordering::Relaxed), &news));
+        assert!(stopped.into_inner());
+    }
 
     /// Takes the terminal and panics.
     #[test]
