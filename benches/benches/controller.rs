@@ -73,7 +73,7 @@ fn measure(options: &Options) {
         .settings;
     let lock = Instance::below(runtime.path(), INSTANCE).and_then(|instance| instance.lock());
     let lock = Arc::new(lock.expect("the directory is ours"));
-    let buses = buses::open(&settings, lock.instance().runtime()).expect("simulated buses open");
+    let buses = buses::open(&settings).expect("simulated buses open");
     let rate = settings.cycle.rate_hz;
     let daemon = Daemon::start(settings, None, buses, &lock).expect("the daemon starts");
     println!("{HEADING}");

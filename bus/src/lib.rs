@@ -39,7 +39,7 @@ mod wait;
 pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
 pub use learned::{Backoff, Lateness, ReplyTime};
 #[cfg(feature = "linux")]
-pub use lock::{BusLock, LockError};
+pub use lock::{BusLock, Holder, LockError};
 pub use readiness::{MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
 #[cfg(feature = "linux")]

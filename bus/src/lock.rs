@@ -1,37 +1,42 @@
 //! One daemon per bus: two would command the same motors.
+//!
+//! A lock is a listening Unix socket with an abstract name: no file, which somebody could delete or replace, and gone with
+//! its process. Such names are those of a network namespace, as CAN interfaces are.
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, Read, Seek, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::Path;
 
 use nix::errno::Errno;
-use nix::fcntl::{Flock, FlockArg};
+use nix::sys::socket::{
+    AddressFamily, Backlog, SockFlag, SockType, UnixAddr, bind, connect, getsockopt, listen, socket, sockopt,
+};
 
-use crate::kernel::errno;
 use crate::socketcan::InterfaceName;
 
-/// Exclusive use of a CAN interface or a serial device among the processes that share a runtime directory. Released when
-/// dropped, and by the kernel when the process ends in any way.
+/// Most bytes of a bus in the name of its lock, which has 107 at most. Of a longer path the end is used.
+const NAME_BYTES_MAX: usize = 64;
+
+/// Exclusive use of a CAN interface or a serial device among the processes of a network namespace. Released when dropped, and
+/// by the kernel when the process ends in any way.
 #[derive(Debug)]
 pub struct BusLock {
-    _file: Flock<File>,
+    _socket: OwnedFd,
 }
 
 /// Why a bus could not be locked.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LockError {
     /// Another process has it.
-    #[error("{bus} is in use by {}; stop that process first", Holder(*pid))]
+    #[error("{bus} is in use by {holder}; stop that process first")]
     Held {
         /// The interface or the device.
         bus: String,
-        /// The process that holds the lock; `None` in the moment before it wrote its number.
-        pid: Option<u32>,
+        /// The process that has it.
+        holder: Holder,
     },
-    /// The lock file cannot be opened or written.
+    /// The kernel refuses a socket.
     #[error("lock of {bus}: {errno}")]
-    File {
+    System {
         /// The interface or the device.
         bus: String,
         /// The error of the kernel.
@@ -39,7 +44,9 @@ pub enum LockError {
     },
 }
 
-struct Holder(Option<u32>);
+/// The process that has a bus; `None` when it is in another process namespace, or just takes the lock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Holder(pub Option<u32>);
 
 impl core::fmt::Display for Holder {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
@@ -51,123 +58,136 @@ impl core::fmt::Display for Holder {
 }
 
 impl BusLock {
-    /// Locks `interface` by the file `<interface>.lock` in `directory`, which must exist and belong to motord. The
-    /// file stays behind: removing it would let two processes hold two files of one name.
+    /// Locks `interface`. Whoever may use its network namespace may do so.
     ///
     /// # Errors
     ///
-    /// [`LockError::Held`] with the holder's process id; [`LockError::File`] when `directory` does not allow it.
-    pub fn interface(directory: &Path, interface: InterfaceName) -> Result<Self, LockError> {
-        Self::acquire(directory, interface.as_str(), interface.as_str())
+    /// [`LockError::Held`] with the holder; [`LockError::System`] when the kernel gives no socket.
+    pub fn interface(interface: InterfaceName) -> Result<Self, LockError> {
+        Self::acquire(interface.as_str(), &name_of_interface(interface.as_str()))
     }
 
-    /// Locks the serial port `device` in the same way. A symbolic link is followed: a device has one lock under all its names. The
-    /// file is called after the device, as in `ttyUSB0.lock`.
+    /// Locks the serial port `device`. A symbolic link is followed: a device has one lock under all its names.
     ///
     /// # Errors
     ///
     /// As [`interface`](Self::interface).
-    pub fn device(directory: &Path, device: &str) -> Result<Self, LockError> {
-        // A device that is missing is locked under the name that it is expected under.
-        let path = Path::new(device).canonicalize().unwrap_or_else(|_| device.into());
-        let name = path.strip_prefix("/dev").unwrap_or(&path).to_string_lossy();
-        Self::acquire(directory, device, &name.trim_start_matches('/').replace('/', "-"))
+    pub fn device(device: &str) -> Result<Self, LockError> {
+        Self::acquire(device, &name_of_device(device))
     }
 
-    fn acquire(directory: &Path, bus: &str, name: &str) -> Result<Self, LockError> {
-        let failed = |errno| LockError::File { bus: bus.to_owned(), errno };
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o640)
-            .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK)
-            .open(directory.join(format!("{name}.lock")))
-            .map_err(|error| failed(errno(&error)))?;
-        match Flock::lock(file, FlockArg::LockExclusiveNonblock) {
-            Ok(mut file) => {
-                write_pid(&mut file).map_err(|error| failed(errno(&error)))?;
-                Ok(Self { _file: file })
+    /// Who has the CAN interface `interface`; `None` when nobody has. Neither blocks nor waits for the holder; three system
+    /// calls.
+    #[must_use]
+    pub fn holder_of_interface(interface: &str) -> Option<Holder> {
+        holder(&UnixAddr::new_abstract(&name_of_interface(interface)).ok()?)
+    }
+
+    /// Who has the serial port `device`; `None` when nobody has. As [`holder_of_interface`](Self::holder_of_interface), and
+    /// it looks the path up.
+    #[must_use]
+    pub fn holder_of_device(device: &str) -> Option<Holder> {
+        holder(&UnixAddr::new_abstract(&name_of_device(device)).ok()?)
+    }
+
+    fn acquire(bus: &str, name: &[u8]) -> Result<Self, LockError> {
+        let failed = |errno| LockError::System { bus: bus.to_owned(), errno };
+        let address = UnixAddr::new_abstract(name).map_err(failed)?;
+        let socket = open().map_err(failed)?;
+        match bind(socket.as_raw_fd(), &address) {
+            Ok(()) => {}
+            Err(Errno::EADDRINUSE) => {
+                let holder = holder(&address).unwrap_or(Holder(None));
+                return Err(LockError::Held { bus: bus.to_owned(), holder });
             }
-            Err((mut file, Errno::EWOULDBLOCK)) => {
-                Err(LockError::Held { bus: bus.to_owned(), pid: read_pid(&mut file) })
-            }
-            Err((_, errno)) => Err(failed(errno)),
+            Err(errno) => return Err(failed(errno)),
         }
+        // Whoever connects learns who listens.
+        listen(&socket, Backlog::MAXCONN).map_err(failed)?;
+        Ok(Self { _socket: socket })
     }
 }
 
-fn write_pid(file: &mut File) -> io::Result<()> {
-    file.set_len(0)?;
-    file.rewind()?;
-    writeln!(file, "{}", std::process::id())
+fn name_of_interface(interface: &str) -> Vec<u8> {
+    [b"motord/can/", interface.as_bytes()].concat()
 }
 
-fn read_pid(file: &mut File) -> Option<u32> {
-    const DIGITS: u64 = 11;
-    let mut text = String::new();
-    file.take(DIGITS).read_to_string(&mut text).ok()?;
-    text.trim_end().parse().ok()
+fn name_of_device(device: &str) -> Vec<u8> {
+    // A device that is missing is locked under the name that it is expected under.
+    let path = Path::new(device).canonicalize().unwrap_or_else(|_| device.into());
+    let bytes = path.as_os_str().as_encoded_bytes();
+    [b"motord/serial/", &bytes[bytes.len().saturating_sub(NAME_BYTES_MAX)..]].concat()
+}
+
+fn open() -> nix::Result<OwnedFd> {
+    let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+    socket(AddressFamily::Unix, SockType::Stream, flags, None)
+}
+
+/// The kernel keeps who began to listen; the listener need not accept.
+fn holder(address: &UnixAddr) -> Option<Holder> {
+    let socket = open().ok()?;
+    match connect(socket.as_raw_fd(), address) {
+        Ok(()) => {
+            let pid = getsockopt(&socket, sockopt::PeerCredentials).map_or(0, |peer| peer.pid());
+            Some(Holder(u32::try_from(pid).ok().filter(|pid| *pid != 0)))
+        }
+        // Full of questions that nobody took.
+        Err(Errno::EAGAIN) => Some(Holder(None)),
+        Err(_) => None,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn can0() -> InterfaceName {
-        "can0".parse().unwrap()
+    /// A name that no other test has, nor any interface.
+    fn interface(place: u32) -> InterfaceName {
+        format!("t{}-{place}", std::process::id()).parse().unwrap()
     }
 
     #[test]
     fn a_second_holder_is_told_the_process_id_of_the_first() {
-        let directory = tempfile::tempdir().unwrap();
-        let first = BusLock::interface(directory.path(), can0()).unwrap();
-        let refused = BusLock::interface(directory.path(), can0()).unwrap_err();
-        assert_eq!(refused, LockError::Held { bus: "can0".into(), pid: Some(std::process::id()) });
+        let name = interface(0);
+        assert_eq!(BusLock::holder_of_interface(name.as_str()), None);
+        let first = BusLock::interface(name).unwrap();
+        let holder = Holder(Some(std::process::id()));
+        assert_eq!(BusLock::holder_of_interface(name.as_str()), Some(holder));
+        let refused = BusLock::interface(name).unwrap_err();
+        assert_eq!(refused, LockError::Held { bus: name.as_str().into(), holder });
         assert!(refused.to_string().contains(&std::process::id().to_string()));
         drop(first);
-        BusLock::interface(directory.path(), can0()).unwrap();
+        BusLock::interface(name).unwrap();
     }
 
     #[test]
     fn interfaces_are_locked_one_by_one() {
-        let directory = tempfile::tempdir().unwrap();
-        let _first = BusLock::interface(directory.path(), can0()).unwrap();
-        BusLock::interface(directory.path(), "can1".parse().unwrap()).unwrap();
+        let _first = BusLock::interface(interface(1)).unwrap();
+        BusLock::interface(interface(2)).unwrap();
     }
 
     #[test]
     fn a_device_has_one_lock_under_all_its_names() {
         let directory = tempfile::tempdir().unwrap();
-        let link = directory.path().join("adapter");
-        std::os::unix::fs::symlink("/dev/null", &link).unwrap();
-        let link = link.to_str().unwrap();
-        let first = BusLock::device(directory.path(), link).unwrap();
-        let refused = BusLock::device(directory.path(), "/dev/null").unwrap_err();
-        assert_eq!(refused, LockError::Held { bus: "/dev/null".into(), pid: Some(std::process::id()) });
-        assert!(directory.path().join("null.lock").exists());
+        let (device, link) = (directory.path().join("device"), directory.path().join("adapter"));
+        std::fs::write(&device, "").unwrap();
+        std::os::unix::fs::symlink(&device, &link).unwrap();
+        let (device, link) = (device.to_str().unwrap(), link.to_str().unwrap());
+        let first = BusLock::device(link).unwrap();
+        let holder = Holder(Some(std::process::id()));
+        assert_eq!(BusLock::device(device).unwrap_err(), LockError::Held { bus: device.into(), holder });
+        assert_eq!(BusLock::holder_of_device(device), Some(holder));
         drop(first);
-        BusLock::device(directory.path(), "/dev/null").unwrap();
-        BusLock::device(directory.path(), "/dev/serial/by-id/../../not-there").unwrap();
+        BusLock::device(device).unwrap();
+        BusLock::device(&format!("/dev/serial/by-id/{}", "x".repeat(300))).unwrap();
     }
 
     #[test]
-    fn a_lock_file_that_lies_gives_no_process_id() {
-        let directory = tempfile::tempdir().unwrap();
-        let _first = BusLock::interface(directory.path(), can0()).unwrap();
-        for lie in [&b""[..], b"-1", b"99999999999999", &[0xFF; 64]] {
-            std::fs::write(directory.path().join("can0.lock"), lie).unwrap();
-            let refused = BusLock::interface(directory.path(), can0()).unwrap_err();
-            assert_eq!(refused, LockError::Held { bus: "can0".into(), pid: None });
-        }
-    }
-
-    #[test]
-    fn a_link_in_place_of_the_lock_file_is_not_followed() {
-        let directory = tempfile::tempdir().unwrap();
-        std::os::unix::fs::symlink("/etc/passwd", directory.path().join("can0.lock")).unwrap();
-        let refused = BusLock::interface(directory.path(), can0()).unwrap_err();
-        assert_eq!(refused, LockError::File { bus: "can0".into(), errno: Errno::ELOOP });
+    fn a_lock_that_is_asked_for_without_end_still_holds() {
+        let name = interface(3);
+        let _held = BusLock::interface(name).unwrap();
+        let asked: Vec<_> = (0..5000).map(|_| BusLock::interface(name)).collect();
+        assert!(asked.iter().all(|lock| matches!(lock, Err(LockError::Held { .. }))));
     }
 }

@@ -125,7 +125,7 @@ mod setpoint;
 mod state;
 mod stop;
 
-/// The directory that the daemons of this computer and its tools share: locks of CAN interfaces lie there. It may not exist yet.
+/// The directory where the daemon `instance` and its clients meet. It may not exist yet.
 ///
 /// # Errors
 ///

@@ -8,7 +8,7 @@ use motord::deadman::heartbeat::{Heartbeat, Pulse};
 use motord::deadman::registrar::Registrar;
 use motord::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
 use motord::deadman::server::Server;
-use motord_bus::{Frame, Instant, Refusal as BusRefusal, clock};
+use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, clock};
 use motord_configuration as config;
 use motord_core::stopper::Outlet;
 use motord_shared::instance::Instance;
@@ -405,7 +405,15 @@ fn configuration(directory: &Path, bus: &str) -> PathBuf {
     path
 }
 
-const CAN: &str = "type = 'socketcan'\ninterface = 'nocan0'";
+/// A name that neither an interface nor another test has: an interface has one lock for all of this machine.
+fn no_can(test: &str) -> String {
+    format!("{test}{}", std::process::id())
+}
+
+fn can(interface: &str) -> String {
+    format!("type = 'socketcan'\ninterface = '{interface}'")
+}
+
 const SIMULATED: &str = "type = 'simulated'";
 
 /// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in the middle or at the
@@ -413,7 +421,7 @@ const SIMULATED: &str = "type = 'simulated'";
 #[test]
 fn the_safe_frames_of_a_configuration_are_what_the_documents_call_damping_and_stop() {
     let directory = TempDir::new().unwrap();
-    let settings = config::load(&configuration(directory.path(), CAN)).unwrap().settings;
+    let settings = config::load(&configuration(directory.path(), &can("nocan0"))).unwrap().settings;
     let frames = SafeFrames::of(&settings);
     let gim_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
     let expected = InterfaceFrames {
@@ -429,7 +437,7 @@ fn the_safe_frames_of_a_configuration_are_what_the_documents_call_damping_and_st
 fn a_safe_stop_damps_and_stops_once() {
     let directory = TempDir::new().unwrap();
     let (recorder, sent) = channel();
-    let path = configuration(directory.path(), CAN);
+    let path = configuration(directory.path(), &can(&no_can("once")));
     safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder)))).unwrap();
     let sent: Vec<u8> = sent.try_iter().map(|(_, frame)| frame.payload()[7]).collect();
     // The last bytes of damping and stop of the one motor, and of stop of the other.
@@ -441,9 +449,10 @@ fn a_safe_stop_damps_and_stops_once() {
 #[test]
 fn a_safe_stop_does_not_say_that_motors_were_stopped_which_took_no_frame() {
     let directory = TempDir::new().unwrap();
-    let path = configuration(directory.path(), CAN);
+    let interface = no_can("jam");
+    let path = configuration(directory.path(), &can(&interface));
     let error = safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::jammed()))).unwrap_err();
-    assert_eq!(error.to_string(), "not told to stop: nocan0 refuses frames");
+    assert_eq!(error.to_string(), format!("not told to stop: {interface} refuses frames"));
 }
 
 fn motord(runtime: &Path, arguments: &[&str], config: &Path) -> Command {
@@ -457,11 +466,25 @@ fn text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Goal: a daemon of another user, or with another runtime directory, has its robot to itself.
+/// Method: this process holds the interface; no runtime directory tells of it.
+#[test]
+fn a_safe_stop_leaves_an_interface_alone_that_any_daemon_drives() {
+    let directory = TempDir::new().unwrap();
+    let interface = no_can("held");
+    let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
+    let path = configuration(directory.path(), &can(&interface));
+    let sends = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { panic!("it opens the interface") };
+    let error = safe_stop(&path, &mut { sends }).unwrap_err().to_string();
+    let holder = std::process::id();
+    assert!(error.contains(&format!("{interface} is in use by process {holder}")), "{error}");
+}
+
 /// The switch has the interface, so that two senders do not end each other's damping.
 #[test]
 fn a_safe_stop_does_not_say_that_the_switch_has_stopped_what_it_cannot_reach() {
     let (directory, _instance, _switch) = dead_with_a_jam();
-    let config = configuration(directory.path(), CAN);
+    let config = configuration(directory.path(), &can(&no_can("far")));
     let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
     assert_eq!(output.status.code(), Some(69), "{}", text(&output));
     let complaint = "not told to stop: can1 refuses frames; the dead man's switch keeps trying";
@@ -471,10 +494,11 @@ fn a_safe_stop_does_not_say_that_the_switch_has_stopped_what_it_cannot_reach() {
 #[test]
 fn a_safe_stop_tells_which_interface_it_could_not_serve() {
     let directory = TempDir::new().unwrap();
-    let output =
-        motord(directory.path(), &["safe-stop"], &configuration(directory.path(), CAN)).output().unwrap();
+    let interface = no_can("tells");
+    let config = configuration(directory.path(), &can(&interface));
+    let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
     assert_eq!(output.status.code(), Some(69), "{}", text(&output));
-    assert!(text(&output).contains("nocan0"), "{}", text(&output));
+    assert!(text(&output).contains(&interface), "{}", text(&output));
     let simulated = configuration(directory.path(), SIMULATED);
     let output = motord(directory.path(), &["safe-stop"], &simulated).output().unwrap();
     assert!(output.status.success(), "simulated motors died with their daemon: {}", text(&output));

@@ -340,7 +340,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Wire(wire::Command::Indicator(asked)) if asked.joint().is_some() => {
             indicator::run(instance, &asked)
         }
-        Command::Wire(command) => Ok(wire::run(instance, command)?),
+        Command::Wire(command) => Ok(wire::run(command)?),
         Command::Exclude { joint } => operate::exclude(instance, &joint),
         Command::Include { joint } => operate::include(instance, &joint),
         Command::Doctor(arguments) => {
@@ -361,7 +361,7 @@ fn get_fault(instance: &str, name: Option<String>, reading: &wire::Reading) -> R
     match name {
         Some(joint) if !reading.target.is_given() => fault::get(instance, &joint, reading.json),
         Some(_) => Err(both()),
-        None => Ok(wire::get_fault(instance, reading)?),
+        None => Ok(wire::get_fault(reading)?),
     }
 }
 
@@ -370,7 +370,7 @@ fn clear_fault(instance: &str, name: Option<String>, target: &wire::Target) -> R
     match name {
         Some(joint) if !target.is_given() => operate::clear_fault(instance, &joint),
         Some(_) => Err(both()),
-        None => Ok(wire::clear_fault(instance, target)?),
+        None => Ok(wire::clear_fault(target)?),
     }
 }
 
@@ -389,7 +389,7 @@ fn set_zero(
             "--at and --force are for the wire: use them with --config and --joint".into(),
         )
         .into()),
-        None => Ok(wire::zero(instance, target, zero, confirm)?),
+        None => Ok(wire::zero(target, zero, confirm)?),
     }
 }
 

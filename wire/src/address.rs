@@ -51,14 +51,14 @@ impl Arguments {
 }
 
 /// `motorctl id`: shows or changes the address of a motor.
-pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     if let (Some(id), Some(host_id)) = (arguments.set_id, arguments.set_host_id)
         && u16::from(id) == host_id.raw()
     {
         let usage = "id and host id must differ: two nodes would send frames with one id".to_owned();
         return Err(WireFailure::Usage(usage));
     }
-    let mut session = arguments.target.open_native(instance)?;
+    let mut session = arguments.target.open_native()?;
     let present = read(&mut session)?;
     if arguments.changes_nothing() {
         return show(&session, &present, arguments.json);
@@ -69,13 +69,8 @@ pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailu
 }
 
 /// `motorctl protocol`: changes the protocol over CAN.
-pub(crate) fn protocol(
-    instance: &str,
-    target: &Target,
-    to: Protocol,
-    confirm: Confirm,
-) -> Result<(), WireFailure> {
-    let mut session = target.open(instance)?;
+pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Result<(), WireFailure> {
+    let mut session = target.open()?;
     if session.protocol == to && session.line.link.wire() == Wire::Can {
         return say(&format!("{}: speaks this protocol already", session.name()));
     }

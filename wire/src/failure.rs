@@ -106,7 +106,7 @@ impl WireFailure {
                 _ => exit_status::UNAVAILABLE,
             },
             Self::Lock(LockError::Held { .. }) | Self::Motor(Error::InUse { .. }) => exit_status::BUSY,
-            Self::Lock(LockError::File { .. }) => exit_status::PERMISSION,
+            Self::Lock(LockError::System { .. }) => exit_status::UNAVAILABLE,
             Self::Config(_) => exit_status::CONFIG,
             Self::File { .. } | Self::Output(_) => exit_status::IO,
             Self::Malformed { .. } => exit_status::DATA,

@@ -33,13 +33,8 @@ struct Document {
 }
 
 /// `motorctl config dump`: to a new file, or to standard output.
-pub(crate) fn dump(
-    instance: &str,
-    target: &Target,
-    file: Option<&Path>,
-    force: bool,
-) -> Result<(), WireFailure> {
-    let mut session = target.open_native(instance)?;
+pub(crate) fn dump(target: &Target, file: Option<&Path>, force: bool) -> Result<(), WireFailure> {
+    let mut session = target.open_native()?;
     let text = document(&mut session)?;
     let Some(path) = file else { return Ok(io::stdout().write_all(text.as_bytes())?) };
     let mut options = OpenOptions::new();
@@ -137,9 +132,9 @@ fn print(changes: &[Change], as_json: bool) -> io::Result<()> {
 }
 
 /// `motorctl config diff`: as `diff` does, the exit status is 1 when something differs.
-pub(crate) fn diff(instance: &str, target: &Target, file: &Path, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn diff(target: &Target, file: &Path, as_json: bool) -> Result<(), WireFailure> {
     let wanted = load(file)?;
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let present = present(&mut session, &wanted)?;
     let changes = changes(&present, &wanted);
     print(&changes, as_json)?;
@@ -151,14 +146,13 @@ pub(crate) fn diff(instance: &str, target: &Target, file: &Path, as_json: bool) 
 
 /// `motorctl config apply`: writes what differs, one item after the other, each read back.
 pub(crate) fn apply(
-    instance: &str,
     target: &Target,
     file: &Path,
     journal: Option<&Path>,
     confirm: Confirm,
 ) -> Result<(), WireFailure> {
     let wanted = load(file)?;
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let present = present(&mut session, &wanted)?;
     let changes = changes(&present, &wanted);
     let (name, apply) = (session.name(), Apply { changes: &changes });
@@ -192,8 +186,8 @@ pub(crate) fn apply(
 }
 
 /// `motorctl config reset`: every item becomes the default, the link's among them.
-pub(crate) fn reset(instance: &str, target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
-    let mut session = target.open_native(instance)?;
+pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
+    let mut session = target.open_native()?;
     let (name, id) = (session.name(), session.id);
     let link = &mut session.line.link;
     if id != FACTORY_ID && identify(link, FACTORY_ID)?.is_some() {

@@ -75,9 +75,9 @@ struct Scanned<'a> {
 }
 
 /// `motorctl scan`: the motors of some buses.
-pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     let interrupt = Interrupt::register();
-    let opened = arguments.buses.iter().map(|bus| target::open(instance, bus, arguments.baud));
+    let opened = arguments.buses.iter().map(|bus| target::open(bus, arguments.baud));
     let lines = opened.collect::<Result<Vec<OpenLine>, WireFailure>>()?;
     let settings = Scan { ids: arguments.ids.clone(), in_fault: arguments.in_fault, ..Scan::default() };
     let (sender, receiver) = mpsc::channel();
@@ -176,7 +176,7 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
 }
 
 /// `motorctl ping`: whether a motor answers, how, and how fast.
-pub(crate) fn ping(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), WireFailure> {
     #[derive(Serialize)]
     struct Ping<'a> {
         bus: &'a str,
@@ -185,7 +185,7 @@ pub(crate) fn ping(instance: &str, target: &Target, as_json: bool) -> Result<(),
         protocol: &'static str,
         answer_us: u64,
     }
-    let mut session = target.open(instance)?;
+    let mut session = target.open()?;
     let begun = session.line.link.now();
     let protocol = match session.protocol {
         target::Protocol::Mit => session.mit().stop().map(|_| "mit"),

@@ -40,12 +40,12 @@ pub struct Arguments {
 }
 
 /// `motorctl jog`.
-pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     if arguments.seconds.is_none() && !io::stdin().is_terminal() {
         let usage = "holding a key needs a terminal: use --seconds elsewhere";
         return Err(WireFailure::Usage(usage.to_owned()));
     }
-    let mut session = arguments.target.open(instance)?;
+    let mut session = arguments.target.open()?;
     let name = session.name();
     arguments.confirm.ask(&format!(
         "This starts {name} and moves it at {} rad/s, at most {} rad from where it is.\n\

@@ -337,64 +337,56 @@ pub struct Reading {
 }
 
 /// `motorctl fault get`.
-pub fn get_fault(instance: &str, reading: &Reading) -> Result<(), WireFailure> {
-    status::fault(instance, &reading.target, reading.json)
+pub fn get_fault(reading: &Reading) -> Result<(), WireFailure> {
+    status::fault(&reading.target, reading.json)
 }
 
-/// Runs a command on the bus. Locks lie in the runtime directory of `instance`.
-pub fn run(instance: &str, command: Command) -> Result<(), WireFailure> {
+/// Runs a command on the bus.
+pub fn run(command: Command) -> Result<(), WireFailure> {
     match command {
-        Command::Scan(arguments) => find::run(instance, &arguments),
-        Command::Ping { target, json } => find::ping(instance, &target, json),
-        Command::Id(arguments) => address::run(instance, &arguments),
-        Command::Version { target, json } => status::version(instance, &target, json),
-        Command::Start { target, confirm } => status::start(instance, &target, confirm),
-        Command::Stop { target, control } => status::stop(instance, &target, control),
-        Command::Torque { torque, target, bounds } => {
-            motion::run(instance, &target, Goal::Torque(torque), &bounds)
-        }
-        Command::Speed { speed, target, bounds } => {
-            motion::run(instance, &target, Goal::Speed(speed), &bounds)
-        }
+        Command::Scan(arguments) => find::run(&arguments),
+        Command::Ping { target, json } => find::ping(&target, json),
+        Command::Id(arguments) => address::run(&arguments),
+        Command::Version { target, json } => status::version(&target, json),
+        Command::Start { target, confirm } => status::start(&target, confirm),
+        Command::Stop { target, control } => status::stop(&target, control),
+        Command::Torque { torque, target, bounds } => motion::run(&target, Goal::Torque(torque), &bounds),
+        Command::Speed { speed, target, bounds } => motion::run(&target, Goal::Speed(speed), &bounds),
         Command::Position { position, target, bounds } => {
-            motion::run(instance, &target, Goal::Position(position), &bounds)
+            motion::run(&target, Goal::Position(position), &bounds)
         }
         Command::Pts => service::pts(),
-        Command::Jog(arguments) => jog::run(instance, &arguments),
-        Command::Indicator(arguments) => status::indicators(instance, &arguments),
-        Command::Setup(arguments) => setup::run(instance, &arguments),
-        Command::Parameter(command) => parameter(instance, command),
-        Command::Config(command) => config(instance, command),
-        Command::Protocol { to, target, confirm } => address::protocol(instance, &target, to, confirm),
-        Command::Calibrate { what, target, confirm } => service::calibrate(instance, &target, what, confirm),
-        Command::FirmwareMode(arguments) => service::firmware_mode(instance, &arguments),
+        Command::Jog(arguments) => jog::run(&arguments),
+        Command::Indicator(arguments) => status::indicators(&arguments),
+        Command::Setup(arguments) => setup::run(&arguments),
+        Command::Parameter(command) => parameter(command),
+        Command::Config(command) => config(command),
+        Command::Protocol { to, target, confirm } => address::protocol(&target, to, confirm),
+        Command::Calibrate { what, target, confirm } => service::calibrate(&target, what, confirm),
+        Command::FirmwareMode(arguments) => service::firmware_mode(&arguments),
     }
 }
 
-fn parameter(instance: &str, command: ParameterCommand) -> Result<(), WireFailure> {
+fn parameter(command: ParameterCommand) -> Result<(), WireFailure> {
     match command {
-        ParameterCommand::Get { parameter, target, json } => {
-            memory::get_parameter(instance, &target, parameter, json)
-        }
+        ParameterCommand::Get { parameter, target, json } => memory::get_parameter(&target, parameter, json),
         ParameterCommand::Set { parameter, value, target, confirm } => {
-            memory::set_parameter(instance, &target, parameter, value, confirm)
+            memory::set_parameter(&target, parameter, value, confirm)
         }
     }
 }
 
-fn config(instance: &str, command: ConfigCommand) -> Result<(), WireFailure> {
+fn config(command: ConfigCommand) -> Result<(), WireFailure> {
     match command {
-        ConfigCommand::Get { item, output } => memory::get(instance, &output.target, Some(item), output.json),
-        ConfigCommand::List(output) => memory::get(instance, &output.target, None, output.json),
-        ConfigCommand::Set { item, value, target, confirm } => {
-            memory::set(instance, &target, item, &value, confirm)
-        }
-        ConfigCommand::Dump { file, force, target } => file::dump(instance, &target, file.as_deref(), force),
-        ConfigCommand::Diff { file, output } => file::diff(instance, &output.target, &file, output.json),
+        ConfigCommand::Get { item, output } => memory::get(&output.target, Some(item), output.json),
+        ConfigCommand::List(output) => memory::get(&output.target, None, output.json),
+        ConfigCommand::Set { item, value, target, confirm } => memory::set(&target, item, &value, confirm),
+        ConfigCommand::Dump { file, force, target } => file::dump(&target, file.as_deref(), force),
+        ConfigCommand::Diff { file, output } => file::diff(&output.target, &file, output.json),
         ConfigCommand::Apply { file, journal, target, confirm } => {
-            file::apply(instance, &target, &file, journal.as_deref(), confirm)
+            file::apply(&target, &file, journal.as_deref(), confirm)
         }
-        ConfigCommand::Reset { target, confirm } => file::reset(instance, &target, confirm),
+        ConfigCommand::Reset { target, confirm } => file::reset(&target, confirm),
     }
 }
 

@@ -57,7 +57,6 @@ pub(crate) fn text(value: Value) -> String {
 
 /// `motorctl parameter get`: one, or all.
 pub(crate) fn get_parameter(
-    instance: &str,
     target: &Target,
     parameter: Option<&'static Parameter>,
     as_json: bool,
@@ -67,7 +66,7 @@ pub(crate) fn get_parameter(
         name: &'static str,
         value: u32,
     }
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let mut motor = session.native();
     let wanted = PARAMETERS.iter().filter(|row| parameter.is_none_or(|parameter| parameter.id == row.id));
     let read = wanted.map(|row| Ok(Stored { name: row.name, value: motor.parameter(row.id)? }));
@@ -83,13 +82,12 @@ pub(crate) fn get_parameter(
 
 /// `motorctl parameter set`.
 pub(crate) fn set_parameter(
-    instance: &str,
     target: &Target,
     parameter: &'static Parameter,
     value: u32,
     confirm: Confirm,
 ) -> Result<(), WireFailure> {
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let name = session.name();
     let mut motor = session.native();
     let before = motor.parameter(parameter.id)?;
@@ -144,12 +142,11 @@ pub(crate) fn read(
 
 /// `motorctl config get` and `list`.
 pub(crate) fn get(
-    instance: &str,
     target: &Target,
     item: Option<&'static ConfigurationItem>,
     as_json: bool,
 ) -> Result<(), WireFailure> {
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let mut motor = session.native();
     let mut rows = Vec::new();
     for row in CONFIGURATION.iter().filter(|row| item.is_none_or(|item| item.key() == row.key())) {
@@ -180,7 +177,6 @@ pub(crate) fn get(
 
 /// `motorctl config set`.
 pub(crate) fn set(
-    instance: &str,
     target: &Target,
     item: &'static ConfigurationItem,
     value: &str,
@@ -191,7 +187,7 @@ pub(crate) fn set(
         let usage = format!("{} can only be read (GIM document, Table 7)", item.name);
         return Err(WireFailure::Usage(usage));
     }
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let name = session.name();
     let mut motor = session.native();
     let before = motor.configuration(item.key())?;

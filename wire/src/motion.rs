@@ -73,14 +73,14 @@ impl Goal {
 }
 
 /// `motorctl torque`, `speed` and `position`.
-pub(crate) fn run(instance: &str, target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), WireFailure> {
+pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), WireFailure> {
     if let Goal::Speed(speed) = goal
         && speed.abs() > bounds.max_rad_s
     {
         let usage = format!("a speed of {speed} rad/s is beyond --max-rad-s {}", bounds.max_rad_s);
         return Err(WireFailure::Usage(usage));
     }
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let name = session.name();
     let motor = &mut session.native();
     let moved = follow(motor, &name, goal, bounds);

@@ -18,13 +18,8 @@ pub enum Kind {
 }
 
 /// `motorctl calibrate`.
-pub(crate) fn calibrate(
-    instance: &str,
-    target: &Target,
-    kind: Kind,
-    confirm: Confirm,
-) -> Result<(), WireFailure> {
-    let mut session = target.open_native(instance)?;
+pub(crate) fn calibrate(target: &Target, kind: Kind, confirm: Confirm) -> Result<(), WireFailure> {
+    let mut session = target.open_native()?;
     let name = session.name();
     let (what, calibration) = match kind {
         Kind::Phase => ("the phase order", Calibration::PHASE_ORDER),
@@ -58,11 +53,11 @@ pub struct Firmware {
 }
 
 /// `motorctl firmware-mode`.
-pub(crate) fn firmware_mode(instance: &str, arguments: &Firmware) -> Result<(), WireFailure> {
+pub(crate) fn firmware_mode(arguments: &Firmware) -> Result<(), WireFailure> {
     if arguments.target.id.is_some_and(|id| id != arguments.repeat_id) {
         return Err(WireFailure::Usage("--repeat-id is not the id of the motor".to_owned()));
     }
-    let mut session = arguments.target.open_native(instance)?;
+    let mut session = arguments.target.open_native()?;
     if session.id != arguments.repeat_id {
         return Err(session.unfit("--repeat-id is another id"));
     }

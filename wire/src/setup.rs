@@ -36,14 +36,14 @@ pub struct Arguments {
 }
 
 /// `motorctl setup`. Fails with [`WireFailure::Differs`] when a motor differs or does not answer.
-pub(crate) fn run(instance: &str, arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     let settings = config::load(&arguments.config)?.settings;
     let motors = chosen(&settings, &arguments.joints)?;
     let interrupt = Interrupt::register();
     let mut asked = Vec::new();
     for index in 0..settings.buses.len() {
         let on_bus: Vec<_> = motors.iter().copied().filter(|motor| motor.bus == index).collect();
-        let Some(mut line) = open(instance, &settings, index, &on_bus)? else { continue };
+        let Some(mut line) = open(&settings, index, &on_bus)? else { continue };
         for motor in on_bus {
             if interrupt.came() {
                 return Err(Error::Interrupted.into());
@@ -92,7 +92,6 @@ fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s Motor
 
 /// The bus, if it is on a wire and has motors that are asked.
 fn open(
-    instance: &str,
     settings: &Settings,
     index: usize,
     motors: &[&MotorSettings],
@@ -106,7 +105,7 @@ fn open(
     if motors.is_empty() {
         return Ok(None);
     }
-    target::open(instance, bus.device(), baud).map(Some)
+    target::open(bus.device(), baud).map(Some)
 }
 
 fn ask<'s>(

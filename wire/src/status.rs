@@ -14,13 +14,13 @@ use std::io;
 use std::time::{Duration, Instant};
 
 /// `motorctl version`.
-pub(crate) fn version(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), WireFailure> {
     #[derive(Serialize)]
     struct Version {
         id: u8,
         version: u32,
     }
-    let mut session = target.open_native(instance)?;
+    let mut session = target.open_native()?;
     let version = session.native().version()?;
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
@@ -38,7 +38,7 @@ pub struct NamedFault {
 }
 
 /// `motorctl fault get` on the bus.
-pub(crate) fn fault(instance: &str, target: &Target, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), WireFailure> {
     #[derive(Serialize)]
     struct Report {
         id: u8,
@@ -46,7 +46,7 @@ pub(crate) fn fault(instance: &str, target: &Target, as_json: bool) -> Result<()
         faults: Vec<NamedFault>,
         unknown_bits: u32,
     }
-    let mut session = target.open(instance)?;
+    let mut session = target.open()?;
     let reported = read_faults(&mut session)?;
     let named =
         |fault: &motord_protocol::fault::Fault| NamedFault { name: fault.name, meaning: fault.sentence };
@@ -90,8 +90,8 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
 }
 
 /// `motorctl fault clear --bus`: clears, and reads again.
-pub fn clear_fault(instance: &str, target: &Target) -> Result<(), WireFailure> {
-    let mut session = target.open(instance)?;
+pub fn clear_fault(target: &Target) -> Result<(), WireFailure> {
+    let mut session = target.open()?;
     let cleared = match session.protocol {
         Protocol::Mit => {
             let _silent = session.mit().stop();
@@ -111,8 +111,8 @@ pub fn clear_fault(instance: &str, target: &Target) -> Result<(), WireFailure> {
 }
 
 /// `motorctl start`: enters the running state, without a command to follow.
-pub(crate) fn start(instance: &str, target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
-    let mut session = target.open_native(instance)?;
+pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
+    let mut session = target.open_native()?;
     confirm.ask(&format!(
         "This starts {}: it is energised then, and follows the next control command.",
         session.name()
@@ -122,8 +122,8 @@ pub(crate) fn start(instance: &str, target: &Target, confirm: Confirm) -> Result
 }
 
 /// `motorctl stop`: leaves the running state. With `control_only`, only the command that is being executed ends.
-pub(crate) fn stop(instance: &str, target: &Target, control_only: bool) -> Result<(), WireFailure> {
-    let mut session = target.open(instance)?;
+pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), WireFailure> {
+    let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
         (Protocol::Mit, true) => {
             return Err(session.unfit("MIT has no such command: leave --control out"));
@@ -230,9 +230,9 @@ fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
 }
 
 /// `motorctl indicator` on the bus.
-pub(crate) fn indicators(instance: &str, arguments: &Indicators) -> Result<(), WireFailure> {
+pub(crate) fn indicators(arguments: &Indicators) -> Result<(), WireFailure> {
     // Names are judged before a motor is asked.
     arguments.wanted()?;
-    let mut session = arguments.target.open_native(instance)?;
+    let mut session = arguments.target.open_native()?;
     arguments.print(|number| Ok(Some(session.native().indicator(number)?)))
 }

@@ -8,8 +8,6 @@ use motord_commissioning::{Family, Found, Link, MachineTime, Mit, Native, Wire, 
 use motord_configuration as config;
 use motord_core::settings::{BusKind, MotorProtocol, MotorSettings};
 use motord_protocol::Scales;
-use std::fs::DirBuilder;
-use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
 /// Bit/s of a serial line (GIM document, Table 1).
@@ -104,23 +102,23 @@ pub struct OpenLine {
 /// # Errors
 ///
 /// Why it cannot be used.
-pub(crate) fn open(instance: &str, name: &str, baud: u32) -> Result<OpenLine, WireFailure> {
+pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, WireFailure> {
     if name.contains('/') {
-        return open_serial(instance, name, baud);
+        return open_serial(name, baud);
     }
     let interface: InterfaceName = name.parse().map_err(|_| {
         WireFailure::Usage(format!(
             "`{name}` is neither a CAN interface, as `ip link` lists them, nor the path of a device"
         ))
     })?;
-    let lock = BusLock::interface(&lock_directory(instance)?, interface)?;
+    let lock = BusLock::interface(interface)?;
     let bus = SocketCanBus::open_as_is(interface)?;
     let bitrate = bus.link().bitrate;
     Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, MachineTime), bitrate, _lock: lock })
 }
 
-fn open_serial(instance: &str, device: &str, baud: u32) -> Result<OpenLine, WireFailure> {
-    let lock = BusLock::device(&lock_directory(instance)?, device)?;
+fn open_serial(device: &str, baud: u32) -> Result<OpenLine, WireFailure> {
+    let lock = BusLock::device(device)?;
     let settings = serial::Settings {
         device: device.to_owned(),
         baud,
@@ -130,15 +128,6 @@ fn open_serial(instance: &str, device: &str, baud: u32) -> Result<OpenLine, Wire
     };
     let link = Link::serial(SerialBus::open(&settings)?, MachineTime);
     Ok(OpenLine { name: device.to_owned(), link, bitrate: None, _lock: lock })
-}
-
-/// The directory of the daemon's locks; made when no daemon ever ran.
-fn lock_directory(instance: &str) -> Result<PathBuf, WireFailure> {
-    let directory =
-        motord_client::runtime_directory(instance).map_err(|error| WireFailure::Usage(error.to_string()))?;
-    let made = DirBuilder::new().recursive(true).mode(0o700).create(&directory);
-    made.map_err(|source| WireFailure::File { path: directory.clone(), source })?;
-    Ok(directory)
 }
 
 /// A motor that answered, or whose protocol was given.
@@ -162,9 +151,9 @@ impl Target {
     /// # Errors
     ///
     /// Why it cannot be reached.
-    pub fn open(&self, instance: &str) -> Result<Session, WireFailure> {
+    pub fn open(&self) -> Result<Session, WireFailure> {
         let place = self.place()?;
-        let line = open(instance, &place.bus, place.baud)?;
+        let line = open(&place.bus, place.baud)?;
         let Place { id, host_id, settings, .. } = place;
         let mut session =
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
@@ -182,8 +171,8 @@ impl Target {
     /// # Errors
     ///
     /// Why it cannot be reached, or that it speaks MIT.
-    pub fn open_native(&self, instance: &str) -> Result<Session, WireFailure> {
-        let session = self.open(instance)?;
+    pub fn open_native(&self) -> Result<Session, WireFailure> {
+        let session = self.open()?;
         if session.protocol == Protocol::Mit {
             return Err(session.unfit(
                 "it speaks MIT over CAN, which has no such command: use its serial port (RS485 or RS232), where it is native",

@@ -24,19 +24,14 @@ pub struct Arguments {
 }
 
 /// `motorctl zero --bus`.
-pub fn run(
-    instance: &str,
-    target: &Target,
-    arguments: Arguments,
-    confirm: Confirm,
-) -> Result<(), WireFailure> {
+pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<(), WireFailure> {
     let Arguments { at, force } = arguments;
     if at.abs() > TAU / 2.0 {
         return Err(WireFailure::Usage(
             "a motor finds its zero again within half a turn: --at is -3.14 to 3.14".into(),
         ));
     }
-    let mut session = target.open(instance)?;
+    let mut session = target.open()?;
     if session.protocol == Protocol::Mit && at != 0.0 {
         return Err(session.unfit("in MIT the present position can only become 0: leave --at out"));
     }

@@ -15,7 +15,6 @@ use motord_bus::{Bus, BusLock, Duration, LockError};
 use motord_core::drive;
 use motord_core::plan::BusPlan;
 use motord_core::settings::{BusKind, BusSettings, MotorSettings, Settings};
-use std::path::Path;
 
 /// Why a bus could not be opened.
 #[derive(Debug, thiserror::Error)]
@@ -64,29 +63,27 @@ pub struct Buses {
     pub injectors: Option<Injectors>,
 }
 
-/// Opens every bus. Lock files go to `directory`.
+/// Locks and opens every bus.
 ///
 /// # Errors
 ///
 /// The first bus that cannot be opened, and why.
-pub fn open(settings: &Settings, directory: &Path) -> Result<Buses, BusError> {
+pub fn open(settings: &Settings) -> Result<Buses, BusError> {
     if let Some((buses, injectors)) = Injectors::open(settings) {
         return Ok(Buses { buses, locks: Vec::new(), injectors: Some(injectors) });
     }
     let mut opened = Buses { buses: Vec::new(), locks: Vec::new(), injectors: None };
     for (index, bus) in settings.buses.iter().enumerate() {
-        opened.locks.extend(lock(bus, directory)?);
+        opened.locks.extend(lock(bus)?);
         opened.buses.push(open_one(settings, index)?);
     }
     Ok(opened)
 }
 
-fn lock(bus: &BusSettings, directory: &Path) -> Result<Option<BusLock>, BusError> {
+fn lock(bus: &BusSettings) -> Result<Option<BusLock>, BusError> {
     let lock = match &bus.kind {
-        BusKind::SocketCan { interface, .. } => {
-            BusLock::interface(directory, interface_name(bus, interface)?)
-        }
-        BusKind::Serial { device, .. } => BusLock::device(directory, device),
+        BusKind::SocketCan { interface, .. } => BusLock::interface(interface_name(bus, interface)?),
+        BusKind::Serial { device, .. } => BusLock::device(device),
         BusKind::Simulated { .. } => return Ok(None),
     };
     lock.map(Some).map_err(|source| BusError::Lock { bus: bus.name.clone(), source })

@@ -29,7 +29,7 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     descriptors::raise_descriptors()?;
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
-    let Buses { buses, locks, injectors } = buses::open(&settings, lock.instance().runtime())?;
+    let Buses { buses, locks, injectors } = buses::open(&settings)?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;

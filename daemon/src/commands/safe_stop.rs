@@ -78,11 +78,10 @@ pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
         tracing::info!("left to the dead man's switch");
         return report(owed.into_iter().map(|interface| LeftOut::Awaited { interface }).collect());
     }
-    let directory = instance.as_ref().map(Instance::runtime);
     // The locks keep a daemon that starts from driving these interfaces until their motors are stopped.
     let (mut opened, mut locks, mut left_out) = (Vec::new(), Vec::new(), Vec::new());
     for bus in &frames.buses {
-        match prepare(bus, directory, open) {
+        match prepare(bus, open) {
             Ok((interface, lock)) => {
                 opened.push(interface);
                 locks.push(lock);
@@ -121,25 +120,20 @@ fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
     }
 }
 
-/// Opens an interface or a port, with its lock: no daemon drives the interface while the lock is held. The lock is `None` where no
-/// daemon could hold one.
-fn prepare(
-    bus: &InterfaceFrames,
-    directory: Option<&Path>,
-    open: Open<'_>,
-) -> Result<(Interface, Option<BusLock>), LeftOut> {
+/// Opens an interface or a port, with its lock: no daemon drives it while the lock is held, whatever its user and its runtime
+/// directory. Where the kernel gives no lock, the motors are stopped without.
+fn prepare(bus: &InterfaceFrames, open: Open<'_>) -> Result<(Interface, Option<BusLock>), LeftOut> {
     if bus.baud.is_some() && !Path::new(&bus.interface).exists() {
         let reason = format!("{}: there is no such device", bus.interface);
         return Err(InterfaceError::Open { reason }.into());
     }
-    let acquire = |directory| match bus.baud {
-        Some(_) => Some(BusLock::device(directory, &bus.interface)),
-        None => bus.interface.parse().ok().map(|name| BusLock::interface(directory, name)),
+    let lock = match bus.baud {
+        Some(_) => Some(BusLock::device(&bus.interface)),
+        None => bus.interface.parse().ok().map(BusLock::interface),
     };
-    let lock = match directory.and_then(acquire) {
+    let lock = match lock {
         Some(Err(held @ LockError::Held { .. })) => return Err(LeftOut::Driven(held)),
-        // Without a directory for locks there is no daemon that could hold one.
-        Some(Err(LockError::File { .. })) | None => None,
+        Some(Err(LockError::System { .. })) | None => None,
         Some(Ok(lock)) => Some(lock),
     };
     Ok((Interface::open(bus, open)?, lock))
