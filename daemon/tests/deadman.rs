@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord::commands::safe_stop::safe_stop;
-use motord::deadman::channel::{Answer, Channel, Listener, Refusal, Request};
+use motord::deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
 use motord::deadman::heartbeat::{Heartbeat, Pulse};
 use motord::deadman::registrar::Registrar;
 use motord::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
@@ -32,6 +32,11 @@ const DAMPING: WrittenFrame = (1, *b"damping!");
 const STOPPING: WrittenFrame = (1, *b"stopping");
 /// Where a child that plays the daemon finds its runtime directory.
 const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
+
+/// The interface of the child, where it is not `can0`.
+const PLAY_ON: &str = "MOTORD_TEST_PLAY_ON";
+/// An interface that a successor drives, in one test.
+const SUCCEEDED: &str = "succeeded";
 
 /// The motor on `can1`, which can be jammed.
 const SECOND: u16 = 2;
@@ -98,7 +103,7 @@ impl Switch {
         let open = move |interface: &str, _frames: u32| -> Result<Box<dyn Outlet>, InterfaceError> {
             let recorder = Recorder::new(&recorder.lock().unwrap());
             match interface {
-                "can0" => Ok(Box::new(recorder)),
+                "can0" | SUCCEEDED => Ok(Box::new(recorder)),
                 "can1" => Ok(Box::new(Recorder { jammed: Arc::clone(&can1), ..recorder })),
                 _ => Err(InterfaceError::Open { reason: format!("{interface} is not there") }),
             }
@@ -156,7 +161,7 @@ fn runtime() -> (TempDir, Instance) {
 
 /// Registers as this process.
 fn register(instance: &Instance, frames: SafeFrames, pulse: &Pulse) -> (Channel, Answer) {
-    let switch = Channel::connect(instance).unwrap();
+    let switch = Channel::connect(instance, SWITCH_PATIENCE).unwrap();
     switch.send(&Request::Register(frames), Some(pulse)).unwrap();
     let (answer, _) = switch.receive().unwrap();
     (switch, answer)
@@ -167,9 +172,14 @@ struct Daemon(Child);
 
 impl Daemon {
     fn start(runtime: &Path) -> Self {
+        Self::start_on(runtime, "can0")
+    }
+
+    fn start_on(runtime: &Path, interface: &str) -> Self {
         let child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "plays_the_daemon", "--nocapture"])
             .env(PLAY, runtime)
+            .env(PLAY_ON, interface)
             .stdout(Stdio::piped())
             .spawn();
         let mut daemon = Self(child.unwrap());
@@ -199,7 +209,9 @@ fn plays_the_daemon() {
     let instance = Instance::below(&PathBuf::from(runtime), "test").unwrap();
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
-    let (_switch, answer) = register(&instance, safe_frames(), &pulse);
+    let mut frames = safe_frames();
+    frames.buses[0].interface = std::env::var(PLAY_ON).unwrap();
+    let (_switch, answer) = register(&instance, frames, &pulse);
     assert_eq!(answer, Answer::Registered);
     println!("registered");
     for cycle in 2..u64::MAX {
@@ -218,6 +230,56 @@ fn a_killed_daemon_leaves_every_motor_damped_and_then_stopped() {
     let latency = switch.stops_the_first().since(killed);
     println!("from SIGKILL to the first damping frame: {latency:?}");
     assert!(latency < PATIENCE, "the closed connection tells, not the heartbeat: {latency:?}");
+}
+
+/// Goal: a switch that was stopped, and goes on, does not damp the motors of a daemon that has begun meanwhile.
+/// Method: this process has the interface, as a successor does that waits to be registered.
+#[test]
+fn a_successor_is_left_alone_by_a_switch_that_only_knows_of_a_death() {
+    let (directory, instance) = runtime();
+    let switch = Switch::start(&instance);
+    let daemon = Daemon::start_on(directory.path(), SUCCEEDED);
+    let successor = BusLock::interface(SUCCEEDED.parse().unwrap()).unwrap();
+    daemon.signal(Signal::SIGKILL);
+    switch.sends_nothing_for(2 * PATIENCE);
+    assert_eq!(owed(&instance), [""; 0]);
+    drop(successor);
+    let next = Daemon::start_on(directory.path(), SUCCEEDED);
+    next.signal(Signal::SIGKILL);
+    switch.stops_the_first();
+}
+
+#[test]
+fn a_switch_gives_signs_of_life_to_the_daemon_it_watches() {
+    let (_directory, instance) = runtime();
+    let _switch = Switch::start(&instance);
+    let (heartbeat, pulse) = beating();
+    let (channel, answer) = register(&instance, safe_frames(), &pulse);
+    assert_eq!(answer, Answer::Registered);
+    let (mut beats, begun) = (0, clock::monotonic());
+    for cycle in 2.. {
+        heartbeat.beat(cycle);
+        beats += u32::from(channel.take_beats().unwrap());
+        if beats == 5 {
+            break;
+        }
+        assert!(clock::monotonic().since(begun) < Duration::from_secs(20), "{beats} beats");
+        sleep(Duration::from_millis(1));
+    }
+    heartbeat.rest();
+}
+
+/// Goal: a switch that hangs keeps nobody from damping the robot.
+/// Method: its socket takes connections, as that of a stopped process does, and nobody answers.
+#[test]
+fn a_safe_stop_does_not_wait_for_a_switch_that_hangs() {
+    let (directory, instance) = runtime();
+    let _hangs = Listener::bind(&instance).unwrap();
+    let config = configuration(directory.path(), &can(&no_can("hang")));
+    let begun = clock::monotonic();
+    let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
+    println!("a safe stop beside a switch that hangs: {:?}", clock::monotonic().since(begun));
+    assert!(text(&output).contains("not told to stop"), "it tries by itself: {}", text(&output));
 }
 
 #[test]
@@ -244,7 +306,7 @@ fn dies(instance: &Instance, frames: SafeFrames) {
 
 /// The interfaces that the switch has not served.
 fn owed(instance: &Instance) -> Vec<String> {
-    let switch = Channel::connect(instance).unwrap();
+    let switch = Channel::connect(instance, SWITCH_PATIENCE).unwrap();
     switch.send(&Request::AskWhetherActing, None).unwrap();
     match switch.receive().unwrap().0 {
         Answer::Acting(owed) => owed,
@@ -286,7 +348,7 @@ fn a_bus_that_takes_nothing_does_not_keep_a_switch_that_is_told_to_end() {
     let open = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::jammed())) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
     let (_heartbeat, pulse) = beating();
-    let daemon = Channel::connect(&instance).unwrap();
+    let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
     daemon.send(&Request::Register(safe_frames()), Some(&pulse)).unwrap();
     server.turn(clock::monotonic() + PATIENCE);
     server.turn(clock::monotonic() + PATIENCE);
@@ -348,7 +410,7 @@ fn a_registration_needs_a_heartbeat_that_has_begun() {
     let _switch = Switch::start(&instance);
     let (_heartbeat, at_rest) = Heartbeat::create().unwrap();
     assert_eq!(register(&instance, safe_frames(), &at_rest).1, Answer::Refused(Refusal::NoHeartbeat));
-    let channel = Channel::connect(&instance).unwrap();
+    let channel = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
     channel.send(&Request::Register(safe_frames()), None).unwrap();
     assert_eq!(channel.receive::<Answer>().unwrap().0, Answer::Refused(Refusal::NoHeartbeat));
 }
@@ -357,8 +419,8 @@ fn a_registration_needs_a_heartbeat_that_has_begun() {
 fn nonsense_and_silence_do_not_keep_others_out() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
-    let _silent = Channel::connect(&instance).unwrap();
-    let nonsense = Channel::connect(&instance).unwrap();
+    let _silent = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let nonsense = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
     nonsense.send(&vec![0; 1000], None).unwrap();
     assert!(nonsense.receive::<Answer>().is_err(), "hung up on");
     let too_wide = SafeFrames {
@@ -464,6 +526,19 @@ fn motord(runtime: &Path, arguments: &[&str], config: &Path) -> Command {
 
 fn text(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Goal: two daemons with two runtime directories never drive one interface.
+#[test]
+fn a_daemon_does_not_get_an_interface_that_a_daemon_with_another_runtime_directory_drives() {
+    let directory = TempDir::new().unwrap();
+    let interface = no_can("two");
+    let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
+    let config = configuration(directory.path(), &can(&interface));
+    let output = motord(directory.path(), &["run"], &config).output().unwrap();
+    assert_eq!(output.status.code(), Some(75), "{}", text(&output));
+    let holder = format!("{interface} is in use by process {}", std::process::id());
+    assert!(text(&output).contains(&holder), "{}", text(&output));
 }
 
 /// Goal: a daemon of another user, or with another runtime directory, has its robot to itself.

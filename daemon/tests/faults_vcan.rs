@@ -435,7 +435,7 @@ fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
 
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
-    let daemon = Channel::connect(&instance).unwrap();
+    let daemon = Channel::connect(&instance, motord::deadman::channel::PATIENCE).unwrap();
     daemon.send(&Request::Register(SafeFrames::of(&settings)), Some(&pulse)).unwrap();
     for _ in 0..2 {
         server.turn(clock::monotonic() + Duration::from_millis(10));

@@ -13,6 +13,8 @@ use std::path::Path;
 
 /// systemd waits for this program before it starts the daemon again.
 const DAMP_MAX: Duration = Duration::from_secs(1);
+/// A switch that does not answer within this time hangs: the motors wait no longer for it. It answers within a millisecond.
+const SWITCH_PATIENCE: Duration = Duration::from_millis(150);
 /// How often the dead man's switch is asked whether it still acts.
 const SWITCH_TURN: Duration = Duration::from_millis(50);
 
@@ -100,7 +102,7 @@ fn report(left_out: Vec<LeftOut>) -> Result<(), SafeStopError> {
 }
 
 /// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served then; `None` when the
-/// switch does not act, or is gone before its end.
+/// switch does not act, hangs, or is gone before its end.
 fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> {
     let end = clock::monotonic() + patience;
     let mut owed = owed_by_switch(instance).ok().filter(|owed| !owed.is_empty())?;
@@ -112,7 +114,7 @@ fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> 
 }
 
 fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
-    let switch = Channel::connect(instance)?;
+    let switch = Channel::connect(instance, SWITCH_PATIENCE)?;
     switch.send(&Request::AskWhetherActing, None)?;
     match switch.receive()?.0 {
         Answer::Acting(owed) => Ok(owed),

@@ -5,13 +5,14 @@
 
 use crate::deadman::heartbeat::Pulse;
 use crate::host::kernel::adopt;
+use motord_bus::Duration;
 use motord_shared::instance::Instance;
 use nix::cmsg_space;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::socket::{
     AddressFamily, Backlog, ControlMessage, ControlMessageOwned, MsgFlags, SockFlag, SockType, UnixAddr,
-    accept4, bind, connect, getsockopt, listen, recv, recvmsg, sendmsg, setsockopt, socket, sockopt,
+    accept4, bind, connect, getsockopt, listen, recv, recvmsg, send, sendmsg, setsockopt, socket, sockopt,
 };
 use nix::sys::time::TimeVal;
 use nix::unistd::geteuid;
@@ -26,8 +27,12 @@ use super::safe_frames::{InterfaceError, SafeFrames};
 
 /// Most bytes of a message: the safe frames of 64 motors have about 6 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
-/// The most time a client waits for the switch, s. The switch opens an interface in milliseconds.
-const PATIENCE_S: i64 = 2;
+/// The most time a daemon waits for the switch. The switch opens an interface in milliseconds.
+pub const PATIENCE: Duration = Duration::from_secs(2);
+/// A sign of life of the switch.
+const BEAT: &[u8] = b".";
+/// Signs of life that are taken at a time.
+const BEATS_MAX: usize = 256;
 
 /// A request to the switch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,14 +76,15 @@ pub enum Refusal {
 pub struct Channel(OwnedFd);
 
 impl Channel {
-    /// Connects to the switch of an instance.
+    /// Connects to the switch of an instance, and waits for it at most `patience` at a time.
     ///
     /// # Errors
     ///
     /// `NotFound` or `ConnectionRefused` when there is none.
-    pub fn connect(instance: &Instance) -> io::Result<Self> {
+    pub fn connect(instance: &Instance, patience: Duration) -> io::Result<Self> {
         let socket = open(SockFlag::empty())?;
-        let patience = TimeVal::new(PATIENCE_S, 0);
+        let micros = i64::from(patience.subsec_micros());
+        let patience = TimeVal::new(patience.as_secs().cast_signed(), micros);
         setsockopt(&socket, sockopt::SendTimeout, &patience)?;
         setsockopt(&socket, sockopt::ReceiveTimeout, &patience)?;
         connect(socket.as_raw_fd(), &address(instance)?)?;
@@ -128,6 +134,26 @@ impl Channel {
     #[must_use]
     pub fn has_ended(&self) -> bool {
         recv(self.0.as_raw_fd(), &mut [0], MsgFlags::MSG_DONTWAIT) != Err(Errno::EAGAIN)
+    }
+
+    /// Gives the other end a sign of life. Neither allocates nor blocks; one system call. That nobody takes it is no error.
+    pub fn beat(&self) {
+        let _full_or_ended = send(self.0.as_raw_fd(), BEAT, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL);
+    }
+
+    /// Takes the signs of life that have come: whether there was one, or `None` when the other end is gone. Neither allocates
+    /// nor blocks.
+    #[must_use]
+    pub fn take_beats(&self) -> Option<bool> {
+        for taken in 0..BEATS_MAX {
+            match recv(self.0.as_raw_fd(), &mut [0], MsgFlags::MSG_DONTWAIT) {
+                Ok(0) => return None,
+                Ok(_) => {}
+                Err(Errno::EAGAIN) => return Some(taken > 0),
+                Err(_) => return None,
+            }
+        }
+        Some(true)
     }
 
     /// The process at the other end; `None` when it belongs to another user.

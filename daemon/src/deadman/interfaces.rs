@@ -2,7 +2,7 @@
 
 use core::fmt::Display;
 use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
-use motord_bus::{Bus, Duration, Frame, Instant, Refusal};
+use motord_bus::{Bus, BusLock, Duration, Frame, Holder, Instant, Refusal};
 use motord_core::clock::Clock;
 use motord_core::stopper::{BusFrames, Outlet, Stopper};
 
@@ -15,6 +15,7 @@ pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, Inte
 /// One interface, opened.
 pub struct Interface {
     name: String,
+    holder: fn(&str) -> Option<Holder>,
     outlet: Box<dyn Outlet>,
     frames: BusFrames,
 }
@@ -32,13 +33,18 @@ impl Interface {
             Some(baud) => Box::new(Port::open(&frames.interface, baud).map_err(|error| failed(&error))?),
             None => open(&frames.interface, 2 * count as u32)?,
         };
-        Ok(Self { name: frames.interface.clone(), outlet, frames: checked })
+        let holder = match frames.baud {
+            Some(_) => BusLock::holder_of_device,
+            None => BusLock::holder_of_interface,
+        };
+        Ok(Self { name: frames.interface.clone(), holder, outlet, frames: checked })
     }
 }
 
 /// Interfaces with the [`Stopper`] of their motors.
 pub struct Interfaces {
     names: Vec<String>,
+    holders: Vec<fn(&str) -> Option<Holder>>,
     outlets: Vec<Box<dyn Outlet>>,
     stopper: Stopper,
 }
@@ -47,13 +53,15 @@ impl Interfaces {
     /// Motors will be damped for `damp`. Nothing is due yet. Allocates; nothing after it does, but [`owed`](Self::owed).
     #[must_use]
     pub fn new(opened: impl IntoIterator<Item = Interface>, damp: Duration) -> Self {
-        let (mut names, mut outlets, mut frames) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut names, mut holders, mut outlets, mut frames) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         for interface in opened {
             names.push(interface.name);
+            holders.push(interface.holder);
             outlets.push(interface.outlet);
             frames.push(interface.frames);
         }
-        Self { names, outlets, stopper: Stopper::new(frames, damp) }
+        Self { names, holders, outlets, stopper: Stopper::new(frames, damp) }
     }
 
     /// The number of interfaces.
@@ -65,6 +73,21 @@ impl Interfaces {
     /// As [`Stopper::begin`].
     pub fn begin(&mut self, now: Instant) {
         self.stopper.begin(now);
+    }
+
+    /// From now on leaves the interfaces alone that another process than `pid` drives: its motors are not those of a dead daemon.
+    /// Returns that process, if there is one. Three system calls per interface, none of which blocks; allocates where there is one.
+    pub fn leave_driven(&mut self, pid: i32) -> Option<u32> {
+        let mut other = None;
+        for ((name, holder), outlet) in self.names.iter().zip(&self.holders).zip(&mut self.outlets) {
+            let driven =
+                holder(name).and_then(|holder| holder.0).filter(|holder| holder.cast_signed() != pid);
+            if driven.is_some() {
+                *outlet = Box::new(LeftAlone);
+                other = driven;
+            }
+        }
+        other
     }
 
     /// As [`Stopper::due`].
@@ -93,6 +116,19 @@ impl Interfaces {
     #[must_use]
     pub fn owed(&self) -> Vec<String> {
         self.stopper.owed().map(|index| self.names[index].clone()).collect()
+    }
+}
+
+/// In the place of an interface that another process drives: it hears nothing, and nothing is owed to it.
+struct LeftAlone;
+
+impl Outlet for LeftAlone {
+    fn send_round(&mut self, _now: Instant, _frames: &[Frame]) -> Option<Refusal> {
+        None
+    }
+
+    fn find(&mut self) -> bool {
+        true
     }
 }
 

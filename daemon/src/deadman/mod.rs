@@ -38,6 +38,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// How often systemd's watchdog is fed.
+const FEEDING: Duration = Duration::from_millis(500);
 /// How often an idle switch checks for a signal.
 const IDLE: Duration = Duration::from_secs(1);
 
@@ -67,6 +69,7 @@ impl DeadmanError {
     pub fn exit_status(&self) -> u8 {
         match self {
             Self::Config(_) => 78,
+            Self::Instance(error) if error.is_a_setting() => 78,
             Self::AlreadyRunning { .. } => 75,
             Self::Instance(_) => 77,
             Self::System(_) => 71,
@@ -100,8 +103,13 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     let mut server = Server::new(listener, interfaces::expect_interface);
     tracing::info!(instance = instance.name(), "ready");
     systemd::ready();
+    let mut fed = clock::monotonic();
     while !ending.load(Ordering::Relaxed) {
         server.turn(clock::monotonic() + IDLE);
+        if clock::monotonic().since(fed) >= FEEDING {
+            fed = clock::monotonic();
+            systemd::feed_watchdog();
+        }
     }
     systemd::stopping(settings.safety.damp);
     let owed = server.finish(clock::monotonic() + settings.safety.damp + PATIENCE);

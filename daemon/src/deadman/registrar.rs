@@ -7,13 +7,15 @@ use motord_shared::instance::Instance;
 use std::io;
 use std::os::fd::AsFd;
 
-use super::channel::{Answer, Channel, Refusal, Request};
+use super::channel::{Answer, Channel, PATIENCE, Refusal, Request};
 use super::safe_frames::SafeFrames;
 
 /// Between two attempts to register.
 const RETRY: Duration = Duration::from_secs(1);
 /// How often the thread checks whether the daemon ends.
-const TURN: Duration = Duration::from_millis(50);
+const TURN: Duration = Duration::from_millis(20);
+/// A switch that gives no sign of life for so long hangs: it gives one every 20 ms.
+const SILENCE: Duration = Duration::from_millis(80);
 
 /// Why the daemon has no dead man's switch.
 #[derive(Debug, thiserror::Error)]
@@ -59,7 +61,7 @@ impl Registrar {
                     tracing::info!("dead man's switch: yes");
                     self.logged = false;
                     let switch = self.switch.insert(switch);
-                    while !stop() && !has_ended(switch) {}
+                    watch(switch, &stop);
                     self.switch = None;
                 }
                 Err(reason) if !self.logged => {
@@ -82,7 +84,7 @@ impl Registrar {
         while self.pulse.read() == Some(AT_REST) {
             std::thread::sleep(TURN);
         }
-        let switch = Channel::connect(&self.instance)?;
+        let switch = Channel::connect(&self.instance, PATIENCE)?;
         switch.send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
         match switch.receive()?.0 {
             Answer::Registered => Ok(switch),
@@ -92,8 +94,27 @@ impl Registrar {
     }
 }
 
-/// Waits for the end of the connection, at most [`TURN`].
-fn has_ended(switch: &Channel) -> bool {
-    let now = clock::monotonic();
-    wait(&[Readiness::Readable(switch.as_fd())], now, now + TURN).any() && switch.has_ended()
+/// Returns when the switch is gone, or `stop` returns true. Says when the switch hangs, and when it is back.
+fn watch(switch: &Channel, stop: &impl Fn() -> bool) {
+    let (mut heard, mut hangs) = (clock::monotonic(), false);
+    while !stop() {
+        let now = clock::monotonic();
+        let _woken = wait(&[Readiness::Readable(switch.as_fd())], now, now + TURN);
+        match switch.take_beats() {
+            None => return,
+            Some(true) => {
+                heard = clock::monotonic();
+                if std::mem::take(&mut hangs) {
+                    tracing::warn!("the dead man's switch answers again");
+                }
+            }
+            Some(false) if !hangs && now.since(heard) >= SILENCE => {
+                hangs = true;
+                tracing::error!(
+                    "the dead man's switch hangs: if this process dies, nothing damps the robot until the switch goes on"
+                );
+            }
+            Some(false) => {}
+        }
+    }
 }

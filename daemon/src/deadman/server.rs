@@ -1,7 +1,7 @@
 //! The dead man's switch at work: hears registrations, supervises one daemon, and stops its motors when it cannot.
 
 use crate::deadman::heartbeat::{AT_REST, Pulse};
-use motord_bus::{Instant, Readiness, Ready, clock, wait};
+use motord_bus::{Duration, Instant, Readiness, Ready, clock, wait};
 use motord_core::stopper::Outlet;
 use std::os::fd::AsFd;
 
@@ -9,6 +9,11 @@ use super::channel::{Answer, Channel, Listener, Refusal, Request};
 use super::interfaces::{Interface, Interfaces};
 use super::safe_frames::{InterfaceError, SafeFrames};
 use super::switch::{Cause, Switch};
+
+/// How often the daemon gets a sign of life.
+const BEAT: Duration = Duration::from_millis(20);
+/// A round that is so late was held up by more than other processes: this one was stopped, and another daemon may have begun.
+const FROZEN: Duration = Duration::from_millis(100);
 
 /// The switch of one instance. `O` opens an interface, to send up to so many frames at a time.
 pub struct Server<O> {
@@ -24,6 +29,8 @@ struct Supervised {
     channel: Channel,
     pid: i32,
     connected: bool,
+    /// The next sign of life.
+    beat: Instant,
     watch: Watch,
 }
 
@@ -112,7 +119,13 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
             Ok((Request::AskWhetherActing, _)) => Answer::Acting(self.owed()),
             Ok((Request::Register(frames), pulse)) => match self.prepare(&frames, pulse) {
                 Ok(watch) => {
-                    return self.supervise(Supervised { channel: caller, pid, connected: true, watch });
+                    return self.supervise(Supervised {
+                        channel: caller,
+                        pid,
+                        connected: true,
+                        beat: Instant::ZERO,
+                        watch,
+                    });
                 }
                 Err(refusal) => Answer::Refused(refusal),
             },
@@ -149,7 +162,12 @@ fn readable(channel: Option<&Channel>) -> Readiness<'_> {
 impl Supervised {
     fn watch(&mut self, ready: Ready) {
         self.connected &= !(ready.contains(SUPERVISED) && self.channel.has_ended());
-        match self.watch.step(self.connected) {
+        let now = clock::monotonic();
+        if self.connected && now >= self.beat {
+            self.beat = now + BEAT;
+            self.channel.beat();
+        }
+        match self.watch.step(self.connected, self.pid) {
             Some(News::Over(cause)) => {
                 tracing::warn!(pid = self.pid, "damped or stopped its motors: {cause}");
             }
@@ -169,18 +187,22 @@ impl Watch {
         round.unwrap_or(self.switch.due())
     }
 
-    /// Real-time: does not allocate; one system call, and while the switch acts those of a [round](Interfaces::round), which
+    /// Real-time: does not allocate, but where another process drives an interface; one system call, and while the switch acts those of a [round](Interfaces::round), which
     /// can block when an interface is missing.
-    fn step(&mut self, connected: bool) -> Option<News> {
+    fn step(&mut self, connected: bool, pid: i32) -> Option<News> {
         let acted = self.switch.acts();
         let now = clock::monotonic();
         // A file that cannot be read any more counts as a heartbeat that stands still.
         let heartbeat = self.pulse.read().unwrap_or(self.switch.heartbeat());
         self.switch.step(now, connected, heartbeat);
         let Some(cause) = self.switch.acts() else { return acted.map(News::Over) };
+        let late = self.interfaces.due().is_some_and(|due| now.since(due) >= FROZEN);
         if acted.is_none() {
             self.interfaces.begin(now);
             self.stalled = false;
+        }
+        if acted.is_none() || late {
+            self.leave_successors(pid);
         }
         self.interfaces.round(now);
         if self.interfaces.due().is_none() {
@@ -190,5 +212,16 @@ impl Watch {
         let logged = self.stalled;
         self.stalled |= self.interfaces.is_stalled();
         (self.stalled && !logged).then_some(News::Stalled(cause))
+    }
+
+    /// A switch that was stopped for a while may find that the dead daemon has a successor, whose registration still waits.
+    fn leave_successors(&mut self, pid: i32) {
+        if let Some(successor) = self.interfaces.leave_driven(pid) {
+            tracing::warn!(
+                pid,
+                successor,
+                "is dead, but another process drives its interfaces: they are left alone"
+            );
+        }
     }
 }
