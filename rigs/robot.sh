@@ -105,10 +105,10 @@ stop_daemon() { kill "$daemon" && wait "$daemon"; }
 
 stop_robot() { stop_daemon && kill "$simulator"; }
 
-# start_trot SECONDS: lets the robot trot. The process id of its controller is $controller.
+# start_trot SECONDS [COMMAND...]: lets the robot trot; COMMAND runs the controller. Its process id is $controller.
 start_trot() {
     : >controller.log # that of the trot before tells of progress
-    motorctl demo-controller "$1" >controller.log 2>&1 &
+    "${@:2}" motorctl demo-controller "$1" >controller.log 2>&1 &
     controller=$!
     await "the robot trots" grep -q progress controller.log
 }

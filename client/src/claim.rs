@@ -15,7 +15,8 @@ const RELEASE_TIMEOUT: Duration = Duration::from_millis(100);
 /// How often a setpoint is repeated until the daemon has it: about a cycle.
 const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 
-/// Ownership of a group. Dropping it releases the group, which stops it when it was active.
+/// Ownership of a group. Dropping it releases the group, which stops it when it was active. It belongs to the process that
+/// claims: with the end of that process the claim ends, and a process that it forked cannot go on with it.
 ///
 /// Setpoints are given by name, and stay until they are given again: [`set`](Self::set) or [`hold`](Self::hold), then
 /// [`commit`](Self::commit). Or all at once, in the order of the group: [`send`](Self::send).

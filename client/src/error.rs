@@ -206,8 +206,9 @@ impl Error {
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
             | Self::OtherClaim => 64,
-            Self::Instance(InstanceError::Name { .. } | InstanceError::PathLength { .. }) => 64,
-            Self::Permission { .. } | Self::Instance(InstanceError::NotPrivate { .. }) => 77,
+            Self::Instance(error) if error.is_a_setting() => 64,
+            Self::Permission { .. }
+            | Self::Instance(InstanceError::NotPrivate { .. } | InstanceError::NotOurs { .. }) => 77,
             Self::Version { .. } | Self::NotUnderstood { .. } => 76,
             _ => 69,
         }

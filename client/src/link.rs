@@ -13,7 +13,7 @@
 use crate::error::{Error, Stop};
 use crate::state::{Group, State};
 use motord_shared::description::RobotDescription;
-use motord_shared::instance::{Attachment, process_exists};
+use motord_shared::instance::{Attachment, pid_namespace, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, SetpointPort};
@@ -58,6 +58,8 @@ impl Subject {
             group: index(self.group),
             joint: index(self.joint),
             pid: std::process::id(),
+            // Only an owner's process is watched.
+            pid_namespace: if operation == Operation::Claim { pid_namespace() } else { 0 },
             argument: self.argument,
         }
     }

@@ -1,12 +1,13 @@
 //! Why the daemon does not run, or why it ended by itself.
 
 use crate::buses::BusError;
-use crate::host::descriptors::TooFewDescriptors;
 use motord_bus::LockError;
 use motord_configuration::ConfigError;
+use motord_realtime::descriptors::TooFewDescriptors;
 use motord_shared::instance::InstanceError;
 use motord_shared::service::ServiceError;
 use std::io;
+use std::path::PathBuf;
 
 /// Why the daemon does not run.
 #[derive(Debug, thiserror::Error)]
@@ -45,6 +46,12 @@ pub enum RunError {
     /// A thread ended that should not.
     #[error("the {0} thread ended unexpectedly: this is a bug, the motors were told to stop")]
     Thread(&'static str),
+    /// Somebody removed a file that clients find the daemon by.
+    #[error(
+        "{} was removed or replaced, and no new client could reach this daemon: the motors were told to stop",
+        .0.display()
+    )]
+    DirectoryLost(PathBuf),
     /// These motors did not answer their stops, and may hold their last command.
     #[error("told to stop, but not heard since: {}; cut their power before anybody comes near", .0.join(", "))]
     Unstopped(Vec<String>),
@@ -56,10 +63,11 @@ impl RunError {
     pub fn exit_status(&self) -> u8 {
         match self {
             Self::Config(_) | Self::Lock(_) | Self::Realtime { .. } => 78,
+            Self::Instance(error) if error.is_a_setting() => 78,
             Self::Instance(InstanceError::AlreadyRunning { .. })
             | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => 75,
             Self::Instance(_) => 77,
-            Self::Bus(_) | Self::Service(_) | Self::Unstopped(_) => 69,
+            Self::Bus(_) | Self::Service(_) | Self::DirectoryLost(_) | Self::Unstopped(_) => 69,
             Self::Descriptors(_) | Self::System(_) => 71,
             Self::Thread(_) => 70,
         }

@@ -5,6 +5,7 @@
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-ipc` | clients |
 //! | `motord-telemetry` | histograms, log, watchdog |
+//! | `motord-owners` | hears of the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | hears emergency stops on their socket |
 //! | `motord-reconnector` | opens buses again that went away |
@@ -23,14 +24,16 @@ use crate::emergency_stop;
 use crate::host::clock::Monotonic;
 use crate::host::rt::{self, SchedulingRequest, Step};
 use crate::ipc::description::describe;
+use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Schedule};
 use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
-use motord_core::cycle::{Cycle, EmergencyStops, Order, assemble};
+use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
+use motord_shared::Presence;
 use motord_shared::injection::InjectionListener;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
@@ -38,12 +41,14 @@ use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{Builder, JoinHandle};
 
+/// How often the thread that waits for the deaths of owners checks whether the daemon ends.
+const OWNERS_TURN: Duration = Duration::from_millis(50);
 /// Period in which a registrar that panicked checks whether the last cycle is over.
 const REGISTRAR_TURN: Duration = Duration::from_millis(50);
 
@@ -110,6 +115,8 @@ pub struct Daemon {
     ipc: JoinHandle<()>,
     telemetry: JoinHandle<()>,
     realtime: Vec<Step>,
+    /// The first file of the runtime directory that was lost.
+    lost: Arc<OnceLock<PathBuf>>,
 }
 
 impl Daemon {
@@ -129,11 +136,14 @@ impl Daemon {
         let boot_id = boot_id();
         let (mut cycle, ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
         let stops = Arc::clone(&ends.stops);
+        let counters = Arc::clone(&ends.counters);
+        let (owners, deaths) = owners().map_err(io::Error::from)?;
         let (ipc_end, telemetry_end, supply) = ipc::CycleEnd::split(ends);
         let (questions, answers) = telemetry::questions();
         let askers = questions.askers.clone();
 
-        let ipc = start_ipc(&settings, lock, &orders, ipc_end, questions, boot_id)?;
+        let ipc = start_ipc(&settings, lock, &orders, (ipc_end, owners), questions, boot_id)?;
+        start_owners(&settings, &orders, deaths, counters)?;
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
@@ -144,6 +154,7 @@ impl Daemon {
         let (broken, hears_broken) = channel();
         recorder.reports_broken(broken);
         start_reconnector(&settings, &orders, Reconnector::new(supply), hears_broken)?;
+        let lost = recorder.guards(Presence::of(lock));
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
@@ -154,7 +165,7 @@ impl Daemon {
         if let Some(injectors) = buses.injectors {
             start_simulation(lock, &orders, injectors)?;
         }
-        Ok(Self { orders, cycle, ipc, telemetry, realtime })
+        Ok(Self { orders, cycle, ipc, telemetry, realtime, lost })
     }
 
     /// The steps by which the cycle thread became real-time, and their outcomes.
@@ -163,9 +174,12 @@ impl Daemon {
         &self.realtime
     }
 
-    /// The motors are stopped, by request or because a thread panicked.
+    /// The motors are stopped, by request, because a thread panicked, or because nobody can reach the daemon any more.
     #[must_use]
     pub fn has_ended(&self) -> bool {
+        if self.lost.get().is_some() {
+            self.stop();
+        }
         self.orders.are(Orders::STOP) && self.cycle.is_finished()
     }
 
@@ -204,6 +218,9 @@ impl Daemon {
         if let Some(motors) = self.orders.unstopped.get() {
             return Err(RunError::Unstopped(motors.clone()));
         }
+        if let Some(path) = self.lost.get() {
+            return Err(RunError::DirectoryLost(path.clone()));
+        }
         tracing::info!("the motors are stopped");
         Ok(())
     }
@@ -227,7 +244,7 @@ fn start_ipc(
     settings: &Settings,
     lock: &Arc<InstanceLock>,
     orders: &Arc<Orders>,
-    end: ipc::CycleEnd,
+    (end, owners): (ipc::CycleEnd, Owners),
     questions: telemetry::Questions,
     boot_id: u64,
 ) -> Result<JoinHandle<()>, RunError> {
@@ -251,10 +268,32 @@ fn start_ipc(
         steps.iter().for_each(|step| rt::log(step, "ipc"));
         report(&opened, Ok(()));
         let mut thread = IpcThread::new(ports, end, questions, description, ipc.mode, schedule);
+        thread.watch(owners);
         thread.run(|| given.are(Orders::END));
     })?;
     await_report(&ready, "ipc")??;
     Ok(thread)
+}
+
+/// Nobody waits for this thread: it holds nothing, and ends with the process.
+fn start_owners(
+    settings: &Settings,
+    orders: &Arc<Orders>,
+    deaths: Deaths,
+    counters: Arc<Counters>,
+) -> Result<(), RunError> {
+    let given = Arc::clone(orders);
+    let request = below_the_cycle(settings);
+    let run = move || {
+        let _refused_like_the_cycle = rt::prepare_thread(request);
+        while !given.are(Orders::END) {
+            if let Some(lease) = deaths.next(OWNERS_TURN) {
+                counters.alarms.owner_ended(lease);
+            }
+        }
+    };
+    let _detached = start("owners", orders, run)?;
+    Ok(())
 }
 
 fn start_telemetry(

@@ -7,7 +7,8 @@ use motord_bus::Duration;
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::FLAG_EMERGENCY_STOP;
 use motord_shared::{
-    AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMessage,
+    AdminRequest, Cause, JointSetpoint, Lease, MotorMode, Operation, Phase, Refusal, Rejection,
+    SetpointMessage,
 };
 use robot::{Meaning, Robot};
 
@@ -49,6 +50,75 @@ fn silence_of_the_owner_stops_the_group_after_twenty_milliseconds_for_good() {
     }
     assert_eq!(robot.cause(), Some(Cause::SetpointTimeout));
     assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "new messages do not resume it");
+}
+
+/// Tells the cycle that the process with `lease` has ended, as the daemon does.
+fn dies(robot: &mut Robot, lease: u64) {
+    robot.client.alarms().owner_ended(Lease::from_raw(lease).expect("it owns the group"));
+    robot.step();
+}
+
+/// Resets the group when it is at rest, and makes it follow setpoints again.
+fn activate_again(robot: &mut Robot) -> Vec<JointSetpoint> {
+    while robot.phase() != Phase::Disarmed {
+        robot.step();
+    }
+    robot.operate(Operation::Reset).expect("a group at rest can be reset");
+    robot.activate()
+}
+
+#[test]
+fn the_death_of_the_owner_stops_its_group_in_the_next_cycle_for_good() {
+    let (mut robot, joints) = active();
+    let lease = robot.lease();
+    robot.take_sent();
+    dies(&mut robot, lease);
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::OwnerDied)));
+    assert_eq!(robot.group().lease, 0, "the group is free for the next controller");
+    for _ in 0..200 {
+        robot.follow(&joints);
+    }
+    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()), "what it sent before moves nothing");
+    assert_eq!(robot.cause(), Some(Cause::OwnerDied));
+}
+
+/// A kernel that tells late, or a process id that was given anew, stops no healthy robot.
+#[test]
+fn the_death_of_a_process_that_owns_nothing_any_more_stops_nobody() {
+    let (mut robot, _) = active();
+    let first = robot.lease();
+    dies(&mut robot, first);
+    let joints = activate_again(&mut robot);
+    assert_ne!(robot.lease(), first);
+    dies(&mut robot, first);
+    robot.follow(&joints);
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Active, None));
+}
+
+#[test]
+fn the_death_of_the_owner_of_a_group_at_rest_frees_it_and_is_no_stop() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.steps(10);
+    let lease = robot.claim().expect("nobody owns the group");
+    dies(&mut robot, lease);
+    assert_eq!((robot.phase(), robot.cause(), robot.group().lease), (Phase::Disarmed, None, 0));
+}
+
+#[test]
+fn a_daemon_that_nobody_can_reach_stops_every_group_and_its_end_is_not_the_cause() {
+    for leaves in [false, true] {
+        let (mut robot, joints) = active();
+        robot.client.alarms().stop(Cause::DirectoryLost);
+        if leaves {
+            robot.cycle.shut_down();
+        }
+        robot.take_sent();
+        robot.follow(&joints);
+        assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::DirectoryLost)));
+        assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
+        let joints = (!leaves).then(|| activate_again(&mut robot));
+        assert!(joints.is_none_or(|_| robot.cause().is_none()), "it is told once");
+    }
 }
 
 #[test]
@@ -219,7 +289,7 @@ fn a_successor_gets_a_stopped_group_and_the_old_lease_moves_nothing() {
     let (mut robot, joints) = active();
     let old = robot.message(&joints);
     robot.steps(22);
-    let lease = robot.claim().unwrap();
+    let lease = robot.claim().expect("nobody owns the group");
     assert_ne!(lease, old.lease);
     assert!(lease >> 8 > old.lease >> 8, "epochs rise");
     robot.follow(&joints);
@@ -230,7 +300,7 @@ fn a_successor_gets_a_stopped_group_and_the_old_lease_moves_nothing() {
     for _ in 0..3000 {
         robot.follow(&joints);
     }
-    robot.operate(Operation::Reset).unwrap();
+    robot.operate(Operation::Reset).expect("a group at rest can be reset");
     robot.activate();
 }
 

@@ -393,19 +393,65 @@ fn may_mount() -> bool {
     may
 }
 
+/// Goal: a robot that no client can reach any more does not go on, and nobody starts a second daemon beside it.
+/// Method: each of the files is removed while a controller has a stiff joint; it hears the stop, as it is connected.
 #[test]
-fn files_that_are_removed_under_a_daemon_do_not_kill_it() {
-    let daemon = Daemon::plain();
-    let mut operator = Operator::of(&daemon);
-    operator.activate();
-    fs::remove_dir_all(daemon.place.path().join("iox")).unwrap();
-    let before = operator.state.cycle;
-    let begun = Instant::now();
-    while operator.state.cycle < before + 100 {
+fn a_daemon_whose_files_are_removed_stops_its_robot_and_tells_the_cause() {
+    for removed in ["", "test.lock", "iox", "iox/test", "iox/test/services"] {
+        let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
+        daemon.must_say(READY);
+        let mut operator = Operator::of(&daemon);
+        operator.activate();
+        let path = daemon.place.path().join(removed);
+        if path.is_dir() {
+            fs::remove_dir_all(&path).unwrap();
+        } else {
+            fs::remove_file(&path).unwrap();
+        }
+        let begun = Instant::now();
+        while operator.phase() == Phase::Active {
+            operator.refresh();
+            assert!(begun.elapsed() < PATIENCE, "{removed:?} is gone, and the robot goes on");
+        }
+        assert_eq!(operator.state.groups[0].cause, Cause::DirectoryLost.code(), "{removed:?}");
+        assert_eq!(daemon.ends().code(), Some(69), "{removed:?}");
         operator.refresh();
-        assert!(begun.elapsed() < PATIENCE, "whoever was connected stays so");
+        assert_eq!(operator.phase(), Phase::Disarmed, "{removed:?}");
+        let log = daemon.log();
+        assert!(log.contains("was removed or replaced"), "{removed:?}: {log}");
     }
-    daemon.must_live_and_end();
+}
+
+#[test]
+fn a_runtime_directory_with_an_odd_character_is_refused_in_words() {
+    for odd in ["r\u{f6}bot", "a*b"] {
+        let script = format!(
+            "mkdir \"$MOTORD_RUNTIME_DIR/{odd}\"; export MOTORD_RUNTIME_DIR=\"$MOTORD_RUNTIME_DIR/{odd}\"; exec \"$@\""
+        );
+        let mut daemon = Daemon::start(&script, CONFIG, Stdio::piped());
+        assert_eq!(daemon.ends().code(), Some(78), "{odd}");
+        let log = daemon.log();
+        assert!(log.contains("MOTORD_RUNTIME_DIR") && !log.contains("panicked"), "{log}");
+    }
+}
+
+#[test]
+fn a_verdict_stands_although_its_reader_has_gone() {
+    let place = TempDir::new().unwrap();
+    let path = place.path().join("motord.toml");
+    for (config, status) in [(CONFIG, 0), ("nonsense", 78)] {
+        fs::write(&path, config).unwrap();
+        let mut command = Command::new("sh");
+        // The reader is gone before the verdict is written.
+        command.args([
+            "-c",
+            r#"{ sleep 0.5; "$@"; echo $? >&2; } | true"#,
+            "sh",
+            env!("CARGO_BIN_EXE_motord"),
+        ]);
+        let output = command.args(["check", "--config"]).arg(&path).output().unwrap();
+        assert_eq!(String::from_utf8(output.stderr).unwrap().trim(), status.to_string());
+    }
 }
 
 #[test]

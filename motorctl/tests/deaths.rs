@@ -67,27 +67,15 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
     });
     controller.0.kill().unwrap();
 
-    let timeout = client.description().setpoint_timeout;
-    let period = client.description().period();
-    let mut before = (0, Duration::ZERO);
     let damped = until("damping", || {
         let state = client.wait(Duration::from_secs(1)).unwrap();
-        let age = group(&state).setpoint_age;
-        if group(&state).phase == Some(Phase::Damping) {
-            return Some(state);
-        }
-        assert!(age.unwrap() <= timeout, "a setpoint that is {age:?} old was followed");
-        before = (state.cycle(), age.unwrap());
-        None
+        (group(&state).phase == Some(Phase::Damping)).then_some(state)
     });
-    // The cycles that this watcher missed, and those that the machine did not run, are no delay of the daemon.
-    let unseen = u32::try_from(damped.cycle() - before.0).unwrap();
-    assert!(before.1 + unseen * period + 2 * period >= timeout, "it was damped too early");
     assert!(
         damped.joints().all(|joint| joint.applied.kp == 0.0 && joint.applied.kd > 0.0),
         "every joint is damped"
     );
-    assert_eq!(group(&damped).cause, Some(Cause::SetpointTimeout));
+    assert_eq!(group(&damped).cause, Some(Cause::OwnerDied), "its death tells, not its silence");
 
     until("rest", || {
         let state = client.wait(Duration::from_secs(1)).unwrap();

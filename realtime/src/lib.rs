@@ -1,5 +1,8 @@
-//! Real-time scheduling and memory for a thread, as far as the machine grants them.
+//! Real-time scheduling and memory for a thread, as far as the machine grants them; file descriptors, and the deaths of other
+//! processes.
 
+pub mod deaths;
+pub mod descriptors;
 #[allow(unsafe_code, reason = "a system call that no safe crate offers")]
 mod kernel;
 

@@ -105,6 +105,8 @@ codes! {
         RangeEnd = 22 "range-end" "A motor reached the end of the position range that it can report.",
         MotorOff = 23 "motor-off" "A motor said that it is off while it should follow setpoints.",
         Disabled = 24 "disabled" "Somebody other than its owner disabled the group.",
+        OwnerDied = 27 "owner-died" "The owner's process ended while its group was active.",
+        DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",
     }
 }
 
@@ -113,7 +115,8 @@ impl Cause {
     #[must_use]
     pub const fn advice(self) -> &'static str {
         match self {
-            Self::SetpointTimeout | Self::OwnerLost => "Start the controller again",
+            Self::SetpointTimeout | Self::OwnerLost | Self::OwnerDied => "Start the controller again",
+            Self::DirectoryLost => "Find out who removed the files, and start the daemon again",
             Self::EmergencyStop => "Make sure that the robot may move safely",
             Self::MotorLost => "Check the motor's power, its CAN cable and its id",
             Self::MotorFault => {

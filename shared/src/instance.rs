@@ -8,90 +8,34 @@
 //! Who may enter `<runtime>` may command the motors. The files below are open to everybody who can reach them, so the
 //! directory alone decides: `/run/motord` belongs to a group, every other choice is private to its user.
 
+pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
+
+use crate::directory::{Directory, STICKY};
+use crate::instance_error::{ROOT_BYTES_MAX, refused};
 use crate::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::signal::kill;
 use nix::unistd::{AccessFlags, Pid, Uid, access};
-use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
+use std::fs::{DirBuilder, File};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::ffi::OsStrExt;
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
-
-/// The variable that names another runtime directory.
-pub const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
 
 /// The runtime directory of a daemon that runs as a service.
 const SERVICE_RUNTIME: &str = "/run/motord";
 
-/// Most bytes of an instance's root path. Its sockets lie below it: a socket's path holds 107 bytes, and
-/// `/m_<number of up to 39 digits>.event` takes 48 of them.
-const ROOT_BYTES_MAX: usize = 107 - 48;
-
-/// Why an instance cannot be reached or held.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum InstanceError {
-    /// The name has a form that no instance has.
-    #[error("{name:?} is no instance name: use 1 to {NAME_BYTES_MAX} of the characters a-z, 0-9 and -")]
-    Name {
-        /// The name that was given.
-        name: String,
-    },
-    /// The user may not enter the runtime directory.
-    #[error(
-        "no permission for {}: join the group that owns it, or name another directory in {RUNTIME_DIR_VARIABLE}",
-        path.display()
-    )]
-    Permission {
-        /// The directory that could not be entered.
-        path: PathBuf,
-    },
-    /// Someone else prepared, or could enter, a directory that must be private.
-    #[error(
-        "{} must be a directory of user {uid} that nobody else can enter: remove it, or name another directory in \
-         {RUNTIME_DIR_VARIABLE}",
-        path.display()
-    )]
-    NotPrivate {
-        /// The directory.
-        path: PathBuf,
-        /// Who should own it.
-        uid: u32,
-    },
-    /// The sockets would get paths that are too long for the system.
-    #[error(
-        "{} is too long, an instance's path may have {ROOT_BYTES_MAX} bytes: name a shorter directory in \
-         {RUNTIME_DIR_VARIABLE}",
-        path.display()
-    )]
-    PathLength {
-        /// The instance's path.
-        path: PathBuf,
-    },
-    /// Another daemon holds the instance.
-    #[error("process {pid} already runs this instance: stop it first, or run another instance ({})", path.display())]
-    AlreadyRunning {
-        /// The holder; 0 when it did not tell yet.
-        pid: u32,
-        /// The lock that it holds.
-        path: PathBuf,
-    },
-    /// The system refused something else.
-    #[error("cannot use {}: {errno}", path.display())]
-    System {
-        /// The file or directory.
-        path: PathBuf,
-        /// Why.
-        errno: Errno,
-    },
-}
+/// In the mode of a directory: others than its owner may write to it.
+const GROUP_WRITES: u32 = 0o022;
 
 /// An instance's name and place. It may run, or not.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Instance {
     name: String,
     runtime: PathBuf,
+    /// Its runtime directory must be its user's alone.
+    private: bool,
 }
 
 impl Instance {
@@ -102,18 +46,19 @@ impl Instance {
     /// When the name is none, or the directory may not be entered or is not private.
     pub fn find(name: &str) -> Result<Self, InstanceError> {
         let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let runtime = match choose(
-            variable(RUNTIME_DIR_VARIABLE),
-            Path::new(SERVICE_RUNTIME),
-            variable("XDG_RUNTIME_DIR"),
-        ) {
-            Choice::Shared(runtime) => runtime,
+        let choice =
+            choose(variable(RUNTIME_DIR_VARIABLE), Path::new(SERVICE_RUNTIME), variable("XDG_RUNTIME_DIR"));
+        match choice {
+            Choice::Shared(runtime) => Self::below(&runtime, name),
             Choice::Private(runtime) => {
-                check_private(&runtime)?;
-                runtime
+                // Before it may be entered at all; whoever uses it checks what it opened.
+                match open_runtime(&runtime, true) {
+                    Err(error) if !is_missing(&error) => return Err(error),
+                    Ok(_) | Err(_) => {}
+                }
+                Ok(Self { private: true, ..Self::below(&runtime, name)? })
             }
-        };
-        Self::below(&runtime, name)
+        }
     }
 
     /// The instance `name` in the runtime directory `runtime`.
@@ -124,7 +69,11 @@ impl Instance {
         if !is_name(name) {
             return Err(InstanceError::Name { name: name.to_owned() });
         }
-        let instance = Self { name: name.to_owned(), runtime: runtime.to_owned() };
+        let sound = |byte: &u8| matches!(byte, b' '..=b'~') && !b"<>\"|?*\\".contains(byte);
+        if !runtime.as_os_str().as_bytes().iter().all(sound) {
+            return Err(InstanceError::Characters { path: runtime.to_owned() });
+        }
+        let instance = Self { name: name.to_owned(), runtime: runtime.to_owned(), private: false };
         let root = instance.root();
         if root.as_os_str().len() > ROOT_BYTES_MAX {
             return Err(InstanceError::PathLength { path: root });
@@ -157,28 +106,29 @@ impl Instance {
     /// # Errors
     /// [`InstanceError::AlreadyRunning`] with the holder's process id; others when the directory cannot be used.
     pub fn lock(&self) -> Result<InstanceLock, InstanceError> {
-        create_directory(&self.runtime, 0o700)?;
-        let mode = fs::metadata(&self.runtime).map_err(|error| refused(&self.runtime, &error))?.mode();
-        let path = self.runtime.join(format!("{}.lock", self.name));
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .custom_flags(nix::libc::O_NOFOLLOW)
-            .open(&path)
-            .map_err(|error| refused(&path, &error))?;
+        match DirBuilder::new().mode(0o700).create(&self.runtime) {
+            Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
+                return Err(refused(&self.runtime, errno(&error)));
+            }
+            _ => {}
+        }
+        let runtime = open_runtime(&self.runtime, self.private)?;
+        let name = format!("{}.lock", self.name);
+        let path = self.runtime.join(&name);
+        let mut file = runtime.make_file(&name)?;
         let holder = read_pid(&mut file);
         let mut lock =
             Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
                 Errno::EWOULDBLOCK => InstanceError::AlreadyRunning { pid: holder, path: path.clone() },
                 errno => InstanceError::System { path: path.clone(), errno },
             })?;
-        write_pid(&mut lock).map_err(|error| refused(&path, &error))?;
-        let root = self.root();
-        create_directory(&self.runtime.join("iox"), mode)?;
-        create_directory(&root, mode)?;
+        write_pid(&mut lock).map_err(|error| refused(&path, errno(&error)))?;
+        let mode = runtime.stat()?.st_mode;
+        if mode & GROUP_WRITES != 0 {
+            runtime.set_mode(mode | STICKY);
+        }
+        let root =
+            runtime.make_below("iox", mode & 0o2777 | STICKY)?.make_below(&self.name, mode & 0o2777)?;
         sweep(&root)?;
         Ok(InstanceLock { instance: self.clone(), _lock: lock })
     }
@@ -189,15 +139,16 @@ impl Instance {
     /// # Errors
     /// When the directory cannot be used.
     pub fn attach(&self) -> Result<Option<Attachment>, InstanceError> {
-        let root = self.root();
-        let directory = match File::open(&root) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            other => other.map_err(|error| refused(&root, &error))?,
+        let opened = open_runtime(&self.runtime, self.private)
+            .and_then(|runtime| runtime.open_below("iox")?.open_below(&self.name)?.file());
+        let directory = match opened {
+            Err(error) if is_missing(&error) => return Ok(None),
+            other => other?,
         };
         match Flock::lock(directory, FlockArg::LockSharedNonblock) {
             Ok(lock) => Ok(Some(Attachment { instance: self.clone(), _lock: lock })),
             Err((_, Errno::EWOULDBLOCK)) => Ok(None),
-            Err((_, errno)) => Err(InstanceError::System { path: root, errno }),
+            Err((_, errno)) => Err(InstanceError::System { path: self.root(), errno }),
         }
     }
 }
@@ -220,6 +171,11 @@ impl InstanceLock {
     #[must_use]
     pub fn instance(&self) -> &Instance {
         &self.instance
+    }
+
+    /// The file whose lock is held.
+    pub(crate) fn path(&self) -> PathBuf {
+        self.instance.runtime.join(format!("{}.lock", self.instance.name))
     }
 }
 
@@ -244,6 +200,12 @@ pub fn process_exists(pid: u32) -> bool {
     i32::try_from(pid).is_ok_and(|pid| pid > 0 && kill(Pid::from_raw(pid), None) != Err(Errno::ESRCH))
 }
 
+/// The namespace of this process's id, as `AdminRequest::pid_namespace` has it; 0 when the system does not tell.
+#[must_use]
+pub fn pid_namespace() -> u64 {
+    nix::sys::stat::stat("/proc/self/ns/pid").map_or(0, |namespace| namespace.st_ino)
+}
+
 /// A runtime directory, by who may enter it.
 #[derive(Debug, PartialEq, Eq)]
 enum Choice {
@@ -265,15 +227,23 @@ fn choose(named: Option<PathBuf>, service: &Path, session: Option<PathBuf>) -> C
     Choice::Private(session.unwrap_or_else(temporary))
 }
 
-/// A directory below one that everybody may write to can have been put there by anybody.
-fn check_private(path: &Path) -> Result<(), InstanceError> {
+/// A private directory below one that everybody may write to can have been put there by anybody.
+fn open_runtime(path: &Path, private: bool) -> Result<Directory, InstanceError> {
     let uid = Uid::effective().as_raw();
-    match fs::symlink_metadata(path) {
-        Ok(found) if found.is_dir() && found.uid() == uid && found.mode() & 0o077 == 0 => Ok(()),
-        Ok(_) => Err(InstanceError::NotPrivate { path: path.to_owned(), uid }),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        Err(error) => Err(refused(path, &error)),
+    let not_private = || InstanceError::NotPrivate { path: path.to_owned(), uid };
+    let opened = match Directory::open(path, !private) {
+        Err(InstanceError::NotDirectory { .. }) if private => return Err(not_private()),
+        other => other?,
+    };
+    let found = opened.stat()?;
+    if private && (found.st_uid != uid || found.st_mode & 0o077 != 0) {
+        return Err(not_private());
     }
+    Ok(opened)
+}
+
+fn is_missing(error: &InstanceError) -> bool {
+    matches!(error, InstanceError::System { errno: Errno::ENOENT, .. })
 }
 
 /// A directory that does not exist yet is no obstacle: the daemon makes it, and a client finds no daemon.
@@ -282,15 +252,6 @@ fn check_access(path: &Path) -> Result<(), InstanceError> {
         Ok(()) | Err(Errno::ENOENT) => Ok(()),
         Err(Errno::EACCES) => Err(InstanceError::Permission { path: path.to_owned() }),
         Err(errno) => Err(InstanceError::System { path: path.to_owned(), errno }),
-    }
-}
-
-/// The mode is set a second time because the umask of a service must not lock its group out.
-fn create_directory(path: &Path, mode: u32) -> Result<(), InstanceError> {
-    let created = DirBuilder::new().mode(mode).create(path);
-    match created.and_then(|()| fs::set_permissions(path, Permissions::from_mode(mode & 0o2777))) {
-        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(refused(path, &error)),
-        _ => Ok(()),
     }
 }
 
@@ -308,31 +269,22 @@ fn write_pid(file: &mut File) -> io::Result<()> {
 
 /// iceoryx2 leaves a few files per killed process, and a file truncated by a full disk would keep every service from
 /// opening. With the daemon's lock held and no client attached nobody needs any of them.
-fn sweep(root: &Path) -> Result<(), InstanceError> {
-    let directory = File::open(root).map_err(|error| refused(root, &error))?;
-    let Ok(_nobody_attached) = Flock::lock(directory, FlockArg::LockExclusiveNonblock) else { return Ok(()) };
-    let entries = fs::read_dir(root).map_err(|error| refused(root, &error))?;
-    for entry in entries.flatten() {
-        let path = entry.path();
-        let is_directory = entry.file_type().is_ok_and(|kind| kind.is_dir());
-        let removed = if is_directory { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-        removed.map_err(|error| refused(&path, &error))?;
-    }
-    Ok(())
+fn sweep(root: &Directory) -> Result<(), InstanceError> {
+    let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
+        return Ok(());
+    };
+    root.clear()
 }
 
-fn refused(path: &Path, error: &io::Error) -> InstanceError {
-    let path = path.to_owned();
-    match Errno::from_raw(error.raw_os_error().unwrap_or(0)) {
-        Errno::EACCES | Errno::EPERM => InstanceError::Permission { path },
-        errno => InstanceError::System { path, errno },
-    }
+fn errno(error: &io::Error) -> Errno {
+    Errno::from_raw(error.raw_os_error().unwrap_or(0))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::os::unix::fs::symlink;
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
     fn place() -> tempfile::TempDir {
         tempfile::tempdir_in("/tmp").unwrap()
@@ -368,15 +320,12 @@ mod tests {
         symlink(place.path(), &link).unwrap();
         fs::write(&file, "").unwrap();
         for path in [open, link, file] {
-            assert!(
-                matches!(check_private(&path), Err(InstanceError::NotPrivate { .. })),
-                "{}",
-                path.display()
-            );
+            let refused = open_runtime(&path, true);
+            assert!(matches!(refused, Err(InstanceError::NotPrivate { .. })), "{}", path.display());
         }
         fs::set_permissions(place.path(), Permissions::from_mode(0o700)).unwrap();
-        assert_eq!(check_private(place.path()), Ok(()));
-        assert_eq!(check_private(&place.path().join("missing")), Ok(()));
+        assert!(open_runtime(place.path(), true).is_ok());
+        assert!(is_missing(&open_runtime(&place.path().join("missing"), true).unwrap_err()));
     }
 
     #[test]
@@ -411,6 +360,45 @@ mod tests {
             let instance = Instance::below(place.path(), "robot").unwrap();
             let _lock = instance.lock().unwrap();
             assert_eq!(fs::metadata(instance.root()).unwrap().mode() & 0o7777, mode);
+        }
+    }
+
+    #[test]
+    fn a_link_below_the_runtime_directory_is_not_followed_and_its_target_stays_as_it_is() {
+        for link in ["iox", "iox/robot", "iox/robot/services"] {
+            let (place, other) = (place(), place());
+            fs::create_dir_all(other.path().join("robot/services")).unwrap();
+            let treasure = other.path().join("robot/services/treasure");
+            fs::write(&treasure, "kept").unwrap();
+            fs::write(other.path().join("robot/treasure"), "kept").unwrap();
+            let link = place.path().join(link);
+            fs::create_dir_all(link.parent().unwrap()).unwrap();
+            symlink(other.path().join(link.strip_prefix(place.path().join("iox")).unwrap()), &link).unwrap();
+            let instance = Instance::below(place.path(), "robot").unwrap();
+            let _refused_or_swept = instance.lock();
+            assert!(treasure.exists() && other.path().join("robot/treasure").exists(), "{}", link.display());
+        }
+    }
+
+    #[test]
+    fn a_runtime_directory_with_a_character_that_iceoryx2_refuses_is_refused_in_words() {
+        let place = place();
+        for odd in ["r\u{f6}bot", "a*b", "a?b", "a<b", "a\nb", "a\\b", "a\"b"] {
+            let refused = Instance::below(&place.path().join(odd), "robot").unwrap_err();
+            assert!(matches!(refused, InstanceError::Characters { .. }), "{odd:?}: {refused}");
+        }
+        let sound = Instance::below(&place.path().join("a b-c_d.e+f"), "robot").unwrap();
+        assert!(sound.lock().is_ok());
+    }
+
+    #[test]
+    fn only_its_owner_may_remove_what_a_daemon_made_in_a_directory_of_a_group() {
+        let place = place();
+        fs::set_permissions(place.path(), Permissions::from_mode(0o2770)).unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let _lock = instance.lock().unwrap();
+        for path in [place.path().to_owned(), place.path().join("iox")] {
+            assert_eq!(fs::metadata(&path).unwrap().mode() & 0o7777, 0o3770, "{}", path.display());
         }
     }
 }

@@ -25,14 +25,20 @@ pub mod clock;
 pub mod codes;
 pub mod description;
 #[cfg(feature = "ports")]
+mod directory;
+#[cfg(feature = "ports")]
 pub mod injection;
 #[cfg(feature = "ports")]
 pub mod instance;
+#[cfg(feature = "ports")]
+mod instance_error;
 mod lease;
 pub mod limits;
 pub mod message;
 #[cfg(feature = "ports")]
 pub mod ports;
+#[cfg(feature = "ports")]
+mod presence;
 #[cfg(feature = "ports")]
 mod reserved_space;
 #[cfg(feature = "ports")]
@@ -54,5 +60,7 @@ pub use message::{
 };
 #[cfg(feature = "ports")]
 pub use ports::{ClientPorts, DaemonPorts, Housekeeper, Request};
+#[cfg(feature = "ports")]
+pub use presence::Presence;
 #[cfg(feature = "ports")]
 pub use service::ServiceError;

@@ -305,7 +305,7 @@ impl Default for SetpointMessage {
 
 /// An administrative request.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v2"))]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v3"))]
 #[repr(C)]
 pub struct AdminRequest {
     /// The [`Lease`](crate::Lease) of the asking owner; 0 when an operator or a watcher asks.
@@ -318,6 +318,8 @@ pub struct AdminRequest {
     pub joint: u32,
     /// Process id of the asker. Others that are refused because of it get to know it.
     pub pid: u32,
+    /// The namespace that the process id belongs to: the inode of `/proc/self/ns/pid`; 0 when it is unknown.
+    pub pid_namespace: u64,
     /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none. An emergency stop ignores it.
     pub argument: f64,
 }
@@ -399,7 +401,7 @@ const _: () = {
     );
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
-    assert!(size_of::<AdminRequest>() == 32 && size_of::<AdminReply>() == 16);
+    assert!(size_of::<AdminRequest>() == 40 && size_of::<AdminReply>() == 16);
     assert!(size_of::<AdminAnswer>() == 24 + ANSWER_BYTES_MAX);
 };
 

@@ -25,6 +25,7 @@ use iceoryx2::service::Service as _;
 use iceoryx2::service::builder::{event, publish_subscribe, request_response};
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::server::ServerCreateError;
+use iceoryx2::service::service_hash::ServiceHash;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_bb_lock_free::mpmc::counting_bit_set::RelocatableCountingBitSet;
 use iceoryx2_cal::dynamic_storage::file::Storage;
@@ -34,8 +35,10 @@ use iceoryx2_cal::event::trigger::unix_datagram_socket::GenericUnixDatagramSocke
 use iceoryx2_cal::shared_memory::file::Memory;
 use iceoryx2_cal::shm_allocator::bump_allocator::BumpAllocator;
 use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
+use std::ffi::OsStr;
 use std::fmt::Debug;
 use std::os::unix::ffi::OsStrExt;
+use std::path::PathBuf;
 
 /// Most processes of one instance: each client may send requests, the daemon is one, and the dead keep their place
 /// until the next cleaning.
@@ -303,6 +306,25 @@ fn builder(
 fn service_name(instance: &Instance, part: Part) -> ServiceName {
     let name = format!("motord/{}/{}", instance.name(), part.name());
     ServiceName::new(&name).expect("an instance name makes a short service name")
+}
+
+/// The files by which clients find the services of `instance`. They stay the same while a daemon or a client has the services.
+pub(crate) fn files(instance: &Instance) -> [PathBuf; 4] {
+    let config = config(instance);
+    let suffix = &config.global.service.static_config_storage_suffix;
+    let directory = instance.root().join(OsStr::from_bytes(config.global.service.directory.as_bytes()));
+    let patterns = [
+        (Part::State, MessagingPattern::PublishSubscribe),
+        (Part::Setpoint, MessagingPattern::PublishSubscribe),
+        (Part::Cycle, MessagingPattern::Event),
+        (Part::Admin, MessagingPattern::RequestResponse),
+    ];
+    patterns.map(|(part, pattern)| {
+        let name = service_name(instance, part);
+        let hash =
+            ServiceHash::new::<<Service as iceoryx2::service::Service>::ServiceNameHasher>(&name, pattern);
+        directory.join(format!("{}{}{suffix}", config.global.prefix, hash.as_str()))
+    })
 }
 
 pub(crate) fn state(

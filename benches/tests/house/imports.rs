@@ -45,7 +45,6 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     (
         "motord-wire",
         &[
-            "motord-client",
             "motord-commissioning",
             "motord-configuration",
             "motord-core",

@@ -26,7 +26,7 @@ const DAEMON: Rows = &[
     ("deadman", &["host"]),
     ("host", &[]),
     ("ipc", &["telemetry"]),
-    ("run_error", &["buses", "host"]),
+    ("run_error", &["buses"]),
     ("simulation", &["buses", "host"]),
     ("telemetry", &["host"]),
     ("emergency_stop", &["host", "telemetry"]),

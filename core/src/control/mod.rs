@@ -283,7 +283,15 @@ impl Control {
         groups.iter_mut().for_each(|group| group.stop_for(Cause::EmergencyStop, pid, context));
     }
 
-    fn stop_all(&mut self, cause: Cause, joint: Option<usize>) {
+    /// The process of the owner with `lease` has ended. Bounded by motors.
+    pub fn end_owner(&mut self, lease: Lease) {
+        if let Some(group) = self.groups.get_mut(lease.group()) {
+            group.end_owner(lease, &mut self.context);
+        }
+    }
+
+    /// Stops every group for `cause`, which a joint gave or none did. Bounded by motors.
+    pub fn stop_all(&mut self, cause: Cause, joint: Option<usize>) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.stop(cause, joint, context));
     }

@@ -7,6 +7,7 @@
 //! | emergency stops | the thread of their socket | cycle | the newest replaces the one before |
 //! | requests | ipc | cycle | refused: busy |
 //! | answers | cycle | ipc | as many as requests under way, so never |
+//! | alarms | telemetry, owners | cycle | the newest replaces the one before |
 //! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
 
@@ -17,7 +18,7 @@ use crate::control::Wake;
 use motord_bus::time::nanos;
 use motord_bus::{Bus, Duration, Instant};
 use motord_shared::limits::{BUSES_MAX, GROUPS_MAX, JOINTS_MAX};
-use motord_shared::{AdminReply, AdminRequest, SetpointMessage, StateMessage, message};
+use motord_shared::{AdminReply, AdminRequest, Cause, Lease, SetpointMessage, StateMessage, message};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
@@ -157,6 +158,31 @@ pub struct Counters {
     pub ipc_errors: AtomicU64,
     /// The configuration's file is no longer the one that was read at the start.
     pub config_changed: AtomicBool,
+    /// Findings that the cycle has yet to act on.
+    pub alarms: Alarms,
+}
+
+/// Findings of other threads that the next cycle acts on.
+#[derive(Debug, Default)]
+pub struct Alarms {
+    /// The code of a cause; 0 is none.
+    stop: AtomicU32,
+    /// By group, the lease of an owner whose process has ended; 0 is none.
+    ended: [AtomicU64; GROUPS_MAX],
+}
+
+impl Alarms {
+    /// Stops every group for `cause`. Wait-free.
+    pub fn stop(&self, cause: Cause) {
+        self.stop.store(cause.code(), Ordering::Release);
+    }
+
+    /// The process that holds `lease` has ended. Wait-free.
+    pub fn owner_ended(&self, lease: Lease) {
+        if let Some(ended) = self.ended.get(lease.group()) {
+            ended.store(lease.raw(), Ordering::Release);
+        }
+    }
 }
 
 /// Makes both ends. Allocates; nothing after it does.
@@ -244,6 +270,19 @@ impl Link {
                 offer(setpoint.output_buffer());
             }
         }
+    }
+
+    /// The cause that every group is to be stopped for, once. Wait-free.
+    pub(super) fn take_stop(&self) -> Option<Cause> {
+        let stop = &self.counters.alarms.stop;
+        let code = if stop.load(Ordering::Relaxed) == 0 { 0 } else { stop.swap(0, Ordering::Acquire) };
+        Cause::try_from(code).ok()
+    }
+
+    /// The leases of owners whose processes have ended, once. Wait-free; bounded by groups.
+    pub(super) fn take_ended(&self) -> impl Iterator<Item = Lease> {
+        let ended = self.counters.alarms.ended.iter().filter(|ended| ended.load(Ordering::Relaxed) != 0);
+        ended.filter_map(|ended| Lease::from_raw(ended.swap(0, Ordering::Acquire)))
     }
 
     /// The message to write the states of this cycle into, and the counters of the other threads.

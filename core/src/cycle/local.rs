@@ -3,7 +3,7 @@
 //! A physics engine or a test runs the cycle itself, one call after another, and talks to it here. Every rule holds as it
 //! does for clients in other processes: leases, the silence of an owner, limits, refusals.
 
-use super::link::{Ends, Record};
+use super::link::{Alarms, Ends, Record};
 use super::replacement::Supply;
 use crate::control::Event;
 use motord_bus::Instant;
@@ -155,6 +155,12 @@ impl LocalClient {
     /// The next cycle's record. What nobody takes is dropped and counted.
     pub fn record(&mut self) -> Option<Record> {
         self.ends.records.pop().ok()
+    }
+
+    /// Where the next cycle is told that the process of an owner has ended, or that every group must stop.
+    #[must_use]
+    pub fn alarms(&self) -> &Alarms {
+        &self.ends.counters.alarms
     }
 
     /// Where a bus goes that was opened again.

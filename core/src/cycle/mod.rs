@@ -16,7 +16,7 @@ mod run;
 
 pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
-pub use link::{Counters, Ends, Link, Polled, REQUESTS_MAX, Record, link};
+pub use link::{Alarms, Counters, Ends, Link, Polled, REQUESTS_MAX, Record, link};
 pub use local::LocalClient;
 pub use replacement::Supply;
 pub use run::Order;
@@ -151,8 +151,9 @@ impl<C: Clock> Cycle<C> {
         &self.control
     }
 
-    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) is true when it has.
+    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) is true when it has. An alarm is its cause.
     pub fn shut_down(&mut self) {
+        self.heed_alarms();
         self.control.shut_down();
     }
 
@@ -238,9 +239,19 @@ impl<C: Clock> Cycle<C> {
         }
     }
 
+    /// Stops what other threads say must be stopped. No system call; bounded by groups.
+    fn heed_alarms(&mut self) {
+        let Self { link, control, .. } = self;
+        if let Some(cause) = link.take_stop() {
+            control.stop_all(cause, None);
+        }
+        link.take_ended().for_each(|lease| control.end_owner(lease));
+    }
+
     /// Hands control what clients ask for: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group. No
     /// system call.
     fn serve(&mut self, now: Instant) {
+        self.heed_alarms();
         let Self { link, control, .. } = self;
         for _ in 0..REQUESTS_PER_CYCLE {
             let Some((ticket, request)) = link.next_request() else { break };

@@ -2,7 +2,6 @@
 
 use crate::arming;
 use crate::buses::{self, Buses};
-use crate::host::descriptors;
 use crate::host::process::program;
 use crate::host::rt;
 use crate::host::systemd;
@@ -10,6 +9,7 @@ use crate::run_error::RunError;
 use crate::threads::Daemon;
 use motord_bus::Duration;
 use motord_configuration as config;
+use motord_realtime::descriptors::raise_descriptors;
 use motord_shared::instance::Instance;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::SignalsInfo;
@@ -27,7 +27,8 @@ const SIGNAL_TURN: Duration = Duration::from_millis(20);
 pub fn run(path: &Path) -> Result<(), RunError> {
     let config::Loaded { mut settings, warnings, hash, .. } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-    descriptors::raise_descriptors()?;
+    let descriptors = raise_descriptors()?;
+    tracing::debug!("file descriptors: {descriptors}");
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let Buses { buses, locks, injectors } = buses::open(&settings)?;
     #[cfg(feature = "panic-on-request")]

@@ -187,8 +187,9 @@ impl Watch {
         round.unwrap_or(self.switch.due())
     }
 
-    /// Real-time: does not allocate, but where another process drives an interface; one system call, and while the switch acts those of a [round](Interfaces::round), which
-    /// can block when an interface is missing.
+    /// Real-time: allocates only where another process drives an interface. One system call; when the switch begins to act, and
+    /// when it is late, those of [`leave_driven`](Interfaces::leave_driven); and while it acts those of a
+    /// [round](Interfaces::round), which can block when an interface is missing.
     fn step(&mut self, connected: bool, pid: i32) -> Option<News> {
         let acted = self.switch.acts();
         let now = clock::monotonic();

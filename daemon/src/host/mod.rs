@@ -1,7 +1,6 @@
 //! This machine: real-time set-up, system calls, systemd, the log.
 
 pub mod clock;
-pub mod descriptors;
 #[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 pub(crate) mod kernel;
 pub mod log;

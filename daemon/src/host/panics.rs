@@ -10,7 +10,7 @@ use std::sync::{Arc, LazyLock};
 use std::time::SystemTime;
 
 /// The names of the threads, as [`threads`](crate::threads) gives them.
-const THREADS: [&str; 7] = [
+const THREADS: [&str; 8] = [
     "main",
     "motord-cycle",
     "motord-ipc",
@@ -18,6 +18,7 @@ const THREADS: [&str; 7] = [
     "motord-registrar",
     "motord-reconnector",
     "motord-stop",
+    "motord-owners",
 ];
 
 /// One more than the index in [`THREADS`] of the thread that was asked; 0 when none was.

@@ -4,6 +4,7 @@
 //! stands still, setpoints grow old and the cycle damps the robot.
 
 pub mod description;
+pub mod owners;
 mod pending;
 mod schedule;
 
@@ -15,6 +16,7 @@ use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
 use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
+use owners::Owners;
 use pending::Pending;
 use rtrb::{Consumer, Producer};
 pub use schedule::{Schedule, Wake};
@@ -60,6 +62,8 @@ pub struct IpcThread {
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
     schedule: Schedule,
+    /// `None` before they are watched: then the silence of an owner tells.
+    owners: Option<Owners>,
 }
 
 impl IpcThread {
@@ -83,7 +87,13 @@ impl IpcThread {
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
             schedule,
+            owners: None,
         }
+    }
+
+    /// Watches the processes of the owners from now on.
+    pub fn watch(&mut self, owners: Owners) {
+        self.owners = Some(owners);
     }
 
     /// Runs until `stop` says so.
@@ -203,6 +213,10 @@ impl IpcThread {
             // The owner's first setpoint may come before the state that tells of its lease.
             if let Some(lease) = Lease::from_raw(reply.lease) {
                 self.leases[lease.group()] = Some(lease);
+                let owners = self.owners.as_mut();
+                if owners.is_some_and(|owners| owners.watch(lease, request.payload())) {
+                    self.cycle.counters.alarms.owner_ended(lease);
+                }
             }
             let newest = self.cycle.states.output_buffer().cycle;
             self.questions.answered.note(newest, request.payload(), reply);

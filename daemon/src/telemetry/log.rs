@@ -194,7 +194,7 @@ impl Log {
         let motor = motor.map(|motor| &self.motors[motor].subject.name);
         let group = &mut self.groups[group];
         group.stopped_in = cycle;
-        let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost);
+        let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied);
         let (pid, program) = asker.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();
         let (group, cause_name, sentence) = (&group.name, cause.name(), cause.sentence());
         if cause == Cause::Shutdown {

@@ -22,13 +22,13 @@ use motord_configuration as config;
 use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
 use motord_core::settings::Settings;
-use motord_shared::BusCondition;
 use motord_shared::ports::Housekeeper;
+use motord_shared::{BusCondition, Cause, Presence};
 use rtrb::Consumer;
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, OnceLock};
 use std::thread::Thread;
 use unexpected::UnexpectedCounts;
 
@@ -104,6 +104,9 @@ pub struct Recorder {
     log: Log,
     unexpected_ids: UnexpectedCounts,
     watched_cycle: u64,
+    presence: Option<Presence>,
+    /// The first file of the runtime directory that was lost.
+    lost: Arc<OnceLock<PathBuf>>,
 }
 
 impl Recorder {
@@ -126,6 +129,8 @@ impl Recorder {
             broken: None,
             off: Vec::new(),
             watched_cycle: 0,
+            presence: None,
+            lost: Arc::default(),
         }
     }
 
@@ -144,6 +149,12 @@ impl Recorder {
         self.broken = Some(broken);
     }
 
+    /// Stops the robot when one of these files is gone. Returns where the first will be.
+    pub fn guards(&mut self, presence: Presence) -> Arc<OnceLock<PathBuf>> {
+        self.presence = Some(presence);
+        Arc::clone(&self.lost)
+    }
+
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
         self.unexpected_ids.open();
@@ -155,6 +166,7 @@ impl Recorder {
                 Err(RecvTimeoutError::Disconnected) => std::thread::sleep(TURN),
             }
             self.turn();
+            self.guard_presence(&stop);
             let now = motord_bus::clock::monotonic();
             if now.since(cleaned) >= CLEANING {
                 cleaned = now;
@@ -194,6 +206,20 @@ impl Recorder {
                 self.log.log_request(&asked, &self.answers.askers);
             }
         }
+    }
+
+    /// Some system calls that do not block. A daemon that ends, as `ends` tells, removes its files itself.
+    fn guard_presence(&mut self, ends: impl Fn() -> bool) {
+        let Some(path) = self.presence.as_ref().and_then(Presence::lost).map(Path::to_owned) else { return };
+        // Asked after the look: whoever removes them was told to end before.
+        if ends() {
+            return;
+        }
+        tracing::error!("{} was removed or replaced: no new client can reach this daemon", path.display());
+        // Before the order to leave, which would be the cause else.
+        self.cycle.counters.alarms.stop(Cause::DirectoryLost);
+        let _not_the_first = self.lost.set(path);
+        self.presence = None;
     }
 
     fn answer(&mut self, ticket: u32) {

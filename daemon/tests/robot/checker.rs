@@ -201,7 +201,7 @@ fn group_state(group: &GroupState) -> state::Group {
         cause: match Cause::try_from(group.cause) {
             Err(_) if group.cause == 0 => state::Cause::None,
             Ok(Cause::SetpointTimeout) => state::Cause::SetpointTimeout,
-            Ok(Cause::OwnerLost) => state::Cause::OwnerLost,
+            Ok(Cause::OwnerLost | Cause::OwnerDied) => state::Cause::OwnerLost,
             Ok(Cause::EmergencyStop) => state::Cause::EmergencyStop,
             _ => state::Cause::Other(group.cause),
         },

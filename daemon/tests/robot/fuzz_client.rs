@@ -4,7 +4,9 @@ use super::checker::{Checker, WRONG_LEASE_VELOCITY};
 use super::random::Random;
 use super::{Robot, message};
 use motord_bus::{Duration, Instant};
-use motord_shared::{AdminReply, AdminRequest, JointSetpoint, Operation, SetpointMessage, SetpointMode};
+use motord_shared::{
+    AdminReply, AdminRequest, JointSetpoint, Lease, Operation, SetpointMessage, SetpointMode,
+};
 
 const ABSURD: [f32; 12] = [
     f32::NAN,
@@ -97,7 +99,13 @@ impl FuzzClient {
         }
         match random.below(40) {
             0..=1 => {}
-            2 => self.silent = if random.once_in(10) { 40 } else { random.below(19) },
+            2 => {
+                self.silent = if random.once_in(10) { 40 } else { random.below(19) };
+                // Of the processes that fall silent for so long, the kernel tells of every second one that it has ended.
+                let dies = self.silent == 40 && self.sequence.is_multiple_of(2);
+                let lease = Lease::from_raw(self.lease).filter(|_| dies);
+                lease.into_iter().for_each(|lease| robot.client.alarms().owner_ended(lease));
+            }
             3 => {
                 self.setpoints.iter_mut().for_each(|setpoint| setpoint.position += random.between(-3.0, 3.0));
             }

@@ -85,7 +85,7 @@ impl Group {
     fn stop_as(&mut self, latched: Latched, cx: &mut Context) {
         let Latched { cause, joint, pid } = latched;
         let moving = self.phase != Phase::Disarmed;
-        let latches = moving || pid.is_some() || cause == Cause::Shutdown;
+        let latches = moving || pid.is_some() || matches!(cause, Cause::Shutdown | Cause::DirectoryLost);
         if latches && self.latch(latched) {
             cx.push(Event::Stopped { group: self.index, cause, motor: joint, pid });
         }
@@ -150,5 +150,5 @@ impl Group {
 
 /// A robot is only held still while everything but its owner is well: the reports of its motors are true, and on time.
 fn may_hold(cause: Cause) -> bool {
-    matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::Disabled)
+    matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied | Cause::Disabled)
 }

@@ -8,7 +8,7 @@ use crate::joint::{Joint, Measured};
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, Instant};
 use motord_protocol::Faults;
-use motord_shared::{Cause, Phase};
+use motord_shared::{Cause, Lease, Phase};
 
 /// The owner of a disarmed group that says nothing for this long has gone.
 const OWNER_SILENCE: Duration = Duration::from_secs(1);
@@ -69,6 +69,17 @@ impl Group {
                 }
             }
         }
+    }
+
+    /// The process of the owner with `lease` has ended.
+    pub(in crate::control) fn end_owner(&mut self, lease: Lease, cx: &mut Context) {
+        if !self.is_owned_by(lease.raw()) {
+            return;
+        }
+        if matches!(self.phase, Phase::Starting | Phase::Active) {
+            self.stop(Cause::OwnerDied, None, cx);
+        }
+        self.disown(cx);
     }
 
     /// The motor at `place` answered at `at`. Does not allocate; bounded by the motors of the group.

@@ -18,16 +18,16 @@ pub struct TooFewDescriptors {
     pub limit: u64,
 }
 
-/// Raises the limit of open files as far as permitted, so that a client which comes late is served like the first.
+/// Raises the limit of open files as far as permitted, so that a client which comes late is served like the first. Returns
+/// the limit.
 ///
 /// # Errors
 ///
 /// [`TooFewDescriptors`] when clients could not be served.
-pub fn raise_descriptors() -> Result<(), TooFewDescriptors> {
+pub fn raise_descriptors() -> Result<u64, TooFewDescriptors> {
     let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).unwrap_or((0, 0));
     let wanted = hard.min(DESCRIPTORS_MOST);
     let raised = wanted > soft && setrlimit(Resource::RLIMIT_NOFILE, wanted, hard).is_ok();
     let limit = if raised { wanted } else { soft };
-    tracing::debug!("file descriptors: {limit}");
-    if limit < DESCRIPTORS_LEAST { Err(TooFewDescriptors { limit }) } else { Ok(()) }
+    if limit < DESCRIPTORS_LEAST { Err(TooFewDescriptors { limit }) } else { Ok(limit) }
 }

@@ -1,0 +1,51 @@
+//! The processes of the owners. The kernel tells at once when one has ended, long before its setpoints grow old.
+//!
+//! An owner in another process namespace, such as a container's, is not watched: its process id means another process here. Its
+//! silence ends its lease, as before. The process that claims is the one that counts: a child that goes on with the lease of its
+//! parent loses it with the parent.
+
+use core::time::Duration;
+use motord_realtime::deaths::{self, deaths};
+use motord_shared::instance::pid_namespace;
+use motord_shared::limits::GROUPS_MAX;
+use motord_shared::{AdminRequest, Lease};
+use nix::errno::Errno;
+
+/// The owners that are watched, by group: the end of the ipc thread.
+pub struct Owners {
+    processes: deaths::Watched,
+    namespace: u64,
+}
+
+/// Their deaths: the end of the thread that waits.
+pub struct Deaths(deaths::Deaths);
+
+/// Both ends.
+///
+/// # Errors
+///
+/// When no descriptors are left.
+pub fn owners() -> Result<(Owners, Deaths), Errno> {
+    let (processes, ends) = deaths(GROUPS_MAX)?;
+    Ok((Owners { processes, namespace: pid_namespace() }, Deaths(ends)))
+}
+
+impl Owners {
+    /// Watches the process that made the request which `lease` answers. Returns whether it has ended already. A few system
+    /// calls, none of which blocks.
+    pub fn watch(&mut self, lease: Lease, request: &AdminRequest) -> bool {
+        if self.namespace == 0 || request.pid_namespace != self.namespace {
+            self.processes.forget(lease.group());
+            return false;
+        }
+        self.processes.watch(lease.group(), request.pid, lease.raw())
+    }
+}
+
+impl Deaths {
+    /// The lease of the next owner whose process has ended. Waits at most `time`; one system call.
+    #[must_use]
+    pub fn next(&self, time: Duration) -> Option<Lease> {
+        self.0.next(time).and_then(Lease::from_raw)
+    }
+}

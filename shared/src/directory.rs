@@ -1,0 +1,140 @@
+//! Directories by descriptor: what was checked is what is used, whoever puts a symbolic link in its place meanwhile.
+
+use crate::instance_error::{InstanceError, refused};
+use nix::dir::Dir;
+use nix::errno::Errno;
+use nix::fcntl::{OFlag, openat};
+use nix::sys::stat::{FileStat, Mode, fchmod, fstat, mkdirat};
+use nix::unistd::{Uid, UnlinkatFlags, unlinkat};
+use std::ffi::{CStr, OsStr};
+use std::fs::File;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+
+/// Directories of iceoryx2 lie two deep. A deeper tree was made by somebody else.
+const DEPTH_MAX: usize = 8;
+/// Only its owner, and that of the directory, may delete or rename a file in such a directory.
+pub(crate) const STICKY: u32 = 0o1000;
+
+/// An open directory.
+#[derive(Debug)]
+pub(crate) struct Directory {
+    pub(crate) path: PathBuf,
+    descriptor: OwnedFd,
+}
+
+impl Directory {
+    /// Opens the directory `path`. A link at its end is followed only when `links` says so.
+    ///
+    /// # Errors
+    /// When there is none, or it may not be used.
+    pub(crate) fn open(path: &Path, links: bool) -> Result<Self, InstanceError> {
+        let follow = if links { OFlag::empty() } else { OFlag::O_NOFOLLOW };
+        Self::open_at(nix::fcntl::AT_FDCWD, path, path.to_owned(), follow)
+    }
+
+    /// Opens the directory `name` in this one. A link is not followed.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub(crate) fn open_below(&self, name: impl AsRef<Path>) -> Result<Self, InstanceError> {
+        let name = name.as_ref();
+        Self::open_at(&self.descriptor, name, self.path.join(name), OFlag::O_NOFOLLOW)
+    }
+
+    fn open_at(from: impl AsFd, name: &Path, path: PathBuf, flags: OFlag) -> Result<Self, InstanceError> {
+        let flags = flags | OFlag::O_DIRECTORY | OFlag::O_RDONLY | OFlag::O_CLOEXEC;
+        match openat(from, name, flags, Mode::empty()) {
+            Ok(descriptor) => Ok(Self { path, descriptor }),
+            Err(Errno::ENOTDIR | Errno::ELOOP) => Err(InstanceError::NotDirectory { path }),
+            Err(errno) => Err(refused(&path, errno)),
+        }
+    }
+
+    /// Opens the directory `name` in this one, and makes it when it is not there. One that belongs neither to this user nor
+    /// to the owner of this directory nor to root is refused: its owner could change what lies in it.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open); [`InstanceError::NotOurs`].
+    pub(crate) fn make_below(&self, name: &str, mode: u32) -> Result<Self, InstanceError> {
+        match mkdirat(&self.descriptor, name, Mode::from_bits_truncate(mode & 0o777)) {
+            Ok(()) | Err(Errno::EEXIST) => {}
+            Err(errno) => return Err(refused(&self.path.join(name), errno)),
+        }
+        let made = self.open_below(name)?;
+        let trusted = [0, Uid::effective().as_raw(), self.stat()?.st_uid];
+        let owner = made.stat()?.st_uid;
+        if !trusted.contains(&owner) {
+            return Err(InstanceError::NotOurs { path: made.path, owner });
+        }
+        made.set_mode(mode);
+        Ok(made)
+    }
+
+    /// Sets the mode where this user may. The umask of a service must not lock its group out.
+    pub(crate) fn set_mode(&self, mode: u32) {
+        let _not_the_owner = fchmod(&self.descriptor, Mode::from_bits_truncate(mode & 0o7777));
+    }
+
+    /// Opens the file `name` in this directory to read and write, and makes it when it is not there. A link is not followed.
+    ///
+    /// # Errors
+    /// When it may not be used.
+    pub(crate) fn make_file(&self, name: &str) -> Result<File, InstanceError> {
+        let flags = OFlag::O_RDWR | OFlag::O_CREAT | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
+        match openat(&self.descriptor, name, flags, Mode::S_IRUSR | Mode::S_IWUSR) {
+            Ok(file) => Ok(File::from(file)),
+            Err(errno) => Err(refused(&self.path.join(name), errno)),
+        }
+    }
+
+    pub(crate) fn stat(&self) -> Result<FileStat, InstanceError> {
+        fstat(&self.descriptor).map_err(|errno| refused(&self.path, errno))
+    }
+
+    /// Another descriptor of the same directory, as a file that can be locked.
+    ///
+    /// # Errors
+    /// When no descriptors are left.
+    pub(crate) fn file(&self) -> Result<File, InstanceError> {
+        // Opened again: a duplicate would share its lock with the original.
+        let file = openat(&self.descriptor, ".", OFlag::O_DIRECTORY | OFlag::O_CLOEXEC, Mode::empty());
+        file.map(File::from).map_err(|errno| refused(&self.path, errno))
+    }
+
+    /// Removes everything in this directory. Links are removed, not followed.
+    ///
+    /// # Errors
+    /// The first file that cannot be removed.
+    pub(crate) fn clear(&self) -> Result<(), InstanceError> {
+        self.clear_to(DEPTH_MAX)
+    }
+
+    fn clear_to(&self, depth: usize) -> Result<(), InstanceError> {
+        let failed = |errno| refused(&self.path, errno);
+        let mut entries = Dir::from_fd(self.file()?.into()).map_err(failed)?;
+        for entry in entries.iter() {
+            let entry = entry.map_err(failed)?;
+            if ![c".", c".."].contains(&entry.file_name()) {
+                self.remove(entry.file_name(), depth)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn remove(&self, name: &CStr, depth: usize) -> Result<(), InstanceError> {
+        let name = Path::new(OsStr::from_bytes(name.to_bytes()));
+        let failed = |errno| refused(&self.path.join(name), errno);
+        match unlinkat(&self.descriptor, name, UnlinkatFlags::NoRemoveDir) {
+            Ok(()) | Err(Errno::ENOENT) => return Ok(()),
+            Err(Errno::EISDIR) if depth > 0 => {}
+            Err(errno) => return Err(failed(errno)),
+        }
+        self.open_below(name)?.clear_to(depth - 1)?;
+        match unlinkat(&self.descriptor, name, UnlinkatFlags::RemoveDir) {
+            Ok(()) | Err(Errno::ENOENT) => Ok(()),
+            Err(errno) => Err(failed(errno)),
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! Whether the files are still there by which clients find a daemon, and which keep a second one from starting.
+
+use crate::instance::InstanceLock;
+use crate::service;
+use nix::errno::Errno;
+use nix::sys::stat::lstat;
+use std::path::{Path, PathBuf};
+
+/// The device and the number of a file.
+type Identity = (u64, u64);
+
+/// The files of a daemon as they were: its lock, its directory and its four services.
+///
+/// Those of its clients, of a dead predecessor and of programs that nobody knows come and go in the same directory: they are
+/// none of them.
+#[derive(Debug)]
+pub struct Presence(Vec<(PathBuf, Option<Identity>)>);
+
+impl Presence {
+    /// The files of the daemon that holds `lock`, whose services are open.
+    #[must_use]
+    pub fn of(lock: &InstanceLock) -> Self {
+        let instance = lock.instance();
+        let files = [lock.path(), instance.root()].into_iter().chain(service::files(instance));
+        Self(files.map(|path| (path.clone(), identity(&path).ok())).collect())
+    }
+
+    /// The first of them that was removed, or is another file now. A file that the system cannot look at just now, for lack of
+    /// memory or of permission, is not lost: that is no reason to stop a robot. Six system calls, which do not block on a file
+    /// system in memory.
+    #[must_use]
+    pub fn lost(&self) -> Option<&Path> {
+        let lost = self.0.iter().find(|(path, was)| match identity(path) {
+            Ok(is) => was.is_some_and(|was| was != is),
+            Err(errno) => matches!(errno, Errno::ENOENT | Errno::ENOTDIR | Errno::ELOOP),
+        });
+        lost.map(|(path, _)| path.as_path())
+    }
+}
+
+fn identity(path: &Path) -> Result<Identity, Errno> {
+    lstat(path).map(|found| (found.st_dev, found.st_ino))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{DaemonPorts, Instance};
+    use std::fs;
+
+    fn with_daemon(test: impl FnOnce(&Instance, Presence)) {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let _ports = DaemonPorts::open(&lock).unwrap();
+        let presence = Presence::of(&lock);
+        assert_eq!(presence.lost(), None);
+        test(&instance, presence);
+    }
+
+    #[test]
+    fn a_daemon_whose_files_are_removed_or_replaced_has_lost_them() {
+        for place in 0..6 {
+            with_daemon(|instance, presence| {
+                let path = presence.0[place].0.clone();
+                let aside = instance.runtime().join("aside");
+                fs::rename(&path, &aside).unwrap();
+                assert_eq!(presence.lost(), Some(path.as_path()), "removed");
+                if aside.is_dir() { fs::create_dir(&path) } else { fs::write(&path, "") }.unwrap();
+                assert_eq!(presence.lost(), Some(path.as_path()), "replaced");
+                fs::remove_dir_all(&path).or_else(|_| fs::remove_file(&path)).unwrap();
+                fs::rename(&aside, &path).unwrap();
+                assert_eq!(presence.lost(), None, "as it was");
+            });
+        }
+    }
+
+    /// A client that ends and the files of the dead, which are removed now and then, are no loss.
+    #[test]
+    fn whatever_else_comes_and_goes_in_the_directory_is_no_loss() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let _ports = DaemonPorts::open(&lock).unwrap();
+        let unknown = instance.root().join("services/m_0.service");
+        fs::write(&unknown, "").unwrap();
+        let client = crate::ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let presence = Presence::of(&lock);
+        drop(client);
+        fs::remove_file(unknown).unwrap();
+        assert_eq!(presence.lost(), None);
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_looked_at_is_not_lost() {
+        let long = PathBuf::from(format!("/tmp/{}", "x".repeat(300)));
+        assert_eq!(identity(&long), Err(Errno::ENAMETOOLONG));
+        assert_eq!(Presence(vec![(long, Some((1, 1)))]).lost(), None);
+    }
+}
