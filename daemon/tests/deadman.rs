@@ -13,9 +13,11 @@ use motord_configuration as config;
 use motord_core::stopper::Outlet;
 use motord_shared::instance::Instance;
 use nix::sys::signal::{Signal, kill};
+use nix::sys::socket::{MsgFlags, send};
 use nix::unistd::Pid;
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::os::fd::{AsFd, AsRawFd};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -422,6 +424,7 @@ fn nonsense_and_silence_do_not_keep_others_out() {
     let _silent = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
     let nonsense = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
     nonsense.send(&vec![0; 1000], None).unwrap();
+    assert!(matches!(nonsense.receive().unwrap().0, Answer::Refused(Refusal::Request { .. })));
     assert!(nonsense.receive::<Answer>().is_err(), "hung up on");
     let too_wide = SafeFrames {
         buses: vec![InterfaceFrames {
@@ -438,6 +441,30 @@ fn nonsense_and_silence_do_not_keep_others_out() {
     let daemon = Daemon::start(directory.path());
     daemon.signal(Signal::SIGKILL);
     switch.stops_the_first();
+}
+
+/// Goal: after an update of one of them nobody takes a sign of life for a request, or its absence for a death.
+#[test]
+fn a_daemon_and_a_switch_of_different_versions_refuse_each_other_in_words() {
+    let (_directory, instance) = runtime();
+    let _switch = Switch::start(&instance);
+    for request in ["{\"Register\":null}", "motord-deadman 1\n\"AskWhetherActing\""] {
+        let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+        send(daemon.as_fd().as_raw_fd(), request.as_bytes(), MsgFlags::empty()).unwrap();
+        let Answer::Refused(refusal) = daemon.receive().unwrap().0 else { panic!("it is served") };
+        assert!(refusal.to_string().contains("different versions"), "{refusal}");
+    }
+}
+
+#[test]
+fn an_answer_of_another_version_is_told_as_that() {
+    let (_directory, instance) = runtime();
+    let switch = Listener::bind(&instance).unwrap();
+    let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let other = switch.accept().unwrap();
+    send(other.as_fd().as_raw_fd(), b"\"Registered\"", MsgFlags::empty()).unwrap();
+    let error = daemon.receive::<Answer>().unwrap_err();
+    assert!(error.to_string().contains("different versions"), "{error}");
 }
 
 #[test]

@@ -29,10 +29,15 @@ use super::safe_frames::{InterfaceError, SafeFrames};
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
 /// The most time a daemon waits for the switch. The switch opens an interface in milliseconds.
 pub const PATIENCE: Duration = Duration::from_secs(2);
+/// Begins every message. Its number rises with every change of the messages, so that programs of different versions refuse each
+/// other in words.
+const VERSION: &[u8] = b"motord-deadman 2\n";
 /// A sign of life of the switch.
 const BEAT: &[u8] = b".";
 /// Signs of life that are taken at a time.
 const BEATS_MAX: usize = 256;
+
+const OTHER_VERSION: &str = "daemon and dead man's switch are of different versions: restart both";
 
 /// A request to the switch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -69,6 +74,12 @@ pub enum Refusal {
     /// The motors of an interface could not be stopped.
     #[error("{0}")]
     SafeFrames(InterfaceError),
+    /// The request is none, or that of another version.
+    #[error("{reason}")]
+    Request {
+        /// The error, as text: it comes from another process.
+        reason: String,
+    },
 }
 
 /// One end of a connection.
@@ -97,7 +108,7 @@ impl Channel {
     ///
     /// `BrokenPipe` when the other end is gone, `WouldBlock` when it does not read.
     pub fn send(&self, message: &impl Serialize, pulse: Option<&Pulse>) -> io::Result<()> {
-        let text = serde_json::to_vec(message)?;
+        let text = [VERSION, &serde_json::to_vec(message)?].concat();
         let files: Vec<RawFd> = pulse.iter().map(|pulse| pulse.as_fd().as_raw_fd()).collect();
         let control = [ControlMessage::ScmRights(&files)];
         let control = if files.is_empty() { &[][..] } else { &control };
@@ -110,7 +121,8 @@ impl Channel {
     ///
     /// # Errors
     ///
-    /// `UnexpectedEof` when the other end is gone, `InvalidData` for any other message, `WouldBlock` when none has come.
+    /// `UnexpectedEof` when the other end is gone, `InvalidData` for any other message and that of another version, `WouldBlock` when
+    /// none has come.
     pub fn receive<T: DeserializeOwned>(&self) -> io::Result<(T, Option<Pulse>)> {
         let mut text = vec![0; MESSAGE_BYTES_MAX];
         let mut control = cmsg_space!([RawFd; 1]);
@@ -124,10 +136,10 @@ impl Channel {
         if bytes == 0 {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
-        if !whole {
-            return Err(io::ErrorKind::InvalidData.into());
-        }
-        Ok((serde_json::from_slice(&text[..bytes])?, files.into_iter().next().map(Pulse::from)))
+        let Some(text) = text[..bytes].strip_prefix(VERSION).filter(|_| whole) else {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, OTHER_VERSION));
+        };
+        Ok((serde_json::from_slice(text)?, files.into_iter().next().map(Pulse::from)))
     }
 
     /// Whether the other end is gone, or sends an unexpected message. Neither allocates nor blocks; one system call.

@@ -21,7 +21,9 @@ const SILENCE: Duration = Duration::from_millis(80);
 #[derive(Debug, thiserror::Error)]
 enum RegistrarError {
     #[error("no process `motord deadman` runs for this instance ({0})")]
-    NotThere(#[from] io::Error),
+    NotThere(io::Error),
+    #[error("`motord deadman` gives no answer ({0}): if it is of another version, restart it")]
+    Unanswered(#[from] io::Error),
     #[error("`motord deadman` refuses: {0}")]
     Refused(Refusal),
     #[error("`motord deadman` gives an answer of another kind")]
@@ -84,7 +86,7 @@ impl Registrar {
         while self.pulse.read() == Some(AT_REST) {
             std::thread::sleep(TURN);
         }
-        let switch = Channel::connect(&self.instance, PATIENCE)?;
+        let switch = Channel::connect(&self.instance, PATIENCE).map_err(RegistrarError::NotThere)?;
         switch.send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
         match switch.receive()?.0 {
             Answer::Registered => Ok(switch),

@@ -129,7 +129,10 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
                 }
                 Err(refusal) => Answer::Refused(refusal),
             },
-            Err(error) => return tracing::warn!(pid, "no request: {error}"),
+            Err(error) => {
+                tracing::warn!(pid, "no request: {error}");
+                Answer::Refused(Refusal::Request { reason: error.to_string() })
+            }
         };
         let _gone = caller.send(&answer, None);
     }
