@@ -107,6 +107,8 @@ sections! {
             "How often each motor is asked for its faults, where the cycle has room on the wire. 0 never asks.";
         "deadman-ms" deadman_ms: Option<f64>, "ms" = follows("`max-lateness-ms` and 2 cycles").within(0.5, 10_000.0),
             "The dead man's switch acts when the heartbeat stands still for this long. When the daemon dies it acts at once. At least 2 cycles. A warning below the default: the switch would act on a daemon that is only late.";
+        "require-deadman" require_deadman: bool, "" = is(false),
+            "Stop every group while the dead man's switch is away or hangs (`switch-lost`), and enable none. A robot without a bus of this machine needs no switch.";
         "error-feedback" error_feedback: bool, "" = is(true),
             "Carry the rounding error of the torque from cycle to cycle. This makes the mean torque exact.";
     }

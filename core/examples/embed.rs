@@ -124,6 +124,7 @@ fn settings() -> Settings {
             start_timeout: milliseconds(1000),
             fault_poll_hz: 10.0,
             deadman: milliseconds(7),
+            require_deadman: false,
             error_feedback: true,
         },
         buses: vec![BusSettings {

@@ -33,10 +33,10 @@ use crate::telemetry::{self, Recorder};
 use motord_bus::Duration;
 use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
-use motord_shared::Presence;
 use motord_shared::injection::InjectionListener;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
+use motord_shared::{Cause, Presence};
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
@@ -143,7 +143,7 @@ impl Daemon {
         let askers = questions.askers.clone();
 
         let ipc = start_ipc(&settings, lock, &orders, (ipc_end, owners), questions, boot_id)?;
-        start_owners(&settings, &orders, deaths, counters)?;
+        start_owners(&settings, &orders, deaths, Arc::clone(&counters))?;
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
@@ -160,7 +160,7 @@ impl Daemon {
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
         cycle.on_begin(move |cycle| heartbeat.beat(cycle));
         let (cycle, realtime) = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
-        start_registrar(&settings, lock.instance(), &orders, pulse)?;
+        start_registrar(&settings, lock.instance(), &orders, pulse, counters)?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         if let Some(injectors) = buses.injectors {
             start_simulation(lock, &orders, injectors)?;
@@ -375,6 +375,7 @@ fn start_registrar(
     instance: &Instance,
     orders: &Arc<Orders>,
     pulse: Pulse,
+    counters: Arc<Counters>,
 ) -> Result<(), RunError> {
     let frames = SafeFrames::of(settings);
     if frames.buses.is_empty() {
@@ -382,6 +383,9 @@ fn start_registrar(
         return Ok(());
     }
     let mut registrar = Registrar::new(instance.clone(), frames, pulse);
+    if settings.safety.require_deadman {
+        registrar = registrar.reports(move |lost| counters.alarms.stand(lost.then_some(Cause::SwitchLost)));
+    }
     let given = Arc::clone(orders);
     // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
     let request = below_the_cycle(settings);

@@ -482,6 +482,42 @@ fn a_daemon_finds_a_switch_that_starts_after_it() {
     registrar.join().unwrap();
 }
 
+/// Goal: a robot that requires its switch is told when it is away, when it hangs, and when it is back.
+/// Method: the switch is this thread, which answers the registration, and gives signs of life when it likes.
+#[test]
+fn a_registrar_tells_whether_the_switch_is_away_or_hangs() {
+    let (_directory, instance) = runtime();
+    let (_heartbeat, pulse) = beating();
+    let end = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&end);
+    let (told, hears) = channel();
+    let mut registrar =
+        Registrar::new(instance.clone(), safe_frames(), pulse).reports(move |lost| told.send(lost).unwrap());
+    let switch = Listener::bind(&instance).unwrap();
+    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
+    let next = || hears.recv_timeout(Duration::from_secs(20)).unwrap();
+    assert!(next(), "away");
+    let daemon = loop {
+        match switch.accept() {
+            Ok(daemon) => break daemon,
+            Err(_) => sleep(Duration::from_millis(1)),
+        }
+    };
+    while daemon.receive::<Request>().is_err() {
+        sleep(Duration::from_millis(1));
+    }
+    daemon.send(&Answer::Registered, None).unwrap();
+    assert!(!next(), "registered");
+    assert!(next(), "it gives no sign of life");
+    daemon.beat();
+    assert!(!next(), "it goes on");
+    assert!(next(), "and hangs again");
+    drop((daemon, switch));
+    assert!(next(), "and ends");
+    end.store(true, Ordering::Relaxed);
+    registrar.join().unwrap();
+}
+
 /// A file with a motor of each protocol on `interface`.
 fn configuration(directory: &Path, bus: &str) -> PathBuf {
     let path = directory.join("test.toml");

@@ -122,6 +122,32 @@ fn a_daemon_that_nobody_can_reach_stops_every_group_and_its_end_is_not_the_cause
 }
 
 #[test]
+fn a_robot_that_requires_its_switch_stops_without_it_and_is_enabled_when_it_is_back() {
+    let (mut robot, joints) = active();
+    robot.client.alarms().stand(Some(Cause::SwitchLost));
+    robot.take_sent();
+    robot.follow(&joints);
+    assert_eq!((robot.phase(), robot.cause()), (Phase::Damping, Some(Cause::SwitchLost)));
+    while robot.phase() != Phase::Disarmed {
+        robot.step();
+    }
+    robot.operate(Operation::Reset).expect("a group at rest can be reset");
+    robot.follow(&joints);
+    let enable =
+        AdminRequest { operation: Operation::Enable.code(), lease: robot.lease(), ..Default::default() };
+    robot.ask(enable).expect("nothing else is wrong");
+    for _ in 0..200 {
+        robot.follow(&joints);
+        assert_ne!(robot.phase(), Phase::Active);
+    }
+    assert_eq!(robot.cause(), Some(Cause::SwitchLost));
+    robot.client.alarms().stand(None);
+    // So long that its owner has gone.
+    robot.steps(2000);
+    activate_again(&mut robot);
+}
+
+#[test]
 fn a_short_pause_of_the_owner_is_no_silence_and_what_queued_in_a_long_one_moves_nothing() {
     let (mut robot, joints) = active();
     robot.steps(10);

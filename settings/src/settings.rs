@@ -135,6 +135,8 @@ pub struct SafetySettings {
     pub fault_poll_hz: f64,
     /// The dead man's switch acts when the heartbeat stands still for this long.
     pub deadman: Duration,
+    /// Whether every group is stopped while the dead man's switch is away or hangs.
+    pub require_deadman: bool,
     /// Carry the rounding error of the torque from cycle to cycle.
     pub error_feedback: bool,
 }

@@ -107,6 +107,7 @@ codes! {
         Disabled = 24 "disabled" "Somebody other than its owner disabled the group.",
         OwnerDied = 27 "owner-died" "The owner's process ended while its group was active.",
         DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",
+        SwitchLost = 29 "switch-lost" "The dead man's switch was away or hung, and the configuration requires it.",
     }
 }
 
@@ -117,6 +118,7 @@ impl Cause {
         match self {
             Self::SetpointTimeout | Self::OwnerLost | Self::OwnerDied => "Start the controller again",
             Self::DirectoryLost => "Find out who removed the files, and start the daemon again",
+            Self::SwitchLost => "Start `motord deadman`, or find out in its log why it hangs",
             Self::EmergencyStop => "Make sure that the robot may move safely",
             Self::MotorLost => "Check the motor's power, its CAN cable and its id",
             Self::MotorFault => {

@@ -114,6 +114,7 @@ fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_
         start_timeout: millis(keys.start_timeout_ms.value),
         fault_poll_hz: keys.fault_poll_hz.value,
         deadman: deadman(keys, cycle, findings),
+        require_deadman: keys.require_deadman.value,
         error_feedback: keys.error_feedback.value,
     }
 }

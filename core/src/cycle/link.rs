@@ -167,6 +167,8 @@ pub struct Counters {
 pub struct Alarms {
     /// The code of a cause; 0 is none.
     stop: AtomicU32,
+    /// The code of a cause that goes on; 0 is none.
+    standing: AtomicU32,
     /// By group, the lease of an owner whose process has ended; 0 is none.
     ended: [AtomicU64; GROUPS_MAX],
 }
@@ -175,6 +177,11 @@ impl Alarms {
     /// Stops every group for `cause`. Wait-free.
     pub fn stop(&self, cause: Cause) {
         self.stop.store(cause.code(), Ordering::Release);
+    }
+
+    /// Stops every group for `cause` in every cycle until it is `None` again, so that none can be enabled. Wait-free.
+    pub fn stand(&self, cause: Option<Cause>) {
+        self.standing.store(cause.map_or(0, Cause::code), Ordering::Release);
     }
 
     /// The process that holds `lease` has ended. Wait-free.
@@ -272,11 +279,11 @@ impl Link {
         }
     }
 
-    /// The cause that every group is to be stopped for, once. Wait-free.
-    pub(super) fn take_stop(&self) -> Option<Cause> {
-        let stop = &self.counters.alarms.stop;
-        let code = if stop.load(Ordering::Relaxed) == 0 { 0 } else { stop.swap(0, Ordering::Acquire) };
-        Cause::try_from(code).ok()
+    /// The causes that every group is to be stopped for: one of them once, the other for as long as it stands. Wait-free.
+    pub(super) fn take_stops(&self) -> [Option<Cause>; 2] {
+        let Alarms { stop, standing, .. } = &self.counters.alarms;
+        let once = if stop.load(Ordering::Relaxed) == 0 { 0 } else { stop.swap(0, Ordering::Acquire) };
+        [once, standing.load(Ordering::Acquire)].map(|code| Cause::try_from(code).ok())
     }
 
     /// The leases of owners whose processes have ended, once. Wait-free; bounded by groups.

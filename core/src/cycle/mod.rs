@@ -242,9 +242,7 @@ impl<C: Clock> Cycle<C> {
     /// Stops what other threads say must be stopped. No system call; bounded by groups.
     fn heed_alarms(&mut self) {
         let Self { link, control, .. } = self;
-        if let Some(cause) = link.take_stop() {
-            control.stop_all(cause, None);
-        }
+        link.take_stops().into_iter().flatten().for_each(|cause| control.stop_all(cause, None));
         link.take_ended().for_each(|lease| control.end_owner(lease));
     }
 

@@ -31,7 +31,6 @@ enum RegistrarError {
 }
 
 /// Keeps a daemon registered with its dead man's switch.
-#[derive(Debug)]
 pub struct Registrar {
     instance: Instance,
     frames: SafeFrames,
@@ -41,13 +40,21 @@ pub struct Registrar {
     switch: Option<Channel>,
     /// Whether the log says that there is no switch.
     logged: bool,
+    /// Told whether the switch is away or hangs.
+    lost: Box<dyn Fn(bool) + Send>,
 }
 
 impl Registrar {
     /// The registrar of the daemon of `instance`, whose heartbeat is `pulse`.
     #[must_use]
     pub fn new(instance: Instance, frames: SafeFrames, pulse: Pulse) -> Self {
-        Self { instance, frames, pulse, switch: None, logged: false }
+        Self { instance, frames, pulse, switch: None, logged: false, lost: Box::new(|_| ()) }
+    }
+
+    /// Tells `lost` from now on whether the switch is away or hangs.
+    #[must_use]
+    pub fn reports(self, lost: impl Fn(bool) + Send + 'static) -> Self {
+        Self { lost: Box::new(lost), ..self }
     }
 
     /// Runs until `stop` returns true, in a thread of its own, which loses the descriptors of all others. Nothing waits for
@@ -57,13 +64,16 @@ impl Registrar {
         // takes milliseconds. A descriptor of this thread alone is closed at once. If the kernel refuses, the switch learns
         // of the death later.
         let _refused = kernel::keep_only(self.pulse.as_fd());
+        (self.lost)(true);
         while !stop() {
             match self.register() {
                 Ok(switch) => {
                     tracing::info!("dead man's switch: yes");
                     self.logged = false;
+                    (self.lost)(false);
                     let switch = self.switch.insert(switch);
-                    watch(switch, &stop);
+                    watch(switch, &self.lost, &stop);
+                    (self.lost)(true);
                     self.switch = None;
                 }
                 Err(reason) if !self.logged => {
@@ -96,8 +106,9 @@ impl Registrar {
     }
 }
 
-/// Returns when the switch is gone, or `stop` returns true. Says when the switch hangs, and when it is back.
-fn watch(switch: &Channel, stop: &impl Fn() -> bool) {
+/// Returns when the switch is gone, or `stop` returns true. Says when the switch hangs, and when it is back, also to
+/// `lost`.
+fn watch(switch: &Channel, lost: &impl Fn(bool), stop: &impl Fn() -> bool) {
     let (mut heard, mut hangs) = (clock::monotonic(), false);
     while !stop() {
         let now = clock::monotonic();
@@ -107,11 +118,13 @@ fn watch(switch: &Channel, stop: &impl Fn() -> bool) {
             Some(true) => {
                 heard = clock::monotonic();
                 if std::mem::take(&mut hangs) {
+                    lost(false);
                     tracing::warn!("the dead man's switch answers again");
                 }
             }
             Some(false) if !hangs && now.since(heard) >= SILENCE => {
                 hangs = true;
+                lost(true);
                 tracing::error!(
                     "the dead man's switch hangs: if this process dies, nothing damps the robot until the switch goes on"
                 );
