@@ -1,4 +1,4 @@
-//! Busy polling, on virtual time: reading the buses instead of sleeping.
+//! The sleep for replies and busy polling, on virtual time.
 
 mod robot;
 
@@ -47,6 +47,26 @@ fn polling_ends_at_its_bound_and_is_counted() {
     let bound = Duration::from_micros(30)..Duration::from_micros(40);
     assert!(in_vain && bound.contains(&time), "{time:?}");
     assert!((2..40).contains(&reads), "a read of one bus at each step of the clock: {reads}");
+}
+
+#[test]
+fn states_are_not_published_later_on_a_computer_whose_wake_ups_are_always_late() {
+    let published_after_replies = |late: Duration| {
+        let mut settings = robot::three_motors();
+        settings.safety.fault_poll_hz = 0.0;
+        let mut robot = Robot::new(settings, 1);
+        robot.clock.reading.set(Duration::from_nanos(100));
+        robot.clock.always_late.set(late);
+        robot.steps(CYCLES as usize);
+        robot.clock.waits.set(0);
+        robot.steps(CYCLES as usize);
+        assert_eq!(robot.clock.waits.get(), 2 * CYCLES, "no second wait for replies");
+        let state = robot.state();
+        let replied = (0..3).map(|joint| robot.joint(joint).receive_ns).max().expect("three joints");
+        Duration::from_nanos(state.publish_ns - replied)
+    };
+    let [exact, late] = [Duration::ZERO, Duration::from_micros(25)].map(published_after_replies);
+    assert!(late < exact + Duration::from_micros(5), "{late:?} after the last reply, without lateness {exact:?}");
 }
 
 /// The polling of the next cycle.

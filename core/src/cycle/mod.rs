@@ -37,8 +37,10 @@ use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
 const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 /// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
 const CALLS_PER_BUS: usize = 3;
-/// Most reads of the open buses instead of one sleep, should the clock not move.
+/// Most reads of the open buses, or of the clock, instead of one sleep, should the clock not move.
 const READS_MAX: usize = 1000;
+/// The longest time for which a cycle that does not poll is awake before its first read.
+const AWAKE_MAX: Duration = Duration::from_micros(30);
 
 /// Everything the real-time thread owns.
 pub struct Cycle<C> {
@@ -338,13 +340,7 @@ impl<C: Clock> Cycle<C> {
     /// a sleep, for as long as configured and at most until `deadline`: the last reply waits for no wake-up. Returns whether
     /// every reply has come. One sleep, and at most [`READS_MAX`] reads of each bus.
     fn busy_poll(&mut self, earliest: Instant, deadline: Instant) -> bool {
-        let due = earliest.min(deadline) - self.lateness.expected();
-        let sleeps = due > self.clock.now();
-        self.clock.sleep_until(due);
-        let begun = self.clock.now();
-        if sleeps {
-            self.lateness.observe(due, begun);
-        }
+        let begun = self.sleep_towards(earliest.min(deadline), Duration::MAX);
         let until = deadline.min(begun + self.timing.busy_poll);
         let (mut ready, mut reads) = (None, 0);
         for _ in 0..READS_MAX {
@@ -365,7 +361,9 @@ impl<C: Clock> Cycle<C> {
     fn gather(&mut self, deadline: Instant) {
         let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
         let expected = self.last_of(self.open_buses(), BusChannel::expected);
-        self.clock.sleep_until(expected.unwrap_or(deadline).min(deadline));
+        let expected = expected.unwrap_or(deadline).min(deadline);
+        self.sleep_towards(expected, AWAKE_MAX);
+        self.stay_awake_until(expected);
         let mut ready = None;
         loop {
             let read = self.receive(ready);
@@ -381,6 +379,30 @@ impl<C: Clock> Cycle<C> {
             } else {
                 Some(self.wait(open, deadline))
             };
+        }
+    }
+
+    /// Sleeps until `time`, less the time by which this thread is usually woken late, and less by `shorter` at most. Returns the time
+    /// when it was woken. One system call.
+    fn sleep_towards(&mut self, time: Instant, shorter: Duration) -> Instant {
+        let due = time - self.lateness.expected().min(shorter);
+        let sleeps = due > self.clock.now();
+        self.clock.sleep_until(due);
+        let woken = self.clock.now();
+        if sleeps {
+            self.lateness.observe(due, woken);
+        }
+        woken
+    }
+
+    /// Reads the clock until `time`, at most [`READS_MAX`] times: a read of the buses that finds replies missing costs more calls
+    /// than the budget has for a second one.
+    fn stay_awake_until(&self, time: Instant) {
+        for _ in 0..READS_MAX {
+            if self.clock.now() >= time {
+                break;
+            }
+            std::hint::spin_loop();
         }
     }
 

@@ -86,6 +86,8 @@ pub struct Virtual {
     pub waits: Rc<Cell<u32>>,
     /// How much too late the next sleep ends.
     pub late: Rc<Cell<Duration>>,
+    /// How much too late every sleep ends.
+    pub always_late: Rc<Cell<Duration>>,
     /// How long the computer was suspended.
     pub suspended: Rc<Cell<Duration>>,
     /// The next reading of the clock panics.
@@ -114,7 +116,7 @@ impl Clock for Virtual {
 
     fn sleep_until(&mut self, instant: Instant) {
         self.waits.set(self.waits.get() + 1);
-        self.now.set(self.now.get().max(instant + self.late.take()));
+        self.now.set(self.now.get().max(instant + self.late.take() + self.always_late.get()));
     }
 
     fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready {
@@ -209,6 +211,7 @@ impl Robot {
             reading: Rc::default(),
             waits: Rc::default(),
             late: Rc::default(),
+            always_late: Rc::default(),
             suspended: Rc::default(),
             broken: Rc::default(),
             freeze: Rc::default(),
