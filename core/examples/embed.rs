@@ -110,6 +110,7 @@ fn settings() -> Settings {
         ipc: IpcSettings {
             mode: IpcMode::Timed,
             lead: Duration::from_micros(150),
+            busy_poll: Duration::ZERO,
             cpu: None,
             priority: None,
         },

@@ -251,7 +251,7 @@ fn start_ipc(
     let (opened, ready) = channel();
     let (lock, given) = (Arc::clone(lock), Arc::clone(orders));
     let ipc = settings.ipc.clone();
-    let schedule = Schedule::new(settings.cycle.period, ipc.lead, settings.cycle.busy_poll);
+    let schedule = Schedule::new(settings.cycle.period, ipc.lead, ipc.busy_poll);
     let description =
         serde_json::to_string(&describe(settings, boot_id)).expect("names and numbers are JSON");
     let thread = start("ipc", orders, move || {

@@ -84,6 +84,8 @@ pub struct IpcSettings {
     pub mode: IpcMode,
     /// The setpoints are fetched this long before a tick.
     pub lead: Duration,
+    /// In timed mode the states of a cycle are polled for so long at most. Zero never polls.
+    pub busy_poll: Duration,
     /// The processor it is pinned to.
     pub cpu: Option<usize>,
     /// `SCHED_FIFO` priority; `None` leaves it normal.

@@ -82,6 +82,7 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
 
 fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> IpcSettings {
     findings.within_cycle(keys.lead_us.at, keys.lead_us.value, cycle.period);
+    findings.within_cycle(keys.busy_poll_us.at, keys.busy_poll_us.value, cycle.period);
     let (mode, cpu) = (keys.mode.value, findings.processor(&keys.cpu));
     if let (IpcMode::Spin, Some(cpu)) = (mode, cpu)
         && cycle.cpu == Some(cpu)
@@ -97,7 +98,13 @@ fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> 
     if keys.priority.value.is_some() {
         findings.judge_priority(keys.priority.at, priority, cycle.require_realtime);
     }
-    IpcSettings { mode, lead: micros(keys.lead_us.value), cpu, priority: (priority > 0).then_some(priority) }
+    IpcSettings {
+        mode,
+        lead: micros(keys.lead_us.value),
+        busy_poll: micros(keys.busy_poll_us.value),
+        cpu,
+        priority: (priority > 0).then_some(priority),
+    }
 }
 
 fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> SafetySettings {
