@@ -66,7 +66,7 @@ fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Resul
     Ok(())
 }
 
-/// Tells of an event. The outcome of a stop must not be told before its key: the screen would wait for another one. Does not block.
+/// Tells of an event. The outcome of a stop must not be sent before its key: the screen would wait for another one. Does not block.
 /// Returns whether somebody listens.
 fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
     match event {
@@ -94,8 +94,8 @@ mod tests {
         let (news, heard) = std::sync::mpsc::channel();
         let confirmed = news.clone();
         assert!(pass_on(&space, &|| confirmed.send(News::Stop(Ok(()))).unwrap(), &news));
-        let told: Vec<_> = heard.try_iter().collect();
-        assert!(matches!(told[..], [News::Key(_), News::Stop(Ok(()))]), "{told:?}");
+        let shown: Vec<_> = heard.try_iter().collect();
+        assert!(matches!(shown[..], [News::Key(_), News::Stop(Ok(()))]), "{shown:?}");
         drop(heard);
         let stopped = AtomicBool::new(false);
         assert!(!pass_on(&space, &|| stopped.store(true, Ordering::Relaxed), &news));
