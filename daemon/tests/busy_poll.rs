@@ -66,7 +66,10 @@ fn states_are_not_published_later_on_a_computer_whose_wake_ups_are_always_late()
         Duration::from_nanos(state.publish_ns - replied)
     };
     let [exact, late] = [Duration::ZERO, Duration::from_micros(25)].map(published_after_replies);
-    assert!(late < exact + Duration::from_micros(5), "{late:?} after the last reply, without lateness {exact:?}");
+    assert!(
+        late < exact + Duration::from_micros(5),
+        "{late:?} after the last reply, without lateness {exact:?}"
+    );
 }
 
 /// The polling of the next cycle.
