@@ -78,7 +78,10 @@ impl Field {
     /// As [`encode`](Self::encode), of a value that is finite.
     #[inline]
     pub(crate) fn encode_finite(&self, value: f32) -> u16 {
-        (self.quantise_finite(f64::from(value)) + 0.5) as u16
+        let code = f64::from(value) * self.code_max / self.span + self.zero;
+        let code = if code < self.code_max { code } else { self.code_max };
+        // The cast clamps at zero.
+        (code + 0.5) as u16
     }
 
     /// The nearest code, after clamping; of two equally near codes the upper. `None` for NaN and infinity.

@@ -77,7 +77,7 @@ impl Command {
             Self::Start => CommandCodes::Start,
             Self::Stop => CommandCodes::Stop,
             Self::SetZero => CommandCodes::SetZero,
-            Self::Control(impedance) => CommandCodes::Control(ControlCodes::nearest(impedance, scales)?),
+            Self::Control(impedance) => return Ok(ControlCodes::nearest(impedance, scales)?.pack()),
         };
         Ok(codes.encode())
     }
@@ -179,6 +179,7 @@ impl ControlCodes {
     /// # Errors
     ///
     /// When a value is NaN or infinite.
+    #[inline]
     pub fn nearest(impedance: &Impedance, scales: &Scales) -> Result<Self, EncodeError> {
         let torque = scales.torque.encode(f64::from(impedance.torque));
         let torque = torque.ok_or(EncodeError::NotFinite { field: Quantity::Torque })?;
