@@ -6,36 +6,17 @@
 
 #[path = "../../daemon/tests/robot/mod.rs"]
 mod robot;
+mod robots;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use motord_core::cycle::{LocalClient, Tick, assemble};
-use motord_core::settings::Settings;
-use motord_shared::limits::BUSES_MAX;
 use motord_shared::{JointSetpoint, Phase};
 use motord_simulator::SharedBus;
 use robot::Robot;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-
-/// As many as fit on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.
-const MOTORS_PER_BUS: usize = 3;
-
-/// `motors` on as many buses as they need; where there are too few buses, more motors share one at half the rate.
-fn settings(motors: usize) -> Settings {
-    let per_bus = motors.div_ceil(BUSES_MAX).max(MOTORS_PER_BUS);
-    let rate_hz = if per_bus > MOTORS_PER_BUS { 500 } else { 1000 };
-    let mut text = format!("[cycle]\nrate-hz = {rate_hz}\n");
-    for bus in 0..motors.div_ceil(per_bus) {
-        text += &format!("[[bus]]\nname = \"bus-{bus}\"\ntype = \"simulated\"\n");
-    }
-    for motor in 0..motors {
-        let (bus, id) = (motor / per_bus, (motor % per_bus + 1) as u8);
-        text += &robot::motor(id, &format!("motor-{motor}"), &format!("bus-{bus}"), "");
-    }
-    robot::settings(&text)
-}
 
 /// A bus, and the time spent in it, ns.
 struct Metered {
@@ -82,7 +63,7 @@ struct Running {
 
 impl Running {
     fn new(motors: usize) -> Self {
-        let mut robot = Robot::new(settings(motors), 1);
+        let mut robot = Robot::new(robots::settings(motors), 1);
         let spent_ns = Arc::default();
         let metered = |bus: &SharedBus| Metered { bus: bus.clone(), spent_ns: Arc::clone(&spent_ns) };
         let buses = robot.buses.iter().map(|bus| Box::new(metered(bus)) as Box<dyn Bus>).collect();

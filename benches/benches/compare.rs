@@ -1,0 +1,309 @@
+//! The Rust side of `benches/compare`: motord's codec and round trips, those of bare iceoryx2, a bare wake-up, and the cycle for
+//! callgrind. Prints lines of a name, a median and a 99 % quantile, ns; of a codec both are the time of one frame.
+
+mod echo;
+#[path = "../../daemon/tests/robot/mod.rs"]
+mod robot;
+mod robots;
+
+use clap::{Parser, Subcommand};
+use echo::{Daemon, INSTANCE, JOINTS, PATIENCE};
+use iceoryx2::prelude::{Config, Node, NodeBuilder, Path as SystemPath, SemanticString, ipc};
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use motord_bus::{Bus, Frame, Inbox, Instant as RobotTime, Readiness, Sent};
+use motord_client::{Client, Setpoint};
+use motord_core::cycle::{LocalClient, Tick, assemble};
+use motord_protocol::Scales;
+use motord_protocol::mit::{Command, Impedance};
+use motord_protocol::profile::STEADYWIN;
+use motord_shared::{JointSetpoint, SetpointMessage, StateMessage};
+use motord_simulator::SharedBus;
+use nix::sys::eventfd::{EfdFlags, EventFd};
+use std::hint::{black_box, spin_loop};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Trips before those that are timed.
+const WARM_UP: usize = 1000;
+/// As many share a bus at 500 Hz, whatever the size of the robot.
+const MOTORS_PER_BUS: usize = 4;
+/// Different commands and replies of the codec; a power of two.
+const FRAMES: usize = 256;
+
+#[derive(Parser)]
+struct Options {
+    /// The default is the codec and the trips.
+    #[command(subcommand)]
+    what: Option<What>,
+    /// Measures only as long as it takes to see that it runs.
+    #[arg(long)]
+    test: bool,
+    /// Given by cargo.
+    #[arg(long, hide = true, global = true)]
+    bench: bool,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// The bytes of a setpoint message and of a state message.
+    Sizes,
+    /// So many frames each way, and a checksum of the bytes and values.
+    Codec { frames: usize },
+    /// So many round trips of each kind, and wake-ups.
+    Trips { count: usize },
+    /// So many cycles of a robot with so many motors.
+    Cycles { motors: usize, count: u64 },
+}
+
+fn main() {
+    let options = Options::parse();
+    match options.what {
+        None if options.test => {
+            codec(FRAMES);
+            trips(1);
+            cycles(MOTORS_PER_BUS, 1);
+        }
+        None => {
+            codec(1_000_000);
+            trips(20_000);
+        }
+        Some(What::Sizes) => println!("{} {}", size_of::<SetpointMessage>(), size_of::<StateMessage>()),
+        Some(What::Codec { frames }) => codec(frames),
+        Some(What::Trips { count }) => trips(count),
+        Some(What::Cycles { motors, count }) => cycles(motors, count),
+    }
+}
+
+fn trips(count: usize) {
+    wake_up(count);
+    for spins in [false, true] {
+        iceoryx2_trips(count, spins);
+        motord_trips(count, spins);
+    }
+}
+
+/// Prints the median and the 99 % quantile of `count` trips, ns. A trip tells when it began.
+fn time_trips(name: &str, count: usize, mut trip: impl FnMut() -> Instant) {
+    for _ in 0..WARM_UP {
+        trip();
+    }
+    let mut times: Vec<_> = (0..count).map(|_| trip().elapsed().as_nanos()).collect();
+    times.sort_unstable();
+    println!("{name} {} {}", times[count / 2], times[count * 99 / 100]);
+}
+
+/// From the moment in which another thread writes to an eventfd to the end of the read that waited for it.
+fn wake_up(count: usize) {
+    let event = Arc::new(EventFd::from_flags(EfdFlags::EFD_SEMAPHORE).expect("the kernel gives one"));
+    let (asked, ends) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+    let (bell, asks, ended) = (Arc::clone(&event), Arc::clone(&asked), Arc::clone(&ends));
+    let waker = std::thread::spawn(move || {
+        let mut done = 0;
+        while !ended.load(Ordering::Relaxed) {
+            if asks.load(Ordering::Acquire) == done {
+                spin_loop();
+                continue;
+            }
+            done += 1;
+            bell.write(1).expect("a thread reads");
+        }
+    });
+    time_trips("wake-up", count, || {
+        let begun = Instant::now();
+        asked.fetch_add(1, Ordering::Release);
+        event.read().expect("a thread writes");
+        begun
+    });
+    ends.store(true, Ordering::Relaxed);
+    waker.join().expect("the waker ends");
+}
+
+fn motord_trips(count: usize, spins: bool) {
+    let runtime = tempfile::tempdir().expect("the temporary directory is writable");
+    let _daemon = Daemon::start(runtime.path());
+    let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
+    client.set_silence(PATIENCE);
+    let mut claim = client.claim("all").expect("nobody owns the group");
+    let setpoints = [Setpoint::damping(1.0); JOINTS];
+    time_trips(if spins { "motord-spin" } else { "motord-event" }, count, || {
+        let begun = Instant::now();
+        claim.send(&setpoints).expect("the daemon runs");
+        let taken = if spins { client.spin(PATIENCE) } else { client.wait(PATIENCE) };
+        black_box(taken.expect("the daemon answers"));
+        begun
+    });
+}
+
+/// The same messages through services of iceoryx2, and nothing else. The other end spins, as motord's does.
+fn iceoryx2_trips(count: usize, spins: bool) {
+    let root = tempfile::tempdir().expect("the temporary directory is writable");
+    let (open, opened) = std::sync::mpsc::channel();
+    let (ends, place) = (Arc::new(AtomicBool::new(false)), root.path().to_owned());
+    let ended = Arc::clone(&ends);
+    let echo = std::thread::spawn(move || {
+        let services = Services::open(&place);
+        let setpoints = services.setpoint.subscriber_builder().create().expect("there is a place");
+        let states = services.state.publisher_builder().create().expect("there is a place");
+        let event = services.event.notifier_builder().create().expect("there is a place");
+        open.send(()).expect("the starting thread waits");
+        let mut state = StateMessage::default();
+        while !ended.load(Ordering::Relaxed) {
+            let Some(setpoint) = setpoints.receive().expect("the services are there") else {
+                spin_loop();
+                continue;
+            };
+            state.cycle = setpoint.sequence;
+            states.send_copy(state).expect("a subscriber is there");
+            event.notify().expect("a listener is there");
+        }
+    });
+    opened.recv().expect("the other end starts");
+    let services = Services::open(root.path());
+    let setpoints = services.setpoint.publisher_builder().create().expect("there is a place");
+    let states = services.state.subscriber_builder().create().expect("there is a place");
+    let event = services.event.listener_builder().create().expect("there is a place");
+    let mut setpoint = SetpointMessage::default();
+    time_trips(if spins { "iceoryx2-spin" } else { "iceoryx2-event" }, count, || {
+        setpoint.sequence += 1;
+        let begun = Instant::now();
+        setpoints.send_copy(setpoint).expect("a subscriber is there");
+        loop {
+            if !spins {
+                event.timed_wait(|_| (), Duration::from_secs(1)).expect("a notifier is there");
+            }
+            let state = states.receive().expect("the services are there");
+            if state.is_some_and(|state| state.cycle == setpoint.sequence) {
+                return begun;
+            }
+        }
+    });
+    ends.store(true, Ordering::Relaxed);
+    echo.join().expect("the other end ends");
+}
+
+/// The services of bare iceoryx2 in one thread.
+struct Services {
+    setpoint: publish_subscribe::PortFactory<ipc::Service, SetpointMessage, ()>,
+    state: publish_subscribe::PortFactory<ipc::Service, StateMessage, ()>,
+    event: event::PortFactory<ipc::Service>,
+    _node: Node<ipc::Service>,
+}
+
+impl Services {
+    fn open(root: &Path) -> Self {
+        let mut config = Config::default();
+        config
+            .global
+            .set_root_path(&SystemPath::new(root.as_os_str().as_encoded_bytes()).expect("a path of ASCII"));
+        let node =
+            NodeBuilder::new().config(&config).create::<ipc::Service>().expect("the directory is ours");
+        let name = |name: &str| name.try_into().expect("a sound name");
+        let of = |service| node.service_builder(&name(service));
+        Self {
+            setpoint: of("setpoint")
+                .publish_subscribe::<SetpointMessage>()
+                .subscriber_max_buffer_size(1)
+                .open_or_create()
+                .expect("sound"),
+            state: of("state")
+                .publish_subscribe::<StateMessage>()
+                .subscriber_max_buffer_size(1)
+                .open_or_create()
+                .expect("sound"),
+            event: of("cycle").event().open_or_create().expect("sound"),
+            _node: node,
+        }
+    }
+}
+
+/// Different frames, the same as in `peers/codec.c`.
+fn impedances() -> Vec<Impedance> {
+    let mut seed = 1_u32;
+    let mut between = |low: f32, high: f32| {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        low + (high - low) * ((seed >> 8) as f32 / 16_777_216.0)
+    };
+    let mut one = || Impedance {
+        position: between(-13.0, 13.0),
+        velocity: between(-66.0, 66.0),
+        kp: between(-1.0, 501.0),
+        kd: between(-0.1, 5.1),
+        torque: between(-230.0, 230.0),
+    };
+    (0..FRAMES).map(|_| one()).collect()
+}
+
+fn codec(frames: usize) {
+    let scales = Scales::by_current(0.125, 8.0).expect("the constants of a GIM8108-8 are sound");
+    let commands: Vec<_> = impedances().into_iter().map(Command::Control).collect();
+    let encode = |command: &Command| black_box(command).encode(black_box(&scales)).expect("finite values");
+    let bytes: Vec<_> = commands.iter().map(encode).collect();
+    let encoding = per_frame(frames, |frame| {
+        black_box(encode(&commands[frame % FRAMES]));
+    });
+    let replies: Vec<_> = bytes.iter().map(|[a, b, c, d, e, ..]| [1, *a, *b, *c, *d, *e]).collect();
+    let decode =
+        |reply: &[u8; 6]| STEADYWIN.decode_state(black_box(reply), black_box(&scales)).expect("6 bytes");
+    let decoding = per_frame(frames, |frame| {
+        black_box(decode(&replies[frame % FRAMES]));
+    });
+    let mut sum = 14_695_981_039_346_656_037_u64;
+    let mut add = |byte: u8| sum = (sum ^ u64::from(byte)).wrapping_mul(1_099_511_628_211);
+    for (bytes, reply) in bytes.iter().zip(&replies) {
+        bytes.iter().for_each(|byte| add(*byte));
+        let state = decode(reply);
+        let values = [state.position, state.velocity, state.torque];
+        values.iter().flat_map(|value| value.to_le_bytes()).for_each(&mut add);
+    }
+    println!("motord-encode {encoding:.2} {encoding:.2}\nmotord-decode {decoding:.2} {decoding:.2}");
+    println!("motord-sum {sum:016x}");
+}
+
+/// The least time of ten runs, ns for one frame.
+fn per_frame(frames: usize, mut once: impl FnMut(usize)) -> f64 {
+    let mut run = || {
+        let begun = Instant::now();
+        (0..frames).for_each(&mut once);
+        begun.elapsed().as_secs_f64() * 1e9 / frames as f64
+    };
+    (0..10).map(|_| run()).fold(f64::INFINITY, f64::min)
+}
+
+/// A bus whose calls callgrind can tell from the cycle's.
+struct Apart(SharedBus);
+
+impl Bus for Apart {
+    #[inline(never)]
+    fn send(&mut self, now: RobotTime, frames: &[Frame]) -> Sent {
+        self.0.send(now, frames)
+    }
+
+    #[inline(never)]
+    fn receive(&mut self, now: RobotTime, inbox: &mut Inbox) {
+        self.0.receive(now, inbox);
+    }
+
+    #[inline(never)]
+    fn readiness(&self) -> Readiness<'_> {
+        self.0.readiness()
+    }
+}
+
+fn cycles(motors: usize, count: u64) {
+    let mut robot = robot::Robot::new(robots::with(motors, MOTORS_PER_BUS, 500), 1);
+    let buses = robot.buses.iter().map(|bus| Box::new(Apart(bus.clone())) as Box<dyn Bus>).collect();
+    let (cycle, ends) = assemble(&robot.settings, buses, robot.clock.clone(), 7);
+    (robot.cycle, robot.client) = (cycle, LocalClient::new(ends));
+    let joints: Vec<JointSetpoint> = robot.activate();
+    let state = robot.state();
+    let at = RobotTime::from_nanos(state.tick_ns) + robot.settings.cycle.period;
+    let mut tick = Tick { number: state.cycle + 1, at };
+    for _ in 0..count {
+        robot.send(&joints);
+        tick = robot.cycle.run(tick);
+        while robot.client.record().is_some() {}
+        while robot.client.event().is_some() {}
+    }
+}
