@@ -490,9 +490,9 @@ fn a_registrar_tells_whether_the_switch_is_away_or_hangs() {
     let (_heartbeat, pulse) = beating();
     let end = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&end);
-    let (told, hears) = channel();
+    let (tells, hears) = channel();
     let mut registrar =
-        Registrar::new(instance.clone(), safe_frames(), pulse).reports(move |lost| told.send(lost).unwrap());
+        Registrar::new(instance.clone(), safe_frames(), pulse).reports(move |lost| tells.send(lost).unwrap());
     let switch = Listener::bind(&instance).unwrap();
     let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
     let next = || hears.recv_timeout(Duration::from_secs(20)).unwrap();
