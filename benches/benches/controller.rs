@@ -75,7 +75,7 @@ fn measure(options: &Options) {
     let lock = Arc::new(lock.expect("the directory is ours"));
     let buses = buses::open(&settings).expect("simulated buses open");
     let rate = settings.cycle.rate_hz;
-    let daemon = Daemon::start(settings, None, buses, &lock).expect("the daemon starts");
+    let daemon = Daemon::start(settings, None, buses, &lock, None).expect("the daemon starts");
     println!("{HEADING}");
     for computing in &options.computing {
         let seconds = options.seconds.to_string();

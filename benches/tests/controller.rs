@@ -94,9 +94,14 @@ fn daemon_process() {
     let bus = SharedBus::new(buses::simulate(&settings, 0, 1));
     let lock = Arc::new(Instance::below(Path::new(&runtime), "robot").unwrap().lock().unwrap());
     let opened: Vec<Box<dyn Bus>> = vec![Box::new(bus.clone())];
-    let daemon =
-        Daemon::start(settings, None, Buses { buses: opened, locks: Vec::new(), injectors: None }, &lock)
-            .unwrap();
+    let daemon = Daemon::start(
+        settings,
+        None,
+        Buses { buses: opened, locks: Vec::new(), injectors: None },
+        &lock,
+        None,
+    )
+    .unwrap();
     for line in std::io::stdin().lock().lines().map_while(Result::ok).take_while(|line| !line.is_empty()) {
         bus.lock().inject(clock::monotonic(), &line.parse::<FaultVerb>().unwrap()).unwrap();
     }

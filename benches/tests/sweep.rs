@@ -106,7 +106,7 @@ fn every_absurd_value_of_every_field_is_rejected_and_counted_or_limited() {
     let torque_max = settings.motors[0].limits.torque;
     let torque_end = settings.motors[0].scales.torque.max();
     let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new(), injectors: None };
-    let daemon = Daemon::start(settings, None, opened, &lock).unwrap();
+    let daemon = Daemon::start(settings, None, opened, &lock, None).unwrap();
 
     let not_finite = send_absurd_values(directory.path());
     assert_eq!(rejected_by_status(directory.path()), not_finite);

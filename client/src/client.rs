@@ -4,8 +4,9 @@ use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Link, Subject, View, locked};
 use crate::stop::FirstWay;
 use crate::{Error, State};
-use motord_shared::description::{RobotDescription, Telemetry};
+use motord_shared::description::{Histograms, RobotDescription, Telemetry};
 use motord_shared::instance::Attachment;
+use motord_shared::limits::HISTOGRAMS_MAX;
 use motord_shared::message::ALL_GROUPS;
 use motord_shared::ports::ClientPorts;
 use motord_shared::service::ServiceError;
@@ -18,6 +19,9 @@ use std::time::{Duration, Instant};
 const LATE_SHARE: u32 = 4;
 const LATE_SLEEP_MIN: Duration = Duration::from_micros(50);
 const LATE_SLEEP_MAX: Duration = Duration::from_millis(5);
+
+/// Most requests for all histograms: twice as many as there are, since they may begin anew meanwhile.
+const HISTOGRAM_PAGES_MAX: usize = 2 * HISTOGRAMS_MAX;
 
 /// A connection to the daemon of one instance.
 ///
@@ -293,14 +297,48 @@ impl Client {
         self.service(Operation::Include, joint)
     }
 
-    /// Counters and latencies since the daemon started.
+    /// Counters and latencies since the daemon started, or since [`reset_telemetry`](Self::reset_telemetry).
     ///
     /// # Errors
     /// Those of every request.
     pub fn telemetry(&self) -> Result<Telemetry, Error> {
         self.link.refresh()?;
         self.must_be(&self.description())?;
-        self.link.read(Operation::Telemetry)
+        self.link.read(Operation::Telemetry, 0.0)
+    }
+
+    /// The histograms of all latencies. Takes several requests; each histogram is whole, but they are some milliseconds apart.
+    ///
+    /// # Errors
+    /// Those of every request; [`Error::Refused`] by a daemon that is older than histograms.
+    pub fn histograms(&self) -> Result<Histograms, Error> {
+        self.link.refresh()?;
+        self.must_be(&self.description())?;
+        let mut all = Histograms::default();
+        for _ in 0..HISTOGRAM_PAGES_MAX {
+            let from = all.next.unwrap_or_default();
+            let page: Histograms = self.link.read(Operation::Histograms, f64::from(from))?;
+            if page.resets != all.resets && from > 0 {
+                // Somebody began them anew meanwhile.
+                all = Histograms::default();
+                continue;
+            }
+            all.histograms.extend(page.histograms);
+            (all.resets, all.next) = (page.resets, page.next.filter(|next| *next > from));
+            if all.next.is_none() {
+                return Ok(all);
+            }
+        }
+        Err(Error::NotUnderstood { operation: Operation::Histograms })
+    }
+
+    /// Begins counters and latencies anew, for everybody. The daemon's log tells who did.
+    ///
+    /// # Errors
+    /// Those of every request.
+    pub fn reset_telemetry(&self) -> Result<(), Error> {
+        let whole_robot = Subject { group: ALL_GROUPS as usize, ..Subject::default() };
+        self.ask(Operation::ResetTelemetry, &self.description(), whole_robot)
     }
 
     fn operate(&self, operation: Operation, group: &str) -> Result<(), Error> {

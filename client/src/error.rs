@@ -190,7 +190,9 @@ pub enum Error {
 /// The situation of who asked for `operation` in vain.
 fn without_answer(operation: Operation) -> &'static str {
     match operation {
-        Operation::Describe | Operation::Telemetry => "it is frozen or overloaded; see its log",
+        Operation::Describe | Operation::Telemetry | Operation::Histograms | Operation::ResetTelemetry => {
+            "it is frozen or overloaded; see its log"
+        }
         _ => "the states show whether it was carried out",
     }
 }

@@ -143,8 +143,8 @@ pub use injection::{FaultError, inject_fault};
 pub use members::{JointKey, Slot};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
-    ControlLatency, GroupDescription, GroupHistory, JointDescription, JointLimits, Percentiles, Process,
-    RobotDescription, Telemetry,
+    ControlLatency, EncodedHistogram, GroupDescription, GroupHistory, Histograms, JointDescription,
+    JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};

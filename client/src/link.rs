@@ -424,8 +424,9 @@ impl Link {
     }
 
     /// Asks for something that is answered with JSON.
-    pub(crate) fn read<T: DeserializeOwned>(&self, operation: Operation) -> Result<T, Error> {
-        let (_, text) = self.ask(operation, Subject::default(), ANSWER_TIMEOUT)?;
+    pub(crate) fn read<T: DeserializeOwned>(&self, operation: Operation, argument: f64) -> Result<T, Error> {
+        let subject = Subject { argument, ..Subject::default() };
+        let (_, text) = self.ask(operation, subject, ANSWER_TIMEOUT)?;
         serde_json::from_slice(&text).map_err(|_| Error::NotUnderstood { operation })
     }
 
@@ -439,7 +440,7 @@ impl Link {
     }
 
     fn read_description(&self) -> Result<(), Error> {
-        let robot: RobotDescription = self.read(Operation::Describe)?;
+        let robot: RobotDescription = self.read(Operation::Describe, 0.0)?;
         let sound = |index: &usize| *index < robot.joints.len();
         if robot.joints.len() > JOINTS_MAX || !robot.groups.iter().flat_map(|group| &group.joints).all(sound)
         {

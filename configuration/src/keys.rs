@@ -7,6 +7,9 @@
 
 use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
 
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
 use super::entry::{Entry, Row, follows, is, required};
 use super::table::{Section, Sections, Table};
 use super::value::BusType;
@@ -85,6 +88,14 @@ sections! {
             "Processor that the IPC thread is pinned to. With `spin` not that of the cycle.";
         "priority" priority: Option<i64>, "" = follows("70, or below the cycle; 0 with `spin`").within(0.0, 98.0),
             "`SCHED_FIFO` priority of the IPC thread, where it is permitted. 0 is a normal priority.";
+    }
+
+    /// `[telemetry]`.
+    Telemetry "telemetry" {
+        "prometheus-file" prometheus_file: Option<PathBuf>, "" = follows("none").words("an absolute path that ends with `.prom`"),
+            "File with the metrics for the textfile collector of Prometheus' node exporter. Replaced every 5 s.";
+        "prometheus-listen" prometheus_listen: Option<SocketAddr>, "" = follows("none").words("a loopback address with its port"),
+            "Such as `127.0.0.1:9464`: the metrics by HTTP, at `/metrics`, for a Prometheus on this computer.";
     }
 
     /// `[safety]`.

@@ -23,8 +23,9 @@ mod value;
 use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
+use std::net::SocketAddr;
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use machine::Machine;
 pub use origin::{Limit, Origin};
@@ -45,12 +46,23 @@ const FILE_BYTES_MAX: u64 = 1024 * 1024;
 pub struct Loaded {
     /// Its settings.
     pub settings: Settings,
+    /// `[telemetry]`: no setting of core.
+    pub telemetry: TelemetrySettings,
     /// The effective limits of each motor and where they come from, in the order of `settings.motors`.
     pub limits: Vec<Vec<Limit>>,
     /// Problems that do not prevent a run.
     pub warnings: Vec<Problem>,
     /// FNV-1a of the file's bytes, to notice later that the file is no longer the one that runs.
     pub hash: u64,
+}
+
+/// Where the metrics of a daemon go.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct TelemetrySettings {
+    /// Absolute path of a file for the textfile collector of Prometheus' node exporter.
+    pub prometheus_file: Option<PathBuf>,
+    /// Loopback address where Prometheus fetches them by HTTP.
+    pub prometheus_listen: Option<SocketAddr>,
 }
 
 /// Why a configuration is refused: every problem found, in the order of the file's sections. At least one.
@@ -140,7 +152,11 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
     match settings {
         Some(settings) if errors.is_empty() => {
             let limits = validate::limits::explained(&document, &settings, text);
-            Ok(Loaded { settings, limits, warnings, hash: fnv1a(bytes) })
+            let telemetry = TelemetrySettings {
+                prometheus_file: document.telemetry.prometheus_file.value,
+                prometheus_listen: document.telemetry.prometheus_listen.value,
+            };
+            Ok(Loaded { settings, telemetry, limits, warnings, hash: fnv1a(bytes) })
         }
         refused => Err(ConfigError { problems: errors, refused: refused.map(Box::new) }),
     }

@@ -127,6 +127,12 @@ pub enum Wrong {
     #[error("there is no device {0:?} on this machine now")]
     NoDevice(String),
 
+    // Telemetry.
+    #[error("{path:?} is no absolute path that ends with .prom")]
+    MetricsFile { path: String },
+    #[error("{address:?} is no loopback address with its port, such as 127.0.0.1:9464")]
+    MetricsAddress { address: String },
+
     // Buses.
     #[error("{name:?} cannot be an interface; use its Linux name, 1 to 15 characters, such as can0")]
     InterfaceName { name: String },

@@ -1,6 +1,8 @@
 //! The types of values: how each is read, and what it is called.
 
 use std::fmt::Debug;
+use std::net::SocketAddr;
+use std::path::PathBuf;
 
 use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
 use toml::Spanned;
@@ -108,6 +110,29 @@ impl Value for String {
     fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
         let found = written.get_ref();
         found.as_str().map(str::to_owned).ok_or_else(|| wrong_type::<Self>(found))
+    }
+}
+
+impl Value for PathBuf {
+    const KIND: &'static str = "a text";
+
+    /// Of metrics: Prometheus' node exporter reads no other names.
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let text = String::read(written)?;
+        let path = Self::from(&text);
+        let is_sound = path.is_absolute() && path.extension().is_some_and(|end| end == "prom");
+        if is_sound && !text.contains('\0') { Ok(path) } else { Err(Wrong::MetricsFile { path: text }) }
+    }
+}
+
+impl Value for SocketAddr {
+    const KIND: &'static str = "a text";
+
+    /// Of this computer only: whoever reaches the address reads the metrics.
+    fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
+        let text = String::read(written)?;
+        let loopback = text.parse().ok().filter(|address: &Self| address.ip().is_loopback());
+        loopback.filter(|address| address.port() != 0).ok_or(Wrong::MetricsAddress { address: text })
     }
 }
 

@@ -37,6 +37,7 @@ use motord_shared::injection::InjectionListener;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
 use motord_shared::{Cause, Presence};
+use motord_telemetry::Outputs;
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
@@ -121,7 +122,7 @@ pub struct Daemon {
 
 impl Daemon {
     /// Starts everything on `buses`, for the instance that `lock` holds. The file of the configuration and its hash are
-    /// watched for changes, if there is one.
+    /// watched for changes, if there is one. The metrics go to `outputs`.
     ///
     /// # Errors
     ///
@@ -131,6 +132,7 @@ impl Daemon {
         config: Option<(&Path, u64)>,
         buses: Buses,
         lock: &Arc<InstanceLock>,
+        outputs: Option<Outputs>,
     ) -> Result<Self, RunError> {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
@@ -147,6 +149,7 @@ impl Daemon {
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
         let mut recorder = Recorder::new(&settings, telemetry_end, answers);
+        recorder.exposes(outputs);
         recorder.wakes(ipc.thread().clone());
         if let Some((path, hash)) = config {
             recorder.watches(path.to_owned(), hash);

@@ -751,6 +751,24 @@ fn a_priority_beyond_the_limit_is_an_error_only_where_real_time_is_required() {
 }
 
 #[test]
+fn metrics_go_to_a_file_that_is_read_and_to_nobody_on_the_network() {
+    let with = |telemetry: &str| format!("{GOOD}\n[telemetry]\n{telemetry}\n");
+    let good = "prometheus-file = '/tmp/motord.prom'\nprometheus-listen = '[::1]:9464'";
+    let telemetry = judge(&with(good)).expect("is good").telemetry;
+    assert_eq!(telemetry.prometheus_file.as_deref(), Some(Path::new("/tmp/motord.prom")));
+    assert_eq!(telemetry.prometheus_listen, Some("[::1]:9464".parse().unwrap()));
+    assert_eq!(judge(GOOD).expect("is good").telemetry, Default::default(), "nothing is opened unasked");
+    for file in ["motord.prom", "/tmp/motord.txt", "/tmp/", ""] {
+        let error = only_error(&with(&format!("prometheus-file = '{file}' #!")));
+        assert!(error.contains("ends with .prom"), "{error}");
+    }
+    for address in ["0.0.0.0:9464", "192.168.0.1:9464", "localhost:9464", "127.0.0.1", "127.0.0.1:0", ""] {
+        let error = only_error(&with(&format!("prometheus-listen = '{address}' #!")));
+        assert!(error.contains("no loopback address"), "{error}");
+    }
+}
+
+#[test]
 fn a_spinning_ipc_thread_does_not_share_the_cycles_processor() {
     let text = damaged("mode = 'timed'", "mode = 'spin'\ncpu = 1").replace("rate-hz = 1000", "cpu = 1");
     assert!(only_error(&text).contains("exchange.cpu: the cycle uses processor 1 too"));

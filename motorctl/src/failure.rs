@@ -5,6 +5,7 @@ use crate::exit_status;
 use motord_client::{Error, FaultError};
 use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
+use motord_latency::LatencyFailure;
 use motord_wire::WireFailure;
 use std::io;
 
@@ -29,6 +30,9 @@ pub(crate) enum Failure {
     /// Frames were refused.
     #[error(transparent)]
     Frame(#[from] FrameFailure),
+    /// The latencies cannot be had, read or written.
+    #[error(transparent)]
+    Latency(#[from] LatencyFailure),
     /// A command on the bus failed, or was not confirmed.
     #[error(transparent)]
     Wire(#[from] WireFailure),
@@ -56,6 +60,7 @@ impl Failure {
             Self::Demo(error) => error.status(),
             Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
+            Self::Latency(failure) => failure.status(),
             Self::Wire(failure) => failure.status(),
             Self::Sim(FaultError::Daemon(error)) => exit_status::of_client(error),
             Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
@@ -79,7 +84,12 @@ impl Failure {
 
     /// There is no daemon of this name: others may run.
     pub(crate) fn is_not_running(&self) -> bool {
-        matches!(self, Self::Client(Error::NotRunning { .. }) | Self::NotStopped(Error::NotRunning { .. }))
+        matches!(
+            self,
+            Self::Client(Error::NotRunning { .. })
+                | Self::NotStopped(Error::NotRunning { .. })
+                | Self::Latency(LatencyFailure::Client(Error::NotRunning { .. }))
+        )
     }
 
     /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.
@@ -87,6 +97,7 @@ impl Failure {
         let (Self::Output(error)
         | Self::Doctor(DoctorFailure::Output(error))
         | Self::Frame(FrameFailure::Io(error))
+        | Self::Latency(LatencyFailure::Output(error))
         | Self::Wire(WireFailure::Output(error))) = self
         else {
             return false;

@@ -15,7 +15,6 @@ mod fault;
 mod history;
 mod indicator;
 mod instances;
-mod latency;
 mod monitor;
 mod operate;
 mod report;
@@ -27,6 +26,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
 use motord_doctor as doctor;
 use motord_frame as frame;
+use motord_latency as latency;
 use motord_terminal::{Pages, printable};
 use motord_wire as wire;
 use std::ffi::OsString;
@@ -129,15 +129,16 @@ enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Show the percentiles of all latencies since the daemon started.
+    /// Show the percentiles of all latencies since the daemon started, or log and draw them.
+    ///
+    /// A missed tick counts as a late wake-up until the cycle after it begins, and as a setpoint that was older by as long; what
+    /// was not sent, answered or published for it has no latency.
+    ///
+    /// With RUN it shows files of earlier runs, and needs no daemon.
     #[command(
-        after_help = "Examples:\n  motorctl latency\n  motorctl latency --json | jq .setpoint_age_us.p99_9"
+        after_help = "Examples:\n  motorctl latency\n  motorctl latency --json | jq .setpoint_age_us.p99_9\n  motorctl latency --watch --interval 0.5 --seconds 1\n  motorctl latency --reset --hlog run.hlog --seconds 1\n  motorctl latency run.hlog --hgrm cycle.hgrm --of cycle\n  motorctl latency run.hlog --svg run.svg --of wake_latency"
     )]
-    Latency {
-        /// Print one JSON object.
-        #[arg(long)]
-        json: bool,
-    },
+    Latency(latency::Arguments),
     /// Start the motors of a group. They then follow the setpoints of the group's owner. An active group stays active.
     #[command(after_help = "Example:\n  motorctl enable legs")]
     Enable(Group),
@@ -323,7 +324,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Monitor { hz } => monitor::run(instance, hz),
         Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),
         Command::Watch { hz, json } => watch::run(instance, hz, json),
-        Command::Latency { json } => latency::run(instance, json),
+        Command::Latency(arguments) => Ok(latency::run(instance, &arguments)?),
         Command::Enable(Group { group }) => operate::enable(instance, group.as_deref()),
         Command::Disable(Group { group }) => operate::disable(instance, group.as_deref()),
         Command::Reset { group: Group { group }, wait } => operate::reset(instance, group.as_deref(), wait),

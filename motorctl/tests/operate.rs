@@ -317,6 +317,8 @@ fn latency_tells_every_percentile() {
     for key in [
         "cycle_us",
         "wake_latency_us",
+        "transmit_us",
+        "delivery_us",
         "reply_latency_us",
         "setpoint_age_us",
         "control_latency_us",
@@ -329,6 +331,60 @@ fn latency_tells_every_percentile() {
     assert_eq!(latency["joints"][0]["name"], "arm");
     assert_eq!(latency["control"][0]["name"], "all");
     assert_eq!(latency["control"][0]["cycles"].as_array().map(Vec::len), Some(8));
+}
+
+#[test]
+fn a_reset_of_the_latencies_begins_them_anew() {
+    let daemon = started();
+    let latency =
+        || -> Value { serde_json::from_slice(&daemon.motorctl(&["latency", "--json"]).stdout).unwrap() };
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while latency()["cycles"].as_u64().unwrap() < 50 {
+        assert!(Instant::now() < deadline, "the cycle stands still");
+    }
+    let (before, client) = (latency(), Client::connect_in(daemon.directory.path(), "bench").unwrap());
+    client.reset_telemetry().unwrap();
+    let after = client.telemetry().unwrap();
+    assert!(after.cycles < before["cycles"].as_u64().unwrap(), "{after:?}");
+    assert_eq!(after.resets, 1);
+    assert!(after.wake_latency_us.count >= after.cycles);
+    let reset = daemon.motorctl(&["latency", "--reset"]);
+    assert_eq!(text(&reset.stdout), "the latencies begin anew\n", "{}", text(&reset.stderr));
+    assert_eq!(latency()["resets"], 2);
+}
+
+#[test]
+fn the_latencies_of_a_run_come_back_from_their_files() {
+    let (daemon, place) = (started(), TempDir::new().unwrap());
+    let file = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
+    let (log, percentiles, picture) = (file("run.hlog"), file("cycle.hgrm"), file("run.svg"));
+    let run = |arguments: &[&str]| {
+        let output = daemon.motorctl(&[&["latency"], arguments].concat());
+        (output.status.code(), text(&output.stdout), text(&output.stderr))
+    };
+    assert_eq!(
+        run(&["--hlog", &log, "--interval", "0.2", "--seconds", "1"]),
+        (Some(0), String::new(), String::new())
+    );
+    let (_, table, _) = run(&[&log]);
+    for word in ["run", "wake_latency", "reply_latency/arm", "p99.9"] {
+        assert!(table.contains(word), "{word} in {table}");
+    }
+    assert_eq!(run(&[&log, "--of", "cycle", "--hgrm", &percentiles]).0, Some(0));
+    let written = std::fs::read_to_string(&percentiles).unwrap();
+    assert!(written.contains("#[Mean    ="), "{written}");
+    assert_eq!(run(&[&log, &percentiles, "--of", "cycle", "--svg", &picture]).0, Some(0));
+    let drawn = std::fs::read_to_string(&picture).unwrap();
+    assert!(drawn.contains("</svg>") && drawn.contains("run") && drawn.contains("cycle"), "{drawn}");
+    assert_eq!(run(&["--of", "cycle", "--svg", &picture]).0, Some(0), "the daemon is a run, too");
+
+    let (status, _, complaint) = run(&[&log, "--of", "cycles", "--hgrm", "-"]);
+    assert!(status == Some(64) && complaint.contains("it has cycle, delivery"), "{complaint}");
+    assert_eq!(run(&[&percentiles, "--hgrm", "-"]).0, Some(64), "it has no counts");
+    assert_eq!(run(&[&file("none.hlog")]).0, Some(65));
+    std::fs::write(&log, "Tag=a,0,1,2,HISTAAAA\n").unwrap();
+    assert_eq!(run(&[&log]).0, Some(65));
+    assert_eq!(run(&["--hlog", "/nowhere/run.hlog", "--seconds", "1"]).0, Some(74));
 }
 
 #[test]

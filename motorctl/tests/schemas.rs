@@ -86,6 +86,9 @@ fn the_commands_that_ask_the_daemon_print_what_their_schemas_say() {
     assert_eq!(stopped["groups"][0]["stop"]["cause"], "emergency-stop");
     assert_valid("motorctl-instances", &printed("instances --json"));
     assert_valid("motorctl-latency", &printed("latency --json"));
+    let intervals = printed("latency --watch --json --interval 0.2 --seconds 0.5");
+    assert_lines_valid("motorctl-latency", &intervals);
+    assert!(intervals.lines().count() >= 2, "{intervals}");
     assert_valid("motorctl-fault", &printed("fault --json"));
     assert_valid("motorctl-sim", &printed("sim arm fault over-voltage --json"));
     assert_valid("motorctl-sim", &printed("sim arm ok --json"));

@@ -2,6 +2,7 @@
 //!
 //! One table per kind of code: number, kebab-case name (for JSON and the command line), and a sentence for people.
 
+use crate::limits::HISTOGRAMS_MAX;
 use core::ops::RangeInclusive;
 
 /// Declares an enum whose variants have a stable number, a name and a sentence.
@@ -195,6 +196,8 @@ codes! {
         Telemetry = 11 "telemetry" "Give counters and latency percentiles, as JSON.",
         Exclude = 12 "exclude" "Leave a joint out of its group: it is not there, or it is broken.",
         Include = 13 "include" "End the exclusion of a joint.",
+        Histograms = 14 "histograms" "Give latency histograms, from the one with this number on, as JSON.",
+        ResetTelemetry = 15 "reset-telemetry" "Begin the counters and histograms of telemetry anew.",
     }
 }
 
@@ -247,7 +250,9 @@ impl Operation {
             | Self::Exclude
             | Self::Include
             | Self::Describe
-            | Self::Telemetry => None,
+            | Self::Telemetry
+            | Self::ResetTelemetry => None,
+            Self::Histograms => Some(0.0..=HISTOGRAMS_MAX as f64),
         }
     }
 }

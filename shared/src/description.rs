@@ -114,10 +114,12 @@ pub struct GroupDescription {
     pub joints: Vec<usize>,
 }
 
-/// Counters and latencies since the daemon started.
+/// Counters and latencies since the daemon started, or since the last reset of them.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Telemetry {
+    /// How often an operator began everything here anew.
+    pub resets: u64,
     /// Cycles that were run.
     pub cycles: u64,
     /// Ticks that were missed.
@@ -132,16 +134,21 @@ pub struct Telemetry {
     pub polled_reads: u64,
     /// Records that telemetry could not keep up with.
     pub dropped_records: u64,
-    /// From a tick to the beginning of its cycle.
+    /// From a tick to the beginning of its cycle. A missed tick counts, too: until the beginning of the cycle after it.
     pub wake_latency_us: Percentiles,
+    /// From the beginning of a cycle until the kernel, or the simulation, has all of its frames.
+    pub transmit_us: Percentiles,
     /// From a command to its reply, all motors.
     pub reply_latency_us: Percentiles,
-    /// From the sending of a setpoint to the cycle that used it.
+    /// From the sending of a setpoint to the cycle that used it. A missed tick counts, too: the setpoint of the cycle before it
+    /// was in use, and was older.
     pub setpoint_age_us: Percentiles,
     /// From the beginning of a cycle to the publication of its states.
     pub cycle_us: Percentiles,
     /// From the last reply of a cycle to the publication of its states.
     pub publication_us: Percentiles,
+    /// From the publication of states by the cycle until all clients that wait for them are woken.
+    pub delivery_us: Percentiles,
     /// How long the cycles polled for their last replies, of those that did (`busy-poll-us`).
     pub polled_us: Percentiles,
     /// From the publication of states to the beginning of the cycle that first used the setpoint that answers them, all
@@ -164,6 +171,29 @@ pub struct ControlLatency {
     /// How many setpoints were first used so many cycles after the states that they answer: 1, 2, 3, and so on; the last
     /// number counts all that took longer. Ticks that were missed count as cycles.
     pub cycles: Vec<u64>,
+}
+
+/// Some of the latency histograms: as many as fit into one answer.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Histograms {
+    /// As [`Telemetry::resets`].
+    pub resets: u64,
+    /// Number of the histogram after these; `None` when these are the last.
+    pub next: Option<u32>,
+    /// In the order of their numbers.
+    pub histograms: Vec<EncodedHistogram>,
+}
+
+/// The latencies of one quantity.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct EncodedHistogram {
+    /// The member of [`Telemetry`] without its unit, such as `wake_latency`. That of one joint or group ends with its name:
+    /// `reply_latency/fl-hip`.
+    pub name: String,
+    /// Values in ns, in HdrHistogram's "V2 with DEFLATE", in base64.
+    pub encoded: String,
 }
 
 /// The owner of a group and the beginnings of its phase and stop. Up to 50 ms old: `GroupState` tells whether the group has
@@ -205,6 +235,16 @@ pub struct Percentiles {
     pub p99_9: f64,
     /// The largest.
     pub max: f64,
+}
+
+impl Percentiles {
+    /// Of a distribution of so many values whose largest is `max_ns`, ns; `at_quantile` gives the value at a share from 0 to 1.
+    #[must_use]
+    pub fn of(count: u64, max_ns: u64, at_quantile: impl Fn(f64) -> u64) -> Self {
+        let microseconds = |nanos: u64| nanos as f64 / 1000.0;
+        let at = |quantile| microseconds(at_quantile(quantile));
+        Self { count, p50: at(0.5), p99: at(0.99), p99_9: at(0.999), max: microseconds(max_ns) }
+    }
 }
 
 /// Durations as seconds.

@@ -20,6 +20,8 @@ pub const REQUESTS_PER_CLIENT: usize = 2;
 pub const INDICATORS_MAX: usize = 22;
 /// Most joints whose indicators are published: the first in the configuration whose motors have some.
 pub const INDICATOR_JOINTS_MAX: usize = 16;
+/// Most latency histograms: one for each joint and each group, and those of the whole robot.
+pub const HISTOGRAMS_MAX: usize = JOINTS_MAX + GROUPS_MAX + 16;
 /// Most bytes of text in an answer to an administrative request.
 pub const ANSWER_BYTES_MAX: usize = 64 * 1024;
 /// Most bytes of a joint, group, bus or instance name.

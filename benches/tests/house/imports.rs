@@ -24,6 +24,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ),
     ("motord-configuration", &["motord-core", "motord-protocol", "motord-bus", "motord-shared"], &[]),
     ("motord-realtime", &[], &[]),
+    ("motord-telemetry", &["motord-bus", "motord-core", "motord-shared"], &[]),
     (
         "motord",
         &[
@@ -35,6 +36,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-protocol",
             "motord-bus",
             "motord-simulator",
+            "motord-telemetry",
             "motord-terminal",
         ],
         &["motord-checker"],
@@ -59,12 +61,14 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &["motord-bus", "motord-configuration", "motord-realtime", "motord-settings", "motord-terminal"],
         &[],
     ),
+    ("motord-latency", &["motord-client", "motord-terminal"], &[]),
     (
         "motorctl",
         &[
             "motord-client",
             "motord-doctor",
             "motord-frame",
+            "motord-latency",
             "motord-simulator",
             "motord-terminal",
             "motord-wire",

@@ -53,7 +53,10 @@ impl Control {
             }
             Operation::Exclude => self.exclude(request, true),
             Operation::Include => self.exclude(request, false),
-            Operation::Describe | Operation::Telemetry => Err((Refusal::UnknownOperation, request.operation)),
+            Operation::Describe
+            | Operation::Telemetry
+            | Operation::Histograms
+            | Operation::ResetTelemetry => Err((Refusal::UnknownOperation, request.operation)),
         };
         Some(reply(outcome))
     }

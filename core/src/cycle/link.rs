@@ -39,6 +39,8 @@ pub struct Record {
     pub scheduled: Instant,
     /// Lateness of its beginning, ns.
     pub wake_latency_ns: u64,
+    /// From its beginning until all of its frames were handed over, ns.
+    pub transmit_ns: u64,
     /// From its beginning to the publication of the states, ns.
     pub cycle_ns: u64,
     /// Age of the oldest setpoint that an active group used, ns; `None` when none was active.
@@ -72,6 +74,7 @@ impl Record {
     /// Of the cycle that began with `wake`, whose `state` is published. Bounded by joints and groups.
     pub(super) fn of(
         wake: &Wake,
+        transmitted: Instant,
         published: Instant,
         setpoint_age: Option<Duration>,
         polled: Polled,
@@ -93,6 +96,7 @@ impl Record {
             cycle: wake.cycle,
             scheduled: wake.scheduled,
             wake_latency_ns: nanos(wake.begun.since(wake.scheduled)),
+            transmit_ns: nanos(transmitted.since(wake.begun)),
             cycle_ns: nanos(published.since(wake.begun)),
             setpoint_age_ns: setpoint_age.map(nanos),
             answered_cycle,

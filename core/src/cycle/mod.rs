@@ -212,11 +212,12 @@ impl<C: Clock> Cycle<C> {
         }
         self.serve(wake.begun);
         let sent = self.transmit(wake);
+        let transmitted = self.clock.now();
         self.polled = Polled::default();
         let polls = !self.timing.busy_poll.is_zero() && self.backoff.attempts();
         let open = self.collect(sent + self.timing.reply_deadline, polls);
         self.control.end_cycle();
-        self.publish(wake);
+        self.publish(wake, transmitted);
         if self.control.asks_questions() {
             self.ask(open, wake.scheduled + self.timing.period);
         }
@@ -464,11 +465,12 @@ impl<C: Clock> Cycle<C> {
 
     /// Publishes the states, answers and events of this cycle. At most one system call: that of the function which
     /// [`on_publish`](Self::on_publish) was given.
-    fn publish(&mut self, wake: &Wake) {
+    fn publish(&mut self, wake: &Wake, transmitted: Instant) {
         let now = self.clock.now();
         self.report(wake, now);
         let Self { link, control, .. } = self;
-        let record = Record::of(wake, now, control.setpoint_age(), self.polled, link.state().0);
+        let (age, state) = (control.setpoint_age(), link.state().0);
+        let record = Record::of(wake, transmitted, now, age, self.polled, state);
         link.publish(record);
         while let Some((ticket, reply)) = control.next_answer() {
             link.answer(ticket, reply);

@@ -11,6 +11,7 @@ use motord_bus::Duration;
 use motord_configuration as config;
 use motord_realtime::descriptors::raise_descriptors;
 use motord_shared::instance::Instance;
+use motord_telemetry::{Outputs, Wanted};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::SignalsInfo;
 use signal_hook::iterator::exfiltrator::origin::{Origin, WithOrigin};
@@ -25,7 +26,7 @@ const SIGNAL_TURN: Duration = Duration::from_millis(20);
 ///
 /// Why it could not start, or why it ended by itself.
 pub fn run(path: &Path) -> Result<(), RunError> {
-    let config::Loaded { mut settings, warnings, hash, .. } = config::load(path)?;
+    let config::Loaded { mut settings, telemetry, warnings, hash, .. } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let descriptors = raise_descriptors()?;
     tracing::debug!("file descriptors: {descriptors}");
@@ -40,7 +41,9 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks, injectors };
     let damp = settings.safety.damp;
     let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);
-    let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock)?;
+    let outputs =
+        Outputs::start(&Wanted { file: telemetry.prometheus_file, listen: telemetry.prometheus_listen });
+    let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock, outputs)?;
     let realtime = rt::granted(&[daemon.realtime(), &[deep_sleep]].concat());
     log_start(lock.instance().name(), (path, hash), size, &realtime);
     systemd::ready();

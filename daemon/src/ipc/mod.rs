@@ -163,6 +163,9 @@ impl IpcThread {
             *lease = Lease::from_raw(group.lease);
         }
         let published = self.ports.publish(state).and_then(|()| self.ports.notify());
+        if published.is_ok() && !self.questions.delivered(state, clock::monotonic()) {
+            self.cycle.counters.dropped.fetch_add(1, Ordering::Relaxed);
+        }
         self.count(published.is_err());
     }
 
@@ -189,10 +192,12 @@ impl IpcThread {
             Ok(Operation::Describe) => {
                 self.answer(request, AdminReply::default(), self.description.as_bytes());
             }
-            Ok(Operation::Telemetry) => match self.questioned.keep(request, 0) {
-                Ok(ticket) => self.questions.ask(ticket),
-                Err(request) => self.refuse(request, Refusal::Busy),
-            },
+            Ok(Operation::Telemetry | Operation::Histograms | Operation::ResetTelemetry) => {
+                match self.questioned.keep(request, 0) {
+                    Ok(ticket) => self.questions.ask(ticket, payload),
+                    Err(request) => self.refuse(request, Refusal::Busy),
+                }
+            }
             operation => {
                 self.questions.askers.note(payload.pid);
                 let spare = if operation == Ok(Operation::EmergencyStop) { 0 } else { STOPS };

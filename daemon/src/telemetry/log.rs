@@ -356,10 +356,12 @@ const fn done(operation: Operation) -> Option<&'static str> {
         Operation::ClearFault => Some("fault cleared"),
         Operation::Exclude => Some("excluded"),
         Operation::Include => Some("included again"),
+        Operation::ResetTelemetry => Some("the latencies and their counters begin anew"),
         Operation::Claim
         | Operation::Release
         | Operation::EmergencyStop
         | Operation::Describe
-        | Operation::Telemetry => None,
+        | Operation::Telemetry
+        | Operation::Histograms => None,
     }
 }

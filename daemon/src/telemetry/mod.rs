@@ -5,16 +5,13 @@
 
 mod asked;
 pub mod askers;
-mod distributions;
 mod groups;
 mod log;
+mod questions;
 mod unexpected;
 
 use crate::host::systemd;
-pub use asked::Answered;
 use asked::Asked;
-use askers::Askers;
-use distributions::Distributions;
 use groups::Groups;
 use log::Log;
 use motord_bus::Duration;
@@ -23,11 +20,14 @@ use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
 use motord_core::settings::Settings;
 use motord_shared::ports::Housekeeper;
-use motord_shared::{BusCondition, Cause, Presence};
+use motord_shared::{AdminReply, AdminRequest, BusCondition, Cause, Operation, Presence};
+use motord_telemetry::{Distributions, Metrics, Names, Outputs};
+pub use questions::{Answers, Questions, questions};
 use rtrb::Consumer;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{RecvTimeoutError, Sender};
 use std::sync::{Arc, OnceLock};
 use std::thread::Thread;
 use unexpected::UnexpectedCounts;
@@ -47,50 +47,6 @@ pub struct CycleEnd {
     pub counters: Arc<Counters>,
 }
 
-/// The ipc thread's way to ask for telemetry without waiting for it.
-pub struct Questions {
-    /// The processes that ask, for the log.
-    pub askers: Askers,
-    /// Takes the requests that were answered, for the log.
-    pub answered: Answered,
-    questions: Sender<u32>,
-    answers: Receiver<(u32, String)>,
-}
-
-impl Questions {
-    /// Asks; the answer will bear the same ticket. Without a telemetry thread it never comes. The asker bounds how many
-    /// questions are open.
-    pub fn ask(&self, ticket: u32) {
-        let _lost = self.questions.send(ticket);
-    }
-
-    /// The next answer, if there is one.
-    #[must_use]
-    pub fn answer(&self) -> Option<(u32, String)> {
-        self.answers.try_recv().ok()
-    }
-}
-
-/// The telemetry thread's end of the questions.
-pub struct Answers {
-    asked: Consumer<Asked>,
-    askers: Askers,
-    questions: Receiver<u32>,
-    answers: Sender<(u32, String)>,
-}
-
-/// Both ends of the questions.
-#[must_use]
-pub fn questions() -> (Questions, Answers) {
-    let (question_sender, question_receiver) = channel();
-    let (answer_sender, answer_receiver) = channel();
-    let (answered, asked) = asked::asked();
-    let askers = Askers::default();
-    let answers =
-        Answers { asked, askers: askers.clone(), questions: question_receiver, answers: answer_sender };
-    (Questions { askers, answered, questions: question_sender, answers: answer_receiver }, answers)
-}
-
 /// Everything the telemetry thread knows.
 pub struct Recorder {
     cycle: CycleEnd,
@@ -100,6 +56,8 @@ pub struct Recorder {
     broken: Option<Sender<usize>>,
     off: Vec<usize>,
     distributions: Distributions,
+    metrics: Metrics,
+    outputs: Option<Outputs>,
     groups: Groups,
     log: Log,
     unexpected_ids: UnexpectedCounts,
@@ -121,6 +79,8 @@ impl Recorder {
                 settings.groups.len(),
                 settings.cycle.period,
             ),
+            metrics: Metrics::new(Names::of(settings)),
+            outputs: None,
             groups: Groups::new(settings.groups.len()),
             log: Log::new(settings),
             unexpected_ids: UnexpectedCounts::new(settings),
@@ -155,13 +115,18 @@ impl Recorder {
         Arc::clone(&self.lost)
     }
 
+    /// Hands the metrics to `outputs` once a second.
+    pub fn exposes(&mut self, outputs: Option<Outputs>) {
+        self.outputs = outputs;
+    }
+
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
         self.unexpected_ids.open();
         let mut cleaned = motord_bus::clock::monotonic();
         while !stop() {
             match self.answers.questions.recv_timeout(TURN) {
-                Ok(ticket) => self.answer(ticket),
+                Ok((ticket, request)) => self.answer(ticket, &request),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => std::thread::sleep(TURN),
             }
@@ -175,6 +140,7 @@ impl Recorder {
                 self.report_off();
                 self.unexpected_ids.open();
                 self.watch_config();
+                self.expose();
                 self.feed_watchdog();
             }
         }
@@ -187,12 +153,16 @@ impl Recorder {
         while let Ok(record) = self.cycle.records.pop() {
             self.distributions.record(&record);
         }
+        while let Ok(delivery) = self.answers.deliveries.pop() {
+            self.distributions.record_delivery(delivery);
+        }
         while let Ok((cycle, event)) = self.cycle.events.pop() {
             self.log_requests(cycle);
             if let Event::Bus { bus, condition } = event {
                 self.watch_bus(bus, condition);
             }
             self.groups.record(cycle, event, &self.answers.askers);
+            self.metrics.record(event);
             self.log.log(cycle, event, &self.answers.askers);
         }
         self.log_requests(u64::MAX);
@@ -222,15 +192,48 @@ impl Recorder {
         self.presence = None;
     }
 
-    fn answer(&mut self, ticket: u32) {
+    fn answer(&mut self, ticket: u32, request: &AdminRequest) {
         self.turn();
-        let mut telemetry = self.distributions.telemetry();
-        telemetry.groups = self.groups.history();
-        telemetry.dropped_records = self.cycle.counters.dropped.load(Ordering::Relaxed);
-        let text = serde_json::to_string(&telemetry).expect("numbers and lists of them are JSON");
+        let text = match request.operation() {
+            Ok(Operation::Histograms) => {
+                let Names { joints, groups, .. } = self.metrics.names();
+                json(&self.distributions.histograms(request.argument as usize, joints, groups))
+            }
+            Ok(Operation::ResetTelemetry) => {
+                self.reset(request);
+                String::new()
+            }
+            _ => self.telemetry(),
+        };
         let _gone = self.answers.answers.send((ticket, text));
         if let Some(thread) = &self.ipc_thread {
             thread.unpark();
+        }
+    }
+
+    fn telemetry(&self) -> String {
+        let mut telemetry = self.distributions.telemetry(self.dropped());
+        telemetry.groups = self.groups.history();
+        json(&telemetry)
+    }
+
+    fn reset(&mut self, request: &AdminRequest) {
+        self.distributions.reset(self.dropped());
+        // The asker waits for its answer, so it is still there to be named.
+        self.answers.askers.note(request.pid);
+        let cycle = self.cycle.counters.cycle.load(Ordering::Relaxed);
+        let asked = Asked { cycle, request: *request, reply: AdminReply::default() };
+        self.log.log_request(&asked, &self.answers.askers);
+    }
+
+    fn dropped(&self) -> u64 {
+        self.cycle.counters.dropped.load(Ordering::Relaxed)
+    }
+
+    fn expose(&mut self) {
+        if let Some(outputs) = &self.outputs {
+            let dropped = self.dropped();
+            outputs.publish(self.metrics.text(&self.distributions, self.answers.states.read(), dropped));
         }
     }
 
@@ -274,4 +277,8 @@ impl Recorder {
             systemd::feed_watchdog();
         }
     }
+}
+
+fn json(answer: &impl Serialize) -> String {
+    serde_json::to_string(answer).expect("numbers, texts and lists of them are JSON")
 }

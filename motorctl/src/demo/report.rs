@@ -1,8 +1,8 @@
 //! The result of a demo run, and the judgement whether it is good enough.
 
 use crate::demo::tracking::Tracking;
-use crate::latency;
 use motord_client::{Percentiles, RobotDescription, Telemetry};
+use motord_latency::percentile_table;
 use motord_terminal::{Cell, Colour, Palette, Table};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -185,7 +185,7 @@ impl Report {
             ("reply latency", self.reply_latency_us),
             ("setpoint age", self.setpoint_age_us),
         ];
-        latency::table(&rows).write(out, palette)?;
+        percentile_table(&rows).write(out, palette)?;
         let Self { motors, seconds, cycles, rate_hz, missed_replies, overruns, .. } = self;
         writeln!(
             out,

@@ -1,30 +1,14 @@
-//! `motorctl latency`: percentiles of all latencies since the daemon started.
+//! Latencies as tables and as JSON.
 
-use crate::failure::Failure;
-use motord_client::{Client, ControlLatency, Percentiles, RobotDescription, Telemetry};
-use motord_terminal::{Cell, Palette, Table, json};
+use crate::hgrm::Point;
+use motord_client::{ControlLatency, Percentiles, RobotDescription, Telemetry};
+use motord_terminal::{Cell, Palette, Table};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
-/// Prints the percentiles.
-///
-/// # Errors
-///
-/// When no daemon answers, or the output cannot be written.
-pub(crate) fn run(instance: &str, as_json: bool) -> Result<(), Failure> {
-    let client = Client::connect(instance)?;
-    let telemetry = client.telemetry()?;
-    let out = &mut io::stdout().lock();
-    if as_json {
-        json::write_line(out, &object(&client.description(), &telemetry))?;
-    } else {
-        write(out, &client.description(), &telemetry)?;
-    }
-    Ok(())
-}
-
 /// Percentiles of latencies under a name each, µs.
-pub(crate) fn table(rows: &[(&str, Percentiles)]) -> Table {
+#[must_use]
+pub fn percentiles(rows: &[(&str, Percentiles)]) -> Table {
     let mut table = Table::new(&["µs", "p50", "p99", "p99.9", "max", "count"]);
     for (name, latency) in rows {
         let values = [latency.p50, latency.p99, latency.p99_9, latency.max];
@@ -34,6 +18,16 @@ pub(crate) fn table(rows: &[(&str, Percentiles)]) -> Table {
         cells.push(Cell::plain(latency.count));
         table.row(cells);
     }
+    table
+}
+
+/// The percentiles of a file that has them only: the value of its first step that reaches each.
+pub(crate) fn points(points: &[Point]) -> Table {
+    let at = |share: f64| points.iter().find(|point| point.share >= share).map(|point| point.value);
+    let mut table = Table::new(&["µs", "p50", "p99", "p99.9", "max"]);
+    let mut cells = vec![Cell::plain("percentile file")];
+    cells.extend([0.5, 0.99, 0.999, 1.0].map(|share| Cell::number(at(share), 1)));
+    table.row(cells);
     table
 }
 
@@ -68,7 +62,8 @@ fn control_table(robot: &RobotDescription, telemetry: &Telemetry) -> Table {
     table
 }
 
-fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
+/// The object of `--json`.
+pub(crate) fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
     let joints: Vec<Value> = named(robot, telemetry)
         .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
         .collect();
@@ -84,25 +79,28 @@ fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
     object
 }
 
-fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -> io::Result<()> {
+/// Writes all tables.
+pub(crate) fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &Telemetry) -> io::Result<()> {
     let palette = Palette::of_stdout();
     let mut rows = vec![
         ("cycle", telemetry.cycle_us),
         ("wake latency", telemetry.wake_latency_us),
+        ("transmit", telemetry.transmit_us),
         ("reply latency", telemetry.reply_latency_us),
         ("setpoint age", telemetry.setpoint_age_us),
         ("control latency", telemetry.control_latency_us),
         ("last reply to states", telemetry.publication_us),
+        ("states to clients", telemetry.delivery_us),
     ];
     if telemetry.polled_us.count > 0 {
         rows.push(("polled for replies", telemetry.polled_us));
     }
-    table(&rows).write(out, palette)?;
+    percentiles(&rows).write(out, palette)?;
     writeln!(out, "\nsetpoints by the cycle that used them, after that of the states they answer")?;
     control_table(robot, telemetry).write(out, palette)?;
     writeln!(out, "\nreply latency by joint")?;
     let joints: Vec<_> = named(robot, telemetry).collect();
-    table(&joints).write(out, palette)?;
+    percentiles(&joints).write(out, palette)?;
     let Telemetry { cycles, seconds, overruns, missed_replies, dropped_records, .. } = telemetry;
     writeln!(
         out,

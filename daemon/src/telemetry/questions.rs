@@ -1,0 +1,93 @@
+//! Between the ipc thread and telemetry: questions and their answers, and the ipc thread's measurements.
+
+use super::asked::{Answered, Asked, asked};
+use super::askers::Askers;
+use motord_bus::{Duration, Instant};
+use motord_shared::{AdminRequest, StateMessage};
+use rtrb::{Consumer, Producer, RingBuffer};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use triple_buffer::TripleBuffer;
+
+/// One for each cycle, of two seconds at 1 kHz.
+const DELIVERIES: usize = 2048;
+/// A state is kept for the metrics so often.
+const STATE_PERIOD: Duration = Duration::from_millis(500);
+
+/// The ipc thread's way to ask for telemetry without waiting for it.
+pub struct Questions {
+    /// The processes that ask, for the log.
+    pub askers: Askers,
+    /// Takes the requests that were answered, for the log.
+    pub answered: Answered,
+    questions: Sender<(u32, AdminRequest)>,
+    answers: Receiver<(u32, String)>,
+    deliveries: Producer<u64>,
+    states: triple_buffer::Input<StateMessage>,
+    next_state: Instant,
+}
+
+impl Questions {
+    /// Asks for what `request` says; the answer will bear the same ticket. Without a telemetry thread it never comes. The asker
+    /// bounds how many questions are open.
+    pub fn ask(&self, ticket: u32, request: AdminRequest) {
+        let _lost = self.questions.send((ticket, request));
+    }
+
+    /// The next answer, if there is one.
+    #[must_use]
+    pub fn answer(&self) -> Option<(u32, String)> {
+        self.answers.try_recv().ok()
+    }
+
+    /// All clients that wait for `state` were woken by `now`. Returns whether telemetry could take the measurement. Neither
+    /// allocates nor blocks.
+    #[must_use]
+    pub fn delivered(&mut self, state: &StateMessage, now: Instant) -> bool {
+        if now >= self.next_state {
+            self.next_state = now + STATE_PERIOD;
+            self.states.write(*state);
+        }
+        self.deliveries.push(now.as_nanos().saturating_sub(state.publish_ns)).is_ok()
+    }
+}
+
+/// The telemetry thread's end of the questions.
+pub struct Answers {
+    pub(super) asked: Consumer<Asked>,
+    pub(super) askers: Askers,
+    pub(super) questions: Receiver<(u32, AdminRequest)>,
+    pub(super) answers: Sender<(u32, String)>,
+    /// How long each states took from their publication to the clients, ns.
+    pub(super) deliveries: Consumer<u64>,
+    /// A recent state.
+    pub(super) states: triple_buffer::Output<StateMessage>,
+}
+
+/// Both ends of the questions.
+#[must_use]
+pub fn questions() -> (Questions, Answers) {
+    let (question_sender, question_receiver) = channel();
+    let (answer_sender, answer_receiver) = channel();
+    let (answered, asked) = asked();
+    let (delivery_producer, delivery_consumer) = RingBuffer::new(DELIVERIES);
+    let (state_input, state_output) = TripleBuffer::new(&StateMessage::default()).split();
+    let askers = Askers::default();
+    let answers = Answers {
+        asked,
+        askers: askers.clone(),
+        questions: question_receiver,
+        answers: answer_sender,
+        deliveries: delivery_consumer,
+        states: state_output,
+    };
+    let questions = Questions {
+        askers,
+        answered,
+        questions: question_sender,
+        answers: answer_receiver,
+        deliveries: delivery_producer,
+        states: state_input,
+        next_state: Instant::ZERO,
+    };
+    (questions, answers)
+}

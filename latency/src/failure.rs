@@ -1,0 +1,81 @@
+//! Why the command failed.
+
+use motord_client::Error;
+use motord_terminal::exit_status;
+use std::io;
+use std::path::PathBuf;
+
+/// Why the command failed.
+#[derive(Debug, thiserror::Error)]
+pub enum LatencyFailure {
+    /// The daemon cannot be reached, or refused.
+    #[error(transparent)]
+    Client(#[from] Error),
+    /// Standard output cannot be written.
+    #[error("cannot write the output: {0}")]
+    Output(#[from] io::Error),
+    /// A file cannot be written.
+    #[error("cannot write {}: {error}", path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// A file cannot be read.
+    #[error("cannot read {}: {error}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// A file is no run.
+    #[error("{} is no {kind}: {wrong}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        kind: &'static str,
+        /// The first mistake.
+        wrong: String,
+    },
+    /// The daemon sent a histogram that is none.
+    #[error("the daemon's histogram of {0} was not understood; is it of another version?")]
+    NotUnderstood(String),
+    /// A run has no such quantity.
+    #[error("{run} has no {quantity:?}; it has {known}")]
+    NoQuantity {
+        /// The run.
+        run: String,
+        /// The quantity.
+        quantity: String,
+        /// Those that it has.
+        known: String,
+    },
+    /// Percentiles are of one run.
+    #[error("--hgrm takes one run, and an interval log or the daemon: a percentile file has no counts")]
+    OneRun,
+    /// Nothing can be drawn.
+    #[error("there is nothing to draw: no run has a sample of {0}")]
+    Empty(String),
+    /// The picture cannot be drawn.
+    #[error("the picture cannot be drawn: {0}")]
+    Picture(String),
+}
+
+impl LatencyFailure {
+    /// The exit status.
+    #[must_use]
+    pub fn status(&self) -> u8 {
+        match self {
+            // A refusal comes from a daemon that is there.
+            Self::Client(Error::Refused { .. }) => 1,
+            Self::Client(error) => error.exit_status(),
+            Self::Output(_) | Self::Unwritable { .. } => exit_status::IO,
+            Self::Unreadable { .. } | Self::Malformed { .. } | Self::Empty(_) => exit_status::DATA,
+            Self::NoQuantity { .. } | Self::OneRun => exit_status::USAGE,
+            Self::NotUnderstood(_) | Self::Picture(_) => exit_status::UNAVAILABLE,
+        }
+    }
+}

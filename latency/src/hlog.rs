@@ -1,0 +1,107 @@
+//! Interval logs of HdrHistogram, as its HistogramLogProcessor and its ports read them.
+
+use crate::failure::LatencyFailure;
+use crate::snapshot::{Interval, Quantities, histogram};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use hdrhistogram::serialization::V2DeflateSerializer;
+use hdrhistogram::serialization::interval_log::{
+    IntervalLogHistogram, IntervalLogIterator, IntervalLogWriterBuilder, IntervalLogWriterError, LogEntry,
+    Tag,
+};
+use motord_client::RobotDescription;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// The head of a log, by which others know its format.
+const VERSION: &str = "[Histogram log format version 1.3]";
+const LEGEND: &[u8] =
+    b"\"StartTimestamp\",\"Interval_Length\",\"Interval_Max\",\"Interval_Compressed_Histogram\"\n";
+
+/// A log that is being written. It is whole after every interval.
+pub(crate) struct Hlog {
+    path: PathBuf,
+    file: File,
+    begun: SystemTime,
+}
+
+impl Hlog {
+    /// A log of the latencies of `robot` that begins now.
+    pub(crate) fn create(path: &Path, robot: &RobotDescription) -> Result<Self, LatencyFailure> {
+        let begun = SystemTime::now();
+        let about = format!("[motord {}, instance {}; latencies in ns]", robot.version, robot.instance);
+        let mut head = Vec::new();
+        IntervalLogWriterBuilder::new()
+            .add_comment(&about)
+            .add_comment(VERSION)
+            .with_start_time(begun)
+            .with_base_time(begun)
+            .begin_log_with(&mut head, &mut V2DeflateSerializer::new())
+            .expect("memory can be written");
+        head.extend_from_slice(LEGEND);
+        let unwritable = |error| LatencyFailure::Unwritable { path: path.to_owned(), error };
+        let mut file = File::create(path).map_err(unwritable)?;
+        file.write_all(&head).map_err(unwritable)?;
+        Ok(Self { path: path.to_owned(), file, begun })
+    }
+
+    /// Appends a line for each quantity that has samples, all at once.
+    pub(crate) fn append(&mut self, interval: &Interval) -> Result<(), LatencyFailure> {
+        let unwritable = |error| LatencyFailure::Unwritable { path: self.path.clone(), error };
+        let lines = lines(interval, self.begun).map_err(unwritable)?;
+        self.file.write_all(&lines).map_err(unwritable)
+    }
+}
+
+fn lines(interval: &Interval, begun: SystemTime) -> io::Result<Vec<u8>> {
+    let (mut lines, mut serializer) = (Vec::new(), V2DeflateSerializer::new());
+    let mut writer = IntervalLogWriterBuilder::new().begin_log_with(&mut lines, &mut serializer)?;
+    let since = interval.begun.duration_since(begun).unwrap_or_default();
+    for (name, values) in interval.histograms.iter().filter(|(_, values)| !values.is_empty()) {
+        writer.write_histogram(values, since, interval.length, Tag::new(name)).map_err(
+            |error| match error {
+                IntervalLogWriterError::IoError(error) => error,
+                IntervalLogWriterError::SerializeError(error) => io::Error::other(error),
+            },
+        )?;
+    }
+    drop(writer);
+    Ok(lines)
+}
+
+/// The sum of all intervals of a log, by their tags; lines without a tag have the empty one. The text of the error names the
+/// first mistake.
+pub(crate) fn read(log: &[u8]) -> Result<Quantities, String> {
+    let mut quantities = Quantities::new();
+    for (number, entry) in IntervalLogIterator::new(log).enumerate() {
+        let entry = entry.map_err(|_| "a line is no interval".to_owned())?;
+        if let LogEntry::Interval(interval) = entry {
+            let values =
+                decode(&interval).ok_or_else(|| format!("its entry {} is no histogram", number + 1))?;
+            let name = interval.tag().map_or("", |tag| tag.as_str());
+            match quantities.get_mut(name) {
+                Some(sum) => {
+                    sum.add(values).map_err(|error| format!("its intervals do not fit together: {error}"))?
+                }
+                None => _ = quantities.insert(name.to_owned(), growing(values)),
+            }
+        }
+    }
+    Ok(quantities)
+}
+
+fn decode(interval: &IntervalLogHistogram<'_>) -> Option<hdrhistogram::Histogram<u64>> {
+    histogram(&STANDARD.decode(interval.encoded_histogram()).ok()?)
+}
+
+/// Others write each interval with the range that it needs.
+fn growing(mut values: hdrhistogram::Histogram<u64>) -> hdrhistogram::Histogram<u64> {
+    values.auto(true);
+    values
+}
+
+#[cfg(test)]
+#[path = "../tests/unit/hlog.rs"]
+mod tests;

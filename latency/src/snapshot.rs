@@ -1,0 +1,157 @@
+//! The daemon's totals at one moment, and what came between two of them.
+
+use crate::failure::LatencyFailure;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use hdrhistogram::Histogram;
+use hdrhistogram::serialization::Deserializer;
+use motord_client::{Client, ControlLatency, Percentiles, RobotDescription, Telemetry};
+use std::collections::BTreeMap;
+use std::time::{Duration, SystemTime};
+
+/// Histograms of values in ns, by the name of their quantity.
+pub(crate) type Quantities = BTreeMap<String, Histogram<u64>>;
+
+/// The totals of a daemon.
+pub(crate) struct Snapshot {
+    taken: SystemTime,
+    /// Changes with every start of the daemon.
+    boot_id: u64,
+    telemetry: Telemetry,
+    pub(crate) histograms: Quantities,
+}
+
+/// The samples that came between two snapshots.
+pub(crate) struct Interval {
+    pub(crate) begun: SystemTime,
+    pub(crate) length: Duration,
+    counters: Telemetry,
+    pub(crate) histograms: Quantities,
+}
+
+impl Snapshot {
+    /// The totals of now.
+    pub(crate) fn take(client: &Client) -> Result<Self, LatencyFailure> {
+        let (telemetry, answer) = (client.telemetry()?, client.histograms()?);
+        let decode = |encoded: &str| histogram(&STANDARD.decode(encoded).ok()?);
+        let decoded = answer.histograms.into_iter().map(|quantity| {
+            let histogram = decode(&quantity.encoded);
+            let histogram = histogram.ok_or_else(|| LatencyFailure::NotUnderstood(quantity.name.clone()))?;
+            Ok::<_, LatencyFailure>((quantity.name, histogram))
+        });
+        let (boot_id, taken) = (client.description().boot_id, SystemTime::now());
+        Ok(Self { taken, boot_id, telemetry, histograms: decoded.collect::<Result<_, _>>()? })
+    }
+
+    /// The samples that came after `before`. Totals that began anew since are all new.
+    pub(crate) fn since(&self, before: &Self) -> Interval {
+        let is_same = (self.boot_id, self.telemetry.resets) == (before.boot_id, before.telemetry.resets);
+        let earlier = |name| before.histograms.get(name).filter(|_| is_same);
+        let new = self.histograms.iter().map(|(name, now)| (name.clone(), difference(now, earlier(name))));
+        Interval {
+            begun: before.taken,
+            length: self.taken.duration_since(before.taken).unwrap_or_default(),
+            counters: if is_same {
+                counted(&self.telemetry, &before.telemetry)
+            } else {
+                self.telemetry.clone()
+            },
+            histograms: new.collect(),
+        }
+    }
+}
+
+impl Interval {
+    /// Of histograms only.
+    #[cfg(test)]
+    pub(crate) fn new(begun: SystemTime, length: Duration, histograms: Quantities) -> Self {
+        Self { begun, length, counters: Telemetry::default(), histograms }
+    }
+
+    /// Its counters and percentiles, in the order of `robot`.
+    pub(crate) fn telemetry(&self, robot: &RobotDescription) -> Telemetry {
+        let of = |name: &str| self.histograms.get(name).map_or_else(Percentiles::default, percentiles);
+        let control = robot.groups.iter().zip(&self.counters.control);
+        let control = control.map(|(group, counted)| ControlLatency {
+            control_latency_us: of(&format!("control_latency/{}", group.name)),
+            cycles: counted.cycles.clone(),
+        });
+        let joints = robot.joints.iter().map(|joint| of(&format!("reply_latency/{}", joint.name)));
+        Telemetry {
+            wake_latency_us: of("wake_latency"),
+            transmit_us: of("transmit"),
+            reply_latency_us: of("reply_latency"),
+            setpoint_age_us: of("setpoint_age"),
+            cycle_us: of("cycle"),
+            publication_us: of("publication"),
+            delivery_us: of("delivery"),
+            polled_us: of("polled"),
+            control_latency_us: of("control_latency"),
+            control: control.collect(),
+            joints: joints.collect(),
+            ..self.counters.clone()
+        }
+    }
+}
+
+/// The percentiles that tables show.
+pub(crate) fn percentiles(values: &Histogram<u64>) -> Percentiles {
+    Percentiles::of(values.len(), values.max(), |quantile| values.value_at_quantile(quantile))
+}
+
+/// Decodes HdrHistogram's own formats.
+pub(crate) fn histogram(bytes: &[u8]) -> Option<Histogram<u64>> {
+    Deserializer::new().deserialize(&mut &bytes[..]).ok()
+}
+
+/// The values of `now` that `before` does not have. The daemon sends a long histogram with fewer digits than a short one.
+fn difference(now: &Histogram<u64>, before: Option<&Histogram<u64>>) -> Histogram<u64> {
+    let Some(before) = before else { return now.clone() };
+    let digits = now.sigfig().min(before.sigfig());
+    let (mut difference, before) = (rounded(now, digits), rounded(before, digits));
+    match difference.subtract(&before) {
+        Ok(()) => difference,
+        // They began anew between the two requests.
+        Err(_) => now.clone(),
+    }
+}
+
+/// The values with so many significant digits.
+fn rounded(values: &Histogram<u64>, digits: u8) -> Histogram<u64> {
+    if values.sigfig() == digits {
+        return values.clone();
+    }
+    let mut rounded = Histogram::new_with_bounds(values.low(), values.high(), digits)
+        .expect("they are bounds of a histogram, and the digits those of another");
+    rounded.add(values).expect("their bounds are the same");
+    rounded
+}
+
+/// The counters of `now` less those of `before`; `resets` is no such counter. Its percentiles mean nothing.
+fn counted(now: &Telemetry, before: &Telemetry) -> Telemetry {
+    let control = now.control.iter().zip(&before.control).map(|(now, before)| ControlLatency {
+        cycles: now
+            .cycles
+            .iter()
+            .zip(&before.cycles)
+            .map(|(now, before)| now.saturating_sub(*before))
+            .collect(),
+        ..ControlLatency::default()
+    });
+    Telemetry {
+        resets: now.resets,
+        cycles: now.cycles.saturating_sub(before.cycles),
+        overruns: now.overruns.saturating_sub(before.overruns),
+        seconds: (now.seconds - before.seconds).max(0.0),
+        missed_replies: now.missed_replies.saturating_sub(before.missed_replies),
+        polled_in_vain: now.polled_in_vain.saturating_sub(before.polled_in_vain),
+        polled_reads: now.polled_reads.saturating_sub(before.polled_reads),
+        dropped_records: now.dropped_records.saturating_sub(before.dropped_records),
+        control: control.collect(),
+        ..Telemetry::default()
+    }
+}
+
+#[cfg(test)]
+#[path = "../tests/unit/snapshot.rs"]
+mod tests;

@@ -1,0 +1,106 @@
+//! The threads that hand out the newest text of the metrics. None of them is real-time, none holds up another one, and a
+//! panic in one ends that output only.
+
+use crate::latest::Latest;
+use crate::{http, textfile};
+use std::io;
+use std::net::{SocketAddr, TcpListener};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::Builder;
+
+/// The memory of the process is locked, and the stacks with it.
+const STACK_BYTES: usize = 256 * 1024;
+
+/// Where the metrics go.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Absolute path of a file for the textfile collector of Prometheus' node exporter.
+    pub file: Option<PathBuf>,
+    /// Loopback address where Prometheus fetches them by HTTP.
+    pub listen: Option<SocketAddr>,
+}
+
+/// The running outputs.
+#[derive(Debug)]
+pub struct Outputs(Arc<Latest>);
+
+impl Outputs {
+    /// Starts the outputs that are wanted; `None` where none is. An output that cannot be started is logged, and missing: a
+    /// robot runs without it.
+    #[must_use]
+    pub fn start(wanted: &Wanted) -> Option<Self> {
+        if *wanted == Wanted::default() {
+            return None;
+        }
+        let latest = Arc::new(Latest::default());
+        if let Some(file) = wanted.file.clone() {
+            let latest = Arc::clone(&latest);
+            log("the file of the metrics", spawn("motord-textfile", move || textfile::run(&file, &latest)));
+        }
+        if let Some(address) = wanted.listen {
+            let given = Arc::clone(&latest);
+            let listening = TcpListener::bind(address)
+                .and_then(|listener| spawn("motord-http", move || http::run(&listener, &given)));
+            log("the metrics by HTTP", listening);
+        }
+        Some(Self(latest))
+    }
+
+    /// Hands `text` to the outputs. Does not wait for them.
+    pub fn publish(&self, text: String) {
+        self.0.put(text);
+    }
+}
+
+/// Nobody waits for the thread: it ends with the process.
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> io::Result<()> {
+    Builder::new().name(name.into()).stack_size(STACK_BYTES).spawn(run).map(drop)
+}
+
+fn log(output: &str, started: io::Result<()>) {
+    if let Err(error) = started {
+        tracing::warn!("{output} cannot be started: {error}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+    use std::net::TcpStream;
+
+    #[test]
+    fn no_thread_is_started_unasked() {
+        assert!(Outputs::start(&Wanted::default()).is_none());
+    }
+
+    #[test]
+    fn an_address_that_is_taken_does_not_keep_the_file_from_being_written() {
+        let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("motord.prom");
+        let wanted = Wanted { file: Some(file.clone()), listen: taken.local_addr().ok() };
+        let outputs = Outputs::start(&wanted).unwrap();
+        outputs.publish("motord_cycles_total 1\n".into());
+        let ends = std::time::Instant::now() + std::time::Duration::from_secs(60);
+        while !file.exists() {
+            assert!(std::time::Instant::now() < ends, "no file");
+            std::thread::sleep(std::time::Duration::from_millis(50));
+        }
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "motord_cycles_total 1\n");
+    }
+
+    #[test]
+    fn the_newest_text_is_fetched_by_http() {
+        let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let outputs = Outputs::start(&Wanted { file: None, listen: Some(free) }).unwrap();
+        for text in ["first\n", "second\n"] {
+            outputs.publish(text.into());
+            let mut client = TcpStream::connect(free).unwrap();
+            client.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
+            let answer = io::read_to_string(client).unwrap();
+            assert!(answer.ends_with(&format!("\r\nConnection: close\r\n\r\n{text}")), "{answer}");
+        }
+    }
+}

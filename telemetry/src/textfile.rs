@@ -1,0 +1,52 @@
+//! The metrics as a file for the textfile collector of Prometheus' node exporter.
+
+use crate::latest::Latest;
+use std::fs;
+use std::io;
+use std::path::Path;
+use std::time::Duration;
+
+/// Period of the file: Prometheus asks every 15 s as a rule.
+const PERIOD: Duration = Duration::from_secs(5);
+
+/// Writes the newest text to `file` again and again. A file that cannot be written is logged once, until it can be.
+pub(crate) fn run(file: &Path, latest: &Latest) {
+    let mut failed = false;
+    loop {
+        let text = latest.text();
+        // Nothing is known before the first cycles.
+        let written = if text.is_empty() { Ok(()) } else { replace(file, &text) };
+        if let Err(error) = &written
+            && !failed
+        {
+            tracing::warn!("{} cannot be written, and has no new metrics: {error}", file.display());
+        }
+        failed = written.is_err();
+        std::thread::sleep(PERIOD);
+    }
+}
+
+/// Replaces `file`: a reader sees the old text or the new one, never a part.
+fn replace(file: &Path, text: &str) -> io::Result<()> {
+    // The collector reads names that end with .prom only.
+    let temporary = file.with_extension("prom.new");
+    fs::write(&temporary, text)?;
+    fs::rename(&temporary, file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_as_a_whole_and_nothing_else_is_left() {
+        let place = tempfile::tempdir().unwrap();
+        let file = place.path().join("motord.prom");
+        replace(&file, "first, and longer\n").unwrap();
+        let open = fs::File::open(&file).unwrap();
+        replace(&file, "second\n").unwrap();
+        assert_eq!(io::read_to_string(open).unwrap(), "first, and longer\n", "a reader keeps what it opened");
+        assert_eq!(fs::read_to_string(&file).unwrap(), "second\n");
+        assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    }
+}
