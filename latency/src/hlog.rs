@@ -81,11 +81,10 @@ pub(crate) fn read(log: &[u8]) -> Result<Quantities, String> {
             let values =
                 decode(&interval).ok_or_else(|| format!("its entry {} is no histogram", number + 1))?;
             let name = interval.tag().map_or("", |tag| tag.as_str());
-            match quantities.get_mut(name) {
-                Some(sum) => {
-                    sum.add(values).map_err(|error| format!("its intervals do not fit together: {error}"))?
-                }
-                None => _ = quantities.insert(name.to_owned(), growing(values)),
+            if let Some(sum) = quantities.get_mut(name) {
+                sum.add(values).map_err(|error| format!("its intervals do not fit together: {error}"))?;
+            } else {
+                quantities.insert(name.to_owned(), growing(values));
             }
         }
     }
