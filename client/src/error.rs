@@ -3,6 +3,7 @@
 use crate::state::Group;
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
+use motord_shared::permission::advice;
 use motord_shared::service::{self, Obstacle, Part};
 use motord_shared::stop_socket::StopError;
 use motord_shared::{Cause, Instance, InstanceError, Operation, Phase, Refusal, Rejection, ServiceError};
@@ -56,7 +57,7 @@ pub enum Error {
         daemon: String,
     },
     /// The user may not use the instance.
-    #[error("no permission for {}: join the group that owns it", path.display())]
+    #[error("permission denied for {}: {}", path.display(), advice(path))]
     Permission {
         /// The path that may not be used.
         path: PathBuf,

@@ -7,6 +7,7 @@
 //! - [`description`]: names and limits of the joints, and what the tool asks for, as text.
 //! - [`limits`]: every bound, by name.
 //! - [`instance`]: where daemon and clients meet, and who may.
+//! - [`permission`]: how somebody who may not use a directory gets the right to.
 //! - [`injection`]: faults for simulated buses.
 //! - [`service`]: the iceoryx2 services, with every limit of theirs.
 //! - [`ports`]: the two ends of the services.
@@ -35,6 +36,8 @@ mod instance_error;
 mod lease;
 pub mod limits;
 pub mod message;
+#[cfg(feature = "ports")]
+pub mod permission;
 #[cfg(feature = "ports")]
 pub mod ports;
 #[cfg(feature = "ports")]

@@ -1,0 +1,43 @@
+//! How somebody who may not use a path gets the right to.
+
+use nix::sys::stat::{Mode, SFlag, stat};
+use nix::unistd::{Gid, Group};
+use std::path::Path;
+
+/// A half sentence about the path, or about the directory above it for which the system tells who may enter: which group to join,
+/// or that its owner alone may use it.
+#[must_use]
+pub fn advice(path: &Path) -> String {
+    let Some(found) = path.ancestors().find_map(|path| stat(path).ok()) else {
+        return "ask its owner".to_owned();
+    };
+    let mode = Mode::from_bits_truncate(found.st_mode & !SFlag::S_IFMT.bits());
+    if !mode.contains(Mode::S_IWGRP | Mode::S_IXGRP) {
+        return "its owner alone may use it".to_owned();
+    }
+    let group = Group::from_gid(Gid::from_raw(found.st_gid)).ok().flatten();
+    let name = group.map_or_else(|| found.st_gid.to_string(), |group| group.name);
+    format!("join the group {name}, then log in again")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt};
+
+    #[test]
+    fn whoever_may_not_enter_is_told_which_group_may() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let gid = Gid::from_raw(fs::metadata(place.path()).unwrap().gid());
+        let name = Group::from_gid(gid).unwrap().unwrap().name;
+        for (mode, expected) in [
+            (0o2770, format!("join the group {name}, then log in again")),
+            (0o700, "its owner alone may use it".to_owned()),
+        ] {
+            fs::set_permissions(place.path(), Permissions::from_mode(mode)).unwrap();
+            assert_eq!(advice(place.path()), expected);
+            assert_eq!(advice(&place.path().join("iox/robot")), expected, "of what nobody can look at");
+        }
+    }
+}
