@@ -22,6 +22,10 @@ const ELSEWHERE: &[&str] = &[
     // A robot's own files.
     "motord.lock.toml",
     "motord.toml",
+    "robot.toml",
+    "arm.toml",
+    // What is built.
+    "target/debian",
     // Metrics and quantities, docs/latency.md.
     "motord_",
     "node_textfile_mtime_seconds",
