@@ -1,6 +1,7 @@
 //! Why an instance cannot be used.
 
 use crate::limits::NAME_BYTES_MAX;
+use crate::permission::advice;
 use nix::errno::Errno;
 use std::path::{Path, PathBuf};
 
@@ -23,8 +24,9 @@ pub enum InstanceError {
     },
     /// The user may not enter the runtime directory.
     #[error(
-        "no permission for {}: join the group that owns it, or name another directory in {RUNTIME_DIR_VARIABLE}",
-        path.display()
+        "permission denied for {}: {}, or name another directory in {RUNTIME_DIR_VARIABLE}",
+        path.display(),
+        advice(path)
     )]
     Permission {
         /// The directory that could not be entered.
