@@ -3,14 +3,15 @@
 use crate::instance_error::{InstanceError, refused};
 use nix::dir::Dir;
 use nix::errno::Errno;
-use nix::fcntl::{OFlag, openat};
-use nix::sys::stat::{FileStat, Mode, fchmod, fstat, mkdirat};
+use nix::fcntl::{AtFlags, OFlag, openat};
+use nix::sys::stat::{FileStat, Mode, fchmod, fstat, fstatat, mkdirat};
 use nix::unistd::{Uid, UnlinkatFlags, unlinkat};
-use std::ffi::{CStr, OsStr};
+use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Directories of iceoryx2 lie two deep. A deeper tree was made by somebody else.
 const DEPTH_MAX: usize = 8;
@@ -112,19 +113,42 @@ impl Directory {
     }
 
     fn clear_to(&self, depth: usize) -> Result<(), InstanceError> {
-        let failed = |errno| refused(&self.path, errno);
-        let mut entries = Dir::from_fd(self.file()?.into()).map_err(failed)?;
-        for entry in entries.iter() {
-            let entry = entry.map_err(failed)?;
-            if ![c".", c".."].contains(&entry.file_name()) {
-                self.remove(entry.file_name(), depth)?;
-            }
-        }
-        Ok(())
+        self.names()?.iter().try_for_each(|name| self.remove_to(name, depth))
     }
 
-    fn remove(&self, name: &CStr, depth: usize) -> Result<(), InstanceError> {
-        let name = Path::new(OsStr::from_bytes(name.to_bytes()));
+    /// The names of everything in this directory.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub(crate) fn names(&self) -> Result<Vec<OsString>, InstanceError> {
+        let failed = |errno| refused(&self.path, errno);
+        let mut names = Vec::new();
+        for entry in Dir::from_fd(self.file()?.into()).map_err(failed)?.iter() {
+            let entry = entry.map_err(failed)?;
+            let name = OsStr::from_bytes(entry.file_name().to_bytes());
+            if ![".", ".."].contains(&name.to_str().unwrap_or_default()) {
+                names.push(name.to_owned());
+            }
+        }
+        Ok(names)
+    }
+
+    /// When `name` in this directory was changed. A link is not followed. `None` when it is gone.
+    pub(crate) fn changed(&self, name: &OsStr) -> Option<SystemTime> {
+        let found = fstatat(&self.descriptor, name, AtFlags::AT_SYMLINK_NOFOLLOW).ok()?;
+        Some(UNIX_EPOCH + Duration::from_secs(found.st_mtime.try_into().ok()?))
+    }
+
+    /// Removes `name` from this directory, with everything in it. A link is removed, not followed.
+    ///
+    /// # Errors
+    /// The first file that cannot be removed.
+    pub(crate) fn remove(&self, name: &OsStr) -> Result<(), InstanceError> {
+        self.remove_to(name, DEPTH_MAX)
+    }
+
+    fn remove_to(&self, name: &OsStr, depth: usize) -> Result<(), InstanceError> {
+        let name = Path::new(name);
         let failed = |errno| refused(&self.path.join(name), errno);
         match unlinkat(&self.descriptor, name, UnlinkatFlags::NoRemoveDir) {
             Ok(()) | Err(Errno::ENOENT) => return Ok(()),

@@ -34,6 +34,8 @@ pub mod instance;
 #[cfg(feature = "ports")]
 mod instance_error;
 mod lease;
+#[cfg(feature = "ports")]
+mod leftovers;
 pub mod limits;
 pub mod message;
 #[cfg(feature = "ports")]

@@ -3,13 +3,15 @@
 //! Threads may share every end. None of the methods belongs into a real-time thread: iceoryx2 allocates with every message,
 //! and maps files when the other side comes or goes.
 
-use crate::instance::{Attachment, InstanceLock};
+use crate::instance::{Attachment, Instance, InstanceLock};
+use crate::leftovers;
 use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES};
 use crate::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
 use crate::reserved_space;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
+use iceoryx2::port::ReceiveError;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -48,7 +50,7 @@ impl DaemonPorts {
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
         reserved_space::check(&instance.root()).map_err(no_space)?;
-        let node = service::node(instance)?;
+        let node = service::node(instance, true)?;
         node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
         let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
         let setpoint =
@@ -111,12 +113,16 @@ impl DaemonPorts {
         Ok(())
     }
 
-    /// The next administrative request, if one waits. Never blocks.
+    /// The next administrative request, if one waits. That of a client which has as many under way as it may waits until one of them is
+    /// answered or dropped. Never blocks.
     ///
     /// # Errors
     /// When a connection is damaged.
     pub fn next_request(&self) -> Result<Option<Request>, ServiceError> {
-        let request = self.admin.receive().map_err(Part::Admin.failed())?;
+        let request = match self.admin.receive() {
+            Err(ReceiveError::ExceedsMaxBorrows) => None,
+            received => received.map_err(Part::Admin.failed())?,
+        };
         Ok(request.map(|active| Request { payload: *active.payload(), active }))
     }
 }
@@ -170,6 +176,7 @@ impl Request {
 #[derive(Debug)]
 pub struct Housekeeper {
     node: Node<Service>,
+    instance: Instance,
 }
 
 impl Housekeeper {
@@ -178,13 +185,17 @@ impl Housekeeper {
     /// # Errors
     /// When this process cannot register itself.
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
-        Ok(Self { node: service::node(lock.instance())? })
+        let instance = lock.instance().clone();
+        Ok(Self { node: service::node(&instance, true)?, instance })
     }
 
-    /// Cleans. Returns the number of dead processes that were removed.
+    /// Cleans. Returns the number of dead processes that were removed. Files of those that died before they were one stay for 10 s;
+    /// those that cannot be removed stay until the next start.
     #[must_use]
     pub fn clean(&self) -> u64 {
-        self.node.try_cleanup_dead_nodes().cleanups
+        let removed = self.node.try_cleanup_dead_nodes().cleanups;
+        let _refused = leftovers::remove(&self.instance);
+        removed
     }
 }
 
@@ -229,7 +240,7 @@ impl ClientPorts {
     /// Those of [`open`](Self::open).
     pub fn open_to_stop(attachment: Attachment) -> Result<Self, ServiceError> {
         let instance = attachment.instance();
-        let node = service::node(instance)?;
+        let node = service::node(instance, false)?;
         let state = service::state(&node, instance).open().map_err(Part::State.failed())?;
         let setpoint = service::setpoint(&node, instance).open().map_err(Part::Setpoint.failed())?;
         let cycle = service::cycle(&node, instance).open().map_err(Part::Cycle.failed())?;
@@ -375,5 +386,57 @@ impl Question {
             None if dropped => Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }),
             None => Ok(None),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A client whose process is slow gives up, and its answer comes all the same.
+    #[test]
+    fn answers_to_questions_that_their_asker_dropped_leave_room_for_others() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let ports = DaemonPorts::open(&lock).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        for question in 0..2 * ANSWERS {
+            let dropped_before = client.ask(AdminRequest::default()).unwrap();
+            drop(dropped_before);
+            assert!(ports.next_request().unwrap().is_none(), "{question}");
+            let dropped_after = client.ask(AdminRequest::default()).unwrap();
+            let request = ports.next_request().unwrap().unwrap();
+            if question % 2 == 0 {
+                request.reply(AdminReply::default(), b"").unwrap();
+                drop(dropped_after);
+            } else {
+                drop(dropped_after);
+                let _gone = request.reply(AdminReply::default(), b"");
+            }
+            let waits = client.ask(AdminRequest::default()).unwrap();
+            ports.next_request().unwrap().unwrap().reply(AdminReply::default(), b"heard").unwrap();
+            assert_eq!(waits.answer().unwrap().unwrap().1, b"heard", "{question}");
+        }
+    }
+
+    #[test]
+    fn a_client_that_asks_more_than_it_may_damages_nothing() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let ports = DaemonPorts::open(&lock).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let mut kept = Vec::new();
+        for _ in 0..REQUESTS_PER_CLIENT {
+            let dropped = client.ask(AdminRequest::default()).unwrap();
+            kept.extend(ports.next_request().unwrap());
+            drop(dropped);
+        }
+        let waits = client.ask(AdminRequest::default()).unwrap();
+        assert!(ports.next_request().unwrap().is_none());
+        kept.clear();
+        ports.next_request().unwrap().unwrap().reply(AdminReply::default(), b"heard").unwrap();
+        assert_eq!(waits.answer().unwrap().unwrap().1, b"heard");
     }
 }

@@ -6,7 +6,7 @@ use nix::fcntl::{OFlag, open, posix_fallocate};
 use nix::sys::stat::Mode;
 use std::fs::{self, File, Metadata};
 use std::io;
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 /// The files of a daemon without clients take 7 MB; the rest is for the connections of some clients.
@@ -48,9 +48,12 @@ fn is_sparse(metadata: &Metadata) -> bool {
     metadata.blocks() * BLOCK_BYTES < metadata.len()
 }
 
-/// A file that is gone meanwhile, or may only be read, is skipped: this process will not touch it.
+/// A file that is gone meanwhile, may only be read, or is a link, is skipped: this process will not touch it.
 fn occupy_file(path: &Path, length: u64) -> Result<(), Errno> {
-    let Ok(file) = File::options().write(true).open(path) else { return Ok(()) };
+    let mut options = File::options();
+    let Ok(file) = options.write(true).custom_flags(OFlag::O_NOFOLLOW.bits()).open(path) else {
+        return Ok(());
+    };
     posix_fallocate(file, 0, length.cast_signed())
 }
 

@@ -278,16 +278,23 @@ damages! {
 
 /// Registers this process, and leaves its signals alone. iceoryx2 stays silent, also in a program that was built with a
 /// logger of its own, unless `IOX2_LOG_LEVEL` asks for messages: what concerns the user comes back as an error.
-pub(crate) fn node(instance: &Instance) -> Result<Node<Service>, ServiceError> {
+///
+/// Only the daemon `cleans` up after the dead: a process that is killed while it does leaves a dead one that nobody can clean any
+/// more.
+pub(crate) fn node(instance: &Instance, cleans: bool) -> Result<Node<Service>, ServiceError> {
     set_log_level_from_env_or(LogLevel::Fatal);
+    let mut config = config(instance);
+    config.global.node.cleanup_dead_nodes_on_creation = cleans;
+    config.global.node.cleanup_dead_nodes_on_destruction = cleans;
+    config.global.service.cleanup_dead_nodes_on_open = cleans;
     NodeBuilder::new()
         .signal_handling_mode(SignalHandlingMode::Disabled)
-        .config(&config(instance))
+        .config(&config)
         .create::<Service>()
         .map_err(Part::Node.failed())
 }
 
-fn config(instance: &Instance) -> Config {
+pub(crate) fn config(instance: &Instance) -> Config {
     let mut config = Config::default();
     let root = Path::new(instance.root().as_os_str().as_bytes());
     config.global.set_root_path(&root.expect("an instance's root is shorter than a path of iceoryx2"));
@@ -377,7 +384,8 @@ pub(crate) fn admin(
     builder(node, instance, Part::Admin)
         .request_response::<AdminRequest, AdminAnswer>()
         .enable_safe_overflow_for_requests(false)
-        .enable_safe_overflow_for_responses(false)
+        // An answer that came to an asker who had given up must not keep the next one out.
+        .enable_safe_overflow_for_responses(true)
         .enable_fire_and_forget_requests(false)
         .max_active_requests_per_client(REQUESTS_PER_CLIENT)
         .max_loaned_requests(1)

@@ -308,4 +308,24 @@ mod tests {
             assert_eq!(refusal(&ask(thread, client, Operation::Enable)), None);
         });
     }
+
+    #[test]
+    fn questions_that_their_asker_dropped_are_no_errors() {
+        let place = tempfile::tempdir().unwrap();
+        unanswered(place.path(), |thread, client| {
+            let request = AdminRequest { operation: Operation::Describe.code(), ..Default::default() };
+            for operation in [Operation::Describe, Operation::Telemetry, Operation::Enable] {
+                for _ in 0..2 * QUESTIONS_MAX {
+                    let request = AdminRequest { operation: operation.code(), ..Default::default() };
+                    drop(client.ask(request).unwrap());
+                    thread.turn();
+                    drop(ask(thread, client, operation));
+                }
+            }
+            let kept = client.ask(request).unwrap();
+            thread.turn();
+            assert_eq!(refusal(&kept), Some(0), "who waits is answered");
+            assert_eq!(thread.cycle.counters.ipc_errors.load(Ordering::Relaxed), 0);
+        });
+    }
 }
