@@ -157,6 +157,9 @@ fn granted(boot_id: u64, epoch: u32) -> u64 {
     Lease::new(boot_id, epoch, 0).unwrap().raw()
 }
 
+/// The daemon cleans up after dead clients four times a second.
+const CLEANING_CYCLES: u64 = 250;
+
 /// A fake daemon on a thread of its own, until it is dropped.
 struct Running {
     stop: Arc<AtomicBool>,
@@ -187,6 +190,7 @@ impl Running {
             move || {
                 let lock = Instance::below(&runtime, INSTANCE).unwrap().lock().unwrap();
                 let ports = DaemonPorts::open(&lock).unwrap();
+                let housekeeper = Housekeeper::open(&lock).unwrap();
                 let mut daemon = FakeDaemon {
                     ports,
                     boot_id,
@@ -205,6 +209,9 @@ impl Running {
                 let mut tick = Instant::now();
                 while !stop.load(Ordering::Relaxed) {
                     daemon.cycle(joint_count);
+                    if daemon.cycle.is_multiple_of(CLEANING_CYCLES) {
+                        let _removed = housekeeper.clean();
+                    }
                     running.store(true, Ordering::Relaxed);
                     tick = Instant::now().max(tick + Duration::from_millis(1));
                     std::thread::sleep(tick.saturating_duration_since(Instant::now()));

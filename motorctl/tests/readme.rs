@@ -96,7 +96,7 @@ fn now_you_moves_a_simulated_robot_kills_its_controller_and_sees_it_damped() {
     let pid = desk.owner("sine");
     let is_damped = |screen: &str| screen.contains("STOPPED") && screen.contains("disarmed");
     let screen = desk.watcher.until("the damped robot", is_damped);
-    assert!(screen.contains("The owner sent no valid setpoint within the setpoint timeout."), "{screen}");
+    assert!(screen.contains("The owner's process ended while its group was active."), "{screen}");
     assert!(screen.contains(&format!("sine ({pid})")), "{screen}");
     let line = reset.trim_start_matches("target/release/");
     assert!(screen.contains(line), "{line} in\n{screen}");

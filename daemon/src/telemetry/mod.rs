@@ -35,7 +35,7 @@ use unexpected::UnexpectedCounts;
 /// Period of the thread.
 const TURN: Duration = Duration::from_millis(50);
 /// Period of cleaning up after dead clients, and of feeding systemd's watchdog.
-const CLEANING: Duration = Duration::from_secs(1);
+const CLEANING: Duration = Duration::from_millis(250);
 
 /// The cycle's other end, as far as telemetry is concerned.
 pub struct CycleEnd {
