@@ -151,7 +151,7 @@ impl Distributions {
         // Each of the first is late by more than the range: one call records them all.
         let beyond = record.wake_latency_ns.saturating_sub(LATENCY_MAX_NS) / period.max(1);
         let beyond = beyond.min(record.missed_ticks);
-        self.wake.saturating_record_n(LATENCY_MAX_NS, beyond);
+        record_beyond(&mut self.wake, beyond);
         (beyond..=record.missed_ticks).for_each(|ticks| self.wake.saturating_record(late_by(ticks)));
     }
 
@@ -162,7 +162,7 @@ impl Distributions {
             let within = record.missed_ticks.min(LATENCY_MAX_NS / period);
             (0..within).for_each(|tick| self.setpoint_age.saturating_record(first + tick * period));
             // All of these are older than the range.
-            self.setpoint_age.saturating_record_n(LATENCY_MAX_NS, record.missed_ticks - within);
+            record_beyond(&mut self.setpoint_age, record.missed_ticks - within);
         }
         if let Some(age) = record.setpoint_age_ns {
             self.setpoint_age.saturating_record(age);
@@ -261,6 +261,13 @@ impl Distributions {
 /// When the cycle of `record` began.
 fn begun(record: &Record) -> Instant {
     record.scheduled + Duration::from_nanos(record.wake_latency_ns)
+}
+
+/// Records so many values beyond the range. The library takes a value that came zero times for the largest, too.
+fn record_beyond(values: &mut Histogram<u64>, count: u64) {
+    if count > 0 {
+        values.saturating_record_n(LATENCY_MAX_NS, count);
+    }
 }
 
 impl Control {

@@ -58,6 +58,21 @@ fn every_missed_tick_counts_as_late_until_the_cycle_after_it() {
 }
 
 #[test]
+fn the_largest_value_is_one_that_was_measured() {
+    let mut distributions = Distributions::new(1, 1, PERIOD);
+    for cycle in 1..4 {
+        distributions.record(&Record {
+            wake_latency_ns: 40_000,
+            setpoint_age_ns: Some(300_000),
+            ..record(cycle, 0)
+        });
+    }
+    let telemetry = distributions.telemetry(0);
+    assert!(telemetry.wake_latency_us.max < 41.0, "{:?}", telemetry.wake_latency_us);
+    assert!(telemetry.setpoint_age_us.max < 301.0, "{:?}", telemetry.setpoint_age_us);
+}
+
+#[test]
 fn at_a_missed_tick_the_setpoint_in_use_is_older_by_the_time_that_passed() {
     let mut distributions = Distributions::new(1, 1, PERIOD);
     let aged = |number, age| Record { setpoint_age_ns: age, ..record(number, 0) };
