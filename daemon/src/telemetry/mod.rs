@@ -34,8 +34,10 @@ use unexpected::UnexpectedCounts;
 
 /// Period of the thread.
 const TURN: Duration = Duration::from_millis(50);
-/// Period of cleaning up after dead clients, and of feeding systemd's watchdog.
+/// Period of cleaning up after dead clients: one that is started again and again must find a place.
 const CLEANING: Duration = Duration::from_millis(250);
+/// Period of feeding systemd's watchdog, and of what else is done now and then.
+const CHORES: Duration = Duration::from_secs(1);
 
 /// The cycle's other end, as far as telemetry is concerned.
 pub struct CycleEnd {
@@ -123,7 +125,7 @@ impl Recorder {
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
         self.unexpected_ids.open();
-        let mut cleaned = motord_bus::clock::monotonic();
+        let (mut cleaned, mut done) = (motord_bus::clock::monotonic(), motord_bus::clock::monotonic());
         while !stop() {
             match self.answers.questions.recv_timeout(TURN) {
                 Ok((ticket, request)) => self.answer(ticket, &request),
@@ -136,6 +138,9 @@ impl Recorder {
             if now.since(cleaned) >= CLEANING {
                 cleaned = now;
                 let _removed = housekeeper.map(Housekeeper::clean);
+            }
+            if now.since(done) >= CHORES {
+                done = now;
                 self.log.log_counts(&self.cycle.counters);
                 self.report_off();
                 self.unexpected_ids.open();
