@@ -125,16 +125,6 @@ mod setpoint;
 mod state;
 mod stop;
 
-/// The directory where the daemon `instance` and its clients meet. It may not exist yet.
-///
-/// # Errors
-///
-/// When the name is none, or the directory may not be entered or is not private.
-pub fn runtime_directory(instance: &str) -> Result<std::path::PathBuf, Error> {
-    let instance = motord_shared::Instance::find(instance).map_err(Error::of_instance)?;
-    Ok(instance.runtime().to_owned())
-}
-
 pub use claim::Claim;
 pub use client::Client;
 pub use error::{About, Error, Stop};

@@ -100,22 +100,22 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
     seconds.ok_or_else(|| "expected 0 to 86400".to_owned())
 }
 
-/// Checks the computer, measures, and prints both. The locks of the buses lie in `locks`.
+/// Checks the computer, measures, and prints both.
 ///
 /// # Errors
 ///
 /// [`DoctorFailure::Unfit`] after a bad verdict; the others when there is none.
-pub fn run(arguments: &Arguments, locks: &Path) -> Result<(), DoctorFailure> {
+pub fn run(arguments: &Arguments) -> Result<(), DoctorFailure> {
     let tree = Tree::below(Path::new("/"));
     let (robot, configuration) = Robot::configured(arguments.config.as_deref(), &tree);
     let daemon = process::daemon(&tree);
     let tuned = match (arguments.tune, daemon) {
         (true, Some(daemon)) => return Err(DoctorFailure::InUse(daemon.pid)),
-        (true, None) => tune::tune(&all(&tree, &robot, locks), Change::apply),
+        (true, None) => tune::tune(&all(&tree, &robot), Change::apply),
         (false, _) => Vec::new(),
     };
     let mut findings = vec![configuration];
-    findings.extend(all(&tree, &robot, locks));
+    findings.extend(all(&tree, &robot));
     let wake = match daemon {
         None if arguments.seconds > 0.0 => Some(measured(&robot, arguments)?),
         _ => None,

@@ -84,10 +84,6 @@ impl Tree {
         let metadata = fs::metadata(self.path(path)).ok()?;
         Some(Permissions { user: metadata.uid(), group: metadata.gid(), mode: metadata.mode() })
     }
-
-    pub(crate) fn inode(&self, path: &str) -> Option<u64> {
-        Some(fs::metadata(self.path(path)).ok()?.ino())
-    }
 }
 
 /// The processors in a list of the kernel, rising.

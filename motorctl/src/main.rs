@@ -344,9 +344,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Wire(command) => Ok(wire::run(command)?),
         Command::Exclude { joint } => operate::exclude(instance, &joint),
         Command::Include { joint } => operate::include(instance, &joint),
-        Command::Doctor(arguments) => {
-            Ok(doctor::run(&arguments, &motord_client::runtime_directory(instance)?)?)
-        }
+        Command::Doctor(arguments) => Ok(doctor::run(&arguments)?),
         Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Pages(pages) => Ok(pages.write(Arguments::command())?),

@@ -12,15 +12,14 @@ use crate::process;
 use crate::robot::{Interface, Robot};
 use crate::tree::Tree;
 use motord_bus::socketcan::{Coalescing, InterfaceName, Link};
-use std::path::Path;
 
 #[cfg(test)]
 mod tests;
 
-/// Every check of the computer and of the buses of `robot`; the locks of the buses lie in `locks`. Reads files, and asks
-/// the kernel for the settings of the interfaces: changes nothing, sends nothing on a bus.
+/// Every check of the computer and of the buses of `robot`. Reads files, and asks the kernel for the settings of the interfaces and
+/// who has locked them: changes nothing, sends nothing on a bus.
 #[must_use]
-pub fn all(tree: &Tree, robot: &Robot, locks: &Path) -> Vec<Finding> {
+pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
     let daemon = process::daemon(tree);
     let mut findings = vec![
         system::kernel(tree),
@@ -35,7 +34,7 @@ pub fn all(tree: &Tree, robot: &Robot, locks: &Path) -> Vec<Finding> {
         system::daemon(tree, daemon),
     ];
     for interface in &robot.interfaces {
-        findings.extend(of_interface(tree, robot, interface, locks));
+        findings.extend(of_interface(tree, robot, interface));
     }
     for device in &robot.devices {
         findings.extend(serial::device(tree, device));
@@ -43,7 +42,7 @@ pub fn all(tree: &Tree, robot: &Robot, locks: &Path) -> Vec<Finding> {
     findings
 }
 
-fn of_interface(tree: &Tree, robot: &Robot, interface: &Interface, locks: &Path) -> Vec<Finding> {
+fn of_interface(tree: &Tree, robot: &Robot, interface: &Interface) -> Vec<Finding> {
     let name = interface.name.as_str();
     let Ok(parsed) = name.parse::<InterfaceName>() else { return Vec::new() };
     let link = Link::read(parsed);
@@ -54,7 +53,7 @@ fn of_interface(tree: &Tree, robot: &Robot, interface: &Interface, locks: &Path)
             interface::queue(tree, interface),
             interface::coalescing(name, Coalescing::read(parsed)),
             interface::interrupts(tree, robot, name),
-            owners::interface(tree, name, locks),
+            owners::interface(tree, name),
         ]);
     }
     findings

@@ -3,8 +3,8 @@
 use crate::finding::Finding;
 use crate::process;
 use crate::tree::Tree;
+use motord_bus::BusLock;
 use std::collections::BTreeSet;
-use std::path::Path;
 
 /// The lists of receivers that the kernel shows.
 const LISTS: [&str; 6] = ["all", "fil", "inv", "sff", "eff", "err"];
@@ -12,17 +12,15 @@ const LISTS: [&str; 6] = ["all", "fil", "inv", "sff", "eff", "err"];
 const KINDS: [&str; 5] = ["raw", "bcm", "isotp", "j1939", "gw"];
 
 /// Whether another program uses the interface. motord and motorctl lock it; others are seen by their filters only.
-pub(super) fn interface(tree: &Tree, name: &str, locks: &Path) -> Finding {
+pub(super) fn interface(tree: &Tree, name: &str) -> Finding {
     const CHECK: &str = "owner";
-    if let Some(pid) = holder(tree, &format!("{}/{name}.lock", locks.display())) {
-        let program = process::program(tree, pid).unwrap_or_else(|| "unknown program".to_owned());
+    if let Some(holder) = BusLock::holder_of_interface(name) {
+        let program = holder.0.and_then(|pid| process::program(tree, pid));
+        let program = program.unwrap_or_else(|| "unknown program".to_owned());
+        let measured = format!("{program}, {holder}");
         return match program.as_str() {
-            "motord" => Finding::good(CHECK, format!("motord, process {pid}")),
-            _ => Finding::warn(
-                CHECK,
-                format!("{program}, process {pid}"),
-                "motord does not start while it runs",
-            ),
+            "motord" => Finding::good(CHECK, measured),
+            _ => Finding::warn(CHECK, measured, "motord does not start while it runs"),
         }
         .of(name);
     }
@@ -35,18 +33,6 @@ pub(super) fn interface(tree: &Tree, name: &str, locks: &Path) -> Finding {
     let measured = format!("{} filters of other programs ({kinds})", receivers.len());
     let why = "one that only listens, as candump does, is harmless; one that sends commands two masters to the motors";
     Finding::warn(CHECK, measured, why).mended_by("sudo lsof -n | grep CAN_".to_owned()).of(name)
-}
-
-/// The process that holds a lock file: the one that it names, while the kernel knows a lock on it.
-fn holder(tree: &Tree, path: &str) -> Option<u32> {
-    let inode = format!(":{}", tree.inode(path)?);
-    let locks = tree.text("proc/locks")?;
-    let is_held =
-        |line: &str| line.contains("FLOCK") && line.split_whitespace().any(|word| word.ends_with(&inode));
-    if !locks.lines().any(is_held) {
-        return None;
-    }
-    tree.number(path).and_then(|pid| u32::try_from(pid).ok())
 }
 
 /// The kinds of the filters on an interface.
