@@ -40,10 +40,10 @@ pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported
 pub use learned::{Backoff, Lateness, ReplyTime};
 #[cfg(feature = "linux")]
 pub use lock::{BusLock, Holder, LockError};
-pub use readiness::{MAX_BUSES, Readiness, Ready};
+pub use readiness::{Clock, MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
 #[cfg(feature = "linux")]
-pub use wait::wait;
+pub use wait::{Monotonic, wait};
 
 /// One bus: a CAN interface, a serial port, or a simulation of them.
 ///

@@ -1,8 +1,8 @@
-//! When a bus is worth a [`receive`](crate::Bus::receive).
+//! When a bus is worth a [`receive`](crate::Bus::receive), and the clock that waits for it.
 
 use std::os::fd::BorrowedFd;
 
-use crate::time::Instant;
+use crate::time::{Duration, Instant};
 
 /// When the next [`Bus::receive`](crate::Bus::receive) is worth while. Borrows the bus, so that its descriptor stays
 /// open for as long as somebody waits for it.
@@ -49,4 +49,20 @@ impl Ready {
     pub const fn any(self) -> bool {
         self.0 != 0
     }
+}
+
+/// Time, and waiting for it.
+pub trait Clock {
+    /// The present time.
+    fn now(&self) -> Instant;
+
+    /// The present time, and the total time that the computer was suspended since it was started: never more than that. No
+    /// system call.
+    fn now_and_suspended(&self) -> (Instant, Duration);
+
+    /// Returns at `instant`, or at once when it has passed. At most one system call.
+    fn sleep_until(&mut self, instant: Instant);
+
+    /// Returns when a bus has something, or at `until`; returns the buses that have. At most one system call.
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready;
 }

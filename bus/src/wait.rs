@@ -3,8 +3,8 @@
 use nix::poll::{PollFd, PollFlags, ppoll};
 
 use crate::readiness::MAX_BUSES;
-use crate::time::Instant;
-use crate::{Readiness, Ready, clock};
+use crate::time::{Duration, Instant};
+use crate::{Clock, Readiness, Ready, clock};
 
 /// Sleeps until a bus is ready, at most until `until`. `now` is the present time.
 ///
@@ -54,6 +54,28 @@ fn ready(readiness: &[Readiness<'_>], reached: Instant, polled: &[PollFd<'_>]) -
         Readiness::Readable(_) => polled.next().is_some_and(|polled| polled.any() != Some(false)),
         Readiness::Never => false,
     }))
+}
+
+/// The clock of this machine, `CLOCK_MONOTONIC`.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Monotonic;
+
+impl Clock for Monotonic {
+    fn now(&self) -> Instant {
+        clock::monotonic()
+    }
+
+    fn now_and_suspended(&self) -> (Instant, Duration) {
+        clock::monotonic_and_suspended()
+    }
+
+    fn sleep_until(&mut self, instant: Instant) {
+        clock::sleep_until(instant);
+    }
+
+    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready {
+        wait(readiness, clock::monotonic(), until)
+    }
 }
 
 #[cfg(test)]

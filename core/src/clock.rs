@@ -1,24 +1,9 @@
 //! The clock of the cycle: the machine's, or one of virtual time.
 
+pub use motord_bus::Clock;
 use motord_bus::{Duration, Instant, Readiness, Ready};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-/// Time, and waiting for it.
-pub trait Clock {
-    /// The present time.
-    fn now(&self) -> Instant;
-
-    /// The present time, and the total time that the computer was suspended since it was started: never more than that. No
-    /// system call.
-    fn now_and_suspended(&self) -> (Instant, Duration);
-
-    /// Returns at `instant`, or at once when it has passed. At most one system call.
-    fn sleep_until(&mut self, instant: Instant);
-
-    /// Returns when a bus has something, or at `until`; returns the buses that have. At most one system call.
-    fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready;
-}
 
 /// Virtual time: it moves when the cycle sleeps or waits, and not else. Clones show the same time.
 #[derive(Debug, Clone, Default)]

@@ -10,10 +10,11 @@
 //! other threads share. Before the cycle has it, nothing is allocated or logged for it, and nothing opened but its connection.
 //! Who may enter the runtime directory may stop the robot, by the same rule: its permissions, without lists of access control.
 
-use crate::host::kernel;
 use crate::telemetry::askers::Askers;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::EmergencyStops;
+use motord_realtime::descriptors::keep_only;
+use motord_realtime::process::{GROUPS_OF_A_PROCESS_MAX, peer_groups};
 use motord_shared::instance::Instance as MotordInstance;
 use motord_shared::stop_socket::{
     self, CONFIRMED, MESSAGE_BYTES_MAX, NO_CYCLE, NOT_PERMITTED, REQUEST, StopError,
@@ -21,10 +22,11 @@ use motord_shared::stop_socket::{
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{
-    Backlog, MsgFlags, SockFlag, UnixCredentials, accept4, bind, getsockopt, listen, recv, send, sockopt,
+    Backlog, MsgFlags, SockFlag, UnixCredentials, bind, getsockopt, listen, recv, send, sockopt,
 };
 use nix::sys::stat::{FileStat, stat};
 use nix::unistd::geteuid;
+use rustix::net::{SocketFlags, accept_with};
 use std::array::from_fn;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::Arc;
@@ -91,7 +93,7 @@ fn listen_for(instance: &MotordInstance) -> Result<OwnedFd, Errno> {
     bind(socket.as_raw_fd(), &stop_socket::address(instance)?)?;
     listen(&socket, Backlog::new(BACKLOG)?)?;
     // A descriptor for a caller is there however many the other threads use. Where the kernel refuses, they are shared.
-    let _shared = kernel::keep_only(socket.as_fd());
+    let _shared = keep_only(socket.as_fd());
     Ok(socket)
 }
 
@@ -141,10 +143,10 @@ impl Server {
 
     /// Takes at most [`CALLERS_PER_TURN`] callers.
     fn accept(&mut self) {
-        let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
         for _ in 0..CALLERS_PER_TURN {
-            let Ok(caller) = accept4(self.listener.as_raw_fd(), flags) else { break };
-            self.callers[self.eldest] = Some(kernel::adopt(caller));
+            let Ok(caller) = accept_with(&self.listener, flags) else { break };
+            self.callers[self.eldest] = Some(caller);
             self.eldest = (self.eldest + 1) % CALLERS_MAX;
         }
     }
@@ -214,7 +216,7 @@ impl Gate {
         Self {
             directory: std::ffi::CString::new(path).unwrap_or_default(),
             seen: None,
-            groups: vec![0; kernel::GROUPS_OF_A_PROCESS_MAX],
+            groups: vec![0; GROUPS_OF_A_PROCESS_MAX],
         }
     }
 
@@ -222,7 +224,7 @@ impl Gate {
     fn judge(&mut self, caller: OwnedFd) -> Option<(OwnedFd, UnixCredentials)> {
         self.seen = stat(self.directory.as_c_str()).ok().or(self.seen);
         let peer = getsockopt(&caller, sockopt::PeerCredentials).ok()?;
-        let groups = kernel::peer_groups(caller.as_fd(), &mut self.groups).unwrap_or(&[]);
+        let groups = peer_groups(caller.as_fd(), &mut self.groups).unwrap_or(&[]);
         let is_daemons_user = peer.uid() == geteuid().as_raw();
         if is_daemons_user || self.seen.is_some_and(|seen| may_enter(&seen, peer.uid(), peer.gid(), groups)) {
             return Some((caller, peer));

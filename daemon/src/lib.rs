@@ -1,19 +1,17 @@
 //! The daemon that owns every motor of a legged robot: the shell around `motord-core`.
 //!
-//! - [`commands`]: `run`, `check`, `safe-stop`.
+//! - [`commands`]: `run`, `check`, `init`. `deadman` and `safe-stop` are `motord-deadman`.
 //! - [`arming`]: whether the motors are the configured ones.
 //! - [`buses`]: opens the buses of a configuration, and opens them again.
 //! - [`simulation`]: faults for simulated buses.
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
-//! - [`deadman`]: stops the motors when the daemon cannot.
 //! - [`emergency_stop`]: the stop that waits behind nothing.
 //! - [`host`]: this machine. [`threads`]: wires it all together.
 
 pub mod arming;
 pub mod buses;
 pub mod commands;
-pub mod deadman;
 pub mod emergency_stop;
 pub mod host;
 pub mod ipc;

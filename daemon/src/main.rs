@@ -3,11 +3,11 @@
 use clap::{CommandFactory, Parser, Subcommand};
 use motord::commands::check::{Wanted, check};
 use motord::commands::init::{InitError, Options};
-use motord::commands::safe_stop::{SafeStopError, safe_stop};
-use motord::deadman::interfaces::open_interface;
-use motord::deadman::{self, DeadmanError};
 use motord::host::log::Log;
 use motord::run_error::RunError;
+use motord_deadman::DeadmanError;
+use motord_deadman::interfaces::open_interface;
+use motord_deadman::safe_stop::{SafeStopError, safe_stop};
 use motord_terminal::{Pages, printable};
 use std::fmt::Display;
 use std::io::Write;
@@ -106,7 +106,9 @@ fn main() -> ExitCode {
             ended(pages.write(Arguments::command()), |_| EXIT_IO, &mut std::io::stderr())
         }
         Command::Run { config } => logged(log, || motord::commands::run::run(&config), RunError::exit_status),
-        Command::Deadman { config } => logged(log, || deadman::run(&config), DeadmanError::exit_status),
+        Command::Deadman { config } => {
+            logged(log, || motord_deadman::run(&config), DeadmanError::exit_status)
+        }
         Command::SafeStop { config } => {
             logged(log, || safe_stop(&config, &mut open_interface), SafeStopError::exit_status)
         }

@@ -1,8 +1,8 @@
 //! The thread that takes faults for simulated buses from `motorctl sim`. Only a daemon without a real bus has it.
 
 use crate::buses::injection::Injectors;
-use crate::host::process::program;
 use motord_bus::Duration;
+use motord_realtime::process::program;
 use motord_shared::injection::InjectionListener;
 
 /// Between two failures of the system, such as that no descriptors are left.

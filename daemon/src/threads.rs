@@ -17,12 +17,7 @@
 use crate::buses::Buses;
 use crate::buses::injection::Injectors;
 use crate::buses::reconnector::Reconnector;
-use crate::deadman::heartbeat::{Heartbeat, Pulse};
-use crate::deadman::registrar::Registrar;
-use crate::deadman::safe_frames::SafeFrames;
 use crate::emergency_stop;
-use crate::host::clock::Monotonic;
-use crate::host::rt::{self, SchedulingRequest, Step};
 use crate::ipc::description::describe;
 use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Schedule};
@@ -30,9 +25,13 @@ use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
 use crate::telemetry::{self, Recorder};
-use motord_bus::Duration;
+use motord_bus::{Duration, Monotonic};
 use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
+use motord_deadman::heartbeat::{Heartbeat, Pulse};
+use motord_deadman::registrar::Registrar;
+use motord_deadman::safe_frames::SafeFrames;
+use motord_realtime::{SchedulingRequest, Step, lock_memory, prepare_thread, tighten_timers};
 use motord_shared::injection::InjectionListener;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
@@ -263,12 +262,12 @@ fn start_ipc(
             Ok(ports) => ports,
             Err(error) => return report(&opened, Err(error)),
         };
-        let mut steps = rt::prepare_thread(SchedulingRequest { cpu: ipc.cpu, priority: None });
-        steps.push(rt::tighten_timers());
-        let scheduled = rt::prepare_thread(SchedulingRequest { cpu: None, priority: ipc.priority });
+        let mut steps = prepare_thread(SchedulingRequest { cpu: ipc.cpu, priority: None });
+        steps.push(tighten_timers());
+        let scheduled = prepare_thread(SchedulingRequest { cpu: None, priority: ipc.priority });
         // Refused like the cycle's, which tells it.
         steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
-        steps.iter().for_each(|step| rt::log(step, "ipc"));
+        steps.iter().for_each(|step| step.log("ipc"));
         report(&opened, Ok(()));
         let mut thread = IpcThread::new(ports, end, questions, description, ipc.mode, schedule);
         thread.watch(owners);
@@ -288,7 +287,7 @@ fn start_owners(
     let given = Arc::clone(orders);
     let request = below_the_cycle(settings);
     let run = move || {
-        let _refused_like_the_cycle = rt::prepare_thread(request);
+        let _refused_like_the_cycle = prepare_thread(request);
         while !given.are(Orders::END) {
             if let Some(lease) = deaths.next(OWNERS_TURN) {
                 counters.alarms.owner_ended(lease);
@@ -341,11 +340,11 @@ fn start_cycle(
     let (prepared, ready) = channel();
     let thread = start("cycle", orders, move || {
         let _held = locks;
-        let mut steps = rt::prepare_thread(request);
-        steps.push(rt::tighten_timers());
-        steps.push(rt::lock_memory());
+        let mut steps = prepare_thread(request);
+        steps.push(tighten_timers());
+        steps.push(lock_memory());
         let refused = steps.iter().find_map(|step| step.outcome.err().map(|errno| (*step, errno)));
-        steps.iter().for_each(|step| rt::log(step, "cycle"));
+        steps.iter().for_each(|step| step.log("cycle"));
         if let Some((step, errno)) = refused.filter(|_| required) {
             return report(
                 &prepared,
@@ -393,7 +392,7 @@ fn start_registrar(
     // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
     let request = below_the_cycle(settings);
     let run = move || {
-        let _refused_like_the_cycle = rt::prepare_thread(request);
+        let _refused_like_the_cycle = prepare_thread(request);
         if catch_unwind(AssertUnwindSafe(|| registrar.run(|| given.are(Orders::END)))).is_err() {
             given.stop_without("registrar");
             // Its connection must outlive the last cycle: closed before, it would set the switch on motors that are driven.
@@ -418,7 +417,7 @@ fn start_stop(
     // It sleeps, but for a stop, which no other load of the computer may delay.
     let request = below_the_cycle(settings);
     let _detached = start("stop", orders, move || {
-        let _refused_like_the_cycle = rt::prepare_thread(request);
+        let _refused_like_the_cycle = prepare_thread(request);
         emergency_stop::run(&instance, stops, askers, || given.are(Orders::END));
     })?;
     Ok(())

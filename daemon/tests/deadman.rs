@@ -2,15 +2,15 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord::commands::safe_stop::safe_stop;
-use motord::deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
-use motord::deadman::heartbeat::{Heartbeat, Pulse};
-use motord::deadman::registrar::Registrar;
-use motord::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
-use motord::deadman::server::Server;
 use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, clock};
 use motord_configuration as config;
 use motord_core::stopper::Outlet;
+use motord_deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
+use motord_deadman::heartbeat::{Heartbeat, Pulse};
+use motord_deadman::registrar::Registrar;
+use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
+use motord_deadman::safe_stop::safe_stop;
+use motord_deadman::server::Server;
 use motord_shared::instance::Instance;
 use nix::sys::signal::{Signal, kill};
 use nix::sys::socket::{MsgFlags, send};

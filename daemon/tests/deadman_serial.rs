@@ -2,11 +2,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord::deadman::interfaces::{Interface, Interfaces};
-use motord::deadman::safe_frames::InterfaceFrames;
-use motord::host::clock::Monotonic;
-use motord_bus::{Duration, Frame, Instant, Refusal};
+use motord_bus::{Duration, Frame, Instant, Monotonic, Refusal};
 use motord_core::stopper::Outlet;
+use motord_deadman::interfaces::{Interface, Interfaces};
+use motord_deadman::safe_frames::InterfaceFrames;
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::termios::{FlowArg, tcflow};
 use std::fs::File;

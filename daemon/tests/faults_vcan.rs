@@ -12,17 +12,17 @@ mod robot;
 
 use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
-use motord::deadman::channel::{Answer, Channel, Listener, Request};
-use motord::deadman::heartbeat::Heartbeat;
-use motord::deadman::interfaces::expect_interface;
-use motord::deadman::safe_frames::SafeFrames;
-use motord::deadman::server::Server;
-use motord::host::clock::Monotonic;
+use motord_bus::Monotonic;
 use motord_bus::socketcan::{self, InterfaceName, SocketCanBus};
 use motord_bus::{Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, clock, wait};
 use motord_checker::codec::Ranges;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble};
 use motord_core::settings::Settings;
+use motord_deadman::channel::{Answer, Channel, Listener, Request};
+use motord_deadman::heartbeat::Heartbeat;
+use motord_deadman::interfaces::expect_interface;
+use motord_deadman::safe_frames::SafeFrames;
+use motord_deadman::server::Server;
 use motord_shared::instance::Instance;
 use motord_shared::{
     BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase, StateMessage,
@@ -435,7 +435,7 @@ fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
 
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
     heartbeat.beat(1);
-    let daemon = Channel::connect(&instance, motord::deadman::channel::PATIENCE).unwrap();
+    let daemon = Channel::connect(&instance, motord_deadman::channel::PATIENCE).unwrap();
     daemon.send(&Request::Register(SafeFrames::of(&settings)), Some(&pulse)).unwrap();
     for _ in 0..2 {
         server.turn(clock::monotonic() + Duration::from_millis(10));

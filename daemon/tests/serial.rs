@@ -21,7 +21,7 @@ mod robot;
 
 use hdrhistogram::Histogram;
 use motord::buses::{self, reconnector::Reconnector};
-use motord::host::clock::Monotonic;
+use motord_bus::Monotonic;
 use motord_bus::{Bus, clock};
 use motord_core::clock::Clock;
 use motord_core::control::Event;

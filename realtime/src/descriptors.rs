@@ -1,5 +1,6 @@
-//! File descriptors: as many as all clients together need.
+//! File descriptors: as many as all clients together need, and none for a thread that waits for one only.
 
+pub use crate::kernel::keep_only;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
 /// Descriptors that a daemon takes with every client that it may have, and as many again.

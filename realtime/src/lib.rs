@@ -1,10 +1,12 @@
-//! Real-time scheduling and memory for a thread, as far as the machine grants them; file descriptors, and the deaths of other
-//! processes.
+//! Real-time scheduling and memory for a thread, as far as the machine grants them; file descriptors, other processes and
+//! their deaths, and systemd.
 
 pub mod deaths;
 pub mod descriptors;
-#[allow(unsafe_code, reason = "a system call that no safe crate offers")]
+#[allow(unsafe_code, reason = "system calls that no safe crate offers")]
 mod kernel;
+pub mod process;
+pub mod systemd;
 
 use nix::errno::Errno;
 use nix::sys::mman::{MlockAllFlags, mlockall};
@@ -38,6 +40,26 @@ pub struct Step {
     pub without: &'static str,
     /// The remedy when it is refused.
     pub remedy: &'static str,
+}
+
+impl Step {
+    /// Logs the outcome for `thread`: a refusal for everybody, with its remedy.
+    pub fn log(&self, thread: &str) {
+        let Self { what, outcome, without, remedy } = *self;
+        match outcome {
+            Ok(()) => tracing::debug!(thread, "{what}: yes"),
+            Err(errno) => {
+                tracing::warn!(thread, "{what}: no ({}). Without it {without}. {remedy}.", errno.desc());
+            }
+        }
+    }
+}
+
+/// The names of the granted steps, for the log.
+#[must_use]
+pub fn granted(steps: &[Step]) -> String {
+    let granted: Vec<_> = steps.iter().filter(|step| step.outcome.is_ok()).map(|step| step.what).collect();
+    if granted.is_empty() { "nothing".to_owned() } else { granted.join(", ") }
 }
 
 /// Gives the calling thread the scheduling of `request`, and a stack that is in memory.

@@ -26,11 +26,17 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-realtime", &[], &[]),
     ("motord-telemetry", &["motord-bus", "motord-core", "motord-shared"], &[]),
     (
+        "motord-deadman",
+        &["motord-bus", "motord-configuration", "motord-core", "motord-realtime", "motord-shared"],
+        &[],
+    ),
+    (
         "motord",
         &[
             "motord-commissioning",
             "motord-configuration",
             "motord-core",
+            "motord-deadman",
             "motord-realtime",
             "motord-shared",
             "motord-protocol",

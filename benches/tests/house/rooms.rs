@@ -22,18 +22,14 @@ const CORE: Rows = &[
 const DAEMON: Rows = &[
     ("arming", &[]),
     ("buses", &[]),
-    ("commands", &["arming", "buses", "deadman", "host", "run_error", "threads"]),
-    ("deadman", &["host"]),
+    ("commands", &["arming", "buses", "host", "run_error", "threads"]),
     ("host", &[]),
     ("ipc", &["telemetry"]),
     ("run_error", &["buses"]),
-    ("simulation", &["buses", "host"]),
-    ("telemetry", &["host"]),
-    ("emergency_stop", &["host", "telemetry"]),
-    (
-        "threads",
-        &["buses", "deadman", "emergency_stop", "host", "ipc", "run_error", "simulation", "telemetry"],
-    ),
+    ("simulation", &["buses"]),
+    ("telemetry", &[]),
+    ("emergency_stop", &["telemetry"]),
+    ("threads", &["buses", "emergency_stop", "host", "ipc", "run_error", "simulation", "telemetry"]),
 ];
 
 /// Where code may name a vendor or its protocols.

@@ -8,7 +8,7 @@ const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
     "bus/src/kernel.rs",
     "bus/tests/socketcan/counting.rs",
-    "daemon/src/host/kernel.rs",
+    "deadman/src/kernel.rs",
     "realtime/src/kernel.rs",
 ];
 

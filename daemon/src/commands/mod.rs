@@ -3,4 +3,3 @@
 pub mod check;
 pub mod init;
 pub mod run;
-pub mod safe_stop;

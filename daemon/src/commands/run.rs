@@ -2,14 +2,13 @@
 
 use crate::arming;
 use crate::buses::{self, Buses};
-use crate::host::process::program;
-use crate::host::rt;
-use crate::host::systemd;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
 use motord_bus::Duration;
 use motord_configuration as config;
 use motord_realtime::descriptors::raise_descriptors;
+use motord_realtime::process::program;
+use motord_realtime::{forbid_deep_sleep, granted, systemd};
 use motord_shared::instance::Instance;
 use motord_telemetry::{Outputs, Wanted};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -35,8 +34,8 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;
-    let (deep_sleep, _keeps_awake) = rt::forbid_deep_sleep();
-    rt::log(&deep_sleep, "main");
+    let (deep_sleep, _keeps_awake) = forbid_deep_sleep();
+    deep_sleep.log("main");
 
     let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks, injectors };
     let damp = settings.safety.damp;
@@ -44,7 +43,7 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let outputs =
         Outputs::start(&Wanted { file: telemetry.prometheus_file, listen: telemetry.prometheus_listen });
     let daemon = Daemon::start(settings, Some((path, hash)), buses, &lock, outputs)?;
-    let realtime = rt::granted(&[daemon.realtime(), &[deep_sleep]].concat());
+    let realtime = granted(&[daemon.realtime(), &[deep_sleep]].concat());
     log_start(lock.instance().name(), (path, hash), size, &realtime);
     systemd::ready();
     while !daemon.has_ended() {

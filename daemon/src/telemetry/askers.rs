@@ -2,8 +2,8 @@
 //!
 //! A process may have ended when the log tells of it: its name is read while it still waits for its answer.
 
-use crate::host::process;
 use motord_bus::{Duration, Instant, clock};
+use motord_realtime::process;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 

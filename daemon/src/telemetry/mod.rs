@@ -10,7 +10,6 @@ mod log;
 mod questions;
 mod unexpected;
 
-use crate::host::systemd;
 use asked::Asked;
 use groups::Groups;
 use log::Log;
@@ -19,6 +18,7 @@ use motord_configuration as config;
 use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
 use motord_core::settings::Settings;
+use motord_realtime::systemd;
 use motord_shared::ports::Housekeeper;
 use motord_shared::{AdminReply, AdminRequest, BusCondition, Cause, Operation, Presence};
 use motord_telemetry::{Distributions, Metrics, Names, Outputs};

@@ -1,9 +1,9 @@
 //! The simulated motors of a serial bus behind a pseudo terminal, served by a thread of their own.
 
 use motord::buses;
-use motord::host::rt::{self, SchedulingRequest};
 use motord_bus::{Duration, clock};
 use motord_core::settings::Settings;
+use motord_realtime::SchedulingRequest;
 use motord_simulator::{Motor, SerialPort, SerialSlave, SimulatedBus};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,7 +15,8 @@ const TURN: Duration = Duration::from_micros(100);
 
 /// Real-time scheduling, where it is permitted.
 pub fn prepare_thread(priority: u8) {
-    let _not_permitted = rt::prepare_thread(SchedulingRequest { cpu: None, priority: Some(priority) });
+    let _not_permitted =
+        motord_realtime::prepare_thread(SchedulingRequest { cpu: None, priority: Some(priority) });
 }
 
 /// The motors of one line.

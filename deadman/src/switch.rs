@@ -13,7 +13,7 @@
 //! A heartbeat that moves again takes the motors back: that daemon was late, knows it, and stops safely by itself. Two
 //! senders that contradict each other would be worse than either. A closed connection is final: its daemon is dead.
 
-use crate::deadman::heartbeat::AT_REST;
+use crate::heartbeat::AT_REST;
 use motord_bus::{Duration, Instant};
 use motord_core::stopper::schedule::{INTERVAL, next_tick};
 
@@ -109,5 +109,5 @@ impl Switch {
 }
 
 #[cfg(test)]
-#[path = "../../tests/unit/switch.rs"]
+#[path = "../tests/unit/switch.rs"]
 mod tests;

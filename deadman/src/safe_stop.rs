@@ -1,10 +1,9 @@
 //! `motord safe-stop`: damps and stops every motor once, when neither the daemon nor its dead man's switch did.
 
-use crate::deadman::channel::{Answer, Channel, Request};
-use crate::deadman::interfaces::{Interface, Interfaces, Open};
-use crate::deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
-use crate::host::clock::Monotonic;
-use motord_bus::{BusLock, Duration, LockError, clock};
+use crate::channel::{Answer, Channel, Request};
+use crate::interfaces::{Interface, Interfaces, Open};
+use crate::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
+use motord_bus::{BusLock, Duration, LockError, Monotonic, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
 use motord_shared::instance::Instance;

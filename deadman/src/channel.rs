@@ -3,8 +3,8 @@
 //! The socket is `<runtime>/<instance>.deadman`. Only processes of the same user, or of root, get an answer: a process that
 //! registers decides which frames are sent.
 
-use crate::deadman::heartbeat::Pulse;
-use crate::host::kernel::adopt;
+use crate::heartbeat::Pulse;
+use crate::kernel::adopt;
 use motord_bus::Duration;
 use motord_shared::instance::Instance;
 use nix::cmsg_space;
@@ -23,7 +23,7 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
-use super::safe_frames::{InterfaceError, SafeFrames};
+use crate::safe_frames::{InterfaceError, SafeFrames};
 
 /// Most bytes of a message: the safe frames of 64 motors have about 6 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;

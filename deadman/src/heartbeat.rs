@@ -3,7 +3,7 @@
 //! Each cycle stores its number when it begins; the last one stores [`AT_REST`] at its end. The other process only checks
 //! that the number changes. It reads the file instead of mapping it, so a change of the file cannot kill it.
 
-use crate::host::kernel;
+use crate::kernel;
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, SealFlag, fcntl};
 use nix::sys::memfd::{MFdFlags, memfd_create};

@@ -14,22 +14,25 @@
 //! - [`switch`]: when to act, pure. [`server`]: supervises a daemon, and acts.
 //! - [`safe_frames`]: the frames. [`interfaces`]: where they leave, by the [`Stopper`](motord_core::stopper::Stopper).
 //! - [`channel`]: the connection. [`registrar`]: the daemon's side.
+//! - [`safe_stop`]: the command that stops the motors once, when neither the daemon nor its switch did.
 
 pub mod channel;
 pub mod heartbeat;
 pub mod interfaces;
+#[allow(unsafe_code, reason = "system calls that no safe crate offers")]
+mod kernel;
 mod port;
 pub mod registrar;
 pub mod safe_frames;
+pub mod safe_stop;
 pub mod server;
 pub mod switch;
 
-use crate::host::rt::{self, SchedulingRequest};
-use crate::host::systemd;
 use channel::Listener;
 use motord_bus::{Duration, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
+use motord_realtime::{SchedulingRequest, lock_memory, prepare_thread, systemd, tighten_timers};
 use motord_shared::instance::{Instance, InstanceError};
 use server::Server;
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -96,9 +99,9 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     }
     // Above the cycle, so that a cycle that runs away cannot keep the switch from a processor.
     let request = SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_add(1)) };
-    let mut steps = rt::prepare_thread(request);
-    steps.extend([rt::tighten_timers(), rt::lock_memory()]);
-    steps.iter().for_each(|step| rt::log(step, "deadman"));
+    let mut steps = prepare_thread(request);
+    steps.extend([tighten_timers(), lock_memory()]);
+    steps.iter().for_each(|step| step.log("deadman"));
 
     let mut server = Server::new(listener, interfaces::expect_interface);
     tracing::info!(instance = instance.name(), "ready");

@@ -1,6 +1,6 @@
 //! Messages to systemd (`sd_notify(3)`). Where systemd does not run this process, they go nowhere.
 
-use motord_bus::Duration;
+use core::time::Duration;
 use sd_notify::NotifyState;
 
 /// The time that a stop may take beyond the damping.

@@ -1,5 +1,7 @@
 //! Other processes of this machine.
 
+pub use crate::kernel::{GROUPS_OF_A_PROCESS_MAX, peer_groups};
+
 /// The name of the program that process `pid` runs: its first 15 bytes, as `comm` of proc(5). Any process may choose its
 /// name. Reads a file of the kernel, which does not block.
 #[must_use]

@@ -1,14 +1,14 @@
 //! The dead man's switch at work: hears registrations, supervises one daemon, and stops its motors when it cannot.
 
-use crate::deadman::heartbeat::{AT_REST, Pulse};
+use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Instant, Readiness, Ready, clock, wait};
 use motord_core::stopper::Outlet;
 use std::os::fd::AsFd;
 
-use super::channel::{Answer, Channel, Listener, Refusal, Request};
-use super::interfaces::{Interface, Interfaces};
-use super::safe_frames::{InterfaceError, SafeFrames};
-use super::switch::{Cause, Switch};
+use crate::channel::{Answer, Channel, Listener, Refusal, Request};
+use crate::interfaces::{Interface, Interfaces};
+use crate::safe_frames::{InterfaceError, SafeFrames};
+use crate::switch::{Cause, Switch};
 
 /// How often the daemon gets a sign of life.
 const BEAT: Duration = Duration::from_millis(20);

@@ -150,5 +150,5 @@ impl Line {
 }
 
 #[cfg(test)]
-#[path = "../../tests/unit/port.rs"]
+#[path = "../tests/unit/port.rs"]
 mod tests;

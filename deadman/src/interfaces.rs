@@ -6,8 +6,8 @@ use motord_bus::{Bus, BusLock, Duration, Frame, Holder, Instant, Refusal};
 use motord_core::clock::Clock;
 use motord_core::stopper::{BusFrames, Outlet, Stopper};
 
-use super::port::Port;
-use super::safe_frames::{InterfaceError, InterfaceFrames};
+use crate::port::Port;
+use crate::safe_frames::{InterfaceError, InterfaceFrames};
 
 /// Opens a CAN interface by name, to send up to so many frames at a time.
 pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>;

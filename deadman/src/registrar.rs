@@ -1,14 +1,14 @@
 //! The daemon's side: registers its safe frames with the switch, and again whenever the switch is gone.
 
-use crate::deadman::heartbeat::{AT_REST, Pulse};
-use crate::host::kernel;
+use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Readiness, clock, wait};
+use motord_realtime::descriptors::keep_only;
 use motord_shared::instance::Instance;
 use std::io;
 use std::os::fd::AsFd;
 
-use super::channel::{Answer, Channel, PATIENCE, Refusal, Request};
-use super::safe_frames::SafeFrames;
+use crate::channel::{Answer, Channel, PATIENCE, Refusal, Request};
+use crate::safe_frames::SafeFrames;
 
 /// Between two attempts to register.
 const RETRY: Duration = Duration::from_secs(1);
@@ -63,7 +63,7 @@ impl Registrar {
         // A killed process closes the descriptors that its threads share after it has given back all of its memory, which
         // takes milliseconds. A descriptor of this thread alone is closed at once. If the kernel refuses, the switch learns
         // of the death later.
-        let _refused = kernel::keep_only(self.pulse.as_fd());
+        let _refused = keep_only(self.pulse.as_fd());
         (self.lost)(true);
         while !stop() {
             match self.register() {
