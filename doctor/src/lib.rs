@@ -25,7 +25,7 @@ pub use robot::{Interface, Robot};
 pub use tree::Tree;
 pub use wake::{Measurement, Wake};
 
-use motord_terminal::{Interrupt, Palette, exit_status, json};
+use motord_terminal::{Interrupt, Palette, exit_status, json, within};
 use report::Report;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -96,8 +96,7 @@ impl DoctorFailure {
 }
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=SECONDS_MAX).contains(seconds));
-    seconds.ok_or_else(|| "expected 0 to 86400".to_owned())
+    within(text, 0.0, SECONDS_MAX)
 }
 
 /// Checks the computer, measures, and prints both.

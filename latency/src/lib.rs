@@ -18,7 +18,7 @@ pub use table::percentiles as percentile_table;
 
 use hlog::Hlog;
 use motord_client::Client;
-use motord_terminal::{Interrupt, Palette, json};
+use motord_terminal::{Absence, Interrupt, Palette, json, within};
 use run::Run;
 use snapshot::{Interval, Snapshot};
 use std::fs::File;
@@ -73,11 +73,6 @@ fn parse_interval(text: &str) -> Result<f64, String> {
 
 fn parse_seconds(text: &str) -> Result<f64, String> {
     within(text, 0.1, 86_400.0)
-}
-
-fn within(text: &str, least: f64, most: f64) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (least..=most).contains(seconds));
-    seconds.ok_or_else(|| format!("expected {least} to {most}"))
 }
 
 /// Does what the arguments say, with the daemon of `instance` or the files of earlier runs.
@@ -162,19 +157,19 @@ fn follow(client: &Client, arguments: &Arguments) -> Result<(), LatencyFailure> 
         arguments.hlog.as_deref().map(|path| Hlog::create(path, &client.description())).transpose()?;
     let (begun, length) = (Instant::now(), Duration::from_secs_f64(arguments.interval));
     let ends = arguments.seconds.map(|seconds| begun + Duration::from_secs_f64(seconds));
-    let (mut before, mut next, mut is_lost) = (Snapshot::take(client)?, begun, false);
+    let (mut before, mut next, mut absence) = (Snapshot::take(client)?, begun, Absence::default());
     while !interrupt.came() && ends.is_none_or(|ends| Instant::now() < ends) {
         next = (next + length).max(Instant::now());
         interrupt.pause_until(ends.map_or(next, |ends| ends.min(next)));
         let now = match Snapshot::take(client) {
             Ok(now) => now,
             Err(LatencyFailure::Client(error)) => {
-                lose(&error, &mut is_lost);
+                absence.report(&error);
                 continue;
             }
             Err(failure) => return Err(failure),
         };
-        is_lost = false;
+        absence.end();
         let interval = now.since(&before);
         if let Some(log) = &mut log {
             log.append(&interval)?;
@@ -187,16 +182,9 @@ fn follow(client: &Client, arguments: &Arguments) -> Result<(), LatencyFailure> 
     Ok(())
 }
 
-/// Says once that the daemon is away: repeated messages would only scroll.
-fn lose(error: &motord_client::Error, is_lost: &mut bool) {
-    if !std::mem::replace(is_lost, true) {
-        eprintln!("motorctl: {}", motord_terminal::printable(&error.to_string()));
-        eprintln!("motorctl: waiting for the daemon to return");
-    }
-}
-
 fn print_interval(client: &Client, interval: &Interval, as_json: bool) -> Result<(), LatencyFailure> {
-    let (robot, telemetry) = (client.description(), interval.telemetry(&client.description()));
+    let robot = client.description();
+    let telemetry = interval.telemetry(&robot);
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &table::object(&robot, &telemetry))?;

@@ -4,8 +4,8 @@ use crate::failure::Failure;
 use crate::history::History;
 use crate::report::Report;
 use crate::status;
-use motord_client::{Client, Error, State};
-use motord_terminal::{Interrupt, Palette, json, printable};
+use motord_client::{Client, State};
+use motord_terminal::{Absence, Interrupt, Palette, json, within};
 use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
@@ -15,8 +15,7 @@ use std::time::{Duration, Instant};
 ///
 /// A sentence, when the text is no number from 0.1 to 100.
 pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
-    let hz: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if (0.1..=100.0).contains(&hz) { Ok(hz) } else { Err("expected 0.1 to 100".to_owned()) }
+    within(text, 0.1, 100.0)
 }
 
 /// Prints the newest state `hz` times a second until a signal comes.
@@ -33,7 +32,7 @@ pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure>
     while !interrupt.came() {
         match client.wait(status::PATIENCE) {
             Ok(state) => output.show(&client, &state)?,
-            Err(error) => output.lose(&error)?,
+            Err(error) => output.absence.report(&error),
         }
         next = (next + period).max(Instant::now());
         interrupt.pause_until(next);
@@ -45,18 +44,22 @@ pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure>
 struct Output {
     as_json: bool,
     palette: Palette,
-    /// The daemon is away, and a message has said so.
-    lost: bool,
+    absence: Absence,
     history: History,
 }
 
 impl Output {
     fn new(as_json: bool) -> Self {
-        Self { as_json, palette: Palette::of_stdout(), lost: false, history: History::default() }
+        Self {
+            as_json,
+            palette: Palette::of_stdout(),
+            absence: Absence::default(),
+            history: History::default(),
+        }
     }
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
-        self.lost = false;
+        self.absence.end();
         let mut report = Report::new(&client.description(), state);
         report.name_programs(self.history.telemetry(client, state));
         let mut text = Vec::new();
@@ -69,14 +72,5 @@ impl Output {
         let out = &mut io::stdout().lock();
         out.write_all(&text)?;
         Ok(out.flush()?)
-    }
-
-    /// Says once that the daemon is away: repeated messages would only scroll.
-    fn lose(&mut self, error: &Error) -> Result<(), Failure> {
-        if !std::mem::replace(&mut self.lost, true) {
-            eprintln!("motorctl: {}", printable(&error.to_string()));
-            eprintln!("motorctl: waiting for the daemon to return");
-        }
-        Ok(())
     }
 }

@@ -3,6 +3,7 @@
 
 #![forbid(unsafe_code)]
 
+mod absence;
 pub mod exit_status;
 mod interrupt;
 pub mod json;
@@ -10,7 +11,8 @@ mod pages;
 mod table;
 mod text;
 
+pub use absence::Absence;
 pub use interrupt::Interrupt;
 pub use pages::{Pages, Shell};
 pub use table::{Cell, Colour, Palette, Table};
-pub use text::{number, printable};
+pub use text::{number, printable, within};

@@ -27,6 +27,16 @@ pub fn number(value: Option<f64>, digits: usize) -> String {
     if is_zero { text.trim_start_matches('-').to_owned() } else { text }
 }
 
+/// The number that `text` is, when it is one from `least` to `most`.
+///
+/// # Errors
+///
+/// The range that is expected, for an argument that clap refuses.
+pub fn within(text: &str, least: f64, most: f64) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| (least..=most).contains(number));
+    number.ok_or_else(|| format!("expected {least} to {most}"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -37,6 +47,14 @@ mod tests {
         assert_eq!(number(Some(-0.0006), 3), "-0.001");
         assert_eq!(number(Some(f64::NAN), 3), "-");
         assert_eq!(number(None, 3), "-");
+    }
+
+    #[test]
+    fn a_number_outside_its_range_and_no_number_are_refused() {
+        assert_eq!(within("0.5", 0.5, 2.0), Ok(0.5));
+        for wrong in ["0.4", "2.1", "nan", "inf", "", "1s"] {
+            assert_eq!(within(wrong, 0.5, 2.0), Err("expected 0.5 to 2".to_owned()));
+        }
     }
 
     #[test]
