@@ -215,7 +215,7 @@ impl<C: Clock> Cycle<C> {
         let transmitted = self.clock.now();
         self.polled = Polled::default();
         let polls = !self.timing.busy_poll.is_zero() && self.backoff.attempts();
-        let open = self.collect(sent + self.timing.reply_deadline, polls);
+        let open = self.collect(transmitted, sent + self.timing.reply_deadline, polls);
         self.control.end_cycle();
         self.publish(wake, transmitted);
         if self.control.asks_questions() {
@@ -319,17 +319,17 @@ impl<C: Clock> Cycle<C> {
         self.channels[bus].queue(motor, frame);
     }
 
-    /// Waits for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all come.
+    /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all come.
     /// At most [`CALLS_PER_BUS`] system calls per bus beside those of [`busy_poll`](Self::busy_poll), which it only does when told so.
-    fn collect(&mut self, deadline: Instant, polls: bool) -> Ready {
+    fn collect(&mut self, now: Instant, deadline: Instant, polls: bool) -> Ready {
         let open = self.open_buses();
         let Some(earliest) = self.last_of(open, BusChannel::earliest) else {
             // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
-            self.receive(None);
+            self.receive(None, now);
             return open;
         };
-        if !polls || !self.busy_poll(earliest, deadline) {
-            self.gather(deadline);
+        if !polls || !self.busy_poll(now, earliest, deadline) {
+            self.gather(now, deadline);
         }
         let open = self.open_buses();
         let channels = self.channels.iter_mut().enumerate();
@@ -340,13 +340,14 @@ impl<C: Clock> Cycle<C> {
     /// Sleeps until `earliest`, less the time by which this thread is woken late; then reads the buses again and again without
     /// a sleep, for as long as configured and at most until `deadline`: the last reply waits for no wake-up. Returns whether
     /// every reply has come. One sleep, and at most [`READS_MAX`] reads of each bus.
-    fn busy_poll(&mut self, earliest: Instant, deadline: Instant) -> bool {
-        let begun = self.sleep_towards(earliest.min(deadline), Duration::MAX);
+    fn busy_poll(&mut self, now: Instant, earliest: Instant, deadline: Instant) -> bool {
+        let begun = self.sleep_towards(now, earliest.min(deadline), Duration::MAX);
         let until = deadline.min(begun + self.timing.busy_poll);
-        let (mut ready, mut reads) = (None, 0);
+        let (mut ready, mut reads, mut now) = (None, 0, begun);
         for _ in 0..READS_MAX {
-            reads += self.receive(ready) as u32;
-            let (open, now) = (self.open_buses(), self.clock.now());
+            reads += self.receive(ready, now) as u32;
+            let open = self.open_buses();
+            now = self.clock.now();
             self.polled = Polled { time: now.since(begun), reads, in_vain: open.any() };
             if !open.any() || now >= until {
                 break;
@@ -359,15 +360,14 @@ impl<C: Clock> Cycle<C> {
 
     /// Reads the buses as replies come, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per bus. The first
     /// wait lasts for the expected reply time: waking for every single frame would cost more calls.
-    fn gather(&mut self, deadline: Instant) {
+    fn gather(&mut self, now: Instant, deadline: Instant) {
         let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
         let expected = self.last_of(self.open_buses(), BusChannel::expected);
         let expected = expected.unwrap_or(deadline).min(deadline);
-        self.sleep_towards(expected, AWAKE_MAX);
-        self.stay_awake_until(expected);
-        let mut ready = None;
+        let woken = self.sleep_towards(now, expected, AWAKE_MAX);
+        let (mut ready, mut now) = (None, self.stay_awake(woken, expected));
         loop {
-            let read = self.receive(ready);
+            let read = self.receive(ready, now);
             calls = calls.saturating_sub(1 + read);
             let open = self.open_buses();
             if !open.any() || self.clock.now() >= deadline {
@@ -380,31 +380,34 @@ impl<C: Clock> Cycle<C> {
             } else {
                 Some(self.wait(open, deadline))
             };
+            now = self.clock.now();
         }
     }
 
-    /// Sleeps until `time`, less the time by which this thread is usually woken late, and less by `shorter` at most. Returns the time
-    /// when it was woken. One system call.
-    fn sleep_towards(&mut self, time: Instant, shorter: Duration) -> Instant {
+    /// Sleeps from `now` until `time`, less the time by which this thread is usually woken late, and less by `shorter` at most.
+    /// Returns the time after it. At most one system call.
+    fn sleep_towards(&mut self, now: Instant, time: Instant, shorter: Duration) -> Instant {
         let due = time - self.lateness.expected().min(shorter);
-        let sleeps = due > self.clock.now();
+        if due <= now {
+            return now;
+        }
         self.clock.sleep_until(due);
         let woken = self.clock.now();
-        if sleeps {
-            self.lateness.observe(due, woken);
-        }
+        self.lateness.observe(due, woken);
         woken
     }
 
-    /// Reads the clock until `time`, at most [`READS_MAX`] times: a read of the buses that finds replies missing costs more calls
-    /// than the budget has for a second one.
-    fn stay_awake_until(&self, time: Instant) {
+    /// Reads the clock from `now` until `time`, at most [`READS_MAX`] times: a read of the buses that finds replies missing costs
+    /// more calls than the budget has for a second one. Returns the last reading.
+    fn stay_awake(&self, mut now: Instant, time: Instant) -> Instant {
         for _ in 0..READS_MAX {
-            if self.clock.now() >= time {
+            if now >= time {
                 break;
             }
             std::hint::spin_loop();
+            now = self.clock.now();
         }
+        now
     }
 
     /// The last of these times of the buses that are `open`.
@@ -428,10 +431,9 @@ impl<C: Clock> Cycle<C> {
         Ready::of(self.channels.iter().map(|channel| channel.is_open(&self.drives)))
     }
 
-    /// Reads the buses that are `ready`, or all when that is not known; no line. Returns how many were read. One system call for each of
+    /// Reads the buses that are `ready` at `now`, or all when that is not known; no line. Returns how many were read. One system call for each of
     /// them; bounded by their inboxes.
-    fn receive(&mut self, ready: Option<Ready>) -> usize {
-        let now = self.clock.now();
+    fn receive(&mut self, ready: Option<Ready>, now: Instant) -> usize {
         let mut read = 0;
         for bus in 0..self.channels.len() {
             if self.channels[bus].is_line() || ready.is_some_and(|ready| !ready.contains(bus)) {
@@ -499,7 +501,7 @@ impl<C: Clock> Cycle<C> {
         }
         if asked {
             // Nobody waits for these replies.
-            self.collect(end, false);
+            self.collect(now, end, false);
         }
     }
 }
