@@ -17,13 +17,14 @@ struct impedance {
 struct state {
     uint8_t id;
     float position, velocity, torque;
+    uint16_t codes[3];
 };
 
 #define KEEP(pointer) __asm__ volatile("" ::"r"(pointer) : "memory")
 
 static inline uint64_t code(double value, double min, double max, double largest)
 {
-    double span = max - min, code = value * largest / span + largest * (-min / span);
+    double span = max - min, code = value * (largest / span) + largest * (-min / span);
     code = code > 0 ? code : 0;
     code = code < largest ? code : largest;
     return (uint64_t)(int64_t)(code + 0.5);
@@ -56,9 +57,12 @@ __attribute__((noinline)) static int decode(const uint8_t *bytes, size_t count, 
     if (count < 6 || count > 8)
         return -1;
     state->id = bytes[0];
-    state->position = value((uint64_t)bytes[1] << 8 | bytes[2], -12.5, 12.5, 65535);
-    state->velocity = value((uint64_t)bytes[3] << 4 | bytes[4] >> 4, -65, 65, 4095);
-    state->torque = value((uint64_t)(bytes[4] & 15) << 8 | bytes[5], -full_scale, full_scale, 4095);
+    state->codes[0] = (uint16_t)(bytes[1] << 8 | bytes[2]);
+    state->codes[1] = (uint16_t)(bytes[3] << 4 | bytes[4] >> 4);
+    state->codes[2] = (uint16_t)((bytes[4] & 15) << 8 | bytes[5]);
+    state->position = value(state->codes[0], -12.5, 12.5, 65535);
+    state->velocity = value(state->codes[1], -65, 65, 4095);
+    state->torque = value(state->codes[2], -full_scale, full_scale, 4095);
     return 0;
 }
 

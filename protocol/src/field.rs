@@ -7,24 +7,38 @@
 /// How one quantity is coded. Source: MIT document 1.1 and 1.2, GIM document 3.2.7.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Field {
-    bits: u32,
+    /// The largest code.
+    largest: u16,
     min: f64,
     max: f64,
-    /// `max - min`.
-    span: f64,
+    /// The codes of one unit of the quantity.
+    codes: f64,
     /// The size of one code.
     step: f64,
     /// Where zero lies between the codes: exactly half way where the range is symmetric.
     zero: f64,
-    /// The largest code.
+    /// The largest code, as a number.
     code_max: f64,
+    /// Where zero lies, and a half, and [`TIE`]: what is rounded down from there is the nearest code.
+    base: f64,
+    /// Where the largest code lies, and a half.
+    top: f64,
 }
+
+/// In codes. The place of a value is at most 2⁻³⁵ too low by rounding, and half way between two codes it must not be.
+const TIE: f64 = 1.0 / (1_u64 << 30) as f64;
 
 impl Field {
     /// `bits` (at most 16) for the values `min` to `max`.
     pub(crate) const fn new(bits: u32, min: f64, max: f64) -> Self {
-        let (span, code_max) = (max - min, largest(bits) as f64);
-        Self { bits, min, max, span, step: span / code_max, zero: code_max * (-min / span), code_max }
+        Self::up_to(largest(bits), min, max)
+    }
+
+    const fn up_to(largest: u16, min: f64, max: f64) -> Self {
+        let (span, code_max) = (max - min, largest as f64);
+        let zero = code_max * (-min / span);
+        let (codes, step) = (code_max / span, span / code_max);
+        Self { largest, min, max, codes, step, zero, code_max, base: zero + 0.5 + TIE, top: code_max + 0.5 }
     }
 
     /// `bits` (at most 16) for the values `-max` to `max`.
@@ -47,7 +61,7 @@ impl Field {
     /// The largest code: 4095 or 65535.
     #[must_use]
     pub const fn code_max(&self) -> u16 {
-        largest(self.bits)
+        self.largest
     }
 
     /// The size of one code, in the unit of the quantity.
@@ -62,46 +76,47 @@ impl Field {
     #[must_use]
     #[inline]
     pub fn quantise(&self, value: f64) -> Option<f64> {
-        value.is_finite().then(|| self.quantise_finite(value))
-    }
-
-    /// As [`quantise`](Self::quantise), of a value that is finite.
-    #[inline]
-    pub(crate) fn quantise_finite(&self, value: f64) -> f64 {
-        // The product of a single-precision value is exact, so a value half way between two codes stays there.
-        let code = value * self.code_max / self.span + self.zero;
+        if !value.is_finite() {
+            return None;
+        }
+        let code = value * self.codes + self.zero;
         // Comparisons of this form are one instruction each; nothing here is NaN.
         let code = if code > 0.0 { code } else { 0.0 };
-        if code < self.code_max { code } else { self.code_max }
-    }
-
-    /// As [`encode`](Self::encode), of a value that is finite.
-    #[inline]
-    pub(crate) fn encode_finite(&self, value: f32) -> u16 {
-        let code = f64::from(value) * self.code_max / self.span + self.zero;
-        let code = if code < self.code_max { code } else { self.code_max };
-        // The cast clamps at zero.
-        (code + 0.5) as u16
+        Some(if code < self.code_max { code } else { self.code_max })
     }
 
     /// The nearest code, after clamping; of two equally near codes the upper. `None` for NaN and infinity.
     #[must_use]
     pub fn encode(&self, value: f64) -> Option<u16> {
-        // The code is never negative, so this cast after adding a half rounds to nearest.
-        self.quantise(value).map(|code| (code + 0.5) as u16)
+        value.is_finite().then(|| self.encode_finite(value))
+    }
+
+    /// As [`encode`](Self::encode), of a value that is finite.
+    #[inline]
+    pub(crate) fn encode_finite(&self, value: f64) -> u16 {
+        let place = value * self.codes + self.base;
+        let place = if place < self.top { place } else { self.top };
+        // The cast rounds down, and clamps at zero.
+        place as u16
     }
 
     /// The value of `code`. A code wider than the field counts as the largest.
     #[must_use]
     #[inline]
     pub fn decode(&self, code: u16) -> f64 {
-        (f64::from(code.min(self.code_max())) - self.zero) * self.step
+        self.decode_within(code.min(self.largest))
+    }
+
+    /// As [`decode`](Self::decode), of a code that is no wider than the field.
+    #[inline]
+    pub(crate) fn decode_within(&self, code: u16) -> f64 {
+        (f64::from(code) - self.zero) * self.step
     }
 
     /// The same codes for values `factors` times as large.
     pub(crate) fn scaled(self, factors: [f64; 2]) -> Self {
         let [a, b] = factors;
-        Self::new(self.bits, self.min * a * b, self.max * a * b)
+        Self::up_to(self.largest, self.min * a * b, self.max * a * b)
     }
 }
 
@@ -161,6 +176,21 @@ mod tests {
                 let nudge = field.step() * 1e-6;
                 assert_eq!(field.encode(midpoint - nudge), Some(code), "{field:?}");
                 assert_eq!(field.encode(midpoint + nudge), Some(code + 1), "{field:?}");
+            }
+        }
+    }
+
+    /// 250 N·m/rad is half way between two codes, and its product with the codes of one unit is rounded down.
+    #[test]
+    fn the_exact_middle_between_two_codes_takes_the_upper() {
+        let [_, _, kp, kd, _] = every_field();
+        assert_eq!((kp.encode(250.0), kp.encode(f64::from(249.999_98_f32))), (Some(2048), Some(2047)));
+        assert_eq!((kd.encode(2.5), kd.encode(f64::from(2.499_999_8_f32))), (Some(2048), Some(2047)));
+        for field in every_field() {
+            for code in 0..field.code_max() {
+                let middle =
+                    (f64::from(code) + 0.5) * (field.max() - field.min()) / f64::from(field.code_max());
+                assert_eq!(field.encode(middle + field.min()), Some(code + 1), "{field:?}");
             }
         }
     }

@@ -16,6 +16,7 @@ pub struct StateCodes {
 
 /// Bits of position, velocity and torque: five bytes.
 const WIDTHS: [u32; 3] = [16, 12, 12];
+const TWELVE_BITS: u16 = 0x0FFF;
 
 impl StateCodes {
     /// Position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with these scales.
@@ -23,9 +24,9 @@ impl StateCodes {
     #[inline]
     pub fn scaled(self, scales: &Scales) -> [f32; 3] {
         let values = [
-            scales.position.decode(self.position),
-            scales.velocity.decode(self.velocity),
-            scales.torque.decode(self.torque),
+            scales.position.decode_within(self.position),
+            scales.velocity.decode_within(self.velocity.min(TWELVE_BITS)),
+            scales.torque.decode_within(self.torque.min(TWELVE_BITS)),
         ];
         values.map(|value| value as f32)
     }
@@ -41,8 +42,11 @@ impl StateCodes {
     #[inline]
     pub(crate) fn unpack(bytes: [u8; 5]) -> Self {
         let [a, b, c, d, e] = bytes;
-        let [position, velocity, torque] =
-            field::unpack(WIDTHS, u64::from_be_bytes([0, 0, 0, a, b, c, d, e]));
-        Self { position, velocity, torque }
+        let others = u32::from_be_bytes([b, c, d, e]);
+        Self {
+            position: u16::from_be_bytes([a, b]),
+            velocity: (others >> 12) as u16 & TWELVE_BITS,
+            torque: others as u16 & TWELVE_BITS,
+        }
     }
 }

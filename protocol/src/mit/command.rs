@@ -33,13 +33,21 @@ pub struct Impedance {
 }
 
 impl Impedance {
-    /// The first of position, velocity, kp and kd that is NaN or infinite; kd when none of the others is.
+    /// Of all but the torque. It is finite exactly when they are: single-precision numbers cannot overflow in double precision.
+    #[inline]
+    fn sum(&self) -> f64 {
+        f64::from(self.position) + f64::from(self.velocity) + f64::from(self.kp) + f64::from(self.kd)
+    }
+
+    /// The first value that is NaN or infinite; the torque when none of the others is.
+    #[cold]
     fn first_not_finite(&self) -> Quantity {
         match self {
             Self { position, .. } if !position.is_finite() => Quantity::Position,
             Self { velocity, .. } if !velocity.is_finite() => Quantity::Velocity,
             Self { kp, .. } if !kp.is_finite() => Quantity::Kp,
-            _ => Quantity::Kd,
+            Self { kd, .. } if !kd.is_finite() => Quantity::Kd,
+            _ => Quantity::Torque,
         }
     }
 }
@@ -71,15 +79,15 @@ impl Command {
     ///
     /// When a value of the impedance is NaN or infinite.
     pub fn encode(&self, scales: &Scales) -> Result<[u8; 8], EncodeError> {
-        let codes = match self {
-            Self::GetFault => CommandCodes::GetFault { f_cmd: F_CMD_GET },
-            Self::ClearFault => CommandCodes::ClearFault,
-            Self::Start => CommandCodes::Start,
-            Self::Stop => CommandCodes::Stop,
-            Self::SetZero => CommandCodes::SetZero,
-            Self::Control(impedance) => return Ok(ControlCodes::nearest(impedance, scales)?.pack()),
-        };
-        Ok(codes.encode())
+        let special = |codes: CommandCodes| Ok(codes.encode());
+        match self {
+            Self::Control(impedance) => ControlCodes::nearest(impedance, scales).map(ControlCodes::pack),
+            Self::GetFault => special(CommandCodes::GetFault { f_cmd: F_CMD_GET }),
+            Self::ClearFault => special(CommandCodes::ClearFault),
+            Self::Start => special(CommandCodes::Start),
+            Self::Stop => special(CommandCodes::Stop),
+            Self::SetZero => special(CommandCodes::SetZero),
+        }
     }
 }
 
@@ -181,9 +189,11 @@ impl ControlCodes {
     /// When a value is NaN or infinite.
     #[inline]
     pub fn nearest(impedance: &Impedance, scales: &Scales) -> Result<Self, EncodeError> {
-        let torque = scales.torque.encode(f64::from(impedance.torque));
-        let torque = torque.ok_or(EncodeError::NotFinite { field: Quantity::Torque })?;
-        Self::nearest_with_torque(impedance, torque, scales)
+        let torque = f64::from(impedance.torque);
+        if !(impedance.sum() + torque).is_finite() {
+            return Err(EncodeError::NotFinite { field: impedance.first_not_finite() });
+        }
+        Ok(Self::nearest_of_finite(impedance, scales.torque.encode_finite(torque), scales))
     }
 
     /// The nearest codes, after clamping, with a torque code that was chosen elsewhere.
@@ -199,18 +209,22 @@ impl ControlCodes {
         torque: u16,
         scales: &Scales,
     ) -> Result<Self, EncodeError> {
-        let Impedance { position, velocity, kp, kd, .. } = *impedance;
-        // The sum of four single-precision numbers cannot overflow in double precision.
-        if !(f64::from(position) + f64::from(velocity) + f64::from(kp) + f64::from(kd)).is_finite() {
+        if !impedance.sum().is_finite() {
             return Err(EncodeError::NotFinite { field: impedance.first_not_finite() });
         }
-        Ok(Self {
-            position: scales.position.encode_finite(position),
-            velocity: scales.velocity.encode_finite(velocity),
-            kp: scales.kp.encode_finite(kp),
-            kd: scales.kd.encode_finite(kd),
+        Ok(Self::nearest_of_finite(impedance, torque, scales))
+    }
+
+    #[inline]
+    fn nearest_of_finite(impedance: &Impedance, torque: u16, scales: &Scales) -> Self {
+        let Impedance { position, velocity, kp, kd, .. } = *impedance;
+        Self {
+            position: scales.position.encode_finite(position.into()),
+            velocity: scales.velocity.encode_finite(velocity.into()),
+            kp: scales.kp.encode_finite(kp.into()),
+            kd: scales.kd.encode_finite(kd.into()),
             torque,
-        })
+        }
     }
 
     /// The setpoint that a motor with these scales reads from the codes.

@@ -25,12 +25,12 @@ impl Profile {
                 self.decode_state(payload, scales).map(Reply::State)
             }
             (Asked::Fault, FaultReport::Asked(reply)) => {
-                must_fit(payload, reply.lengths)?;
+                must_fit(payload, &reply.lengths)?;
                 let number = number(payload, reply.bytes);
                 Ok(Reply::Fault { id, number, faults: reply.faults(number) })
             }
             (Asked::Clear, _) => {
-                must_fit(payload, self.reply.lengths)?;
+                must_fit(payload, &self.reply.lengths)?;
                 Ok(Reply::Cleared { id })
             }
         }
@@ -53,8 +53,8 @@ impl Profile {
     /// When no state has so many bytes.
     #[inline(always)]
     pub fn decode_state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
-        must_fit(payload, self.reply.lengths)?;
-        let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, self.reply.lengths)) };
+        must_fit(payload, &self.reply.lengths)?;
+        let &[first, a, b, c, d, e, ..] = payload else { return Err(length(payload, &self.reply.lengths)) };
         let codes = StateCodes::unpack([a, b, c, d, e]);
         let [position, velocity, torque] = codes.scaled(scales);
         let temperatures = match self.reply.temperatures {
@@ -148,12 +148,13 @@ fn number(payload: &[u8], bytes: usize) -> u32 {
 }
 
 #[inline]
-fn must_fit(payload: &[u8], lengths: [usize; 2]) -> Result<(), DecodeError> {
-    let [least, most] = lengths;
+fn must_fit(payload: &[u8], lengths: &[usize; 2]) -> Result<(), DecodeError> {
+    let &[least, most] = lengths;
     if (least..=most).contains(&payload.len()) { Ok(()) } else { Err(length(payload, lengths)) }
 }
 
-const fn length(payload: &[u8], [least, most]: [usize; 2]) -> DecodeError {
+#[cold]
+const fn length(payload: &[u8], &[least, most]: &[usize; 2]) -> DecodeError {
     DecodeError::Length { least, most, received: payload.len() }
 }
 
