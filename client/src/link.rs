@@ -11,7 +11,7 @@
 //! which a spinning thread holds most of the time. An emergency stop waits for none but another emergency stop.
 
 use crate::error::{Error, Stop};
-use crate::state::{Group, State};
+use crate::state::{Group, Places, State};
 use motord_shared::description::RobotDescription;
 use motord_shared::instance::{Attachment, pid_namespace, process_exists};
 use motord_shared::limits::JOINTS_MAX;
@@ -89,6 +89,7 @@ pub(crate) struct Link {
 #[derive(Debug, Default)]
 pub(crate) struct View {
     newest: Option<State>,
+    places: Places,
     unseen: bool,
     /// Number of the last cycle whose state was taken, of this daemon; 0 before the first.
     taken: u64,
@@ -108,7 +109,7 @@ impl View {
         let due = self.due(n);
         let state = self.newest.as_ref().filter(|state| self.unseen && state.cycle() >= due)?;
         (self.unseen, self.taken) = (false, state.cycle());
-        Some(*state)
+        Some(state.clone())
     }
 
     /// How long after now the next `n`th cycle should be published; zero when it is late, `None` while nothing is known. The
@@ -139,7 +140,9 @@ impl View {
             }
             false => (0, delay_ns),
         };
-        *self = Self { newest: Some(state), unseen: true, taken, publish_delay_ns, silence_reported: false };
+        self.newest = Some(state);
+        (self.unseen, self.taken, self.publish_delay_ns) = (true, taken, publish_delay_ns);
+        self.silence_reported = false;
     }
 
     /// A thread may bring a state later than another thread brings its successor.
@@ -195,10 +198,12 @@ impl Link {
     }
 
     fn take_in<'a>(&'a self, mut view: MutexGuard<'a, View>) -> Result<MutexGuard<'a, View>, Error> {
-        let arrived = self.ports.newest_state().map_err(|error| Error::of_service(error, &self.instance))?;
+        let mut arrived = None;
+        let taken = self.ports.take_states(|message| arrived = Some(view.places.copy(message)));
+        taken.map_err(|error| Error::of_service(error, &self.instance))?;
         let now = clock::now_ns();
         let _first = self.heard_ns.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
-        let Some(state) = arrived.map(State::from) else { return Ok(view) };
+        let Some(state) = arrived else { return Ok(view) };
         if state.boot_id() != self.robot().boot_id {
             drop(view);
             self.read_description()?;
@@ -206,8 +211,8 @@ impl Link {
         }
         // A state of a daemon that has ended meanwhile belongs to no known robot.
         if state.boot_id() == self.robot().boot_id && view.is_newer(&state) {
-            view.put(state);
             self.cycle.store(state.cycle(), Ordering::Relaxed);
+            view.put(state);
             self.heard_ns.store(now, Ordering::Relaxed);
         }
         Ok(view)
@@ -473,13 +478,9 @@ mod tests {
     /// The state of a cycle that was published so long after its tick.
     fn state(boot_id: u64, cycle: u64, delay_ns: u64) -> State {
         let tick_ns = cycle * nanos(PERIOD);
-        State::from(StateMessage {
-            boot_id,
-            cycle,
-            tick_ns,
-            publish_ns: tick_ns + delay_ns,
-            ..Default::default()
-        })
+        let publish_ns = tick_ns + delay_ns;
+        let message = StateMessage { boot_id, cycle, tick_ns, publish_ns, ..Default::default() };
+        Places::default().copy(&message)
     }
 
     #[test]
@@ -504,12 +505,8 @@ mod tests {
         assert_eq!(view.publish_delay_ns, 800_000);
         view.put(state(1, 101, 700_000));
         assert_eq!(view.publish_delay_ns, 700_000);
-        view.put(State::from(StateMessage {
-            boot_id: 1,
-            cycle: 102,
-            publish_ns: u64::MAX,
-            ..Default::default()
-        }));
+        let hostile = StateMessage { boot_id: 1, cycle: 102, publish_ns: u64::MAX, ..Default::default() };
+        view.put(Places::default().copy(&hostile));
         assert!(view.due_in(5, Duration::MAX).is_some(), "hostile times do no harm");
     }
 }

@@ -12,17 +12,39 @@ use motord_shared::{
     Limit, MotorMode, Phase, Rejection, StateMessage, clock,
 };
 use std::fmt;
+use std::sync::Arc;
 use std::time::Duration;
 
-/// Everything that the daemon knew after a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Everything that the daemon knew after a cycle. Clones share it.
+#[derive(Debug, Clone, PartialEq)]
 pub struct State {
-    message: StateMessage,
+    message: Arc<StateMessage>,
 }
 
-impl From<StateMessage> for State {
-    fn from(message: StateMessage) -> Self {
-        Self { message }
+/// Most states whose memory is used again.
+const PLACES_MAX: usize = 4;
+
+/// Memory for states. What no caller holds any more is used for the next one: a controller that keeps fewer than three states at
+/// a time causes no allocation after the first.
+#[derive(Debug, Default)]
+pub(crate) struct Places(Vec<Arc<StateMessage>>);
+
+impl Places {
+    /// A copy of `message`.
+    pub(crate) fn copy(&mut self, message: &StateMessage) -> State {
+        if let Some(place) = self.0.iter_mut().find(|place| Arc::strong_count(place) == 1)
+            && let Some(free) = Arc::get_mut(place)
+        {
+            free.copy_from(message);
+            return State { message: Arc::clone(place) };
+        }
+        let mut new = StateMessage::default();
+        new.copy_from(message);
+        let state = State { message: Arc::new(new) };
+        if self.0.len() < PLACES_MAX {
+            self.0.push(Arc::clone(&state.message));
+        }
+        state
     }
 }
 
@@ -463,7 +485,7 @@ mod tests {
         for bus in &mut message.buses {
             bus.condition = 77;
         }
-        let state = State::from(message);
+        let state = Places::default().copy(&message);
         assert_eq!((state.joints().len(), state.groups().len(), state.buses().len()), (64, 8, 16));
         assert!(state.joints().all(|joint| joint.mode.is_none() && joint.temperature.is_none()));
         assert!(state.joints().all(|joint| joint.position().is_none() && joint.torque().is_none()));
@@ -474,6 +496,24 @@ mod tests {
         );
         assert!(state.buses().all(|bus| bus.condition.is_none()));
         assert_eq!((state.joint(64), state.age()), (None, Duration::ZERO));
+    }
+
+    #[test]
+    fn the_memory_of_states_that_nobody_holds_is_used_again_and_none_that_is_held() {
+        let mut places = Places::default();
+        let mut copy = |cycle| places.copy(&StateMessage { cycle, ..Default::default() });
+        let held: Vec<State> = (0..10).map(&mut copy).collect();
+        assert!(held.iter().map(State::cycle).eq(0..10), "{held:?}");
+        drop(held);
+        let mut seen: Vec<*const StateMessage> = Vec::new();
+        let mut newest = copy(10);
+        for cycle in 11..100 {
+            newest = copy(cycle);
+            seen.push(Arc::as_ptr(&newest.message));
+        }
+        seen.sort_unstable();
+        seen.dedup();
+        assert_eq!((newest.cycle(), seen.len()), (99, 2));
     }
 
     #[test]

@@ -27,7 +27,7 @@ fn hold(client: &Client, end: &AtomicBool, enable: &AtomicBool, newest: &Mutex<O
     let mut claim: Option<Claim> = None;
     while !end.load(Ordering::Relaxed) {
         let Ok(state) = client.wait(Duration::from_secs(1)) else { continue };
-        *newest.lock().unwrap() = Some(state);
+        *newest.lock().unwrap() = Some(state.clone());
         let positions = state.joints().map(|joint| joint.position().unwrap_or_default());
         let hold: Vec<_> =
             positions.map(|position| Setpoint::impedance(position, 0.0, 5.0, 0.5, 0.0)).collect();
@@ -50,8 +50,8 @@ fn keys_stop_reset_and_disable_a_robot_and_the_screen_tells_it() {
     let Some(tmux) = terminal(&daemon) else { return };
     let client = daemon.connect();
     let (end, enable, newest) = (AtomicBool::new(false), AtomicBool::new(true), Mutex::new(None));
-    let phase = || newest.lock().unwrap().and_then(|state: State| state.group(0)?.phase);
-    let is_stopped = || newest.lock().unwrap().is_some_and(|state: State| state.emergency_stop());
+    let phase = || newest.lock().unwrap().as_ref().and_then(|state: &State| state.group(0)?.phase);
+    let is_stopped = || newest.lock().unwrap().as_ref().is_some_and(|state: &State| state.emergency_stop());
     std::thread::scope(|scope| {
         scope.spawn(|| hold(&client, &end, &enable, &newest));
         let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
@@ -123,7 +123,7 @@ fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
     let (Some(tmux), Some(shell)) = (terminal(&daemon), terminal(&daemon)) else { return };
     let client = daemon.connect();
     let (end, enable, newest) = (AtomicBool::new(false), AtomicBool::new(true), Mutex::new(None));
-    let phase = || newest.lock().unwrap().and_then(|state: State| state.group(0)?.phase);
+    let phase = || newest.lock().unwrap().as_ref().and_then(|state: &State| state.group(0)?.phase);
     std::thread::scope(|scope| {
         scope.spawn(|| hold(&client, &end, &enable, &newest));
         let all = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {

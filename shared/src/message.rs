@@ -224,6 +224,28 @@ impl Default for StateMessage {
 }
 
 impl StateMessage {
+    /// Takes over what is in use in `other`, and clears what was in use here and is not there. Of the 8 kB of a message a robot
+    /// of 12 joints uses one fifth; nothing else is read.
+    pub fn copy_from(&mut self, other: &Self) {
+        let Self { joints, groups, buses, indicators, .. } = self;
+        replace(joints, self.joint_count, &other.joints, other.joint_count);
+        replace(groups, self.group_count, &other.groups, other.group_count);
+        replace(buses, self.bus_count, &other.buses, other.bus_count);
+        replace(indicators, self.indicator_count, &other.indicators, other.indicator_count);
+        self.boot_id = other.boot_id;
+        self.cycle = other.cycle;
+        self.tick_ns = other.tick_ns;
+        self.wake_latency_ns = other.wake_latency_ns;
+        self.publish_ns = other.publish_ns;
+        self.overruns = other.overruns;
+        self.flags = other.flags;
+        self.joint_count = other.joint_count;
+        self.group_count = other.group_count;
+        self.bus_count = other.bus_count;
+        self.indicator_count = other.indicator_count;
+        self.reserved = other.reserved;
+    }
+
     /// The joints in use. A hostile count is cut to the array.
     #[must_use]
     pub fn joints(&self) -> &[JointState] {
@@ -247,6 +269,13 @@ impl StateMessage {
     pub fn indicators(&self) -> &[JointIndicators] {
         &self.indicators[..(self.indicator_count as usize).min(INDICATOR_JOINTS_MAX)]
     }
+}
+
+/// Puts the first `count` of `new` in the place of the first `used`. A hostile count is cut to the array.
+fn replace<T: Copy + Default, const N: usize>(old: &mut [T; N], used: u32, new: &[T; N], count: u32) {
+    let [used, count] = [used, count].map(|count| (count as usize).min(N));
+    old[..count].copy_from_slice(&new[..count]);
+    old[count..used.max(count)].fill(T::default());
 }
 
 /// The setpoint of a joint.
@@ -408,6 +437,46 @@ const _: () = {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A message with so many joints, groups, buses and joints with indicators in use, and no place left empty.
+    fn full(counts: [u32; 4]) -> StateMessage {
+        let [joint_count, group_count, bus_count, indicator_count] = counts;
+        let [tick_ns, wake_latency_ns, publish_ns, overruns] = [3, 4, 5, 6];
+        StateMessage {
+            boot_id: 1,
+            cycle: 2,
+            tick_ns,
+            wake_latency_ns,
+            publish_ns,
+            overruns,
+            flags: 7,
+            joint_count,
+            group_count,
+            bus_count,
+            indicator_count,
+            reserved: 8,
+            joints: [JointState { missed: 9, ..Default::default() }; JOINTS_MAX],
+            groups: [GroupState { lease: 10, ..Default::default() }; GROUPS_MAX],
+            buses: [BusState { lost: 11, ..Default::default() }; BUSES_MAX],
+            indicators: [JointIndicators { joint: 12, ..Default::default() }; INDICATOR_JOINTS_MAX],
+        }
+    }
+
+    #[test]
+    fn a_copy_has_all_that_is_in_use_and_nothing_of_what_was_there_before() {
+        let most = [JOINTS_MAX, GROUPS_MAX, BUSES_MAX, INDICATOR_JOINTS_MAX].map(|most| most as u32);
+        let mut copy = StateMessage::default();
+        for counts in [most, [12, 1, 4, 2], [u32::MAX; 4], [0; 4], [1; 4], [13, 2, 5, 3]] {
+            let original = full(counts);
+            copy.copy_from(&original);
+            let mut expected = original;
+            expected.joints[original.joints().len()..].fill(JointState::default());
+            expected.groups[original.groups().len()..].fill(GroupState::default());
+            expected.buses[original.buses().len()..].fill(BusState::default());
+            expected.indicators[original.indicators().len()..].fill(JointIndicators::default());
+            assert!(copy == expected, "{counts:?}");
+        }
+    }
 
     #[test]
     fn an_emergency_stop_is_never_refused_for_its_argument() {

@@ -264,11 +264,22 @@ impl ClientPorts {
         })
     }
 
-    /// The newest state that was not taken yet. The first call only takes the place of a watcher. Never blocks.
+    /// The newest state that was not taken yet, as a copy.
+    ///
+    /// # Errors
+    /// Those of [`take_states`](Self::take_states).
+    pub fn newest_state(&self) -> Result<Option<StateMessage>, ServiceError> {
+        let mut newest = None;
+        self.take_states(|state| newest = Some(*state))?;
+        Ok(newest)
+    }
+
+    /// Shows `accept` the states that were not taken yet, the newest last. The first call only takes the place of a watcher.
+    /// Never blocks.
     ///
     /// # Errors
     /// When there is no place, or the connection is damaged.
-    pub fn newest_state(&self) -> Result<Option<StateMessage>, ServiceError> {
+    pub fn take_states(&self, mut accept: impl FnMut(&StateMessage)) -> Result<(), ServiceError> {
         let mut watcher = locked(&self.watcher);
         let watcher = match &mut *watcher {
             Some(watcher) => watcher,
@@ -277,13 +288,12 @@ impl ClientPorts {
                 none.insert(builder.create().map_err(Part::State.failed())?)
             }
         };
-        let mut newest = None;
         // One state of a dead daemon may come before those of its successor.
         for _ in 0..3 {
             let Some(sample) = watcher.receive().map_err(Part::State.failed())? else { break };
-            newest = Some(*sample.payload());
+            accept(sample.payload());
         }
-        Ok(newest)
+        Ok(())
     }
 
     /// Sleeps until the daemon has completed a cycle, at most `timeout`. It may return early without reason. One thread
