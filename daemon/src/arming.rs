@@ -30,7 +30,7 @@ pub fn judge(
         buses.into_iter().enumerate().map(|(index, bus)| ask_bus(settings, index, bus)).unzip();
     found.extend(reported.into_iter().flatten());
     for finding in found {
-        tracing::error!("{finding}. It will not be enabled.");
+        tracing::error!(see = "mismatch", "{finding}. It will not be enabled.");
         let named = settings.motors.iter_mut().filter(|motor| motor.name == finding.motor);
         named.for_each(|motor| motor.mismatch = true);
     }

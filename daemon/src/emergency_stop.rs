@@ -74,11 +74,15 @@ fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<Own
             Ok(listener) => return Some(listener),
             Err(errno @ (Errno::EADDRINUSE | Errno::EMFILE | Errno::ENFILE)) => {
                 if tries == 20 {
-                    tracing::error!("no socket for emergency stops: {}. Keeps trying.", errno.desc());
+                    tracing::error!(
+                        see = "stop-socket",
+                        "no socket for emergency stops: {}. Keeps trying.",
+                        errno.desc()
+                    );
                 }
             }
             Err(errno) => {
-                tracing::error!("no socket for emergency stops: {}", errno.desc());
+                tracing::error!(see = "stop-socket", "no socket for emergency stops: {}", errno.desc());
                 return None;
             }
         }
@@ -176,8 +180,14 @@ impl Server {
         let (requests, program) = (std::mem::take(&mut self.unlogged), self.askers.program(pid));
         self.logged = Some(now);
         match outcome {
-            Ok(()) => tracing::warn!(pid, program, requests, "emergency stop"),
-            Err(error) => tracing::error!(pid, program, requests, "emergency stop not carried out: {error}"),
+            Ok(()) => tracing::warn!(pid, program, requests, see = "emergency-stop", "emergency stop"),
+            Err(error) => tracing::error!(
+                pid,
+                program,
+                requests,
+                see = "stop-not-carried-out",
+                "emergency stop not carried out: {error}"
+            ),
         }
     }
 }

@@ -307,7 +307,7 @@ fn start_telemetry(
     start("telemetry", orders, move || {
         let housekeeper = Housekeeper::open(&lock);
         if let Err(error) = &housekeeper {
-            tracing::warn!("dead clients will keep their places: {error}");
+            tracing::warn!(see = "dead-clients", "dead clients will keep their places: {error}");
         }
         recorder.run(housekeeper.ok().as_ref(), || given.are(Orders::END));
     })

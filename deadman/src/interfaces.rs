@@ -164,7 +164,10 @@ pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, Interf
 pub fn expect_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, InterfaceError> {
     let (sender, found) = prepare(name, frames)?;
     if let Err(error) = found {
-        tracing::warn!("{error}. It is looked for again when its motors are to be damped.");
+        tracing::warn!(
+            see = "interface-missing",
+            "{error}. It is looked for again when its motors are to be damped."
+        );
     }
     Ok(Box::new(CanInterface(sender)))
 }

@@ -126,7 +126,10 @@ impl Line {
         match SerialSender::open(&self.device, self.baud) {
             Ok(sender) => (self.sender, self.logged) = (Some(sender), false),
             Err(error) if !self.logged => {
-                tracing::warn!("{error}. It is looked for again, also when its motors are to be stopped.");
+                tracing::warn!(
+                    see = "interface-missing",
+                    "{error}. It is looked for again, also when its motors are to be stopped."
+                );
                 self.logged = true;
             }
             Err(_) => {}

@@ -78,6 +78,7 @@ impl Registrar {
                 }
                 Err(reason) if !self.logged => {
                     tracing::warn!(
+                        see = "no-switch",
                         "no dead man's switch: {reason}. If this process dies, nothing damps the robot."
                     );
                     self.logged = true;
@@ -126,6 +127,7 @@ fn watch(switch: &Channel, lost: &impl Fn(bool), stop: &impl Fn() -> bool) {
                 hangs = true;
                 lost(true);
                 tracing::error!(
+                    see = "switch-hangs",
                     "the dead man's switch hangs: if this process dies, nothing damps the robot until the switch goes on"
                 );
             }

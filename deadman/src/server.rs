@@ -172,10 +172,11 @@ impl Supervised {
         }
         match self.watch.step(self.connected, self.pid) {
             Some(News::Over(cause)) => {
-                tracing::warn!(pid = self.pid, "damped or stopped its motors: {cause}");
+                tracing::warn!(pid = self.pid, see = "switch-acted", "damped or stopped its motors: {cause}");
             }
             Some(News::Stalled(cause)) => tracing::error!(
                 pid = self.pid,
+                see = "frames-refused",
                 "{cause}, and motors keep their last command, for these interfaces refuse frames: {}. Keeps trying.",
                 self.watch.interfaces.owed().join(", ")
             ),
@@ -224,6 +225,7 @@ impl Watch {
             tracing::warn!(
                 pid,
                 successor,
+                see = "interface-in-use",
                 "is dead, but another process drives its interfaces: they are left alone"
             );
         }

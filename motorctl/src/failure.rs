@@ -42,6 +42,9 @@ pub(crate) enum Failure {
     /// The monitor was started without a terminal.
     #[error("the monitor needs a terminal: use `motorctl status`, or `motorctl watch --json` for scripts")]
     NoTerminal,
+    /// The book has no such name.
+    #[error("nothing is called {0}: `motorctl explain` lists all names")]
+    NoPage(String),
     /// `status --check` found something, and has printed it.
     #[error("the robot is not well")]
     Troubled,
@@ -65,7 +68,7 @@ impl Failure {
             Self::Sim(FaultError::Daemon(error)) => exit_status::of_client(error),
             Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
             Self::Sim(_) => exit_status::UNAVAILABLE,
-            Self::NoTerminal => exit_status::USAGE,
+            Self::NoTerminal | Self::NoPage(_) => exit_status::USAGE,
             Self::Troubled => 1,
             Self::Interrupted => exit_status::INTERRUPTED,
         }

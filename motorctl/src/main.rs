@@ -10,6 +10,7 @@
 mod advice;
 mod demo;
 mod exit_status;
+mod explain;
 mod failure;
 mod fault;
 mod history;
@@ -48,6 +49,7 @@ const EXAMPLES: &str = "\
 Examples:
   motorctl demo                     run a trot with 12 simulated motors, without a robot
   motorctl status                   show the state of the robot, and the next steps after a stop
+  motorctl explain motor-lost       what a name of the log means, and what to do
   motorctl estop                    damp and stop every motor now
   motorctl scan --bus can0          find the motors of a bus, without a daemon
   motorctl --instance arm monitor   watch another daemon on this computer
@@ -230,6 +232,15 @@ enum Command {
         after_help = "Examples:\n  motorctl doctor\n  sudo motorctl doctor --config robot.toml --seconds 600\n  sudo motorctl doctor --tune --seconds 0\n  motorctl doctor --seconds 0 --json | jq -r '.findings[] | .level + \" \" + .check'"
     )]
     Doctor(doctor::Arguments),
+    /// Explain a name that the log or `status` printed: what happened, what to look at, what to do.
+    ///
+    /// Names are those of causes of a stop, faults of motors, refusals, and lines of the log (`see=`). The text is that of docs/explain;
+    /// no daemon is asked.
+    #[command(after_help = "Examples:\n  motorctl explain motor-lost\n  motorctl explain")]
+    Explain {
+        /// The name; without it every name is listed.
+        name: Option<String>,
+    },
     /// Give a simulated motor or bus a fault, to try a controller against it.
     ///
     /// Only an instance whose buses are all simulated takes faults, such as that of config/quadruped-simulated.toml.
@@ -345,6 +356,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Exclude { joint } => operate::exclude(instance, &joint),
         Command::Include { joint } => operate::include(instance, &joint),
         Command::Doctor(arguments) => Ok(doctor::run(&arguments)?),
+        Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),
         Command::Frame(frame) => Ok(frame::run(frame)?),
         Command::Pages(pages) => Ok(pages.write(Arguments::command())?),

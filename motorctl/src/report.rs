@@ -336,7 +336,7 @@ impl Stop {
 
     /// Why the group of this `name` is stopped.
     fn describe(&self, name: &str) -> String {
-        format!("{name} is stopped: {}{}", self.sentence, self.origin())
+        format!("{name} is stopped for {}: {}{}", self.cause, self.sentence, self.origin())
     }
 }
 
@@ -420,6 +420,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
     for (group, stop) in groups.iter().filter_map(|group| Some((group, group.stop.as_ref()?))) {
         let sentence = palette.paint(&Cell::new(stop.describe(&group.name), Colour::Red));
         writeln!(out, "{sentence}\n  {}", printable(&stop.advice))?;
+        writeln!(out, "  `motorctl explain {}` says more.", stop.cause)?;
     }
     Ok(())
 }

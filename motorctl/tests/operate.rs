@@ -177,7 +177,11 @@ fn a_check_judges_the_robot_by_its_exit_status() {
     assert!(daemon.motorctl(&["estop"]).status.success());
     let said = text(&check().stdout);
     assert_eq!(check().status.code(), Some(1), "{said}");
-    assert!(said.contains("The emergency stop is latched.") && said.contains("all is stopped: "), "{said}");
+    assert!(
+        said.contains("The emergency stop is latched.")
+            && said.contains("all is stopped for emergency-stop: "),
+        "{said}"
+    );
     let report = daemon.motorctl(&["status", "--check", "--json"]);
     assert_eq!(report.status.code(), Some(1));
     assert!(serde_json::from_slice::<Value>(&report.stdout).unwrap()["groups"].is_array());

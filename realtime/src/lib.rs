@@ -49,7 +49,12 @@ impl Step {
         match outcome {
             Ok(()) => tracing::debug!(thread, "{what}: yes"),
             Err(errno) => {
-                tracing::warn!(thread, "{what}: no ({}). Without it {without}. {remedy}.", errno.desc());
+                tracing::warn!(
+                    thread,
+                    see = "rights",
+                    "{what}: no ({}). Without it {without}. {remedy}.",
+                    errno.desc()
+                );
             }
         }
     }

@@ -60,7 +60,7 @@ fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> io::Result<()> {
 
 fn log(output: &str, started: io::Result<()>) {
     if let Err(error) = started {
-        tracing::warn!("{output} cannot be started: {error}");
+        tracing::warn!(see = "no-metrics", "{output} cannot be started: {error}");
     }
 }
 

@@ -19,7 +19,11 @@ pub(crate) fn run(file: &Path, latest: &Latest) {
         if let Err(error) = &written
             && !failed
         {
-            tracing::warn!("{} cannot be written, and has no new metrics: {error}", file.display());
+            tracing::warn!(
+                see = "no-metrics",
+                "{} cannot be written, and has no new metrics: {error}",
+                file.display()
+            );
         }
         failed = written.is_err();
         std::thread::sleep(PERIOD);

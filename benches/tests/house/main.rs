@@ -6,6 +6,7 @@
 mod circles;
 mod comments;
 mod docs;
+mod explanations;
 mod functions;
 mod imports;
 mod paths;

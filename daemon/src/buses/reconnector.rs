@@ -98,14 +98,18 @@ impl Reconnector {
         let name = &settings.buses[index].name;
         match buses::open_one(settings, index) {
             Ok(bus) => {
-                tracing::warn!(bus = name, "opened again; its motors are stopped until they are enabled");
+                tracing::warn!(
+                    bus = name,
+                    see = "gone",
+                    "opened again; its motors are stopped until they are enabled"
+                );
                 self.failures.remove(&index);
                 self.supply.hand_over(index, bus)
             }
             Err(error) => {
                 let failure = error.to_string();
                 if self.failures.get(&index) != Some(&failure) {
-                    tracing::warn!("{failure}; trying again");
+                    tracing::warn!(see = "gone", "{failure}; trying again");
                     self.failures.insert(index, failure);
                 }
                 false

@@ -7,6 +7,8 @@
 //! | info | who asked for what, and what a group does |
 //! | debug | every change of every motor |
 //!
+//! A line that somebody should act on bears a name that `motorctl explain` knows: `cause`, `faults`, `condition`, `why` or `see`.
+//!
 //! A motor or bus that changes all the time is summed up once a second, missed ticks once a minute.
 
 use super::asked::Asked;
@@ -78,7 +80,12 @@ impl Subject {
     fn summarise(&mut self) {
         let changes = std::mem::take(&mut self.changes);
         if changes > self.logged {
-            tracing::warn!(name = self.name, changes, "too many changes in a second for a line each");
+            tracing::warn!(
+                name = self.name,
+                changes,
+                see = "too-many-changes",
+                "too many changes in a second for a line each"
+            );
         }
     }
 }
@@ -119,6 +126,7 @@ impl Log {
                 tracing::error!(
                     cycle,
                     motor = self.motors[motor].subject.name,
+                    see = "motor-silent",
                     "has never answered: check its power and wiring, its id and host id, the bit rate, and that it speaks the \
                      configured protocol"
                 );
@@ -148,6 +156,7 @@ impl Log {
             (true, true) => tracing::warn!(
                 cycle,
                 motor,
+                see = "motor-silent",
                 "does not answer any more: check its power and wiring; its group was not moving"
             ),
             (true, false) => tracing::info!(cycle, motor, mode = mode_name, "answers again"),
@@ -163,8 +172,10 @@ impl Log {
         if bits.is_none() {
             return tracing::info!(cycle, motor = motor.name, "no fault any more");
         }
-        let sentences: Vec<_> = bits.named().map(|fault| fault.sentence).collect();
-        tracing::error!(cycle, motor = motor.name, bits = bits.0, "motor fault: {}", sentences.join(" "));
+        let (names, sentences): (Vec<_>, Vec<_>) =
+            bits.named().map(|fault| (fault.name, fault.sentence)).unzip();
+        let (faults, sentences) = (names.join(" "), sentences.join(" "));
+        tracing::error!(cycle, motor = motor.name, faults, bits = bits.0, "motor fault: {sentences}");
     }
 
     /// Who asked for a start, or why the group was stopped, is in another line.
@@ -323,12 +334,17 @@ impl Log {
         }
         let dropped = counters.dropped.load(Ordering::Relaxed);
         if dropped > std::mem::replace(&mut self.dropped, dropped) {
-            tracing::warn!(dropped, "telemetry could not keep up: records were dropped");
+            tracing::warn!(
+                dropped,
+                see = "records-dropped",
+                "telemetry could not keep up: records were dropped"
+            );
         }
         let errors = counters.ipc_errors.load(Ordering::Relaxed);
         if errors > std::mem::replace(&mut self.errors, errors) {
             tracing::error!(
                 errors,
+                see = "clients-not-served",
                 "a service for clients failed: are its files damaged, or is the disk full?"
             );
         }
@@ -340,7 +356,11 @@ impl Log {
         if missed_ticks > 0 {
             self.quiet_for = 0;
             let advice = Cause::TimeBase.advice();
-            tracing::warn!(missed_ticks, "ticks were missed: the cycle thread woke up too late. {advice}.");
+            tracing::warn!(
+                missed_ticks,
+                see = "ticks-missed",
+                "ticks were missed: the cycle thread woke up too late. {advice}."
+            );
         }
     }
 }

@@ -190,7 +190,11 @@ impl Recorder {
         if ends() {
             return;
         }
-        tracing::error!("{} was removed or replaced: no new client can reach this daemon", path.display());
+        tracing::error!(
+            see = "directory-lost",
+            "{} was removed or replaced: no new client can reach this daemon",
+            path.display()
+        );
         // Before the order to leave, which would be the cause else.
         self.cycle.counters.alarms.stop(Cause::DirectoryLost);
         let _not_the_first = self.lost.set(path);
@@ -247,7 +251,11 @@ impl Recorder {
         let changed = config::has_changed(path, *hash);
         let known = self.cycle.counters.config_changed.swap(changed, Ordering::Relaxed);
         if changed && !known {
-            tracing::warn!("{} was changed: it is read again when the daemon is restarted", path.display());
+            tracing::warn!(
+                see = "config-changed",
+                "{} was changed: it is read again when the daemon is restarted",
+                path.display()
+            );
         }
     }
 
