@@ -48,6 +48,13 @@ impl Places {
     }
 }
 
+impl From<&StateMessage> for State {
+    /// Allocates.
+    fn from(message: &StateMessage) -> Self {
+        Places::default().copy(message)
+    }
+}
+
 impl State {
     /// Number of the cycle, from 1. A gap means that the daemon missed ticks, or that this client was slow.
     #[must_use]

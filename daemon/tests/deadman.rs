@@ -12,11 +12,12 @@ use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, W
 use motord_deadman::safe_stop::safe_stop;
 use motord_deadman::server::Server;
 use motord_shared::instance::Instance;
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::sys::signal::{Signal, kill};
-use nix::sys::socket::{MsgFlags, send};
+use nix::sys::socket::{ControlMessage, MsgFlags, send, sendmsg};
 use nix::unistd::Pid;
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, IoSlice, Read};
 use std::os::fd::{AsFd, AsRawFd};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -658,4 +659,23 @@ fn an_instance_has_one_switch_which_ends_when_it_is_told() {
     assert!(log.any(|line| line.contains("ready")), "the socket of the one before is no obstacle");
     kill(Pid::from_raw(next.id() as i32), Signal::SIGTERM).unwrap();
     assert!(next.wait().unwrap().success());
+}
+
+/// Each message with several would else cost the switch descriptors, until it can accept nobody.
+#[test]
+fn no_file_that_comes_with_a_message_stays_open_but_the_one_that_is_used() {
+    let (_directory, instance) = runtime();
+    let listener = Listener::bind(&instance).unwrap();
+    let sender = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
+    let receiver = listener.accept().unwrap();
+    for count in [1, 2, 3, 253] {
+        let (mut mark, file) = std::io::pipe().unwrap();
+        let files = vec![file.as_raw_fd(); count];
+        let (text, control) = ([IoSlice::new(b"any")], [ControlMessage::ScmRights(&files)]);
+        sendmsg::<()>(sender.as_fd().as_raw_fd(), &text, &control, MsgFlags::empty(), None).unwrap();
+        drop(file);
+        assert!(receiver.receive::<Request>().is_err());
+        fcntl(&mark, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).unwrap();
+        assert_eq!(mark.read(&mut [0]).unwrap(), 0, "one of {count} files is still open");
+    }
 }

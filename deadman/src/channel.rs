@@ -27,6 +27,9 @@ use crate::safe_frames::{InterfaceError, SafeFrames};
 
 /// Most bytes of a message: the safe frames of 64 motors have about 6 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
+/// Most files that Linux passes with one message, `SCM_MAX_FD`. With room for fewer, those that fit would stay open, and nobody
+/// would know their numbers.
+const FILES_MAX: usize = 253;
 /// The most time a daemon waits for the switch. The switch opens an interface in milliseconds.
 pub const PATIENCE: Duration = Duration::from_secs(2);
 /// Begins every message. Its number rises with every change of the messages, so that programs of different versions refuse each
@@ -125,7 +128,7 @@ impl Channel {
     /// none has come.
     pub fn receive<T: DeserializeOwned>(&self) -> io::Result<(T, Option<Pulse>)> {
         let mut text = vec![0; MESSAGE_BYTES_MAX];
-        let mut control = cmsg_space!([RawFd; 1]);
+        let mut control = cmsg_space!([RawFd; FILES_MAX]);
         let (bytes, whole, files) = {
             let mut buffer = [IoSliceMut::new(&mut text)];
             let flags = MsgFlags::MSG_CMSG_CLOEXEC;

@@ -41,6 +41,8 @@ const VENDORS_ALLOWED: &[&str] = &[
     "daemon/src/commands/init",
     "configuration/src",
     "frame/src",
+    // A target for each protocol.
+    "fuzz/src",
     "wire/src",
     "protocol/src",
     "simulator/src",
