@@ -1,11 +1,10 @@
 //! A serial line as a [`Bus`].
 
-use std::os::fd::AsFd;
-
 use nix::errno::Errno;
 
 use super::line::{Line, Request};
 use super::port::{OpenError, Port, Use};
+use super::stream::ByteStream;
 use super::{Address, Settings};
 use crate::frame::{Arrival, Frame, Inbox};
 use crate::time::Instant;
@@ -17,8 +16,8 @@ const READ_BYTES: usize = 256;
 const ARRIVALS: usize = 2;
 
 /// A serial line.
-pub struct SerialBus {
-    port: Port,
+pub struct SerialBus<S = Port> {
+    port: S,
     line: Line,
     buffer: [u8; READ_BYTES],
     /// The adapter was unplugged, or took a part of a frame: whatever follows would complete that one.
@@ -33,8 +32,15 @@ impl SerialBus {
     ///
     /// Why the port cannot be used.
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
-        let port = Port::open(&settings.device, settings.baud, Use::Exclusive)?;
-        Ok(Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_gone: false })
+        Ok(Self::over(Port::open(&settings.device, settings.baud, Use::Exclusive)?, settings))
+    }
+}
+
+impl<S: ByteStream> SerialBus<S> {
+    /// The line whose bytes `port` carries: one of a test, on virtual time. Allocates.
+    #[must_use]
+    pub fn over(port: S, settings: &Settings) -> Self {
+        Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_gone: false }
     }
 
     /// Sends a request, if the line is free. One system call, and one more after a request that was not answered: its bytes may
@@ -56,7 +62,7 @@ impl SerialBus {
     }
 }
 
-impl Bus for SerialBus {
+impl<S: ByteStream> Bus for SerialBus<S> {
     /// Sends the first frame at most, and refuses the others with [`Refusal::Full`]. One system call, or two after a request
     /// that was not answered.
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
@@ -89,7 +95,7 @@ impl Bus for SerialBus {
     }
 
     fn readiness(&self) -> Readiness<'_> {
-        if self.is_gone { Readiness::Never } else { Readiness::Readable(self.port.as_fd()) }
+        if self.is_gone { Readiness::Never } else { self.port.readiness() }
     }
 }
 
@@ -131,7 +137,7 @@ impl SerialSender {
 }
 
 /// Writes a whole request. A part of one would be completed by whatever is sent next: the port has to be opened again.
-fn write(port: &Port, request: &Request) -> Result<(), Refusal> {
+fn write(port: &impl ByteStream, request: &Request) -> Result<(), Refusal> {
     match port.write(request.bytes()) {
         Ok(count) if count == request.bytes().len() => Ok(()),
         Ok(_) => Err(Refusal::Gone),

@@ -17,13 +17,17 @@ pub mod framing;
 mod line;
 #[cfg(feature = "linux")]
 mod port;
+#[cfg(feature = "linux")]
+mod stream;
 
 use crate::time::Duration;
 
 #[cfg(feature = "linux")]
 pub use bus::{SerialBus, SerialSender};
 #[cfg(feature = "linux")]
-pub use port::OpenError;
+pub use port::{OpenError, Port};
+#[cfg(feature = "linux")]
+pub use stream::ByteStream;
 
 /// Whether the payload of a reply can answer that of a request: the command byte and the numbers that a reply repeats are the
 /// same. A payload has no checksum, and this is what tells noise from a reply. Must be pure, and must not panic.

@@ -7,7 +7,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 
 use nix::errno::Errno;
@@ -17,6 +17,8 @@ use rustix::termios::{
     ControlModes, OptionalActions, QueueSelector, SpecialCodeIndex, Termios, tcflush, tcgetattr, tcsetattr,
 };
 
+use super::stream::ByteStream;
+use crate::Readiness;
 use crate::kernel::{self, errno};
 use crate::time::Duration;
 
@@ -78,9 +80,9 @@ pub enum OpenError {
     },
 }
 
-/// An open port.
+/// An open serial port.
 #[derive(Debug)]
-pub(super) struct Port {
+pub struct Port {
     file: File,
     _lock: Option<Flock<File>>,
 }
@@ -127,21 +129,6 @@ impl Port {
         Ok(Self { file, _lock: lock })
     }
 
-    /// Writes `bytes`, and returns how many the kernel took. Never blocks; one system call.
-    pub(super) fn write(&self, bytes: &[u8]) -> Result<usize, Errno> {
-        (&self.file).write(bytes).map_err(|error| errno(&error))
-    }
-
-    /// Reads bytes that have arrived, and returns how many; 0 when the port is gone. Never blocks; one system call.
-    pub(super) fn read(&self, buffer: &mut [u8]) -> Result<usize, Errno> {
-        (&self.file).read(buffer).map_err(|error| errno(&error))
-    }
-
-    /// How many bytes have not left. Never blocks; one system call.
-    pub(super) fn unsent(&self) -> Result<usize, Errno> {
-        kernel::unsent(self.file.as_fd())
-    }
-
     /// Whether the adapter was unplugged. Never blocks; one system call.
     pub(super) fn is_gone(&self) -> bool {
         let mut descriptors = [PollFd::new(self.file.as_fd(), PollFlags::empty())];
@@ -149,14 +136,27 @@ impl Port {
     }
 }
 
-impl AsFd for Port {
-    fn as_fd(&self) -> BorrowedFd<'_> {
-        self.file.as_fd()
+/// Each call is one system call.
+impl ByteStream for Port {
+    fn write(&self, bytes: &[u8]) -> Result<usize, Errno> {
+        (&self.file).write(bytes).map_err(|error| errno(&error))
+    }
+
+    fn read(&self, buffer: &mut [u8]) -> Result<usize, Errno> {
+        (&self.file).read(buffer).map_err(|error| errno(&error))
+    }
+
+    fn unsent(&self) -> Result<usize, Errno> {
+        kernel::unsent(self.file.as_fd())
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        Readiness::Readable(self.file.as_fd())
     }
 }
 
 impl Drop for Port {
-    /// Blocks for [`LINGER`] at most.
+    /// Blocks for 20 ms at most.
     fn drop(&mut self) {
         const TURNS: u32 = 20;
         for _ in 0..TURNS {
