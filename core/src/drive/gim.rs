@@ -18,6 +18,8 @@ use motord_shared::SetpointMode;
 
 /// While stopped: of so many cycles, one asks for the speed and one commands stop.
 const ROUND: u32 = 10;
+/// A velocity that is older makes no state together with a new angle.
+const VELOCITY_MAX_AGE: Duration = Duration::from_millis(500);
 
 #[derive(Debug)]
 pub(super) struct Gim {
@@ -33,6 +35,10 @@ pub(super) struct Gim {
     started: bool,
     /// The last accepted state, motor side.
     state: Measured<Motor>,
+    /// When it told its velocity last.
+    velocity_at: Instant,
+    /// Its velocity is older than [`VELOCITY_MAX_AGE`]: as after a silence, in which it may have become another.
+    is_velocity_old: bool,
 }
 
 impl Gim {
@@ -48,6 +54,8 @@ impl Gim {
             turn: 0,
             started: false,
             state,
+            velocity_at: Instant::FAR_FUTURE,
+            is_velocity_old: false,
         }
     }
 
@@ -68,9 +76,7 @@ impl Gim {
             Command::ClearFault => gim::Command::AcknowledgeFault,
             // The zero of a native motor is a configuration item (ConfID 0x14): not a matter of the cycle.
             Command::SetZero => gim::Command::StopMotor,
-            Command::Neutral if !self.started => {
-                gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE }
-            }
+            Command::Neutral if !self.started => self.state_question(),
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
@@ -85,8 +91,20 @@ impl Gim {
         match turn {
             0 => gim::Command::StopMotor,
             2 => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_SPEED },
-            _ => gim::Command::RetrieveIndicator { ind_id: Indicator::SHAFT_ANGLE },
+            _ => self.state_question(),
         }
+    }
+
+    /// Asks for the angle, or first for a velocity that is old.
+    const fn state_question(&self) -> gim::Command {
+        let old = self.is_velocity_old;
+        let ind_id = if old { Indicator::SHAFT_SPEED } else { Indicator::SHAFT_ANGLE };
+        gim::Command::RetrieveIndicator { ind_id }
+    }
+
+    const fn tell_velocity(&mut self, velocity: f32, at: Instant) {
+        self.state.velocity = velocity;
+        (self.velocity_at, self.is_velocity_old) = (at, false);
     }
 
     fn control(&self, joint: &Impedance<Joint>, mode: SetpointMode) -> Option<gim::Command> {
@@ -120,7 +138,7 @@ impl Decoder for Gim {
         }
     }
 
-    fn accept(&mut self, payload: &[u8], _question: Question, _at: Instant, latency: Duration) -> Reported {
+    fn accept(&mut self, payload: &[u8], _question: Question, at: Instant, latency: Duration) -> Reported {
         let Ok(reply) = gim::decode_reply(payload, Pending::Other, &self.scales) else {
             return Reported::Refused;
         };
@@ -131,14 +149,20 @@ impl Decoder for Gim {
             Reply::State { outcome: Ok(state), .. } => {
                 let temperature = Some(f32::from(state.temperature_celsius));
                 self.state = Measured::new(state.position, state.velocity, state.torque, temperature);
+                self.tell_velocity(state.velocity, at);
                 self.reported(latency)
             }
             Reply::Indicator { ind_id: Indicator::SHAFT_ANGLE, outcome: Ok(angle) } => {
                 self.state.position = angle.get();
-                self.reported(latency)
+                self.is_velocity_old = at.since(self.velocity_at) > VELOCITY_MAX_AGE;
+                if self.is_velocity_old { Reported::Alive } else { self.reported(latency) }
             }
             Reply::Indicator { ind_id: Indicator::SHAFT_SPEED, outcome: Ok(speed) } => {
-                self.state.velocity = speed.get() / RPM;
+                let velocity = speed.get() / RPM;
+                // One that no state could tell is damage: no checksum covers a payload on a line.
+                if f64::from(velocity.abs()) <= self.scales.velocity.max() {
+                    self.tell_velocity(velocity, at);
+                }
                 Reported::Alive
             }
             Reply::Fault(Ok(fault)) => Reported::Fault(fault.faults()),

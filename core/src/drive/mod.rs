@@ -72,7 +72,7 @@ pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
 }
 
 /// The frames that damp and stop a motor when nobody controls it any more. A native motor is braked by
-/// speed commands, which are full torque in MIT mode, and nobody knows the mode then: such a motor is stopped at once.
+/// speed commands, which may be full torque in MIT mode, and nobody knows the mode then: such a motor is stopped at once.
 #[must_use]
 pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
     let make = |command| Drive::new(motor, Duration::ZERO, false).request(&command, Instant::ZERO);

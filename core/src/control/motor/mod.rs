@@ -234,7 +234,7 @@ impl Motor {
             self.command_by_mode(orders, cx)
         };
         let command = self.translated(command);
-        self.replies.asked(&command);
+        self.replies.asked(&command, self.turn.outlasts_cycle);
         command
     }
 

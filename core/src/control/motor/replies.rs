@@ -7,18 +7,6 @@ use motord_bus::time::nanos;
 /// A motor that missed a reply is not asked for its faults for so many cycles: a late reply could be mistaken for the answer.
 const SETTLE_CYCLES: u64 = 10;
 
-/// When the state came that a turn asked for. Mostly a turn is a cycle.
-#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-enum Answer {
-    /// It has not.
-    #[default]
-    Awaited,
-    /// In this cycle.
-    Now,
-    /// In an earlier cycle of this turn.
-    Before,
-}
-
 #[derive(Debug, Default)]
 pub(super) struct Replies {
     /// A question was sent in this turn whose answer is a state.
@@ -27,8 +15,10 @@ pub(super) struct Replies {
     pub(super) asked_stop: bool,
     /// The command of this turn was a question for the faults.
     pub(super) asked_fault: bool,
-    /// Whether it reported its state since the command.
-    state: Answer,
+    /// It reported its state since the command.
+    answered: bool,
+    /// It reported its state in this cycle.
+    is_new: bool,
     /// Turns in a row without any answer.
     pub(super) silent: u32,
     /// Turns since its last state; 0 when that came in the last one.
@@ -46,34 +36,34 @@ pub(super) struct Replies {
 }
 
 impl Replies {
-    pub(super) const fn asked(&mut self, command: &Command) {
+    /// A state that came earlier in this cycle, as on a line whose motor's turn is now, is new until the cycle is over.
+    pub(super) const fn asked(&mut self, command: &Command, takes_turns: bool) {
         self.asked = command.is_answered_by_state();
         self.asked_stop = matches!(command, Command::Stop);
         self.asked_fault = matches!(command, Command::GetFault);
-        self.state = Answer::Awaited;
+        self.answered = false;
+        self.is_new &= takes_turns;
     }
 
     /// It reported its state in this turn.
-    pub(super) fn answered(&self) -> bool {
-        self.state != Answer::Awaited
+    pub(super) const fn answered(&self) -> bool {
+        self.answered
     }
 
     /// It reported its state in this cycle.
-    pub(super) fn is_new(&self) -> bool {
-        self.state == Answer::Now
+    pub(super) const fn is_new(&self) -> bool {
+        self.is_new
     }
 
     /// A cycle of its turn is over.
-    pub(super) fn pass(&mut self) {
-        if self.is_new() {
-            self.state = Answer::Before;
-        }
+    pub(super) const fn pass(&mut self) {
+        self.is_new = false;
     }
 
     /// A state came, `latency` after the command.
     pub(super) fn state(&mut self, latency: Duration) {
         self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
-        self.state = Answer::Now;
+        (self.answered, self.is_new) = (true, true);
         self.silent = 0;
         self.age_cycles = 0;
     }
@@ -103,7 +93,7 @@ impl Replies {
     }
 
     /// The state of this turn has arrived by `cycle`, and no late reply is to be expected.
-    pub(super) fn is_settled(&self, cycle: u64) -> bool {
-        self.answered() && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
+    pub(super) const fn is_settled(&self, cycle: u64) -> bool {
+        self.answered && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
     }
 }
