@@ -297,7 +297,7 @@ impl Bus for Apart {
 
 fn cycles(motors: usize, count: u64) {
     let mut robot = robot::Robot::new(robots::with(motors, MOTORS_PER_BUS, 500), 1);
-    let buses = robot.buses.iter().map(|bus| Box::new(Apart(bus.clone())) as Box<dyn Bus>).collect();
+    let buses = robot.buses.iter().map(|bus| Box::new(Apart(bus.bus().clone())) as Box<dyn Bus>).collect();
     let (cycle, ends) = assemble(&robot.settings, buses, robot.clock.clone(), 7);
     (robot.cycle, robot.client) = (cycle, LocalClient::new(ends));
     let joints: Vec<JointSetpoint> = robot.activate();

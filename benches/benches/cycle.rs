@@ -66,7 +66,7 @@ impl Running {
         let mut robot = Robot::new(robots::settings(motors), 1);
         let spent_ns = Arc::default();
         let metered = |bus: &SharedBus| Metered { bus: bus.clone(), spent_ns: Arc::clone(&spent_ns) };
-        let buses = robot.buses.iter().map(|bus| Box::new(metered(bus)) as Box<dyn Bus>).collect();
+        let buses = robot.buses.iter().map(|bus| Box::new(metered(bus.bus())) as Box<dyn Bus>).collect();
         let (cycle, ends) = assemble(&robot.settings, buses, robot.clock.clone(), 7);
         (robot.cycle, robot.client) = (cycle, LocalClient::new(ends));
         let joints = robot.activate();

@@ -548,7 +548,7 @@ fn a_motor_left_running_by_a_dead_daemon_is_stopped_and_forgets_its_target() {
     // Position 2 rad, kp 100, kd 1.
     let pull = Frame::full(id, [0x94, 0x7A, 0x80, 0x03, 0x33, 0x33, 0x38, 0x00]);
     let before = robot.now() - Duration::from_millis(5);
-    robot.buses[0].send(before, &[start, pull]);
+    robot.buses[0].with(|bus| bus.send(before, &[start, pull]));
     robot.steps(50);
     assert_eq!(robot.truth(0).mode(), motord_simulator::Mode::Stopped);
     assert!(

@@ -364,7 +364,7 @@ fn a_duration_is_a_watchdog_in_the_drive_if_its_end_goes_limp() {
         (0..200).for_each(|_| robot.follow(&joints));
         let killed = robot.now();
         let later = |after: Duration| {
-            robot.buses[0].clone().receive(killed + after, &mut Inbox::new());
+            robot.buses[0].with(|bus| bus.receive(killed + after, &mut Inbox::new()));
             robot.truth(0).velocity()
         };
         assert!(later(Duration::from_millis(20)) > 0.5, "it follows its last command");

@@ -3,15 +3,13 @@
 mod robot;
 
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
-use robot::line::make_line;
 use robot::{Meaning, Robot};
 
 /// Two native motors on a line at 200 Hz beside three MIT motors at 1 kHz, in two groups.
 fn arm_and_leg() -> Robot {
     let mut text = String::from("[safety]\nsetpoint-timeout-ms = 20\n");
-    for bus in ["arm", "leg"] {
-        text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
-    }
+    text += "[[bus]]\nname = \"arm\"\ntype = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nevery = 5\n";
+    text += "[[bus]]\nname = \"leg\"\ntype = \"simulated\"\n";
     for (id, name) in [(1, "shoulder"), (2, "elbow")] {
         text += &robot::motor(id, name, "arm", "host-id = 0").replace("\"mit\"", "\"gim\"");
     }
@@ -21,9 +19,7 @@ fn arm_and_leg() -> Robot {
     }
     text += "[[group]]\nname = \"arm\"\njoints = [\"shoulder\", \"elbow\"]\n";
     text += "[[group]]\nname = \"leg\"\njoints = [\"hip\", \"thigh\", \"knee\"]\n";
-    let mut settings = robot::settings(&text);
-    make_line(&mut settings, 0, 5);
-    Robot::new(settings, 1)
+    Robot::new(robot::settings(&text), 1)
 }
 
 fn torque(value: f32) -> Vec<JointSetpoint> {
@@ -80,6 +76,26 @@ fn a_state_from_a_line_is_new_in_one_cycle_of_five() {
         new += u32::from(robot.joint(0).flags & motord_shared::message::JOINT_FRESH != 0);
     }
     assert_eq!(new, 20);
+}
+
+/// The state is read in the cycle in which the next turn of its motor begins.
+#[test]
+fn a_state_that_comes_at_the_end_of_its_turn_is_new() {
+    let line = "[[bus]]\nname = \"arm\"\ntype = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nevery = 2\n";
+    let motor = robot::motor(1, "elbow", "arm", "host-id = 10").replace("\"mit\"", "\"gim\"");
+    let mut robot = Robot::new(robot::settings(&format!("{line}{motor}")), 1);
+    robot.disturb("elbow delayed 1300us");
+    robot.steps(500);
+    let (mut came, mut before) = (0, robot.joint(0).receive_ns);
+    for _ in 0..200 {
+        robot.step();
+        let joint = robot.joint(0);
+        let is_new = joint.flags & motord_shared::message::JOINT_FRESH != 0;
+        assert_eq!(is_new, joint.receive_ns != before, "{joint:?}");
+        came += u32::from(is_new);
+        before = joint.receive_ns;
+    }
+    assert!(came > 50, "{came}");
 }
 
 #[test]
@@ -199,6 +215,43 @@ fn motors_take_turns_on_can_too() {
         assert!([vec![1, 2], vec![3, 4]].contains(&asked), "{asked:?}");
     }
     assert_eq!(robot.state().joints().iter().map(|joint| joint.missed).sum::<u32>(), 0);
+}
+
+/// Goal: nothing is taken for the velocity of a motor that it had before it was silent: it may have been switched off since.
+#[test]
+fn a_motor_that_comes_back_has_not_the_velocity_that_it_had_before() {
+    let mut robot = arm_and_leg();
+    let turning = JointSetpoint { mode: SetpointMode::Speed.code(), velocity: 3.0, ..Default::default() };
+    activate(&mut robot, &[turning; 2]);
+    (0..300).for_each(|_| robot.follow(&[turning; 2]));
+    assert!(robot.joint(0).velocity > 2.0, "{}", robot.joint(0).velocity);
+    robot.disturb("shoulder power-off");
+    robot.steps(1000);
+    assert_eq!(robot.mode(0), MotorMode::Offline);
+    robot.disturb("shoulder ok");
+    for _ in 0..3000 {
+        robot.step();
+        if robot.mode(0) != MotorMode::Offline {
+            break;
+        }
+    }
+    assert_eq!(robot.mode(0), MotorMode::Idle);
+    assert!(robot.joint(0).velocity.abs() < 0.1, "{}", robot.joint(0).velocity);
+}
+
+/// Goal: damage that the command and the numbers of a reply do not tell is in no state, as far as physics tells it.
+#[test]
+fn a_speed_that_no_motor_can_have_is_in_no_state() {
+    let mut robot = arm_and_leg();
+    robot.steps(500);
+    let [a, b, c, d] = 1e21_f32.to_le_bytes();
+    for _ in 0..200 {
+        // Indicator 0x14 (GIM document, table 10), which is asked for in one of ten turns.
+        robot.hear(0, 10, &[0xB4, 0x14, 0, 0, a, b, c, d]);
+        robot.step();
+        let velocity = robot.joint(0).velocity;
+        assert!(velocity.abs() < 1.0, "{velocity}");
+    }
 }
 
 /// The drive's decoder takes it, and judges it by nothing but its form.

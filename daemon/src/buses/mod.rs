@@ -116,7 +116,8 @@ pub fn open_one(settings: &Settings, index: usize) -> Result<Box<dyn Bus>, BusEr
 }
 
 /// The serial line with this index. A request is given up a while before the plan has the next one sent.
-fn line(settings: &Settings, index: usize) -> serial::Settings {
+#[must_use]
+pub fn line(settings: &Settings, index: usize) -> serial::Settings {
     let address = |motor: &MotorSettings| serial::Address {
         id: motor.id,
         host_id: u8::try_from(motor.host_id.raw()).ok(),

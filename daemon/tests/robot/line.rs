@@ -1,65 +1,244 @@
-//! A simulated serial line as the cycle sees a real one: one request at a time, and arrivals with the id of the motor that
-//! was asked.
+//! A serial line on virtual time: the bus of a real one, whose bytes go to simulated motors.
 
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
-use motord_core::settings::{BusKind, Settings};
-use motord_simulator::SharedBus;
+use motord::buses;
+use motord_bus::serial::{ByteStream, SerialBus};
+use motord_bus::{Bus, Frame, FrameId, Inbox, Instant, Readiness, Sent};
+use motord_core::settings::Settings;
+use motord_simulator::{
+    Direction, Fault, FaultVerb, InjectError, Recorded, SerialSlave, SharedBus, SimulatedBus,
+};
+use nix::errno::Errno;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A request that is older than this has no answer.
-const PATIENCE: Duration = Duration::from_millis(2);
+/// Receiver, type, length, their XOR (GIM document, table 3).
+const HEADER: usize = 4;
+const FRAME: usize = HEADER + 8;
 
-/// Makes the simulated bus with this index a serial line of the configuration.
-pub fn make_line(settings: &mut Settings, bus: usize, every: u32) {
-    let turnaround = Duration::from_micros(500);
-    settings.buses[bus].kind = BusKind::Serial { device: "/dev/null".into(), baud: 921_600, turnaround };
-    settings.buses[bus].every = every;
+/// A bus of the robot, as its motors hear it.
+#[derive(Clone)]
+pub enum Wire {
+    Bus(SharedBus),
+    Line(SharedLine),
 }
 
-/// One line.
-pub struct Line {
-    bus: SharedBus,
-    open: Option<(FrameId, Instant)>,
-}
+impl Wire {
+    /// The simulated bus behind it, at `now`.
+    pub fn with<T>(&self, of: impl FnOnce(&mut SimulatedBus) -> T) -> T {
+        match self {
+            Self::Bus(bus) => of(&mut bus.lock()),
+            Self::Line(line) => of(line.lock().slave.bus()),
+        }
+    }
 
-impl Line {
-    pub fn new(bus: SharedBus) -> Self {
-        Self { bus, open: None }
+    /// The bus of a robot that has no line.
+    pub fn bus(&self) -> &SharedBus {
+        match self {
+            Self::Bus(bus) => bus,
+            Self::Line(_) => panic!("a line is no simulated bus"),
+        }
+    }
+
+    /// The frames that were on the wire since the last call.
+    pub fn take_record(&self) -> Vec<Recorded> {
+        match self {
+            Self::Bus(bus) => bus.lock().take_record().collect(),
+            Self::Line(line) => std::mem::take(&mut line.lock().record),
+        }
+    }
+
+    /// # Errors
+    ///
+    /// As those of the simulator.
+    pub fn inject(&self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        match self {
+            Self::Bus(bus) => bus.lock().inject(now, verb),
+            Self::Line(line) => line.lock().inject(now, verb),
+        }
+    }
+
+    /// As the cycle sees it. A line that is unplugged cannot be opened.
+    pub fn open(&self, settings: &Settings, index: usize) -> Option<Box<dyn Bus>> {
+        match self {
+            Self::Bus(bus) => Some(Box::new(bus.clone())),
+            Self::Line(line) => line.open(settings, index).map(|line| Box::new(line) as Box<dyn Bus>),
+        }
     }
 }
 
-impl Bus for Line {
-    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
-        let Some(first) = frames.first() else { return Sent::all(0) };
-        if self.open.is_some_and(|(_, sent)| now.since(sent) <= PATIENCE) {
-            return Sent { accepted: 0, refusal: Some(Refusal::Full) };
+/// The motors of a line behind their port. Clones lead to the same port.
+#[derive(Clone)]
+pub struct SharedLine(Arc<Mutex<Port>>);
+
+/// The port, on virtual time.
+pub struct Port {
+    slave: SerialSlave,
+    now: Instant,
+    /// Bytes that wait for the host to read them.
+    arrived: Vec<u8>,
+    /// Bytes of the host that the port has not taken.
+    unsent: Vec<u8>,
+    blocked: bool,
+    unplugged: bool,
+    record: Vec<Recorded>,
+    /// The last bytes that the host read: the beginning of a frame, perhaps.
+    tail: Vec<u8>,
+    /// The ids that the motors' replies name, by motor id.
+    host_ids: [u8; 256],
+    /// The motor that was asked last: a reply does not say who sent it.
+    asked: u8,
+}
+
+impl SharedLine {
+    /// Of the bus with this index.
+    pub fn new(slave: SerialSlave, settings: &Settings, bus: usize) -> Self {
+        let mut host_ids = [0; 256];
+        for motor in settings.motors.iter().filter(|motor| motor.bus == bus) {
+            host_ids[usize::from(motor.id)] = motor.host_id.raw() as u8;
         }
-        let sent = self.bus.send(now, &frames[..1]);
-        if sent.accepted == 1 {
-            self.open = Some((first.id(), now));
-        }
-        let refusal = sent.refusal.or((frames.len() > 1).then_some(Refusal::Full));
-        Sent { accepted: sent.accepted, refusal }
+        Self(Arc::new(Mutex::new(Port {
+            slave,
+            now: Instant::ZERO,
+            arrived: Vec::new(),
+            unsent: Vec::new(),
+            blocked: false,
+            unplugged: false,
+            record: Vec::new(),
+            tail: Vec::new(),
+            host_ids,
+            asked: 0,
+        })))
     }
 
-    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-        let mut arrived = Inbox::new();
-        self.bus.receive(now, &mut arrived);
-        inbox.lost += arrived.lost;
-        for arrival in arrived.arrivals() {
-            let content = match arrival.content {
-                Content::Frame(frame) => match self.open.take() {
-                    Some((motor, _)) => Frame::new(motor, frame.payload()).map(Content::Frame),
-                    None => None,
-                },
-                other => Some(other),
-            };
-            if let Some(content) = content {
-                inbox.push(motord_bus::Arrival { content, ..*arrival }).expect("the inbox is as large");
+    fn lock(&self) -> MutexGuard<'_, Port> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The host hears a frame that none of the motors sent.
+    pub fn hear(&self, to: u8, payload: &[u8]) {
+        let len = payload.len() as u8;
+        self.lock().arrived.extend([&[to, 0, len, to ^ len], payload].concat());
+    }
+
+    /// Opens the port anew: what waited in either direction is thrown away.
+    fn open(&self, settings: &Settings, index: usize) -> Option<Line> {
+        let mut port = self.lock();
+        if port.unplugged {
+            return None;
+        }
+        port.unsent.clear();
+        port.arrived.clear();
+        let bus = SerialBus::over(self.clone(), &buses::line(settings, index));
+        Some(Line { bus, port: self.clone() })
+    }
+}
+
+impl Port {
+    /// Moves the bytes that are there by now, in both directions.
+    fn serve(&mut self, sent: &[u8]) {
+        let Self { slave, arrived, now, .. } = self;
+        slave.transact(*now, sent, arrived);
+        if self.unplugged {
+            arrived.clear();
+        }
+    }
+
+    fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
+        self.now = now;
+        if verb.target != self.slave.name() {
+            return self.slave.inject(now, verb);
+        }
+        match verb.fault {
+            Fault::Gone => self.unplugged = true,
+            Fault::Blocked => self.blocked = true,
+            Fault::Ok => {
+                (self.unplugged, self.blocked) = (false, false);
+                self.slave.inject(now, verb)?;
+                let unsent = std::mem::take(&mut self.unsent);
+                self.serve(&unsent);
+            }
+            _ => self.slave.inject(now, verb)?,
+        }
+        Ok(())
+    }
+
+    fn note(&mut self, direction: Direction, motor: u8, payload: &[u8]) {
+        let frame = Frame::new(FrameId::from(motor), payload).expect("a frame has eight bytes");
+        self.record.push(Recorded { ready: self.now, at: self.now, direction, frame });
+    }
+
+    /// Records each frame that can be found anywhere in the bytes that the host has read, and that names the host of the motor
+    /// that was asked last, as one of this motor.
+    fn note_read(&mut self, bytes: &[u8]) {
+        self.tail.extend_from_slice(bytes);
+        let read = std::mem::take(&mut self.tail);
+        for frame in read.windows(FRAME) {
+            if let [to, 0, 8, check, payload @ ..] = frame
+                && *check == to ^ 8
+                && *to == self.host_ids[usize::from(self.asked)]
+            {
+                self.note(Direction::ToHost, self.asked, payload);
             }
         }
+        self.tail = read[read.len().saturating_sub(FRAME - 1)..].to_vec();
+    }
+}
+
+impl ByteStream for SharedLine {
+    fn write(&self, bytes: &[u8]) -> Result<usize, Errno> {
+        let mut port = self.lock();
+        if port.unplugged {
+            return Err(Errno::EIO);
+        }
+        port.asked = bytes[0];
+        port.note(Direction::ToMotor, bytes[0], &bytes[HEADER..]);
+        if port.blocked {
+            port.unsent.extend_from_slice(bytes);
+        } else {
+            port.serve(bytes);
+        }
+        Ok(bytes.len())
+    }
+
+    fn read(&self, buffer: &mut [u8]) -> Result<usize, Errno> {
+        let mut port = self.lock();
+        port.serve(&[]);
+        let count = port.arrived.len().min(buffer.len());
+        if count == 0 {
+            return if port.unplugged { Ok(0) } else { Err(Errno::EAGAIN) };
+        }
+        let read: Vec<u8> = port.arrived.drain(..count).collect();
+        buffer[..count].copy_from_slice(&read);
+        port.note_read(&read);
+        Ok(count)
+    }
+
+    fn unsent(&self) -> Result<usize, Errno> {
+        Ok(self.lock().unsent.len())
     }
 
     fn readiness(&self) -> Readiness<'_> {
         Readiness::Never
+    }
+}
+
+/// A line as the cycle sees it.
+struct Line {
+    bus: SerialBus<SharedLine>,
+    port: SharedLine,
+}
+
+impl Bus for Line {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.port.lock().now = now;
+        self.bus.send(now, frames)
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        self.port.lock().now = now;
+        self.bus.receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        self.bus.readiness()
     }
 }

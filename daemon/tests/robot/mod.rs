@@ -11,6 +11,7 @@ pub mod line;
 pub mod port;
 pub mod random;
 
+use line::{SharedLine, Wire};
 use motord::buses;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Instant, Readiness, Ready};
 pub use motord_checker::codec::Meaning;
@@ -26,7 +27,8 @@ use motord_shared::{
     Operation, Phase, Refusal, SetpointMessage, StateMessage,
 };
 use motord_simulator::{
-    BusKind, BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SharedBus, SimulatedBus, couple,
+    BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SerialSlave, SharedBus, SimulatedBus,
+    couple,
 };
 use std::cell::Cell;
 use std::panic::RefUnwindSafe;
@@ -161,7 +163,7 @@ pub struct Robot {
     pub cycle: Cycle<Virtual>,
     pub client: LocalClient,
     pub clock: Virtual,
-    pub buses: Vec<SharedBus>,
+    pub buses: Vec<Wire>,
     tick: Tick,
     /// Frames to motors since the last [`Robot::take_sent`].
     sent: Vec<Sent>,
@@ -193,14 +195,18 @@ impl Robot {
         build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
     ) -> Self {
         let buses = simulated(&settings, seed, build);
-        let opened = (0..buses.len()).map(|bus| opened(&settings, bus, &buses[bus])).collect();
+        let open = |(index, wire): (usize, &Wire)| wire.open(&settings, index).expect("it is plugged in");
+        let opened = buses.iter().enumerate().map(open).collect();
         Self { buses, ..Self::on(opened, start, settings) }
     }
 
     /// A robot whose shafts `plant` moves.
     pub fn with_plant(settings: Settings, seed: u64, plant: impl Plant + 'static) -> Self {
-        let buses = simulated(&settings, seed, |_, _| {});
+        let buses: Vec<_> = (0..settings.buses.len())
+            .map(|bus| SharedBus::new(simulated_bus(&settings, bus, seed, &mut |_, _| {})))
+            .collect();
         let opened = couple(&buses, plant).into_iter().map(|bus| Box::new(bus) as Box<dyn Bus>).collect();
+        let buses = buses.into_iter().map(Wire::Bus).collect();
         Self { buses, ..Self::on(opened, Instant::from_nanos(1_000_000_000), settings) }
     }
 
@@ -263,8 +269,7 @@ impl Robot {
 
     /// Takes what was on the wire of a bus; every step does.
     pub fn collect_record(&mut self, bus: usize) {
-        let mut guard = self.buses[bus].lock();
-        for recorded in guard.take_record() {
+        for recorded in self.buses[bus].take_record() {
             let (at, frame) = (recorded.at, recorded.frame);
             if recorded.direction == Direction::ToHost {
                 self.replies.push(Reply { at, bus, frame });
@@ -308,23 +313,28 @@ impl Robot {
 
     /// The host hears a frame that none of the motors sent.
     pub fn hear(&mut self, bus: usize, id: u16, payload: &[u8]) {
-        let id = FrameId::new(id).expect("an id has eleven bits");
-        let frame = Frame::new(id, payload).expect("a frame has at most eight bytes");
         let now = self.now();
-        self.buses[bus].lock().deliver(now, Content::Frame(frame));
+        match &self.buses[bus] {
+            Wire::Bus(bus) => {
+                let id = FrameId::new(id).expect("an id has eleven bits");
+                let frame = Frame::new(id, payload).expect("a frame has at most eight bytes");
+                bus.lock().deliver(now, Content::Frame(frame));
+            }
+            Wire::Line(line) => line.hear(id as u8, payload),
+        }
     }
 
-    /// Opens a bus again that the cycle gave up, as the daemon's own thread does.
+    /// Opens a bus again that the cycle gave up, as the daemon's own thread does, if it can be opened.
     pub fn reopen(&mut self, bus: usize) {
-        let opened = opened(&self.settings, bus, &self.buses[bus]);
+        let Some(opened) = self.buses[bus].open(&self.settings, bus) else { return };
         assert!(self.client.supply().hand_over(bus, opened), "there is room for every bus");
     }
 
     /// The truth about a motor, which it would not tell.
     pub fn truth(&self, joint: usize) -> Motor {
         let motor = &self.settings.motors[joint];
-        let bus = self.buses[motor.bus].lock();
-        bus.motor(&motor.name).expect("every joint has a motor").clone()
+        let found = |bus: &mut SimulatedBus| bus.motor(&motor.name).cloned();
+        self.buses[motor.bus].with(found).expect("every joint has a motor")
     }
 
     pub fn state(&mut self) -> StateMessage {
@@ -458,7 +468,7 @@ impl Robot {
     pub fn disturb(&mut self, line: &str) {
         let verb: FaultVerb = line.parse().unwrap_or_else(|error| panic!("{line}: {error}"));
         let now = self.now();
-        let done = self.buses.iter().any(|bus| bus.lock().inject(now, &verb).is_ok());
+        let done = self.buses.iter().any(|bus| bus.inject(now, &verb).is_ok());
         assert!(done, "{line}: nobody is called so");
     }
 
@@ -506,31 +516,33 @@ fn refusal(reply: AdminReply) -> Refusal {
     reply.refusal.try_into().expect("refusals are known")
 }
 
-/// A bus as the cycle sees it.
-fn opened(settings: &Settings, bus: usize, simulated: &SharedBus) -> Box<dyn Bus> {
-    match settings.buses[bus].is_line() {
-        true => Box::new(line::Line::new(simulated.clone())),
-        false => Box::new(simulated.clone()),
-    }
-}
-
 /// The buses of a configuration with their motors, as `build` changes them.
 fn simulated(
     settings: &Settings,
     seed: u64,
     mut build: impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
-) -> Vec<SharedBus> {
-    let bus = |index| {
-        let (bus, mut motors) = buses::physics(settings, index);
-        // The queue is as the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
-        let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
-        if settings.buses[index].is_line() {
-            bus.kind = BusKind::Serial;
+) -> Vec<Wire> {
+    let wire = |index: usize| {
+        let bus = simulated_bus(settings, index, seed, &mut build);
+        match settings.buses[index].is_line() {
+            true => Wire::Line(SharedLine::new(SerialSlave::new(bus, seed + index as u64), settings, index)),
+            false => Wire::Bus(SharedBus::new(bus)),
         }
-        build(&mut bus, &mut motors);
-        SharedBus::new(SimulatedBus::new(bus, motors, seed + index as u64))
     };
-    (0..settings.buses.len()).map(bus).collect()
+    (0..settings.buses.len()).map(wire).collect()
+}
+
+fn simulated_bus(
+    settings: &Settings,
+    index: usize,
+    seed: u64,
+    build: &mut impl FnMut(&mut BusSettings, &mut Vec<MotorSettings>),
+) -> SimulatedBus {
+    let (bus, mut motors) = buses::physics(settings, index);
+    // The queue is as the CAN interfaces of Linux are set up: two cycles, each with a question for a fault.
+    let mut bus = BusSettings { record: 4096, tx_queue: 2 * (motors.len() + 1), ..bus };
+    build(&mut bus, &mut motors);
+    SimulatedBus::new(bus, motors, seed + index as u64)
 }
 
 /// A number from the environment, such as `MOTORD_SEEDS`.
