@@ -22,6 +22,14 @@ pub struct Robot {
     pub lost_cycles: u32,
 }
 
+impl Robot {
+    /// Every motor of the bus gets a command in so many cycles.
+    #[must_use]
+    pub fn turn(&self, bus: usize) -> u32 {
+        self.motors.iter().filter(|motor| motor.bus == bus).map(|motor| motor.turn).max().unwrap_or(1)
+    }
+}
+
 /// One motor.
 #[derive(Debug, Clone)]
 pub struct Motor {
@@ -35,6 +43,8 @@ pub struct Motor {
     pub reply_id: u16,
     /// The protocol that it speaks.
     pub protocol: Protocol,
+    /// It gets a command in one of so many cycles.
+    pub turn: u32,
     /// 1, or -1 when joint and motor turn opposite ways.
     pub direction: f64,
     /// Position of the joint when the motor is at zero, rad.
@@ -57,6 +67,14 @@ pub enum Protocol {
     },
     /// SteadyWin's own, over CAN or on a serial line.
     Native,
+}
+
+impl Motor {
+    /// It gets no command in most cycles, and one cycle may take more than its turn.
+    #[must_use]
+    pub const fn takes_turns(&self) -> bool {
+        self.turn > 1
+    }
 }
 
 impl Protocol {

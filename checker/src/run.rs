@@ -47,8 +47,6 @@ pub const WRONG_LEASE_VELOCITY: f32 = 18.0;
 const CLEAR_TIME: Duration = Duration::from_millis(1020);
 /// No frame is held back for longer by a jammed bus.
 const MEMORY_CYCLES: usize = 8192;
-/// Other traffic and a clock that goes backward delay no frame by more cycles on a bus that is well.
-const DELAY_CYCLES: usize = 3;
 
 /// The largest distance from a value to its nearest code, in codes: half a code, and a margin for single precision.
 const NEAREST: f64 = 0.55;
@@ -233,7 +231,8 @@ impl Checker {
             self.velocities[motor].hear(&self.robot.motors[motor], replies);
             self.judge_joint(motor, &cycle, replies);
             if !matches!(cycle.state.joints[motor].mode, Mode::Active | Mode::Damping) {
-                self.last[motor].rest(cycle.time);
+                let time = self.time(motor, &cycle);
+                self.last[motor].rest(time);
             }
         }
         self.injections.judge(&cycle);
@@ -246,7 +245,7 @@ impl Checker {
             let cycle = cycles.iter_mut().rfind(|cycle| cycle.begun <= command.ready);
             self.judge_command(cycle.expect("no frame waits longer than the checker remembers"), command);
         }
-        judge_stop(&self.robot, &cycles);
+        stop::judge(&self.robot, &cycles);
         if cycles.len() > MEMORY_CYCLES {
             cycles.pop_front();
         }
@@ -277,9 +276,12 @@ impl Checker {
 
     /// Nothing keeps frames from the wire, and the cycle knows it. It may not give up a bus that was never cut off.
     fn is_well(&mut self, bus: usize, states: [&State; 2]) -> bool {
-        let given_up = states.iter().any(|state| state.buses[bus].given_up);
+        let [before, now] = states.map(|state| &state.buses[bus]);
+        let given_up = before.given_up || now.given_up;
         assert!(self.cut[bus] || !given_up, "I10: bus {bus} was given up");
-        self.cut[bus] &= given_up || self.blocked[bus];
+        // Where motors take turns, the host learns of it with its next frame: all may be well again by then.
+        let uses = self.robot.turn(bus) == 1 || now.sent != before.sent;
+        self.cut[bus] &= given_up || self.blocked[bus] || !uses;
         !given_up && !self.blocked[bus]
     }
 
@@ -391,8 +393,13 @@ impl Checker {
         }
     }
 
+    /// The time of a command, as far as slews may count it, s: a motor that takes turns counts all of it.
+    fn time(&self, motor: usize, cycle: &Cycle) -> f64 {
+        if self.robot.motors[motor].takes_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
+    }
+
     fn judge_native(&mut self, cycle: &Cycle, motor: usize, order: Order) {
-        let limits = &self.robot.motors[motor].limits;
+        let (limits, time) = (&self.robot.motors[motor].limits, self.time(motor, cycle));
         let joints = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let [_, now] = joints;
         let both = |mode: Mode| joints.iter().all(|joint| joint.mode == mode);
@@ -404,10 +411,11 @@ impl Checker {
                 let fast = f64::from(now.applied_velocity);
                 let is_wrong = matches!(order, Order::Torque(_)) && is_wrong_lease(fast);
                 assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
-                self.last[motor].judge(order, cycle.time, limits, joints);
+                let takes_turns = self.robot.motors[motor].takes_turns();
+                self.last[motor].judge(order, (time, takes_turns), limits, joints);
             }
             Order::Speed(_) if both(Mode::Damping) => {
-                self.last[motor].judge_braking(order, cycle.time, limits);
+                self.last[motor].judge_braking(order, time, limits);
             }
             _ => self.last[motor].forget(),
         }
@@ -415,14 +423,18 @@ impl Checker {
 
     fn judge_joint(&self, motor: usize, cycle: &Cycle, replies: &[Reply]) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
-        assert_eq!(now.fresh, now.age_cycles == 0 && now.receive_ns > 0, "I6: {now:?}");
+        // A motor that takes turns is no older while it waits for its turn.
+        let takes_turns = self.robot.motors[motor].takes_turns();
+        let is_new = now.age_cycles == 0 && now.receive_ns > 0;
+        assert!(now.fresh == is_new || takes_turns && is_new, "I6: {now:?}");
         assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
         if now.fresh {
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
             let said = replies.iter().any(|reply| reported::says(reply, settings, before, now, velocities));
-            assert!(said, "I6: no reply said {now:?}");
+            assert!(said, "I6: no reply of {} said {now:?}", settings.name);
         } else if cycle.state.cycle > cycle.before.cycle {
-            assert_eq!(now.age_cycles, before.age_cycles + 1, "I6: the age of {now:?}");
+            let is_kept = takes_turns && now.age_cycles == before.age_cycles;
+            assert!(is_kept || now.age_cycles == before.age_cycles + 1, "I6: the age of {now:?}");
             assert_eq!(now.receive_ns, before.receive_ns, "I6: {now:?}");
             let same = |now: f32, before: f32| now.to_bits() == before.to_bits() || now.is_nan();
             let kept = same(now.position, before.position) && same(now.velocity, before.velocity);
@@ -471,16 +483,6 @@ fn judge_impedance(order: Order, limits: &Limits, before: &Joint, codes: &Ranges
 
 fn is_wrong_lease(velocity: f64) -> bool {
     (velocity - f64::from(WRONG_LEASE_VELOCITY)).abs() <= 0.05
-}
-
-/// Judges what motors heard in the newest cycle whose frames have left: those of a bus that was well all the while.
-fn judge_stop(robot: &Robot, cycles: &VecDeque<Cycle>) {
-    let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
-        return;
-    };
-    let first = judged.saturating_sub(DELAY_CYCLES);
-    let is_well = |bus: usize| cycles.range(first..).all(|cycle| cycle.well[bus]);
-    stop::judge(robot, &cycles[judged - 1], &cycles[judged], is_well);
 }
 
 fn judge_motion(timeout: Duration, cycle: &Cycle, group: usize) {

@@ -59,6 +59,7 @@ fn robot(protocol: Protocol) -> Robot {
         id: 1,
         reply_id: 0x101,
         protocol,
+        turn: 1,
         direction: 1.0,
         offset: 0.0,
         damping_kd: 0.2,
@@ -129,6 +130,30 @@ impl Script {
         script.state.joints[0].velocity = 2.047_62;
         script.reply = vec![0x93, 0, 25, 0x00, 0x80, 0x84, 0x08, 0x00];
         script
+    }
+
+    /// The same with a command in one of three cycles, followed for some time and stopped.
+    fn damped_in_turns() -> Self {
+        let mut robot = robot(Protocol::Native);
+        robot.motors[0].turn = 3;
+        let Self { state, reply, .. } = Self::native();
+        let script = Self { checker: Checker::new(robot, state.begun), state, reply };
+        script.activated([NATIVE_STOP, NATIVE_START, ANGLE, TORQUE]).stopped_by(BRAKE)
+    }
+
+    /// A turn while it is damped: it waits for two cycles, then hears these commands. It is no older for waiting.
+    fn turn(&mut self, phase: Phase, mode: Mode, commands: &[u64]) {
+        for commands in [&[], &[], commands] {
+            let before = self.state.joints[0];
+            let mut next = self.next(phase, mode, BRAKE);
+            next.commands = commands.to_vec();
+            next.state.buses[0].sent = self.state.buses[0].sent + commands.len() as u32;
+            next.state.joints[0].fresh = true;
+            if commands.is_empty() {
+                next.state.joints[0] = Joint { mode, fresh: false, ..before };
+            }
+            self.judge(next);
+        }
     }
 
     /// The next cycle: this command, and a good reply to it.
@@ -525,5 +550,33 @@ fn i10_a_native_motor_that_is_driven_or_goes_limp_while_it_should_be_damped() {
         let mut robot = Script::active_native();
         robot.checker.disturb_motor(0, MotorFault::Off);
         (0..20).for_each(|_| robot.follow(TORQUE));
+    });
+}
+
+#[test]
+fn a_motor_that_takes_turns_is_judged_by_them() {
+    let mut robot = Script::damped_in_turns();
+    (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[BRAKE]));
+    (0..10).for_each(|_| robot.turn(Phase::Disarmed, Mode::Idle, &[NATIVE_STOP]));
+    refuses("I10: hip heard nothing", || {
+        let mut robot = Script::damped_in_turns();
+        (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[]));
+    });
+    refuses("while it is damped", || {
+        let mut robot = Script::damped_in_turns();
+        (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[native(0x93, 0.0)]));
+    });
+    // Questions alone damp nothing.
+    refuses("went limp", || {
+        let mut robot = Script::damped_in_turns();
+        (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[NATIVE_FAULT]));
+        (0..10).for_each(|_| robot.turn(Phase::Disarmed, Mode::Idle, &[NATIVE_STOP]));
+    });
+    refuses("I6: the age", || {
+        let mut robot = Script::damped_in_turns();
+        let mut next = robot.next(Phase::Damping, Mode::Damping, BRAKE);
+        (next.state.joints[0].fresh, next.state.joints[0].age_cycles) = (false, 2);
+        next.state.joints[0].receive_ns = robot.state.joints[0].receive_ns;
+        robot.judge(next);
     });
 }

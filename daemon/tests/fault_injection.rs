@@ -2,14 +2,16 @@
 //! and when they stop doing it, the robot can be armed again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. Of three seeds, one has MIT
 //! motors only; one runs the robot of three vendors' motors, with four buses and twelve motors; and one has native motors among
-//! them. In every fourth seed the cycle polls for the last replies. `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how
-//! long each, and `MOTORD_SEED` runs one alone, as the message of a failure says.
+//! them, half of these three on a serial line at a fifth of the rate. In every fourth seed the cycle polls for the last replies.
+//! `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a
+//! failure says.
 
 mod robot;
 
 use motord_bus::Duration;
-use motord_core::settings::{MotorProtocol, Settings};
+use motord_core::settings::{BusSettings, MotorProtocol, Settings};
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
+use motord_simulator::Mode;
 use robot::Robot;
 use robot::checker::Checker;
 use robot::fuzz_client::FuzzClient;
@@ -44,19 +46,37 @@ const fn has_native(seed: u64) -> bool {
     seed % 3 == 1
 }
 
+/// In this seed one bus of native motors is a serial line.
+const fn has_line(seed: u64) -> bool {
+    matches!(seed % 12, 1 | 4)
+}
+
+/// The motors of the line share a host id, so that only the order of requests tells whose reply it is.
+const fn shares_host_id(seed: u64) -> bool {
+    seed % 24 < 12
+}
+
 /// Farther from its zero, rad, a native joint that stands still is switched off and on, and then counts its turns anew: its zero
 /// is no matter of the cycle.
 const NATIVE_FAR: f32 = 5.0;
 
-/// Two groups that share both buses, and every policy once. With `native` motors each group has two of three, with room for a
+/// Two groups that share both buses, and every policy once. With native motors each group has two of three, with room for a
 /// turn.
-fn settings(native: bool) -> Settings {
-    let mut text = String::from(SAFETY);
-    for bus in ["left", "right"] {
-        text += &format!("[[bus]]\nname = \"{bus}\"\ntype = \"simulated\"\n");
-    }
+fn settings(seed: u64) -> Settings {
+    let native = has_native(seed);
+    let mut text =
+        format!("{SAFETY}[[bus]]\nname = \"left\"\ntype = \"simulated\"\n[[bus]]\nname = \"right\"\n");
+    text += match has_line(seed) {
+        true => "type = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nevery = 5\n",
+        false => "type = \"simulated\"\n",
+    };
+    let host_id = |id: u8, bus: &str| match has_line(seed) && bus == "right" {
+        true => format!("host-id = {}\n", if shares_host_id(seed) { 0x40 } else { 0x40 + id }),
+        false => String::new(),
+    };
     let motor = |id: u8, joint: &str, bus: &str, more: &str| {
-        let motor = robot::motor(id, &format!("{bus}-{joint}"), bus, more);
+        let more = host_id(id, bus) + more;
+        let motor = robot::motor(id, &format!("{bus}-{joint}"), bus, &more);
         let speaks_native = native && (joint == "thigh" || bus == "right");
         if speaks_native {
             motor.replace("\"mit\"", "\"gim\"").replace("[-3.0, 3.0]", "[-7.0, 7.0]")
@@ -109,6 +129,8 @@ const BUS_FAULTS: [&str; 13] = [
     "fd",
     "overflow 5",
 ];
+/// Of a serial line.
+const LINE_FAULTS: [&str; 7] = ["gone", "blocked", "silent", "echo", "loss 5%", "glue 16ms", "corrupt 1%"];
 const MOTOR_FAULTS: [&str; 14] = [
     "off",
     "stuck",
@@ -141,20 +163,27 @@ fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
 #[test]
 fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
     let seconds = robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(SECONDS);
-    let [mixed, native] = [const { AtomicU64::new(0) }; 2];
+    let [mixed, native, lines, damaged] = [const { AtomicU64::new(0) }; 4];
     robot::for_each_seed("fault_injection", SEEDS, |seed| {
         mixed.fetch_add(u64::from(is_mixed(seed)), Relaxed);
         let mut run = Run::new(seed);
         for _ in 0..seconds * 1000 {
             run.step_with_faults();
-            native.fetch_add(run.active_native(), Relaxed);
+            native.fetch_add(run.active_native(|_| true), Relaxed);
+            lines.fetch_add(run.active_native(BusSettings::is_line), Relaxed);
         }
         run.lift_all();
         run.must_be_armable();
+        damaged.fetch_add(run.damaged, Relaxed);
     });
-    let [mixed, native] = [mixed, native].map(AtomicU64::into_inner);
+    let [mixed, native, lines, damaged] = [mixed, native, lines, damaged].map(AtomicU64::into_inner);
     println!("fault_injection: {mixed} of the seeds had motors of three vendors");
-    println!("fault_injection: {native} cycles of native motors that followed setpoints");
+    println!(
+        "fault_injection: {native} cycles of native motors that followed setpoints, {lines} on a serial line"
+    );
+    println!(
+        "fault_injection: {damaged} times a damaged command had changed what a motor remembers, or its mode"
+    );
 }
 
 /// Goal: a robot whose controllers are sane is never stopped for nothing.
@@ -175,12 +204,18 @@ struct Run {
     interval: usize,
     /// Requests that were not answered yet: all but service requests to motors are answered at once.
     pending: Vec<u32>,
+    /// Of each motor, as it was configured.
+    memories: Vec<String>,
+    /// The line damages or loses bytes.
+    damages: bool,
+    /// How often a motor had to be configured again.
+    damaged: u64,
 }
 
 impl Run {
     fn new(seed: u64) -> Self {
         // A limp joint comes to rest in a part of a second, as one with a leg on it does.
-        let mut settings = if is_mixed(seed) { mixed_settings() } else { settings(has_native(seed)) };
+        let mut settings = if is_mixed(seed) { mixed_settings() } else { settings(seed) };
         if polls(seed) {
             settings.cycle.busy_poll = Duration::from_micros(30);
         }
@@ -196,7 +231,18 @@ impl Run {
         let controllers = [0, 1].map(FuzzClient::new);
         let mut random = Random::new(seed);
         let interval = *random.pick(&[50, 200, 1000]);
-        Self { random, robot, checker, controllers, interval, pending: Vec::new() }
+        let memories = (0..robot.settings.motors.len()).map(|motor| robot.truth(motor).memory()).collect();
+        Self {
+            random,
+            robot,
+            checker,
+            controllers,
+            interval,
+            pending: Vec::new(),
+            memories,
+            damages: false,
+            damaged: 0,
+        }
     }
 
     /// One cycle in which anything may happen.
@@ -256,7 +302,8 @@ impl Run {
     fn disturb(&mut self) {
         if self.random.once_in(4) {
             let bus = self.random.below(self.robot.buses.len());
-            let fault = *self.random.pick(&BUS_FAULTS);
+            let is_line = self.robot.settings.buses[bus].is_line();
+            let fault = *self.random.pick(if is_line { &LINE_FAULTS[..] } else { &BUS_FAULTS });
             self.disturb_bus(bus, fault);
         } else {
             let motor = self.random.below(self.robot.settings.motors.len());
@@ -271,6 +318,36 @@ impl Run {
         let name = self.robot.settings.buses[bus].name.clone();
         self.checker.disturbed_bus(bus, fault);
         self.robot.disturb(&format!("{name} {fault}"));
+        if !self.robot.settings.buses[bus].is_line() {
+            return;
+        }
+        let of_line = |motor: &usize| self.robot.settings.motors[*motor].bus == bus;
+        let motors: Vec<_> = (0..self.memories.len()).filter(of_line).collect();
+        let is_over = fault == "ok";
+        for motor in motors {
+            match fault {
+                "silent" => self.checker.disturbed_motor(motor, "off"),
+                "ok" => self.checker.disturbed_motor(motor, "ok"),
+                _ => {}
+            }
+            if is_over && self.damages {
+                self.recommission(motor);
+            }
+        }
+        self.damages = !is_over && (self.damages || ["corrupt 1%", "loss 5%"].contains(&fault));
+    }
+
+    /// No checksum covers the payload of a frame on a line: one damaged byte makes a reset of the configuration, or an update of
+    /// the firmware, of a command; so does a lost one, after which a value stands where the command was. A technician writes anew
+    /// what each motor remembers, and switches it off and on: it may also have got what it forgets without power.
+    fn recommission(&mut self, motor: usize) {
+        let truth = self.robot.truth(motor);
+        let memory = &self.memories[motor];
+        let is_as_configured = written(&truth.memory()).eq(written(memory));
+        self.damaged += u64::from(!is_as_configured || truth.mode() == Mode::Firmware);
+        let bus = &self.robot.buses[self.robot.settings.motors[motor].bus];
+        bus.with(|bus| bus.remember(truth.name(), memory)).expect("it is its own memory");
+        self.disturb_motor(motor, "power-cycle");
     }
 
     fn disturb_motor(&mut self, motor: usize, fault: &str) {
@@ -357,12 +434,16 @@ impl Run {
         self.ask(Operation::Enable, group, 0);
     }
 
-    /// Native motors that follow setpoints.
-    fn active_native(&mut self) -> u64 {
+    /// Native motors on such buses that follow setpoints.
+    fn active_native(&mut self, on: fn(&BusSettings) -> bool) -> u64 {
         let state = self.robot.state();
-        let is_active = |motor: &usize| state.joints[*motor].mode == MotorMode::Active.code();
-        (0..self.robot.settings.motors.len()).filter(|&motor| self.is_native(motor)).filter(is_active).count()
-            as u64
+        let Settings { buses, motors, .. } = &self.robot.settings;
+        let follows = |&motor: &usize| {
+            self.is_native(motor)
+                && on(&buses[motors[motor].bus])
+                && state.joints[motor].mode == MotorMode::Active.code()
+        };
+        (0..motors.len()).filter(follows).count() as u64
     }
 
     fn is_native(&self, motor: usize) -> bool {
@@ -375,6 +456,11 @@ impl Run {
         self.checker.asked(&request);
         self.pending.push(self.robot.post(request));
     }
+}
+
+/// The lines of a memory but for the position at power-off (GIM document, table 7, ConfID 0x15), which the motor writes itself.
+fn written(memory: &str) -> impl Iterator<Item = &str> {
+    memory.lines().filter(|line| !line.starts_with("int 0x15 "))
 }
 
 /// Opens the buses again that the cycle has given up.

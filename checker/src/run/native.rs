@@ -22,10 +22,18 @@ pub(super) struct Last {
 }
 
 impl Last {
-    /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle.
-    pub(super) fn judge(&mut self, order: Order, time: f64, limits: &Limits, [joint, now]: [&Joint; 2]) {
+    /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle. One
+    /// that `takes_turns` may have been given commands that its bus did not take.
+    pub(super) fn judge(
+        &mut self,
+        order: Order,
+        (time, takes_turns): (f64, bool),
+        limits: &Limits,
+        [joint, now]: [&Joint; 2],
+    ) {
         let last = self.order.replace((order, time));
-        let elapsed = last.map_or(0.0, |(_, before)| time - before);
+        let begun = if takes_turns { self.rested } else { time };
+        let elapsed = time - last.map_or(begun, |(_, before)| before);
         match (order, last.map(|(last, _)| last)) {
             (Order::Position(position), Some(Order::Position(before))) => {
                 judge_step("the position", position - before, limits.velocity * elapsed, limits.position[1]);

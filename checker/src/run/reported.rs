@@ -6,7 +6,7 @@ use crate::robot::{Motor, Protocol};
 use crate::state::Joint;
 use std::collections::VecDeque;
 
-/// A state may differ from the reply by this much, rad and rad/s: single precision.
+/// A state may differ from the reply by this much, rad and rad/s, or by this share of it: single precision.
 const TOLERANCE: f64 = 1e-3;
 /// Different velocities that are remembered: a native motor that is stopped tells its velocity now and then only, and a late reply
 /// is not used.
@@ -35,9 +35,13 @@ impl Velocities {
 
     /// One of them is `velocity`. Before the first, zero is taken for it.
     fn has(&self, velocity: f64) -> bool {
-        let is = |reported: &f64| (reported - velocity).abs() < TOLERANCE;
+        let is = |reported: &f64| is_close(*reported, velocity);
         self.0.iter().any(is) || self.0.len() < REMEMBERED && is(&0.0)
     }
+}
+
+fn is_close(reported: f64, published: f64) -> bool {
+    (reported - published).abs() < TOLERANCE * reported.abs().max(1.0)
 }
 
 fn is_from(reply: &Reply, motor: &Motor) -> bool {
@@ -58,9 +62,7 @@ pub(super) fn says(
     }
     let position = (f64::from(joint.position) - motor.offset) * motor.direction;
     let velocity = motor.direction * f64::from(joint.velocity);
-    let is = |reported: [f64; 2]| {
-        (reported[0] - position).abs() < TOLERANCE && (reported[1] - velocity).abs() < TOLERANCE
-    };
+    let is = |reported: [f64; 2]| is_close(reported[0], position) && is_close(reported[1], velocity);
     let payload = reply.frame.payload();
     match &motor.protocol {
         Protocol::Mit { ranges, reply } => reply.read(payload, motor.id as u8, ranges).is_some_and(is),

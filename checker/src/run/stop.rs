@@ -3,8 +3,9 @@
 
 use super::cycle::Cycle;
 use super::heard::Heard;
-use crate::robot::{Robot, SafeStop};
+use crate::robot::{Motor, Robot, SafeStop};
 use crate::state::{Mode, Phase, State};
+use std::collections::VecDeque;
 
 /// A safe frame comes within so many cycles of a fault that the cycle can see.
 const NOTICE_CYCLES: u32 = 2;
@@ -40,8 +41,8 @@ impl Injections {
             Target::Motor(hurt) => hurt == motor,
         };
         let cycles_left = match target {
-            Target::Bus(_) => NOTICE_CYCLES,
-            Target::Motor(_) => robot.lost_cycles + SILENCE_CYCLES,
+            Target::Bus(bus) => NOTICE_CYCLES + robot.turn(bus) - 1,
+            Target::Motor(hurt) => (robot.lost_cycles + SILENCE_CYCLES) * robot.motors[hurt].turn,
         };
         for (group, members) in robot.groups.iter().enumerate() {
             let active = state.groups[group].phase == Phase::Active;
@@ -67,31 +68,62 @@ impl Injections {
     }
 }
 
-/// Judges what the motors heard in `cycle`, which came after `last`, on buses that were well.
-pub(super) fn judge(robot: &Robot, last: &Cycle, cycle: &Cycle, is_well: impl Fn(usize) -> bool) {
+/// Other traffic and a clock that goes backward delay no frame by more cycles on a bus that is well.
+const DELAY_CYCLES: usize = 3;
+/// A motor that takes turns hears a command in one of so many: questions take the turns of one that is silent, and a cycle that
+/// follows a late one too soon takes another.
+const TURNS: u32 = 4;
+
+/// Judges what motors heard in the newest cycle whose frames have left: those of a bus that was well all the while.
+pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
+    let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
+        return;
+    };
+    let cycle = &cycles[judged];
     for (group, members) in robot.groups.iter().enumerate() {
         let disarmed = cycle.state.groups[group].phase == Phase::Disarmed;
         let moved = cycle.was(group, Phase::Starting) || cycle.was(group, Phase::Active);
         let may = members.safe_stop == SafeStop::Stop;
         assert!(may || !disarmed || !moved, "I10: a group was stopped without damping");
-        for &motor in members.motors.iter().filter(|&&motor| is_well(robot.motors[motor].bus)) {
-            judge_motor(&robot.motors[motor].name, [last, cycle], group, motor);
+        for &motor in &members.motors {
+            let settings = &robot.motors[motor];
+            let memory = if settings.takes_turns() { TURNS * settings.turn } else { 1 };
+            let first = judged.checked_sub(memory as usize);
+            let well_since = first.map(|first| first.min(judged.saturating_sub(DELAY_CYCLES)));
+            let is_well = |first: usize| cycles.range(first..).all(|cycle| cycle.well[settings.bus]);
+            if let (Some(first), true) = (first, well_since.is_some_and(is_well)) {
+                let past = cycles.range(first..judged);
+                judge_motor(settings, [group, motor], past, cycle);
+            }
         }
     }
 }
 
-fn judge_motor(name: &str, [last, cycle]: [&Cycle; 2], group: usize, motor: usize) {
-    let [was, mode] = [&cycle.before, &cycle.state].map(|state| state.joints[motor].mode);
-    let [before, now] = [last, cycle].map(|cycle| cycle.heard[motor]);
-    let (offline, is_same) = ([was, mode].contains(&Mode::Offline), mode == was);
-    assert!(offline || now.is_some(), "I10: {name} heard nothing");
-    if was != Mode::Damping || !cycle.was(group, Phase::Damping) {
+/// `past`: the cycles before `cycle` in which the motor has heard a command.
+fn judge_motor<'a>(
+    settings: &Motor,
+    [group, motor]: [usize; 2],
+    past: impl DoubleEndedIterator<Item = &'a Cycle> + Clone,
+    cycle: &Cycle,
+) {
+    let (name, takes_turns) = (&settings.name, settings.takes_turns());
+    let mode = |state: &State| state.joints[motor].mode;
+    let offline =
+        |cycle: &Cycle| [&cycle.before, &cycle.state].map(|state| mode(state)).contains(&Mode::Offline);
+    let heard = |cycle: &Cycle| cycle.heard[motor].is_some();
+    let waits = takes_turns && past.clone().any(|cycle| heard(cycle) || offline(cycle));
+    assert!(offline(cycle) || heard(cycle) || waits, "I10: {name} heard nothing");
+    if mode(&cycle.before) != Mode::Damping || !cycle.was(group, Phase::Damping) {
         return;
     }
+    // The questions to a motor that takes turns have turns of their own.
+    let counts = |heard: &Heard| !takes_turns || !heard.order.is_question();
+    let now = cycle.heard[motor].filter(counts);
+    let before = past.rev().find_map(|cycle| cycle.heard[motor].filter(counts));
     if !cycle.is(group, Phase::Damping) {
         let damped = asks_fault(before) || is(before, |heard| heard.brakes && !heard.pulls);
         assert!(damped, "I10: {name} heard {before:?} and went limp");
-    } else if is_same {
+    } else if mode(&cycle.state) == Mode::Damping && (now.is_some() || !takes_turns) {
         let asked = asks_fault(now) && !asks_fault(before);
         assert!(
             asked || is(now, |heard| heard.brakes),

@@ -6,7 +6,7 @@ use motord_checker::codec::{Ranges, Reply};
 use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
-use motord_core::settings::{self, MotorProtocol, MotorSettings};
+use motord_core::settings::{self, MotorProtocol, MotorSettings, Settings};
 use motord_shared::{
     AdminRequest, BusCondition, BusState, Cause, GroupState, JointState, Limit, MotorMode, Operation,
     StateMessage, message,
@@ -32,7 +32,7 @@ impl Checker {
     pub fn disturbed_bus(&mut self, bus: usize, fault: &str) {
         match fault {
             "gone" | "down" | "bus-off" => self.0.disturb_bus(bus, BusFault::Cut),
-            "no-ack" | "tx-full" | "tx-full 1" => self.0.disturb_bus(bus, BusFault::Blocked),
+            "no-ack" | "tx-full" | "tx-full 1" | "blocked" => self.0.disturb_bus(bus, BusFault::Blocked),
             "ok" => self.0.disturb_bus(bus, BusFault::Lifted),
             _ => {}
         }
@@ -80,7 +80,7 @@ impl Checker {
 fn description(robot: &Robot) -> motord_checker::robot::Robot {
     let settings = &robot.settings;
     motord_checker::robot::Robot {
-        motors: settings.motors.iter().map(motor).collect(),
+        motors: settings.motors.iter().map(|motor| self::motor(motor, settings)).collect(),
         groups: settings.groups.iter().map(group).collect(),
         buses: settings.buses.len(),
         period: super::PERIOD,
@@ -89,13 +89,16 @@ fn description(robot: &Robot) -> motord_checker::robot::Robot {
     }
 }
 
-fn motor(settings: &MotorSettings) -> Motor {
+fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
+    let bus = &robot.buses[settings.bus];
     Motor {
         name: settings.name.clone(),
         bus: settings.bus,
         id: u16::from(settings.id),
-        reply_id: settings.host_id.raw(),
+        // A reply on a line is recorded under the id of the motor that was asked.
+        reply_id: if bus.is_line() { settings.id.into() } else { settings.host_id.raw() },
         protocol: protocol(settings),
+        turn: bus.every.max(1),
         direction: f64::from(settings.transmission.direction()),
         offset: f64::from(settings.transmission.offset()),
         damping_kd: f64::from(settings.damping_kd),
