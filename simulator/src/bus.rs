@@ -18,8 +18,6 @@ use std::collections::VecDeque;
 const TRANSFERS_MAX: usize = 4096;
 /// A native answer has 8 bytes, an MIT answer 6, a shortened answer 4.
 const ANSWER_BYTES_MIN: u32 = 4;
-/// A serial host waits so long for an answer before it asks the next motor.
-const SERIAL_PATIENCE: Duration = Duration::from_millis(2);
 /// The frames of a flood have ids from here to 0x7FF, which no motor should have.
 const UNEXPECTED_ID: u16 = 0x7F0;
 
@@ -35,7 +33,8 @@ const DESTROYED: Content =
 /// - Every motor hears every frame, so a motor whose id is another's host id obeys its answers.
 /// - Two motors that begin one id at once: equal bytes merge into one frame; different ones destroy each other:
 ///   the wire is taken for the length of the frame, the host sees an error frame, and they try again one by one.
-/// - On a serial line answers that overlap destroy each other, whatever they say, and are not sent again.
+/// - A serial line carries the host's frames as they come, also while a motor is still to answer. Answers that overlap destroy
+///   each other, whatever they say, and are not sent again.
 ///
 /// After construction no method of [`Bus`] allocates; each moves at most 4096 frames.
 #[derive(Debug, Clone)]
@@ -49,7 +48,6 @@ pub struct SimulatedBus {
     queue: VecDeque<Contender>,
     answers: Answers,
     wire: Option<Transfer>,
-    host_ready: Instant,
     arrivals: VecDeque<Arrival>,
     lost: u32,
     link: Link,
@@ -104,7 +102,6 @@ impl SimulatedBus {
             queue: VecDeque::with_capacity(settings.tx_queue + 1),
             answers: Answers::new(motors.len()),
             wire: None,
-            host_ready: Instant::ZERO,
             arrivals: VecDeque::with_capacity(settings.rx_queue),
             lost: 0,
             link: Link::Up,
@@ -301,9 +298,6 @@ impl SimulatedBus {
             return;
         };
         let ends = start + winner.duration;
-        // On a serial bus a frame of the host waits for its turn, too.
-        let handed_over = self.queue.front().map(|queued| queued.ready);
-        let ready = handed_over.filter(|_| winner.sender == Sender::Host).unwrap_or(winner.ready);
         let is_answer = matches!(winner.sender, Sender::Motor(_));
         let sender = if is_answer && self.collide(&winner, start) {
             Sender::Several
@@ -311,7 +305,7 @@ impl SimulatedBus {
             self.withdraw(&winner, start);
             winner.sender
         };
-        self.wire = Some(Transfer { sender, frame: winner.frame, ready, ends });
+        self.wire = Some(Transfer { sender, frame: winner.frame, ready: winner.ready, ends });
     }
 
     /// Another motor's answer destroys the winner's.
@@ -324,8 +318,10 @@ impl SimulatedBus {
 
     fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
         let host = self.queue.front().filter(|_| self.link != Link::Unacknowledged);
-        let host = host.map(|queued| Contender { ready: self.host_ready, ..*queued });
-        host.into_iter().chain(self.answers.contenders()).chain(self.flood.map(|flood| flood.contender))
+        host.copied()
+            .into_iter()
+            .chain(self.answers.contenders())
+            .chain(self.flood.map(|flood| flood.contender))
     }
 
     /// The winner has what it wanted; a flood wants the wire again one period later.
@@ -361,15 +357,11 @@ impl SimulatedBus {
             return self.repeat(Transfer { sender, frame, ready, ends });
         }
         if sender == Sender::Several {
-            self.host_ready = self.host_ready.min(ends);
             return self.arrive(ends, DESTROYED);
         }
         let from_host = sender == Sender::Host;
         let direction = if from_host { Direction::ToMotor } else { Direction::ToHost };
         self.record.push(Recorded { ready, at: ends, direction, frame });
-        if self.settings.kind == BusKind::Serial {
-            self.host_ready = if from_host { ends + SERIAL_PATIENCE } else { ends };
-        }
         if !from_host && !self.link.is_cut() {
             self.arrive(ends, Content::Frame(frame));
         }

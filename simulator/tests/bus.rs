@@ -152,14 +152,16 @@ fn the_record_keeps_the_newest_frames_with_their_direction() {
 }
 
 #[test]
-fn a_serial_line_has_one_request_open_at_a_time() {
+fn a_request_that_nobody_answers_holds_no_other_back_on_a_serial_line() {
     let settings =
         BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
     let mut bus = SimulatedBus::new(settings, vec![motor(1), motor(2)], 0);
     let get_fault = [0xB2, 0, 0, 0, 0, 0, 0, 0];
-    // Nobody has the address 9: the line stays taken until the host gives up.
-    bus.send(at(0), &[to(1, get_fault), to(9, get_fault), to(2, get_fault)]);
-    received(&mut bus, at(10_000));
+    // Nobody has the address 9.
+    for (time, id) in [(0, 1), (1000, 9), (2000, 2)] {
+        bus.send(at(time), &[to(id, get_fault)]);
+        received(&mut bus, at(time + 990));
+    }
     let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
     assert_eq!(ids, [1, 0x01, 9, 2, 0x02], "answers bear the low byte of the host id");
 }
