@@ -239,6 +239,23 @@ fn a_motor_that_comes_back_has_not_the_velocity_that_it_had_before() {
     assert!(robot.joint(0).velocity.abs() < 0.1, "{}", robot.joint(0).velocity);
 }
 
+/// Goal: a motor that boots is there some turns after its first answer, which only tells that it is back. From there on it is asked
+/// in every turn, and no longer ten times a second.
+#[test]
+fn a_native_motor_that_answers_again_is_asked_for_the_rest_at_once() {
+    for phase in 0..5 {
+        let mut robot = arm_and_leg();
+        robot.steps(500);
+        robot.disturb("shoulder power-off");
+        robot.steps(1000 + 23 * phase);
+        assert_eq!(robot.mode(0), MotorMode::Offline);
+        robot.disturb("shoulder ok");
+        // It boots for 300 ms, and is asked at most 105 ms later.
+        robot.steps(300 + 105 + 100);
+        assert_eq!(robot.mode(0), MotorMode::Idle, "after {phase}");
+    }
+}
+
 /// Goal: damage that the command and the numbers of a reply do not tell is in no state, as far as physics tells it.
 #[test]
 fn a_speed_that_no_motor_can_have_is_in_no_state() {

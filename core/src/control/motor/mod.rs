@@ -333,11 +333,13 @@ impl Motor {
         self.may_run &= !(self.replies.asked_stop && confirms);
     }
 
-    /// It answered, but not with a state.
+    /// It answered, but not with a state. One that was offline is asked for that at once.
     pub(super) const fn report_alive(&mut self) {
         self.replies.alive();
-        if let Mode::Starting(start) = &mut self.mode {
-            start.answered(false);
+        match &mut self.mode {
+            Mode::Offline(probe) => probe.hurry(),
+            Mode::Starting(start) => start.answered(false),
+            _ => {}
         }
     }
 
