@@ -7,7 +7,8 @@
 //! - *Late replies*: where motors share a host id, the reply of a motor that was given up looks like that of the motor asked
 //!   next. The first such frame is dropped, and one turn is left out: a second frame proves that the first was late, and is the
 //!   reply. Without a second one the first motor is taken for silent, and costs its neighbours nothing more until it replies
-//!   again. A reply that is two turns late is not told apart: a host id for each motor does that.
+//!   again. A turn is left out once in a round: a motor whose replies are late for long takes no other's turns for long. A reply
+//!   that is two turns late is not told apart: a host id for each motor does that.
 //! - *ACK frames* refuse the request, unless a reply follows in the same read: four bytes are found in noise more easily than
 //!   twelve.
 
@@ -87,6 +88,8 @@ pub(super) struct Line {
     /// The last request, until it is answered or refused.
     open: Option<Open>,
     doubt: Doubt,
+    /// Requests since a turn was left out.
+    since_left_out: usize,
     /// By id: the last request to the motor that was given up had no late reply, and it has not replied since.
     silent: [bool; 256],
     /// An adapter has returned a whole request.
@@ -107,6 +110,7 @@ impl Line {
             decoder: Decoder::new(),
             open: None,
             doubt: Doubt::None,
+            since_left_out: usize::MAX,
             silent: [false; 256],
             has_echo: false,
             unmatched: false,
@@ -118,9 +122,13 @@ impl Line {
         self.open.is_some_and(|open| now.since(open.sent_at) < self.reply_timeout)
     }
 
-    /// Whether a turn must be left out, to tell whose frame was dropped. Once for each frame.
+    /// Whether a turn must be left out, to tell whose frame was dropped. Once for each frame, and once while each motor has a turn.
     pub(super) fn leaves_out_a_turn(&mut self) -> bool {
         let Doubt::Dropped(earlier) = self.doubt else { return false };
+        if self.since_left_out < self.addresses.len() {
+            return false;
+        }
+        self.since_left_out = 0;
         self.doubt = Doubt::Waited(earlier);
         true
     }
@@ -141,6 +149,7 @@ impl Line {
     /// `request` was sent at `now`. One that is still open is given up.
     pub(super) fn sent(&mut self, request: Request, now: Instant) {
         self.doubt = self.give_up(&request, now);
+        self.since_left_out = self.since_left_out.saturating_add(1);
         self.unmatched |= self.decoder.reset() > 0;
         self.open = Some(Open { request, sent_at: now, echo: Some(0), refused: false });
     }
@@ -148,11 +157,11 @@ impl Line {
     fn give_up(&mut self, next: &Request, now: Instant) -> Doubt {
         let Some(Open { request, sent_at, .. }) = self.open.take() else { return Doubt::None };
         let id = request.address.id;
-        if let Doubt::Of(earlier) | Doubt::Dropped(earlier) | Doubt::Waited(earlier) = self.doubt {
+        if let Doubt::Of(earlier) | Doubt::Waited(earlier) = self.doubt {
             self.silent[usize::from(earlier)] = true;
         }
-        // The frame that was dropped was the reply to this request.
-        let has_replied = matches!(self.doubt, Doubt::Dropped(_) | Doubt::Waited(_));
+        // The frame that was dropped was the reply to this request. Without a turn left out that is not known.
+        let has_replied = matches!(self.doubt, Doubt::Waited(_));
         let is_alike = next.address.host_id.is_none_or(|host| request.may_go_to(host, self.has_echo));
         let may_come = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];
         if !has_replied && id != next.address.id && is_alike && may_come {
@@ -317,6 +326,31 @@ mod tests {
         assert_eq!(read(&mut line, &reply(0x77)), [from(9)], "a motor that is not listed may name anybody");
     }
 
+    /// Goal: a motor that is one turn late for ever starves none of its neighbours: one that hears nothing keeps its last command.
+    #[test]
+    fn a_motor_that_is_always_late_takes_each_turn_of_another_once_in_two_rounds() {
+        let mut line = Line::new(&Settings {
+            device: String::new(),
+            baud: 921_600,
+            addresses: [1, 2, 3].map(|id| Address { id, host_id: Some(HOST) }).to_vec(),
+            reply_timeout: TIMEOUT,
+            answers: same_command,
+        });
+        let mut heard = 0;
+        for round in 0..20 {
+            ask(&mut line, 1, 5 * round);
+            ask(&mut line, 2, 5 * round + 1);
+            assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 1, or motor 2");
+            if !line.leaves_out_a_turn() {
+                ask(&mut line, 3, 5 * round + 2);
+                heard += 1;
+                assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 2, or motor 3");
+            }
+            read(&mut line, &reply(HOST));
+        }
+        assert_eq!(heard, 10);
+    }
+
     #[test]
     fn frames_for_others_other_commands_and_bytes_that_nobody_asked_for_are_no_replies() {
         let mut line = line();
@@ -426,6 +460,7 @@ mod tests {
             ask(&mut line, 1, 10 * round);
             ask(&mut line, 2, 10 * round + 2);
             lost += usize::from(read(&mut line, &reply(HOST)) != [from(2)]);
+            let _left_out = line.leaves_out_a_turn();
         }
         assert_eq!(lost, 1);
         ask(&mut line, 1, 300);
