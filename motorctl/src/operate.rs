@@ -31,7 +31,9 @@ fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
 
 /// `motorctl disable`: damps and stops the motors of a group.
 pub(crate) fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
-    for_groups(instance, group, |client, group| client.disable(group).map(|()| "being damped, then stopped"))
+    for_groups(instance, group, |client, group| {
+        client.disable(group).map(|()| "stopped, after damping what moves")
+    })
 }
 
 /// `motorctl reset`: clears the cause of a stop; no motor moves. With `wait`, once the motors are stopped.

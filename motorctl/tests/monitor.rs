@@ -78,7 +78,7 @@ fn keys_stop_reset_and_disable_a_robot_and_the_screen_tells_it() {
             enable.store(true, Ordering::Relaxed);
             until("motion", || (phase() == Some(Phase::Active)).then_some(()));
             tmux.press(&["d"]);
-            tmux.until("the disabling", |screen| screen.contains("legs: being damped, then stopped"));
+            tmux.until("the disabling", |screen| screen.contains("legs: stopped, after damping what moves"));
             until("rest", || (phase() == Some(Phase::Disarmed)).then_some(()));
         }));
         end.store(true, Ordering::Relaxed);

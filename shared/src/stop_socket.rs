@@ -42,7 +42,7 @@ const RETRY: Duration = Duration::from_millis(1);
 #[non_exhaustive]
 pub enum StopError {
     /// Nobody listens.
-    #[error("no motord listens")]
+    #[error("no motord listens in this network namespace")]
     NotRunning,
     /// A process of another user listens in the place of the daemon.
     #[error("process {pid} of user {uid} listens in the place of motord")]

@@ -5,6 +5,7 @@ use std::path::Path;
 use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
 use motord_core::settings::{BusKind, BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
+use nix::net::if_::if_nametoindex;
 
 use super::micros;
 use crate::entry::{At, Entry, Item};
@@ -14,8 +15,6 @@ use crate::keys::Bus;
 use crate::problem::Wrong;
 use crate::value::{BusType, Choice};
 
-/// Where the kernel lists its network interfaces.
-const INTERFACES: &str = "/sys/class/net";
 /// A motor that starts gets so many commands: neutral ones, the start, and some more until it has answered.
 const START_TURNS: u32 = 15;
 /// `IFNAMSIZ` of Linux without the closing zero.
@@ -95,7 +94,8 @@ fn refuse_keys_of_other_types(kind: BusType, keys: &Bus, findings: &mut Findings
     }
 }
 
-/// A name that Linux would accept. An adapter may be plugged in later, so a missing interface is only a warning.
+/// A name that Linux would accept. An adapter may be plugged in later, so a missing interface is only a warning. It is looked for in the
+/// network namespace of this process, which `/sys` may not be of.
 fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<String> {
     let is_allowed = |c: char| c.is_ascii_graphic() && c != '/' && c != ':';
     if !(1..=INTERFACE_BYTES_MAX).contains(&name.len())
@@ -105,7 +105,7 @@ fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<
         findings.error(entry.at, Wrong::InterfaceName { name: name.to_owned() });
         return None;
     }
-    if !Path::new(INTERFACES).join(name).exists() {
+    if if_nametoindex(name).is_err() {
         findings.warn(entry.at, Wrong::NoInterface(name.to_owned()));
     }
     Some(name.to_owned())

@@ -37,14 +37,14 @@ impl Askers {
         askers.truncate(ASKERS_MAX);
     }
 
-    /// The program of process `pid`; empty when the kernel does not tell it.
+    /// The program of process `pid`; `None` when the kernel does not tell it, as of a process that has ended.
     #[must_use]
-    pub fn program(&self, pid: u32) -> String {
+    pub fn program(&self, pid: u32) -> Option<String> {
         let known = self.list().and_then(|askers| {
             let asker = askers.iter().find(|asker| asker.pid == pid);
             asker.map(|asker| asker.program.clone())
         });
-        known.or_else(|| process::program(pid)).unwrap_or_default()
+        known.or_else(|| process::program(pid))
     }
 
     fn list(&self) -> Option<MutexGuard<'_, VecDeque<Asker>>> {
@@ -64,13 +64,13 @@ mod tests {
     fn the_program_of_an_asker_is_known_after_its_end() {
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         let (pid, askers) = (child.id(), Askers::default());
-        while askers.program(pid) != "sleep" {
+        while askers.program(pid).as_deref() != Some("sleep") {
             std::thread::yield_now();
         }
         askers.note(pid);
         child.kill().unwrap();
         child.wait().unwrap();
-        assert_eq!(askers.clone().program(pid), "sleep");
-        assert_eq!(Askers::default().program(pid), "");
+        assert_eq!(askers.clone().program(pid).as_deref(), Some("sleep"));
+        assert_eq!(Askers::default().program(pid), None);
     }
 }

@@ -15,7 +15,7 @@ impl Groups {
 
     /// Takes in an event of the cycle `cycle`.
     pub(super) fn record(&mut self, cycle: u64, event: Event, askers: &Askers) {
-        let process = |pid| Process { pid, program: askers.program(pid) };
+        let process = |pid| Process { pid, program: askers.program(pid).unwrap_or_default() };
         match event {
             Event::Owner { group, pid: Some(pid) } => {
                 self.0[group].owner = Some(process(pid));

@@ -54,13 +54,15 @@ struct Motor {
     group: usize,
     /// The log says that it went.
     is_missed: bool,
+    /// Nothing is expected of it; once it is included, its first answer is no news.
+    is_excluded: bool,
 }
 
 struct Group {
     name: String,
     phase: Phase,
     /// Id and program of the last owner.
-    owner: Option<(u32, String)>,
+    owner: Option<(u32, Option<String>)>,
     /// The cycle of the last stop.
     stopped_in: u64,
 }
@@ -97,6 +99,7 @@ impl Log {
             subject: Subject::new(&motor.name, CHANGES_LOGGED),
             group: group_of(index).unwrap_or_default(),
             is_missed: false,
+            is_excluded: false,
         });
         let groups = settings.groups.iter().map(|group| Group {
             name: group.name.clone(),
@@ -148,8 +151,10 @@ impl Log {
     fn log_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
         let is_moving =
             matches!(self.groups[self.motors[motor].group].phase, Phase::Starting | Phase::Active);
-        let Motor { subject, is_missed, .. } = &mut self.motors[motor];
-        let was_missed = std::mem::replace(is_missed, mode == MotorMode::Offline && !is_moving);
+        let Motor { subject, is_missed, is_excluded, .. } = &mut self.motors[motor];
+        let was_excluded = std::mem::replace(is_excluded, mode == MotorMode::Excluded);
+        let is_gone = mode == MotorMode::Offline && !is_moving && !was_excluded;
+        let was_missed = std::mem::replace(is_missed, is_gone);
         let is_logged = was_missed != *is_missed && subject.changes();
         let (motor, mode_name) = (&subject.name, mode.name());
         match (is_logged, *is_missed) {
@@ -200,13 +205,14 @@ impl Log {
         group: usize,
         cause: Cause,
         motor: Option<usize>,
-        asker: Option<(u32, String)>,
+        asker: Option<(u32, Option<String>)>,
     ) {
         let motor = motor.map(|motor| &self.motors[motor].subject.name);
         let group = &mut self.groups[group];
         group.stopped_in = cycle;
         let by_owner = matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied);
         let (pid, program) = asker.or_else(|| group.owner.clone().filter(|_| by_owner)).unzip();
+        let program = program.flatten();
         let (group, cause_name, sentence) = (&group.name, cause.name(), cause.sentence());
         if cause == Cause::Shutdown {
             return tracing::debug!(cycle, group, cause = cause_name, "{sentence}");
@@ -243,6 +249,7 @@ impl Log {
             return;
         }
         let (pid, program) = group.owner.clone().unzip();
+        let program = program.flatten();
         if group.stopped_in == cycle {
             tracing::debug!(cycle, group = group.name, pid, program, "has no owner any more");
         } else {

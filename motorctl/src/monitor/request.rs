@@ -134,7 +134,7 @@ impl Notice {
 
     /// The outcome of another request.
     pub(super) fn done(&mut self, action: Action, outcomes: &[(String, Result<(), String>)]) {
-        let done = if action == Action::Disable { "being damped, then stopped" } else { "reset" };
+        let done = if action == Action::Disable { "stopped, after damping what moves" } else { "reset" };
         let texts: Vec<String> = outcomes
             .iter()
             .map(|(group, outcome)| match outcome {
