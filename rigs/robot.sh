@@ -56,6 +56,7 @@ run_inside() {
     fi
     [ -z "${RIG_FILES:-}" ] || cp $RIG_FILES "$RIG_PLACE"
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
+    cc -O2 -Wall -o "$RIG_PLACE/block-thread" "$rigs/block-thread.c"
     on_vcan daemon.instance="\"$MOTORD_INSTANCE\"" "$@" <"${RIG_ROBOT:-config/quadruped-simulated.toml}" >"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"

@@ -11,7 +11,7 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 use std::collections::BTreeMap;
 
-/// A robot that trots hears something on every bus in this time.
+/// A robot that trots hears something on every bus in this time, up to a death.
 const TROT: Duration = Duration::from_millis(30);
 
 /// The commands that one motor has heard.
@@ -93,7 +93,7 @@ impl<'a> Deaths<'a> {
     fn first_damping(&mut self, interface: &'a str, now: Duration, verdict: &mut Verdict) {
         let Some((death, at)) = self.death.clone() else { return };
         let motion = self.buses[interface].motion;
-        if motion.is_none_or(|motion| now.saturating_sub(motion) > TROT) {
+        if motion.is_none_or(|motion| at.saturating_sub(motion) > TROT) {
             self.tell(&format!("the robot did not trot on {interface}"), verdict);
         }
         let from = if death == "freeze" { motion.unwrap_or(at) } else { at };
