@@ -323,3 +323,7 @@ impl Link {
         }
     }
 }
+
+#[cfg(test)]
+#[path = "../../tests/unit/link.rs"]
+mod tests;

@@ -1,0 +1,114 @@
+//! The buffers between the cycle and the other threads, with real threads. Miri runs it with many orders of the threads and with
+//! loads that see old values (docs/adr/0028-concurrency-is-checked-by-miri.md).
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
+use super::*;
+use core::hint::spin_loop;
+use motord_shared::{JointSetpoint, Operation};
+use std::thread::scope;
+
+/// Cycles of one run. Miri interprets each.
+const CYCLES: u64 = if cfg!(miri) { 12 } else { 20_000 };
+const STOPS: u32 = if cfg!(miri) { 3 } else { 500 };
+
+/// A message whose every joint holds `number`: torn, it would hold two.
+fn setpoint(number: u64) -> SetpointMessage {
+    let joint = JointSetpoint { position: number as f32, ..JointSetpoint::default() };
+    SetpointMessage {
+        sequence: number,
+        joint_count: 4,
+        joints: [joint; JOINTS_MAX],
+        ..SetpointMessage::default()
+    }
+}
+
+fn is_whole(message: &SetpointMessage) -> bool {
+    message.joints.iter().all(|joint| joint.position == message.sequence as f32)
+}
+
+fn record() -> Record {
+    let (at, state) = (Instant::ZERO, StateMessage::default());
+    let wake = Wake { cycle: 1, scheduled: at, begun: at, ..Wake::default() };
+    Record::of(&wake, at, at, None, Polled::default(), &state)
+}
+
+/// The cycle: takes all that is there, and publishes a state that holds its number in every joint.
+fn run(link: &mut Link, done: &AtomicBool) -> (u32, u32) {
+    let (mut stops, mut alarms, mut newest) = (0, 0, 0);
+    let mut cycle = 0;
+    while cycle < CYCLES || !done.load(Ordering::Acquire) {
+        cycle += 1;
+        link.beat(cycle);
+        stops += u32::from(link.next_stop().is_some());
+        alarms += u32::from(link.take_stops()[0].is_some()) + link.take_ended().count() as u32;
+        while let Some((ticket, request)) = link.next_request() {
+            link.answer(ticket, AdminReply { lease: request.lease, ..AdminReply::default() });
+        }
+        link.newest_setpoints(|message| {
+            assert!(is_whole(message) && message.sequence > newest, "whole, and newer than the one before");
+            newest = message.sequence;
+        });
+        let (state, _) = link.state();
+        state.cycle = cycle;
+        state.joints.iter_mut().for_each(|joint| joint.missed = cycle as u32);
+        link.publish(record());
+    }
+    (stops, alarms)
+}
+
+/// The ipc thread: setpoints and requests in, states and answers out.
+fn ipc(ends: &mut Ends, done: &AtomicBool) {
+    let (mut newest, mut sent, mut asked, mut answered) = (0, 0, 0, 0);
+    while newest < CYCLES / 2 || answered < asked {
+        if newest < CYCLES / 2 {
+            sent += 1;
+            ends.setpoints[0].write(setpoint(sent));
+            asked += 1;
+            let request = AdminRequest {
+                lease: asked.into(),
+                operation: Operation::Claim.code(),
+                ..Default::default()
+            };
+            if ends.requests.push((asked, request)).is_err() {
+                asked -= 1;
+            }
+        }
+        let state = ends.states.read();
+        assert!(state.joints.iter().all(|joint| joint.missed == state.cycle as u32), "a whole state");
+        assert!(state.cycle >= newest, "states do not go back");
+        newest = state.cycle;
+        while let Ok((ticket, reply)) = ends.answers.pop() {
+            answered += 1;
+            assert_eq!((ticket, reply.lease), (answered, answered.into()), "each once, and in order");
+        }
+        while ends.records.pop().is_ok() {}
+        spin_loop();
+    }
+    done.store(true, Ordering::Release);
+}
+
+#[test]
+fn no_thread_sees_half_a_message_and_every_stop_is_taken_once() {
+    let (mut link, mut ends) = link(1);
+    let (done, stops, counters) =
+        (AtomicBool::new(false), Arc::clone(&ends.stops), Arc::clone(&ends.counters));
+    let (taken, alarms) = scope(|threads| {
+        let cycle = threads.spawn(|| run(&mut link, &done));
+        threads.spawn(|| {
+            for pid in 1..=STOPS {
+                let request = stops.ask(pid);
+                while !stops.is_done(request) && !done.load(Ordering::Acquire) {
+                    std::thread::yield_now();
+                }
+            }
+        });
+        threads.spawn(|| {
+            counters.alarms.owner_ended(Lease::new(7, 1, 0).unwrap());
+            counters.alarms.stop(Cause::DirectoryLost);
+        });
+        ipc(&mut ends, &done);
+        cycle.join().unwrap()
+    });
+    assert!((1..=STOPS).contains(&taken) && alarms <= 2, "{taken} stops, {alarms} alarms");
+}
