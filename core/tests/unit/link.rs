@@ -1,8 +1,6 @@
 //! The buffers between the cycle and the other threads, with real threads. Miri runs it with many orders of the threads and with
 //! loads that see old values (docs/adr/0028-concurrency-is-checked-by-miri.md).
 
-#![expect(clippy::unwrap_used, reason = "a test may panic")]
-
 use super::*;
 use core::hint::spin_loop;
 use motord_shared::{JointSetpoint, Operation};
@@ -99,7 +97,7 @@ fn no_thread_sees_half_a_message_and_every_stop_is_taken_once() {
             for pid in 1..=STOPS {
                 let request = stops.ask(pid);
                 while !stops.is_done(request) && !done.load(Ordering::Acquire) {
-                    std::thread::yield_now();
+                    spin_loop();
                 }
             }
         });
