@@ -8,7 +8,6 @@ use line::{Calls, Line, motor, text};
 use motord_bus::Duration;
 use motord_protocol::gim::{CONFIGURATION, INDICATORS, PARAMETERS};
 use serde_json::Value;
-use std::path::Path;
 use std::process::Stdio;
 
 #[test]
@@ -317,42 +316,9 @@ fn an_application_stops_at_the_first_refusal_and_says_so() {
     assert_eq!(noted, expected);
 }
 
-/// Goal: after a power cut in the middle of an application, a file tells what was done. Method: the motor loses its power while
-/// items are written, and the tool is killed while it waits.
 #[test]
 fn a_power_cut_in_the_middle_of_an_application_leaves_a_journal_that_tells_it() {
-    let line = Line::knee();
-    let items: Vec<String> = CONFIGURATION
-        .iter()
-        .filter(|item| item.name.ends_with("-kp") || item.name.ends_with("-ki"))
-        .map(|item| format!("{} = 777\n", item.name))
-        .collect();
-    std::fs::write(line.path("knee.toml"), format!("[configuration]\n{}", items.concat())).unwrap();
-    line.inject("line glue 16ms");
-    let mut child = line
-        .command("config apply knee.toml @ --yes")
-        .stderr(Stdio::null())
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let journal = line.path("knee.toml.journal");
-    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
-    while read(&journal).matches("\"written\"").count() < 2 {
-        assert!(child.try_wait().unwrap().is_none(), "{}", read(&journal));
-    }
-    line.inject("knee off");
-    child.kill().unwrap();
-    child.wait().unwrap();
-    let noted = read(&journal);
-    let written = noted.lines().filter(|line| line.contains("\"written\"")).count();
-    assert!((2..items.len()).contains(&written) && !noted.contains("\"end\""), "{noted}");
-
-    line.inject("line ok");
-    line.inject("knee ok");
-    let output = line.motorctl("config apply knee.toml @ --yes");
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("an earlier application was cut off"), "{}", text(&output.stderr));
-    line.good("config diff knee.toml @");
+    line::cut_the_power_during_an_application(&Line::knee());
 }
 
 #[test]

@@ -125,6 +125,12 @@ fn three_motors_survive_a_factory_reset_over_can_by_dump_and_apply() {
 
 #[test]
 #[ignore = "needs vcan: rigs/test-commissioning"]
+fn a_power_cut_in_the_middle_of_an_application_over_can_leaves_a_journal_that_tells_it() {
+    line::cut_the_power_during_an_application(&knee());
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
 fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     assert_eq!(line.json("ping @")["protocol"], "mit");

@@ -3,11 +3,12 @@
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
 use motord_bus::{Duration, Instant, clock, wait};
+use motord_protocol::gim::CONFIGURATION;
 use motord_simulator::{
     Bridge, BusKind, BusSettings, Dialect, FaultVerb, MotorSettings, SerialPort, SerialSlave, SimulatedBus,
 };
 use serde_json::Value;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::mpsc::{Sender, TryRecvError, channel};
 use std::thread::JoinHandle;
@@ -191,4 +192,39 @@ impl Calls for Line {
 /// Output as text.
 pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Goal: after a power cut in the middle of an application, a file tells what was done. Method: the motor loses its power while
+/// items are written, and the tool is killed while it waits.
+pub(crate) fn cut_the_power_during_an_application(line: &Line) {
+    let items: Vec<String> = CONFIGURATION
+        .iter()
+        .filter(|item| item.name.ends_with("-kp") || item.name.ends_with("-ki"))
+        .map(|item| format!("{} = 777\n", item.name))
+        .collect();
+    std::fs::write(line.path("knee.toml"), format!("[configuration]\n{}", items.concat())).unwrap();
+    line.inject("knee delayed 16ms");
+    let mut child = line
+        .command("config apply knee.toml @ --yes")
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let journal = line.path("knee.toml.journal");
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_default();
+    while read(&journal).matches("\"written\"").count() < 2 {
+        assert!(child.try_wait().unwrap().is_none(), "{}", read(&journal));
+    }
+    line.inject("knee off");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let noted = read(&journal);
+    let written = noted.lines().filter(|line| line.contains("\"written\"")).count();
+    assert!((2..items.len()).contains(&written) && !noted.contains("\"end\""), "{noted}");
+
+    line.inject("knee ok");
+    let output = line.motorctl("config apply knee.toml @ --yes");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("an earlier application was cut off"), "{}", text(&output.stderr));
+    line.good("config diff knee.toml @");
 }
