@@ -2,6 +2,7 @@
 
 use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Link, Subject, View, locked};
+use crate::records::Records;
 use crate::stop::FirstWay;
 use crate::{Error, State};
 use motord_shared::description::{Histograms, RobotDescription, Telemetry};
@@ -158,6 +159,15 @@ impl Client {
             std::hint::spin_loop();
             Ok(())
         })
+    }
+
+    /// Receives every cycle from now on: for a process that records, since a state that was not read is replaced by the next.
+    ///
+    /// # Errors
+    /// [`Error::Service`] when two processes record already, or the daemon is older than this; those of
+    /// [`newest`](Self::newest).
+    pub fn records(&self) -> Result<Records, Error> {
+        Records::new(Arc::clone(&self.link))
     }
 
     fn next(

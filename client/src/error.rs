@@ -233,7 +233,8 @@ impl Error {
             | Self::NoAnswer { .. }
             | Self::NotStopped { .. } => true,
             Self::Refused { refusal, .. } => refusal.is_transient(),
-            Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. }),
+            // A daemon that starts removes what is damaged, and a client may come in the midst of that.
+            Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::Damaged),
             Self::Version { .. }
             | Self::Permission { .. }
             | Self::UnknownGroup { .. }
@@ -438,7 +439,8 @@ mod tests {
         let refused =
             |refusal| Error::Refused { operation: Operation::Enable, refusal, about: About::Nothing };
         let stopped = Error::Stopped { group: "leg".into(), stop: Stop::Disabled };
-        for error in [Error::Restarted, refused(Refusal::Owned), refused(Refusal::MotorOffline)] {
+        let damaged = Error::Service(ServiceError { part: Part::Node, obstacle: Obstacle::Damaged });
+        for error in [Error::Restarted, refused(Refusal::Owned), refused(Refusal::MotorOffline), damaged] {
             assert!(error.is_transient(), "{error}");
         }
         for error in [stopped, Error::OtherClaim, refused(Refusal::Latched), refused(Refusal::MotorFault)] {

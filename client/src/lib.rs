@@ -121,6 +121,7 @@ mod group_view;
 mod injection;
 mod link;
 mod members;
+mod records;
 mod setpoint;
 mod state;
 mod stop;
@@ -140,9 +141,10 @@ pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_shared::service::{Obstacle, Part, ServiceError};
 pub use motord_shared::stop_socket::{RunningInstance, StopError, running as running_instances};
 pub use motord_shared::{
-    Applied, BusCondition, Cause, Fault, Indicator, Lease, Limit, MotorMode, Operation, Phase, Refusal,
-    Rejection, SetpointMode,
+    Applied, BusCondition, Cause, CycleRecord, Fault, Indicator, Lease, Limit, MotorMode, Operation, Phase,
+    Refusal, Rejection, SetpointMode,
 };
+pub use records::Records;
 pub use setpoint::Setpoint;
 pub use state::{Bus, Faults, Group, Indicators, Joint, Limits, State};
 pub use stop::emergency_stop;

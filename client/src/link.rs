@@ -16,7 +16,7 @@ use motord_shared::description::RobotDescription;
 use motord_shared::instance::{Attachment, pid_namespace, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
-use motord_shared::ports::{ClientPorts, SetpointPort};
+use motord_shared::ports::{ClientPorts, RecordPort, SetpointPort};
 use motord_shared::service::ServiceError;
 use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, Refusal, clock};
 use serde::de::DeserializeOwned;
@@ -346,8 +346,13 @@ impl Link {
     }
 
     fn gone(&self) -> Error {
+        self.gone_for(self.quiet())
+    }
+
+    /// Why nothing came for so long.
+    pub(crate) fn gone_for(&self, silent_for: Duration) -> Error {
         if process_exists(self.robot().pid) {
-            Error::Silent { silent_for: self.quiet() }
+            Error::Silent { silent_for }
         } else {
             Error::not_running(&self.instance)
         }
@@ -433,6 +438,10 @@ impl Link {
         let subject = Subject { argument, ..Subject::default() };
         let (_, text) = self.ask(operation, subject, ANSWER_TIMEOUT)?;
         serde_json::from_slice(&text).map_err(|_| Error::NotUnderstood { operation })
+    }
+
+    pub(crate) fn record_port(&self) -> Result<RecordPort, Error> {
+        self.ports.record_port().map_err(|error| Error::of_service(error, &self.instance))
     }
 
     pub(crate) fn setpoint_port(&self) -> Result<SetpointPort, Error> {

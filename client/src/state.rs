@@ -32,11 +32,9 @@ pub(crate) struct Places(Vec<Arc<StateMessage>>);
 impl Places {
     /// A copy of `message`.
     pub(crate) fn copy(&mut self, message: &StateMessage) -> State {
-        if let Some(place) = self.0.iter_mut().find(|place| Arc::strong_count(place) == 1)
-            && let Some(free) = Arc::get_mut(place)
-        {
-            free.copy_from(message);
-            return State { message: Arc::clone(place) };
+        if let Some(free) = self.0.iter_mut().find(|place| Arc::strong_count(place) == 1) {
+            Arc::make_mut(free).copy_from(message);
+            return State { message: Arc::clone(free) };
         }
         let mut new = StateMessage::default();
         new.copy_from(message);

@@ -120,7 +120,7 @@ impl<T: Value> Rule<T> {
         Some(Wrong::ManyTurns { value: number, degrees: degrees(number) })
     }
 
-    /// `from 1 to 4000 Hz`.
+    /// `from 1 to 10000 Hz`.
     fn expected(&self, unit: &str) -> String {
         let space = if unit.is_empty() { "" } else { " " };
         match self.max.is_finite() {

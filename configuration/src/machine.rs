@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use nix::sched::{CpuSet, sched_getaffinity};
+use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::resource::{Resource, getrlimit};
 use nix::unistd::Pid;
 
@@ -25,10 +25,19 @@ impl Machine {
     /// Asks the kernel about the calling process.
     #[must_use]
     pub fn here() -> Self {
-        let allowed = sched_getaffinity(Pid::from_raw(0)).unwrap_or_default();
-        let processors = (0..CpuSet::count()).filter(|&cpu| allowed.is_set(cpu) == Ok(true)).collect();
-        Self { processors, priority_max: priority_max() }
+        Self { processors: processors(), priority_max: priority_max() }
     }
+}
+
+/// Tries each, in a thread of its own that ends afterwards. The affinity of this process does not tell: the processors that the
+/// kernel isolates (`isolcpus`) are not in it, and may be used all the same.
+fn processors() -> Vec<usize> {
+    let is_allowed = |&cpu: &usize| {
+        let mut one = CpuSet::new();
+        one.set(cpu).is_ok() && sched_setaffinity(Pid::from_raw(0), &one).is_ok()
+    };
+    let tried = std::thread::spawn(move || (0..CpuSet::count()).filter(is_allowed).collect()).join();
+    tried.unwrap_or_default()
 }
 
 fn priority_max() -> u8 {
@@ -45,4 +54,18 @@ fn has_sys_nice() -> bool {
     effective
         .and_then(|set| u64::from_str_radix(set.trim(), 16).ok())
         .is_some_and(|set| set & CAP_SYS_NICE != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_processor_may_be_used_that_the_process_does_not_run_on() {
+        let all = processors();
+        let mut first = CpuSet::new();
+        first.set(all[0]).unwrap();
+        sched_setaffinity(Pid::from_raw(0), &first).unwrap();
+        assert_eq!(processors(), all);
+    }
 }

@@ -6,6 +6,7 @@ use motord_client::{Error, FaultError};
 use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
 use motord_latency::LatencyFailure;
+use motord_recorder::RecorderFailure;
 use motord_wire::WireFailure;
 use std::io;
 
@@ -33,6 +34,9 @@ pub(crate) enum Failure {
     /// The latencies cannot be had, read or written.
     #[error(transparent)]
     Latency(#[from] LatencyFailure),
+    /// Nothing was recorded, or a recording cannot be read or drawn.
+    #[error(transparent)]
+    Recorder(#[from] RecorderFailure),
     /// A command on the bus failed, or was not confirmed.
     #[error(transparent)]
     Wire(#[from] WireFailure),
@@ -64,6 +68,7 @@ impl Failure {
             Self::Doctor(failure) => failure.status(),
             Self::Frame(failure) => failure.status(),
             Self::Latency(failure) => failure.status(),
+            Self::Recorder(failure) => failure.status(),
             Self::Wire(failure) => failure.status(),
             Self::Sim(FaultError::Daemon(error)) => exit_status::of_client(error),
             Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
@@ -92,6 +97,7 @@ impl Failure {
             Self::Client(Error::NotRunning { .. })
                 | Self::NotStopped(Error::NotRunning { .. })
                 | Self::Latency(LatencyFailure::Client(Error::NotRunning { .. }))
+                | Self::Recorder(RecorderFailure::Client(Error::NotRunning { .. }))
         )
     }
 
@@ -101,6 +107,7 @@ impl Failure {
         | Self::Doctor(DoctorFailure::Output(error))
         | Self::Frame(FrameFailure::Io(error))
         | Self::Latency(LatencyFailure::Output(error))
+        | Self::Recorder(RecorderFailure::Output(error))
         | Self::Wire(WireFailure::Output(error))) = self
         else {
             return false;

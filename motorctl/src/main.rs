@@ -28,6 +28,7 @@ use failure::Failure;
 use motord_doctor as doctor;
 use motord_frame as frame;
 use motord_latency as latency;
+use motord_recorder as recorder;
 use motord_terminal::{Pages, printable};
 use motord_wire as wire;
 use std::ffi::OsString;
@@ -141,6 +142,37 @@ enum Command {
         after_help = "Examples:\n  motorctl latency\n  motorctl latency --json | jq .setpoint_age_us.p99_9\n  motorctl latency --watch --interval 0.5 --seconds 1\n  motorctl latency --reset --hlog run.hlog --seconds 1\n  motorctl latency run.hlog --hgrm cycle.hgrm --of cycle\n  motorctl latency run.hlog --svg run.svg --of wake_latency"
     )]
     Latency(latency::Arguments),
+    /// Record every cycle to a file: states, setpoints, applied commands and events.
+    ///
+    /// The file is MCAP, with the schemas of its messages. It can be read while it grows, up to the last second, and after
+    /// the recorder was killed. Recording is a process of its own, and slows nothing: what shared memory or the disk cannot take
+    /// is counted, in the result and in the file. Two processes may record at a time.
+    #[command(
+        after_help = "Examples:\n  motorctl record run.mcap --seconds 1\n  motorctl record short.mcap --max-size 100 --seconds 1 --json | jq .recorded"
+    )]
+    Record(recorder::RecordArguments),
+    /// Keep the last seconds of every cycle in memory, and write them to a file after each stop of the robot.
+    ///
+    /// A stop is a group that was stopped for a cause, or a daemon that died. Files are those of `motorctl record`, named by their
+    /// time and cause. It waits for the daemon, and ends with Ctrl-C. What cannot be written is reported and ends nothing. It takes a place
+    /// of a recorder.
+    #[command(after_help = "Example:\n  motorctl flight . --seconds 30 --files 10")]
+    Flight(recorder::FlightArguments),
+    /// Show a recording in the monitor, at the speed at which it happened.
+    ///
+    /// SPACE pauses it, `n` shows the next cycle, `?` explains the other keys. No key reaches a robot. It shows what the states
+    /// tell; percentiles of latencies and owners are not in a recording.
+    #[command(
+        after_help = "Examples:\n  motorctl replay run.mcap\n  motorctl replay run.mcap --from 0.5 --speed 0.1"
+    )]
+    Replay(monitor::ReplayArguments),
+    /// Draw joints of a recording: position, velocity and torque, with setpoints and applied commands, as an SVG.
+    ///
+    /// `setpoint` is what the owner asked for, `applied` what was sent after all limits, `reported` what the motor answered.
+    #[command(
+        after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg"
+    )]
+    Plot(recorder::PlotArguments),
     /// Start the motors of a group. They then follow the setpoints of the group's owner. An active group stays active.
     #[command(after_help = "Example:\n  motorctl enable legs")]
     Enable(Group),
@@ -336,6 +368,10 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Watch { hz, json: false } if monitor::is_there() => monitor::run(instance, hz),
         Command::Watch { hz, json } => watch::run(instance, hz, json),
         Command::Latency(arguments) => Ok(latency::run(instance, &arguments)?),
+        Command::Record(arguments) => Ok(recorder::record(instance, &arguments)?),
+        Command::Flight(arguments) => Ok(recorder::flight(instance, &arguments)?),
+        Command::Replay(arguments) => monitor::replay(&arguments),
+        Command::Plot(arguments) => Ok(recorder::plot(&arguments)?),
         Command::Enable(Group { group }) => operate::enable(instance, group.as_deref()),
         Command::Disable(Group { group }) => operate::disable(instance, group.as_deref()),
         Command::Reset { group: Group { group }, wait } => operate::reset(instance, group.as_deref(), wait),

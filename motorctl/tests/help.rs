@@ -174,7 +174,8 @@ impl Place {
             None if line.contains(" doctor") => format!("{line} || [ $? = 1 ]"),
             _ => line,
         };
-        let line = if line.contains(" monitor") { on_a_terminal(&line) } else { line };
+        let ends_by_hand = [" monitor", " replay", " flight"].iter().any(|command| line.contains(command));
+        let line = if ends_by_hand { on_a_terminal(&line) } else { line };
         self.write(
             "line.toml",
             &format!(

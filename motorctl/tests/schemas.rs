@@ -89,6 +89,9 @@ fn the_commands_that_ask_the_daemon_print_what_their_schemas_say() {
     let intervals = printed("latency --watch --json --interval 0.2 --seconds 0.5");
     assert_lines_valid("motorctl-latency", &intervals);
     assert!(intervals.lines().count() >= 2, "{intervals}");
+    let directory = TempDir::new().unwrap();
+    let recording = format!("record {}/run.mcap --seconds 0.2 --json", directory.path().display());
+    assert_valid("motorctl-record", &printed(&recording));
     assert_valid("motorctl-fault", &printed("fault --json"));
     assert_valid("motorctl-sim", &printed("sim arm fault over-voltage --json"));
     assert_valid("motorctl-sim", &printed("sim arm ok --json"));

@@ -90,6 +90,7 @@ fn a_configuration_item_is_written_and_read_back_and_a_refusal_is_the_vendors() 
     assert!(said.contains("was 56, reads 52 now"), "{said}");
     let said = line.good("config set torque-constant 0.1 @ --yes");
     assert!(said.contains("reads 0.1 now"), "{said}");
+    assert_eq!(line.json("config get torque-constant @")["value"], 0.1);
     let said = line.good("config set pwm-frequency 16000 @ --yes");
     assert!(said.contains("powered off and on"), "{said}");
     let refused = line.bad("config set gear-ratio 0 @ --yes", 1);
@@ -177,7 +178,11 @@ fn a_calibration_waits_for_its_end() {
 fn ids_and_protocol_are_changed_and_confirmed() {
     let line = Line::new(vec![motor("knee", 3), motor("ankle", 4)]);
     let taken = line.bad("id @ --set-id 4 --yes", 1);
-    assert!(taken.contains("id 4 is on this line already"), "{taken}");
+    assert!(taken.contains("id 4 is on this bus already"), "{taken}");
+    std::fs::write(line.path("four.toml"), "[configuration]\ncan-id = 4\n").unwrap();
+    for same in ["config set can-id 4 @ --yes", "config apply four.toml @ --yes"] {
+        assert!(line.bad(same, 1).contains("id 4 is on this bus already"), "{same}");
+    }
     line.good("id @ --set-id 5 --set-host-id 0x55 --yes");
     assert_eq!(line.json("id --bus LINE --id 5")["host_id"], 0x55);
     line.bad("ping @", 69);
@@ -237,15 +242,24 @@ fn every_command_that_moves_or_changes_a_motor_refuses_without_a_terminal_or_yes
 fn wrong_arguments_are_refused_before_anybody_is_asked() {
     let line = Line::knee();
     std::fs::write(line.path("bad.toml"), "[configuration]\npole-pears = 7\n").unwrap();
+    std::fs::write(line.path("lost.toml"), "[configuration]\ncan-id = 0\n").unwrap();
     for (wrong, status) in [
         ("speed 0.1 --seconds 1 --bus LINE --id 0", 64),
         ("speed 0.1 --seconds 1 --bus LINE --id 255", 64),
         ("speed 0.1 --seconds 1 --bus LINE", 64),
         ("start", 64),
         ("config set pole-pairs many @", 64),
+        ("config set can-id 0 @", 64),
+        ("config set can-id 255 @", 64),
+        ("config set host-id 0x800 @", 64),
+        ("config set can-protocol 2 @", 64),
+        ("config set can-baud-rate 500 @", 1),
+        ("config apply lost.toml @", 65),
         ("config apply bad.toml @", 65),
         ("config apply missing.toml @", 74),
         ("torque nan --seconds 1 @", 64),
+        ("torque 1e39 --seconds 1 --max-nm 200 @", 64),
+        ("torque 2.1 --seconds 1 @", 64),
         ("torque 0.1 --seconds -1 @", 64),
         ("position inf --seconds 1 @", 64),
         ("jog --kd many @", 64),
@@ -261,6 +275,7 @@ fn wrong_arguments_are_refused_before_anybody_is_asked() {
         ("ping --bus can/0 --id 3", 69),
         ("ping --bus nosuchcan9 --id 3", 69),
         ("scan --bus LINE --ids 9-3", 64),
+        ("scan --bus LINE --bus LINE", 64),
     ] {
         let said = line.bad(wrong, status);
         assert!(!said.contains("--yes"), "{wrong}: {said}");
@@ -348,12 +363,28 @@ fn a_configuration_file_says_where_a_motor_is_and_which_limits_its_zero_must_kee
     let line = Line::knee();
     let config = format!(
         "[[bus]]\nname = \"line\"\ntype = \"serial\"\ndevice = \"{}\"\nevery = 10\n[[motor]]\nname = \"knee\"\nbus = \"line\"\nid = 3\n\
-         host-id = 0x43\nprotocol = \"gim\"\nmodel = \"GIM8108-8\"\n[motor.limits]\nposition-rad = [0.2, 1.0]\n",
+         host-id = 0x43\nprotocol = \"gim\"\nmodel = \"GIM8108-8\"\n[motor.limits]\nposition-rad = [0.2, 1.0]\n\
+         velocity-rad-s = 3.0\ntorque-nm = 1.5\n",
         line.device()
     );
     std::fs::write(line.path("robot.toml"), config).unwrap();
     let knee = "--config robot.toml --joint knee";
     assert!(line.good(&format!("ping {knee}")).contains("knee (motor 3"));
+    // Its position is 0 now, below the limits; each of these is beyond them, and within the bounds of the command line.
+    for beyond in [
+        "position 0.1 --seconds 1",
+        "speed 4 --seconds 1",
+        "torque 1.9 --seconds 1",
+        "torque -1.9 --seconds 1",
+    ] {
+        let refused = line.bad(&format!("{beyond} {knee} --yes"), 64);
+        assert!(refused.contains("outside of the limits of the joint"), "{beyond}: {refused}");
+    }
+    let leaves = line.bad(&format!("speed -1 --seconds 1 {knee} --yes"), 1);
+    assert!(leaves.contains("stopped at a bound"), "{leaves}");
+    let said = line.good("jog knee --config robot.toml --seconds 0.3 --yes");
+    assert!(said.contains("knee (motor 3") && said.contains("stopped at"), "{said}");
+    line.bad("jog knee --bus LINE --id 3 --seconds 0.3 --yes", 64);
     let outside = line.bad(&format!("zero {knee} --yes"), 1);
     assert!(outside.contains("outside of its limits 0.200 to 1.000 rad"), "{outside}");
     line.good(&format!("zero {knee} --at 0.5 --yes"));

@@ -32,7 +32,9 @@ fn at_a_terminal_only_the_word_yes_lets_a_motor_turn() {
     let Some(terminal) = terminal(&line) else { return };
     for (answer, outcome) in [("y", "not done"), ("", "not done"), ("yes", "done 0")] {
         enter(&terminal, &line, "calibrate encoder");
-        terminal.until("the question", |screen| screen.contains("Type yes to go on:"));
+        // Not that of the call before, which is on the screen until it is cleared.
+        let is_asked = |screen: &str| screen.contains("Type yes to go on:") && !screen.contains("\ndone ");
+        terminal.until("the question", is_asked);
         terminal.enter(answer);
         let screen = terminal.until("the end", |screen| screen.contains("\ndone "));
         assert!(screen.contains(outcome), "{answer:?}: {screen}");

@@ -26,6 +26,9 @@ use std::path::{Path, PathBuf};
 /// The runtime directory of a daemon that runs as a service.
 const SERVICE_RUNTIME: &str = "/run/motord";
 
+/// Below the instance's directory while its daemon opens the services.
+const OPENING: &str = "opening";
+
 /// In the mode of a directory: others than its owner may write to it.
 const GROUP_WRITES: u32 = 0o022;
 
@@ -100,8 +103,13 @@ impl Instance {
         self.runtime.join("iox").join(&self.name)
     }
 
+    fn open_root(&self) -> Result<Directory, InstanceError> {
+        open_runtime(&self.runtime, self.private)?.open_below("iox")?.open_below(&self.name)
+    }
+
     /// Becomes the one daemon of this instance, until the lock is dropped or the process dies. Files that dead
-    /// processes left behind are removed, unless a client is still attached and waits for its daemon to come back.
+    /// processes left behind are removed, unless a client is still attached and waits for its daemon to come back; where the last
+    /// daemon died of them, they are removed in any case.
     ///
     /// # Errors
     /// [`InstanceError::AlreadyRunning`] with the holder's process id; others when the directory cannot be used.
@@ -139,9 +147,7 @@ impl Instance {
     /// # Errors
     /// When the directory cannot be used.
     pub fn attach(&self) -> Result<Option<Attachment>, InstanceError> {
-        let opened = open_runtime(&self.runtime, self.private)
-            .and_then(|runtime| runtime.open_below("iox")?.open_below(&self.name)?.file());
-        let directory = match opened {
+        let directory = match self.open_root().and_then(|root| root.file()) {
             Err(error) if is_missing(&error) => return Ok(None),
             other => other?,
         };
@@ -173,9 +179,31 @@ impl InstanceLock {
         &self.instance
     }
 
+    /// From now on until the guard is dropped this daemon uses what others left. If it dies of that, its successor uses none of it.
+    pub(crate) fn opening(&self) -> Opening<'_> {
+        let _marked = self.instance.open_root().and_then(|root| root.make_file(OPENING));
+        Opening(self)
+    }
+
+    /// Removes every file below the instance's directory, as far as it may. Clients that are attached lose their daemon, and
+    /// connect again.
+    pub(crate) fn clear(&self) {
+        let _unusable = self.instance.open_root().map(|root| clear_below_clients(&root));
+    }
+
     /// The file whose lock is held.
     pub(crate) fn path(&self) -> PathBuf {
         self.instance.runtime.join(format!("{}.lock", self.instance.name))
+    }
+}
+
+/// While a daemon opens its services. It leaves a file when it is killed by that: damaged shared memory may do so.
+#[derive(Debug)]
+pub(crate) struct Opening<'a>(&'a InstanceLock);
+
+impl Drop for Opening<'_> {
+    fn drop(&mut self) {
+        let _left = self.0.instance.open_root().and_then(|root| root.remove(OPENING.as_ref()));
     }
 }
 
@@ -268,12 +296,23 @@ fn write_pid(file: &mut File) -> io::Result<()> {
 }
 
 /// iceoryx2 leaves a few files per killed process, and a file truncated by a full disk would keep every service from
-/// opening. With the daemon's lock held and no client attached nobody needs any of them.
+/// opening. With the daemon's lock held and no client attached nobody needs any of them. Clients that wait for a daemon which
+/// dies of these files, or which is killed in the milliseconds in which it opens them, connect again.
 fn sweep(root: &Directory) -> Result<(), InstanceError> {
+    if root.changed(OPENING.as_ref()).is_some() {
+        clear_below_clients(root);
+        return Ok(());
+    }
     let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
         return Ok(());
     };
     root.clear()
+}
+
+/// A client that registers itself meanwhile may keep a directory from being removed. What is left then is no worse than before.
+fn clear_below_clients(root: &Directory) {
+    const TRIES: usize = 20;
+    let _cleared = (0..TRIES).any(|_| root.clear().is_ok());
 }
 
 fn errno(error: &io::Error) -> Errno {
@@ -350,6 +389,47 @@ mod tests {
         drop(client);
         drop(instance.lock().unwrap());
         assert!(!left_behind.exists() && instance.root().exists());
+    }
+
+    #[test]
+    fn a_daemon_that_died_of_the_files_of_the_dead_has_a_successor_without_them_although_a_client_waits() {
+        let place = place();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let left_behind = instance.root().join("damaged");
+        let _client = instance.attach().unwrap().unwrap();
+        fs::write(&left_behind, "").unwrap();
+        drop(lock.opening());
+        drop(lock);
+        let lock = instance.lock().unwrap();
+        assert!(left_behind.exists(), "a daemon that opened its services lived");
+        std::mem::forget(lock.opening());
+        drop(lock);
+        drop(instance.lock().unwrap());
+        assert_eq!(fs::read_dir(instance.root()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_client_that_registers_itself_keeps_no_daemon_from_beginning_anew() {
+        let place = place();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        drop(instance.lock().unwrap());
+        let nodes = instance.root().join("nodes");
+        let over = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !over.load(std::sync::atomic::Ordering::Relaxed) {
+                    let _removed_meanwhile = fs::create_dir(&nodes);
+                    let _removed_meanwhile = fs::write(nodes.join("m_1.node_monitor"), "");
+                }
+            });
+            for _ in 0..100 {
+                let locked = instance.lock().map(|lock| std::mem::forget(lock.opening()));
+                over.fetch_or(locked.is_err(), std::sync::atomic::Ordering::Relaxed);
+                locked.unwrap();
+            }
+            over.store(true, std::sync::atomic::Ordering::Relaxed);
+        });
     }
 
     #[test]

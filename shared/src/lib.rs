@@ -60,11 +60,11 @@ pub use instance::{Instance, InstanceError, InstanceLock};
 pub use lease::Lease;
 pub use limits::DEFAULT_INSTANCE;
 pub use message::{
-    AdminAnswer, AdminReply, AdminRequest, Applied, BusState, GroupState, JointIndicators, JointSetpoint,
-    JointState, SetpointMessage, StateMessage,
+    AdminAnswer, AdminReply, AdminRequest, Applied, BusState, CycleRecord, GroupState, JointIndicators,
+    JointSetpoint, JointState, SetpointMessage, StateMessage,
 };
 #[cfg(feature = "ports")]
-pub use ports::{ClientPorts, DaemonPorts, Housekeeper, Request};
+pub use ports::{ClientPorts, DaemonPorts, Housekeeper, RecordPort, Request};
 #[cfg(feature = "ports")]
 pub use presence::Presence;
 #[cfg(feature = "ports")]

@@ -10,6 +10,10 @@ pub const BUSES_MAX: usize = 16;
 pub const CONTROLLERS_MAX: usize = 16;
 /// Most processes that may watch the states.
 pub const WATCHERS_MAX: usize = 32;
+/// Most processes that may record every cycle.
+pub const RECORDERS_MAX: usize = 2;
+/// Cycles that a recorder may be late: half a second of a 1 kHz cycle.
+pub const RECORDS_KEPT: usize = 512;
 /// Most processes that may send administrative requests.
 pub const ADMINS_MAX: usize = 32;
 /// So many of these places are left to processes that only want an emergency stop.

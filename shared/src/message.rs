@@ -332,6 +332,49 @@ impl Default for SetpointMessage {
     }
 }
 
+/// A cycle as recorders get it: its state, and the setpoints that it used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.CycleRecord.v1"))]
+#[repr(C)]
+pub struct CycleRecord {
+    /// Counts the records of a daemon, from 1: a gap is what this recorder was too slow for.
+    pub sequence: u64,
+    /// The joints that `setpoints` has a setpoint of, as bits.
+    pub known: u64,
+    /// Everything that is known after the cycle.
+    pub state: StateMessage,
+    /// Joints, in the order of the configuration: the setpoint in use as its owner sent it, before all limits.
+    pub setpoints: [JointSetpoint; JOINTS_MAX],
+}
+
+impl Default for CycleRecord {
+    fn default() -> Self {
+        Self {
+            sequence: 0,
+            known: 0,
+            state: StateMessage::default(),
+            setpoints: [JointSetpoint::default(); JOINTS_MAX],
+        }
+    }
+}
+
+impl CycleRecord {
+    /// The setpoint of the joint with this index that the cycle used; `None` while there is none.
+    #[must_use]
+    pub fn setpoint(&self, joint: usize) -> Option<&JointSetpoint> {
+        let is_known = joint < JOINTS_MAX && self.known & (1 << joint) != 0;
+        self.setpoints.get(joint).filter(|_| is_known)
+    }
+
+    /// Sets it.
+    pub fn set_setpoint(&mut self, joint: usize, setpoint: JointSetpoint) {
+        if let Some(place) = self.setpoints.get_mut(joint) {
+            *place = setpoint;
+            self.known |= 1 << joint;
+        }
+    }
+}
+
 /// An administrative request.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v3"))]
@@ -430,6 +473,7 @@ const _: () = {
     );
     assert!(size_of::<JointSetpoint>() == 24);
     assert!(size_of::<SetpointMessage>() == 40 + 64 * 24);
+    assert!(size_of::<CycleRecord>() == 16 + size_of::<StateMessage>() + 64 * 24);
     assert!(size_of::<AdminRequest>() == 40 && size_of::<AdminReply>() == 16);
     assert!(size_of::<AdminAnswer>() == 24 + ANSWER_BYTES_MAX);
 };

@@ -5,8 +5,10 @@
 
 use crate::instance::{Attachment, Instance, InstanceLock};
 use crate::leftovers;
-use crate::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES};
-use crate::message::{AdminAnswer, AdminReply, AdminRequest, SetpointMessage, StateMessage};
+use crate::limits::{
+    ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES,
+};
+use crate::message::{AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage};
 use crate::reserved_space;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
 use iceoryx2::active_request::ActiveRequest;
@@ -17,7 +19,7 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::server::Server;
-use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use iceoryx2_cal::event::ListenerWaitError;
@@ -31,39 +33,65 @@ const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 /// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
 const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
 
-/// The daemon's ends of the four services.
+/// The daemon's ends of the services.
 #[derive(Debug)]
 pub struct DaemonPorts {
     state: Publisher<Service, StateMessage, ()>,
+    record: Publisher<Service, CycleRecord, ()>,
+    records: publish_subscribe::PortFactory<Service, CycleRecord, ()>,
     setpoint: Subscriber<Service, SetpointMessage, ()>,
     cycle: Notifier<Service>,
     admin: Server<Service, AdminRequest, (), AdminAnswer, ()>,
+    damage: Option<ServiceError>,
     _node: Node<Service>,
 }
 
 impl DaemonPorts {
     /// Opens the services of the instance that is held by `lock`, or creates them. Clients that were attached to a dead
-    /// predecessor are attached to this daemon from now on. Keep the lock for as long as the ports. May take a second.
+    /// predecessor are attached to this daemon from now on; where what they keep alive is damaged, it is removed, and they must
+    /// connect again. Keep the lock for as long as the ports. May take some seconds.
     ///
     /// # Errors
     /// Which service could not be opened, and why.
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
         reserved_space::check(&instance.root()).map_err(no_space)?;
+        let _opening = lock.opening();
+        let ports = match Self::open_services(instance) {
+            // Places that nobody can free are taken by processes whose files are damaged.
+            Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
+                lock.clear();
+                Self { damage: Some(damage), ..Self::open_services(instance)? }
+            }
+            opened => opened?,
+        };
+        reserved_space::occupy(&instance.root()).map_err(no_space)?;
+        Ok(ports)
+    }
+
+    fn open_services(instance: &Instance) -> Result<Self, ServiceError> {
         let node = service::node(instance, true)?;
         node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
         let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
+        let records = service::record(&node, instance).open_or_create().map_err(Part::Record.failed())?;
         let setpoint =
             service::setpoint(&node, instance).open_or_create().map_err(Part::Setpoint.failed())?;
         let cycle = service::cycle(&node, instance).open_or_create().map_err(Part::Cycle.failed())?;
         let admin = service::admin(&node, instance).open_or_create().map_err(Part::Admin.failed())?;
-        let ports = Self {
+        Ok(Self {
             state: state
                 .publisher_builder()
                 .max_loaned_samples(1)
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
                 .map_err(Part::State.failed())?,
+            record: records
+                .publisher_builder()
+                .max_loaned_samples(1)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(Part::Record.failed())?,
+            records,
             setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
             cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
             admin: admin
@@ -73,10 +101,15 @@ impl DaemonPorts {
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
                 .map_err(Part::Admin.failed())?,
+            damage: None,
             _node: node,
-        };
-        reserved_space::occupy(&instance.root()).map_err(no_space)?;
-        Ok(ports)
+        })
+    }
+
+    /// The obstacle for which the files of a predecessor were removed: its clients must connect again. `None` when there was none.
+    #[must_use]
+    pub fn damage(&self) -> Option<ServiceError> {
+        self.damage
     }
 
     /// Gives `state` to every watcher, in place of an older one that it has not read. Never blocks.
@@ -86,6 +119,23 @@ impl DaemonPorts {
     pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
         let sample = self.state.loan_uninit().map_err(Part::State.failed())?;
         sample.write_payload(*state).send().map_err(Part::State.failed())?;
+        Ok(())
+    }
+
+    /// Somebody records.
+    #[must_use]
+    pub fn is_recorded(&self) -> bool {
+        self.records.dynamic_config().number_of_subscribers() > 0
+    }
+
+    /// Gives `record` to every recorder, in place of the oldest that it has not read where it is too slow. Wakes nobody. Never
+    /// blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged; the other recorders have it.
+    pub fn record(&self, record: &CycleRecord) -> Result<(), ServiceError> {
+        let sample = self.record.loan_uninit().map_err(Part::Record.failed())?;
+        sample.write_payload(*record).send().map_err(Part::Record.failed())?;
         Ok(())
     }
 
@@ -199,7 +249,7 @@ impl Housekeeper {
     }
 }
 
-/// A client's ends of the four services. The ports of states and events take their place when they are first used: a
+/// A client's ends of the services. The ports of states and events take their place when they are first used: a
 /// process that only sends requests takes none, so that an emergency stop finds a place on a crowded robot.
 ///
 /// Each port has a lock of its own, which is held for microseconds; only a daemon that comes or goes makes it a millisecond.
@@ -214,9 +264,9 @@ pub struct ClientPorts {
     state: publish_subscribe::PortFactory<Service, StateMessage, ()>,
     setpoint: publish_subscribe::PortFactory<Service, SetpointMessage, ()>,
     cycle: event::PortFactory<Service>,
-    _node: Mutex<Node<Service>>,
+    node: Mutex<Node<Service>>,
     // The last to go: a daemon that starts may wipe every file once nobody is attached.
-    _attachment: Attachment,
+    attachment: Attachment,
 }
 
 impl ClientPorts {
@@ -259,8 +309,8 @@ impl ClientPorts {
             state,
             setpoint,
             cycle,
-            _node: Mutex::new(node),
-            _attachment: attachment,
+            node: Mutex::new(node),
+            attachment,
         })
     }
 
@@ -322,6 +372,17 @@ impl ClientPorts {
         }
     }
 
+    /// Takes the place of a recorder: it gets every cycle from now on.
+    ///
+    /// # Errors
+    /// [`Obstacle::Missing`] when the daemon is older than recorders; when there is no place.
+    pub fn record_port(&self) -> Result<RecordPort, ServiceError> {
+        let node = locked(&self.node);
+        let records = service::record(&node, self.attachment.instance()).open();
+        let port = records.map_err(Part::Record.failed())?.subscriber_builder().create();
+        Ok(RecordPort { port: port.map_err(of_recorders)? })
+    }
+
     /// A port for the setpoints of one group. A port holds one message: two groups need two.
     ///
     /// # Errors
@@ -357,6 +418,33 @@ struct Sleeper {
 /// assignment.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Receives every cycle. It keeps those of half a second at 1 kHz; what it loses shows in [`CycleRecord::sequence`].
+#[derive(Debug)]
+pub struct RecordPort {
+    port: Subscriber<Service, CycleRecord, ()>,
+}
+
+impl RecordPort {
+    /// Copies the oldest cycle that was not taken yet into `record`. Returns whether there was one. Never blocks.
+    ///
+    /// # Errors
+    /// When the connection is damaged.
+    pub fn take(&self, record: &mut CycleRecord) -> Result<bool, ServiceError> {
+        let received = self.port.receive().map_err(Part::Record.failed())?;
+        Ok(received.map(|sample| *record = *sample.payload()).is_some())
+    }
+}
+
+/// There are fewer places for recorders than for watchers.
+fn of_recorders(error: SubscriberCreateError) -> ServiceError {
+    match error {
+        SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
+            ServiceError { part: Part::Record, obstacle: Obstacle::Full { most: RECORDERS_MAX } }
+        }
+        error => Part::Record.failed()(error),
+    }
 }
 
 /// Sends setpoints.
@@ -428,6 +516,41 @@ mod tests {
             ports.next_request().unwrap().unwrap().reply(AdminReply::default(), b"heard").unwrap();
             assert_eq!(waits.answer().unwrap().unwrap().1, b"heard", "{question}");
         }
+    }
+
+    #[test]
+    fn damaged_files_that_a_client_keeps_alive_keep_no_daemon_from_starting() {
+        for kind in [".service", ".global_mgmt", ".details", "node_monitor_context"] {
+            let place = tempfile::tempdir_in("/tmp").unwrap();
+            let instance = Instance::below(place.path(), "robot").unwrap();
+            let lock = instance.lock().unwrap();
+            let ports = DaemonPorts::open(&lock).unwrap();
+            let _client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+            // A daemon that was killed.
+            std::mem::forget(ports);
+            drop(lock);
+            let damaged = files_of(&instance.root(), kind);
+            assert!(!damaged.is_empty(), "{kind}");
+            for path in damaged {
+                std::fs::write(path, "").unwrap();
+            }
+            let lock = instance.lock().unwrap();
+            let _ports = DaemonPorts::open(&lock).unwrap_or_else(|error| panic!("{kind}: {error}"));
+            assert!(ClientPorts::open(instance.attach().unwrap().unwrap()).is_ok(), "{kind}");
+        }
+    }
+
+    /// Those below `root` whose name ends so.
+    fn files_of(root: &std::path::Path, end: &str) -> Vec<std::path::PathBuf> {
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(root).unwrap().map(Result::unwrap) {
+            match entry.file_type().unwrap().is_dir() {
+                true => found.extend(files_of(&entry.path(), end)),
+                false if entry.file_name().to_string_lossy().ends_with(end) => found.push(entry.path()),
+                false => {}
+            }
+        }
+        found
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// The device and the number of a file.
 type Identity = (u64, u64);
 
-/// The files of a daemon as they were: its lock, its directory and its four services.
+/// The files of a daemon as they were: its lock, its directory and its services but that of recorders, without which only they are blind.
 ///
 /// Those of its clients, of a dead predecessor and of programs that nobody knows come and go in the same directory: they are
 /// none of them.

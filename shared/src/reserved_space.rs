@@ -9,8 +9,8 @@ use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The files of a daemon without clients take 7 MB; the rest is for the connections of some clients.
-const BYTES: i64 = 10 << 20;
+/// The files of a daemon without clients take 17 MB; the rest is for the connections of some clients.
+const BYTES: i64 = 20 << 20;
 
 /// Checks that `directory` has space for the services: takes it and gives it back.
 ///

@@ -1,8 +1,9 @@
-//! The four iceoryx2 services of an instance, with every limit of theirs.
+//! The five iceoryx2 services of an instance, with every limit of theirs.
 //!
 //! | service | pattern | daemon | client |
 //! |---|---|---|---|
 //! | `motord/<instance>/state` | publish-subscribe | publishes each cycle | reads the newest |
+//! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while somebody records | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
 //! | `motord/<instance>/cycle` | event | notifies after each state | may sleep on it |
 //! | `motord/<instance>/admin` | request-response | answers | asks |
@@ -11,8 +12,10 @@
 //! connect, nobody else.
 
 use crate::instance::Instance;
-use crate::limits::{ADMINS_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT, WATCHERS_MAX};
-use crate::message::{AdminAnswer, AdminRequest, SetpointMessage, StateMessage};
+use crate::limits::{
+    ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT, WATCHERS_MAX,
+};
+use crate::message::{AdminAnswer, AdminRequest, CycleRecord, SetpointMessage, StateMessage};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::client::RequestSendError;
 use iceoryx2::port::listener::ListenerCreateError;
@@ -44,7 +47,7 @@ use std::path::PathBuf;
 /// until the next cleaning.
 const NODES_MAX: usize = ADMINS_MAX + 8;
 
-/// States that a subscriber may keep: the newest is enough for a controller, a second serves a recorder.
+/// States that a subscriber may keep: the newest is enough for a controller.
 const STATE_BUFFER: usize = 2;
 
 /// iceoryx2 with files instead of POSIX shared memory: the latter has no directory, hence no group that guards it. A lock
@@ -81,13 +84,15 @@ impl iceoryx2::service::Service for FileService {
 
 impl iceoryx2::service::internal::ServiceInternal<FileService> for FileService {}
 
-/// One of the four services, or what all of them need.
+/// One of the five services, or what all of them need.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// The registration of each process.
     Node,
     /// `motord/<instance>/state`.
     State,
+    /// `motord/<instance>/record`.
+    Record,
     /// `motord/<instance>/setpoint`.
     Setpoint,
     /// `motord/<instance>/cycle`.
@@ -103,6 +108,7 @@ impl Part {
         match self {
             Self::Node => "node",
             Self::State => "state",
+            Self::Record => "record",
             Self::Setpoint => "setpoint",
             Self::Cycle => "cycle",
             Self::Admin => "admin",
@@ -131,7 +137,7 @@ pub enum Obstacle {
         most: usize,
     },
     /// The disk that its files are on is full.
-    #[error("no space for its files: free 16 MiB in the file system of the runtime directory")]
+    #[error("no space for its files: free 32 MiB in the file system of the runtime directory")]
     NoSpace,
     /// Its files cannot be used, or the memory ran out.
     #[error(
@@ -315,7 +321,7 @@ fn service_name(instance: &Instance, part: Part) -> ServiceName {
     ServiceName::new(&name).expect("an instance name makes a short service name")
 }
 
-/// The files by which clients find the services of `instance`. They stay the same while a daemon or a client has the services.
+/// The files by which clients find the services of `instance`, but that of recorders. They stay the same while a daemon or a client has the services.
 pub(crate) fn files(instance: &Instance) -> [PathBuf; 4] {
     let config = config(instance);
     let suffix = &config.global.service.static_config_storage_suffix;
@@ -346,6 +352,22 @@ pub(crate) fn state(
         .subscriber_max_borrowed_samples(1)
         .max_publishers(1)
         .max_subscribers(WATCHERS_MAX)
+        .max_nodes(NODES_MAX)
+}
+
+/// Of its own beside the states: its places hold half a second each, and those of the many watchers must not.
+pub(crate) fn record(
+    node: &Node<Service>,
+    instance: &Instance,
+) -> publish_subscribe::Builder<CycleRecord, (), Service> {
+    builder(node, instance, Part::Record)
+        .publish_subscribe::<CycleRecord>()
+        .enable_safe_overflow(true)
+        .history_size(0)
+        .subscriber_max_buffer_size(RECORDS_KEPT)
+        .subscriber_max_borrowed_samples(1)
+        .max_publishers(1)
+        .max_subscribers(RECORDERS_MAX)
         .max_nodes(NODES_MAX)
 }
 
@@ -400,7 +422,7 @@ pub(crate) fn admin(
 #[must_use]
 pub fn layout(instance: &Instance, part: Part) -> Option<String> {
     let pattern = match part {
-        Part::State | Part::Setpoint => MessagingPattern::PublishSubscribe,
+        Part::State | Part::Record | Part::Setpoint => MessagingPattern::PublishSubscribe,
         Part::Admin => MessagingPattern::RequestResponse,
         Part::Node | Part::Cycle => return None,
     };

@@ -10,8 +10,10 @@
 //! | alarms | telemetry, owners | cycle | the newest replaces the one before |
 //! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
+//! | all states, while somebody records | cycle | ipc | dropped and counted |
 
 use super::emergency::{AskedStops, EmergencyStops};
+use super::history::{History, Queue, history};
 use super::replacement::{Indexed, Replacements, Supply, replacements};
 use crate::control::Event;
 use crate::control::Wake;
@@ -123,6 +125,7 @@ pub struct Link {
     begun: Option<Box<dyn Fn(u64) + Send>>,
     replacements: Replacements,
     stops: AskedStops,
+    history: Queue,
 }
 
 /// The other threads' end.
@@ -145,6 +148,8 @@ pub struct Ends {
     pub supply: Supply,
     /// The way for emergency stops that waits behind nothing.
     pub stops: Arc<EmergencyStops>,
+    /// Every state, for recorders.
+    pub history: History,
 }
 
 /// Counters that both sides may read at any time.
@@ -152,7 +157,7 @@ pub struct Ends {
 pub struct Counters {
     /// The cycle that is running: whoever waits for it to move knows that the cycle lives.
     pub cycle: AtomicU64,
-    /// Records and events that telemetry was too slow for.
+    /// Records and events that telemetry was too slow for, and states for recorders that the ipc thread was too slow for.
     pub dropped: AtomicU64,
     /// Frames that the kernel kept from the cycle because no motor of the bus has their id, by bus, modulo 2³².
     pub unexpected_ids: [AtomicU32; BUSES_MAX],
@@ -208,6 +213,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
     let (record_producer, record_consumer) = RingBuffer::new(RECORDS);
     let (event_producer, event_consumer) = RingBuffer::new(EVENTS);
     let (replacements, supply) = replacements();
+    let (queue, history) = history();
     let counters = Arc::new(Counters::default());
     let stops = Arc::new(EmergencyStops::default());
     let link = Link {
@@ -222,6 +228,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         begun: None,
         replacements,
         stops: AskedStops::new(Arc::clone(&stops)),
+        history: queue,
     };
     let ends = Ends {
         setpoints: setpoint_inputs,
@@ -233,6 +240,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
         counters,
         supply,
         stops,
+        history,
     };
     (link, ends)
 }
@@ -303,10 +311,11 @@ impl Link {
 
     /// Hands over what was written, and wakes the ipc thread.
     pub(super) fn publish(&mut self, record: Record) {
+        let kept = self.history.put(self.states.input_buffer_mut());
         self.states.publish();
         self.stops.confirm();
         let dropped = self.records.push(record).is_err();
-        self.lose(u32::from(dropped));
+        self.lose(u32::from(dropped) + u32::from(!kept));
         if let Some(published) = &self.published {
             published();
         }

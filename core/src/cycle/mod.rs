@@ -8,6 +8,7 @@
 mod assemble;
 mod channel;
 mod emergency;
+mod history;
 mod link;
 mod local;
 mod replacement;
@@ -16,6 +17,7 @@ mod run;
 
 pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
+pub use history::History;
 pub use link::{Alarms, Counters, Ends, Link, Polled, REQUESTS_MAX, Record, link};
 pub use local::LocalClient;
 pub use replacement::Supply;

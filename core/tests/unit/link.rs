@@ -87,6 +87,42 @@ fn ipc(ends: &mut Ends, done: &AtomicBool) {
 }
 
 #[test]
+fn every_state_reaches_a_recorder_in_order_or_is_counted_and_none_while_nobody_records() {
+    let (mut link, Ends { mut history, counters, .. }) = link(1);
+    let publish = |link: &mut Link, cycle| {
+        link.state().0.cycle = cycle;
+        link.state().0.joint_count = 4;
+        link.state().0.joints[..4].iter_mut().for_each(|joint| joint.missed = cycle as u32);
+        link.publish(record());
+    };
+    publish(&mut link, 0);
+    history.take_all(|_| panic!("nobody records"));
+    history.want(true);
+    let done = AtomicBool::new(false);
+    let taken = scope(|threads| {
+        let reader = threads.spawn(|| {
+            let (mut taken, mut before, mut has_ended) = (0, 0, false);
+            while !has_ended {
+                has_ended = done.load(Ordering::Acquire);
+                history.take_all(|state| {
+                    assert!(state.cycle > before, "in order, each once");
+                    assert!(state.joints().iter().all(|joint| u64::from(joint.missed) == state.cycle));
+                    (taken, before) = (taken + 1, state.cycle);
+                });
+                spin_loop();
+            }
+            taken
+        });
+        (1..=CYCLES).for_each(|cycle| publish(&mut link, cycle));
+        done.store(true, Ordering::Release);
+        reader.join().unwrap()
+    });
+    // The records for telemetry, which nobody takes here, are counted by the same counter once their ring is full.
+    let records_dropped = (CYCLES + 1).saturating_sub(RECORDS as u64);
+    assert_eq!(taken + counters.dropped.load(Ordering::Relaxed), CYCLES + records_dropped);
+}
+
+#[test]
 fn no_thread_sees_half_a_message_and_every_stop_is_taken_once() {
     let (mut link, mut ends) = link(1);
     let (done, stops, counters) =

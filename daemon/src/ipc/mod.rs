@@ -6,11 +6,12 @@
 pub mod description;
 pub mod owners;
 mod pending;
+mod records;
 mod schedule;
 
 use crate::telemetry::Questions;
 use motord_bus::clock;
-use motord_core::cycle::{Counters, Ends, REQUESTS_MAX, Supply};
+use motord_core::cycle::{Counters, Ends, History, REQUESTS_MAX, Supply};
 use motord_core::settings::IpcMode;
 use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
@@ -18,6 +19,7 @@ use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
 use owners::Owners;
 use pending::Pending;
+pub use records::Records;
 use rtrb::{Consumer, Producer};
 pub use schedule::{Schedule, Wake};
 use std::sync::Arc;
@@ -34,6 +36,7 @@ const QUESTIONS_MAX: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 pub struct CycleEnd {
     setpoints: Vec<triple_buffer::Input<SetpointMessage>>,
     states: triple_buffer::Output<StateMessage>,
+    history: History,
     requests: Producer<(u32, AdminRequest)>,
     answers: Consumer<(u32, AdminReply)>,
     counters: Arc<Counters>,
@@ -43,9 +46,20 @@ impl CycleEnd {
     /// Divides `ends` into the clients' part, the telemetry's part, and the part of the thread that opens buses again.
     #[must_use]
     pub fn split(ends: Ends) -> (Self, crate::telemetry::CycleEnd, Supply) {
-        let Ends { setpoints, states, requests, answers, records, events, counters, supply, stops: _ } = ends;
+        let Ends {
+            setpoints,
+            states,
+            requests,
+            answers,
+            records,
+            events,
+            counters,
+            supply,
+            history,
+            stops: _,
+        } = ends;
         let telemetry = crate::telemetry::CycleEnd { records, events, counters: Arc::clone(&counters) };
-        (Self { setpoints, states, requests, answers, counters }, telemetry, supply)
+        (Self { setpoints, states, history, requests, answers, counters }, telemetry, supply)
     }
 }
 
@@ -64,6 +78,7 @@ pub struct IpcThread {
     schedule: Schedule,
     /// `None` before they are watched: then the silence of an owner tells.
     owners: Option<Owners>,
+    records: Records,
 }
 
 impl IpcThread {
@@ -76,6 +91,7 @@ impl IpcThread {
         description: String,
         mode: IpcMode,
         schedule: Schedule,
+        records: Records,
     ) -> Self {
         Self {
             ports,
@@ -88,6 +104,7 @@ impl IpcThread {
             leases: [None; GROUPS_MAX],
             schedule,
             owners: None,
+            records,
         }
     }
 
@@ -110,6 +127,7 @@ impl IpcThread {
         // Controllers wait for the states, and the next cycle waits for the setpoints.
         self.publish_states();
         self.fetch_setpoints();
+        self.record();
         self.take_requests();
         self.give_answers();
     }
@@ -138,7 +156,7 @@ impl IpcThread {
     }
 
     fn fetch_setpoints(&mut self) {
-        let Self { ports, cycle, leases, .. } = self;
+        let Self { ports, cycle, leases, records, .. } = self;
         let taken = ports.take_setpoint(|message| {
             let Some(lease) = Lease::from_raw(message.lease) else { return };
             let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
@@ -146,6 +164,7 @@ impl IpcThread {
             if leases[lease.group()] == Some(lease) {
                 *buffer.input_buffer_mut() = *message;
                 buffer.publish();
+                records.note(message);
             } else {
                 cycle.counters.wrong_lease[lease.group()].fetch_add(1, Ordering::Relaxed);
             }
@@ -167,6 +186,18 @@ impl IpcThread {
             self.cycle.counters.dropped.fetch_add(1, Ordering::Relaxed);
         }
         self.count(published.is_err());
+    }
+
+    /// Gives every state to the recorders, if there are any.
+    fn record(&mut self) {
+        let Self { ports, cycle, records, .. } = self;
+        let is_recorded = ports.is_recorded();
+        cycle.history.want(is_recorded);
+        let mut failed = false;
+        cycle.history.take_all(|state| {
+            failed |= is_recorded && ports.record(records.next(state)).is_err();
+        });
+        self.count(failed);
     }
 
     /// Requests whose asker gave up are dropped: iceoryx2 takes no further request of a client while so many are kept. Each
@@ -267,7 +298,15 @@ mod tests {
         let (questions, _answers) = telemetry::questions();
         let schedule = Schedule::new(Duration::from_millis(1), Duration::ZERO, Duration::ZERO);
         let ports = DaemonPorts::open(&lock).unwrap();
-        let mut thread = IpcThread::new(ports, end, questions, "{}".into(), IpcMode::Timed, schedule);
+        let mut thread = IpcThread::new(
+            ports,
+            end,
+            questions,
+            "{}".into(),
+            IpcMode::Timed,
+            schedule,
+            Records::new(Vec::new()),
+        );
         let client = ClientPorts::open_to_stop(instance.attach().unwrap().unwrap()).unwrap();
         test(&mut thread, &client);
     }

@@ -11,6 +11,7 @@ mod draw;
 mod news;
 mod picture;
 mod reader;
+mod replay;
 mod request;
 mod terminal;
 #[cfg(test)]
@@ -20,6 +21,7 @@ mod tests;
 mod tmux;
 mod view;
 
+pub(crate) use replay::{ReplayArguments, run as replay};
 pub(crate) use terminal::is_there;
 
 use crate::failure::Failure;

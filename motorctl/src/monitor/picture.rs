@@ -86,6 +86,8 @@ pub(super) struct Loss {
 pub(super) struct Picture {
     /// The newest reading, however old; `None` before the first.
     pub(super) reading: Option<Reading>,
+    /// The recording that is shown, and where it stands; `None` for a daemon.
+    pub(super) replay: Option<String>,
     /// Set while the daemon does not answer.
     pub(super) loss: Option<Loss>,
     /// Latencies of the last readings, the newest last.

@@ -18,9 +18,22 @@ const KEYS: [(&str, &str); 8] = [
     ("/", "filter"),
 ];
 
-/// The daemon, and what is wrong with it.
+const REPLAY_KEYS: [(&str, &str); 7] = [
+    ("SPACE", "pause, go on"),
+    ("n", "next cycle"),
+    ("?", "help"),
+    ("q", "quit"),
+    ("Tab", "page"),
+    ("s", "sort"),
+    ("/", "filter"),
+];
+
+/// The daemon, and what is wrong with it. A recording is named first.
 pub(super) fn head(picture: &Picture, width: usize) -> Vec<Line<'static>> {
-    let mut lines: Vec<Line<'static>> = picture.reading.iter().map(daemon).collect();
+    let recording = picture.replay.iter().flat_map(|name| wrapped(&format!(" {name}"), width, 1));
+    let mut lines: Vec<Line<'static>> =
+        recording.map(|line| Span::from(format!("{line:width$}")).bold().reversed().into()).collect();
+    lines.extend(picture.reading.iter().map(daemon));
     if let Some(loss) = &picture.loss {
         lines.extend(lost(loss, width));
     }
@@ -72,7 +85,8 @@ pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize
     }
     lines.push(if view.is_filtering {
         let text = format!("filter: {}▏", view.filter);
-        vec![Span::from(text).bold(), dim("  Enter keeps it, Esc clears it, SPACE stops")].into()
+        let stops = if picture.replay.is_none() { ", SPACE stops" } else { "" };
+        vec![Span::from(text).bold(), dim(format!("  Enter keeps it, Esc clears it{stops}"))].into()
     } else {
         keys(view, picture, width)
     });
@@ -81,8 +95,10 @@ pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize
 
 fn keys(view: &View, picture: &Picture, width: usize) -> Line<'static> {
     let mut line = Line::default();
-    for (key, name) in KEYS {
-        let style = if key == "SPACE" { alarm(key) } else { Span::from(key).bold() };
+    let is_live = picture.replay.is_none();
+    let keys = if is_live { &KEYS[..] } else { &REPLAY_KEYS };
+    for &(key, name) in keys {
+        let style = if key == "SPACE" && is_live { alarm(key) } else { Span::from(key).bold() };
         let entry = [style, Span::from(format!(" {name}  "))];
         let entry_width: usize = entry.iter().map(Span::width).sum();
         if line.width() + entry_width <= width + 2 {

@@ -21,11 +21,20 @@ use text::{bold, dim};
 const HEIGHT_MIN: u16 = 8;
 const WIDTH_MIN: u16 = 40;
 
-const HELP: &[&str] = &[
+const LIVE_HELP: &[&str] = &[
     "SPACE     emergency stop: damps and stops every motor now",
     "d         disable: damps, then stops the chosen groups",
     "r         reset: clears the cause of a stop; nothing moves",
     "g         choose the group for d and r",
+];
+
+const REPLAY_HELP: &[&str] = &[
+    "This is a recording: no key reaches a robot.",
+    "SPACE     pause, and go on",
+    "n         the next cycle",
+];
+
+const HELP: &[&str] = &[
     "Tab 1 2 3 joints, buses, latencies",
     "s S       another order of the joints",
     "/         show only joints, buses or modes with this text",
@@ -87,11 +96,16 @@ fn lines(
         lines.extend(above);
         lines.extend(page(reading, picture, view, width, left));
     } else if view.page == Page::Help {
-        lines.extend(HELP.iter().map(|line| Line::from(*line)));
+        lines.extend(help(picture));
     }
     lines.resize(height.saturating_sub(foot.len()), Line::default());
     lines.append(&mut foot);
     lines
+}
+
+fn help(picture: &Picture) -> impl Iterator<Item = Line<'static>> {
+    let keys = if picture.replay.is_some() { REPLAY_HELP } else { LIVE_HELP };
+    keys.iter().chain(HELP).map(|line| Line::from(*line))
 }
 
 /// The page that `view` asks for, in `height` lines.
@@ -106,10 +120,7 @@ fn page(
         Page::Joints => joints_page(reading, picture, view, width, height),
         Page::Buses => scrolled(view, height, buses::table(reading, picture)),
         Page::Latencies => scrolled(view, height, latencies::table(reading)),
-        Page::Help => {
-            let rows = HELP.iter().map(|line| Line::from(*line)).collect();
-            scrolled(view, height, (bold(" keys and columns").into(), rows))
-        }
+        Page::Help => scrolled(view, height, (bold(" keys and columns").into(), help(picture).collect())),
     }
 }
 

@@ -1,0 +1,181 @@
+//! `motorctl replay`: a recording in the monitor. No key reaches a robot.
+
+use super::draw;
+use super::news::News;
+use super::picture::{Picture, Reading};
+use super::request::Notice;
+use super::terminal::{Screen, is_there};
+use super::view::{Action, STOP_KEY, View};
+use crate::failure::Failure;
+use motord_client::{RobotDescription, State, Telemetry};
+use motord_recorder::{RecorderFailure, Recording};
+use motord_terminal::{Interrupt, within};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+/// The picture is drawn this often while the recording plays.
+const FRAME: Duration = Duration::from_millis(100);
+/// And this often while it is paused.
+const PAUSED: Duration = Duration::from_millis(250);
+
+/// The arguments of the command.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ReplayArguments {
+    /// The recording.
+    file: PathBuf,
+    /// How many times as fast as it was, 0.001 to 1000.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
+    speed: f64,
+    /// Begin so many seconds after the first cycle.
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_time)]
+    from: f64,
+}
+
+fn parse_speed(text: &str) -> Result<f64, String> {
+    within(text, 0.001, 1000.0)
+}
+
+fn parse_time(text: &str) -> Result<f64, String> {
+    within(text, 0.0, 1e6)
+}
+
+/// Shows the recording until a key or a signal ends it.
+///
+/// # Errors
+///
+/// When it cannot be read, or there is no terminal.
+pub(crate) fn run(arguments: &ReplayArguments) -> Result<(), Failure> {
+    let interrupt = Interrupt::register();
+    let mut replay = Replay::open(arguments)?;
+    if !is_there() {
+        return Err(Failure::NoTerminal);
+    }
+    let (sender, news) = mpsc::channel();
+    let mut screen = Screen::open(|| {}, &sender)?;
+    while !interrupt.came() {
+        let pause = replay.play();
+        let Replay { picture, view, .. } = &mut replay;
+        screen.terminal.draw(|frame| draw::draw(frame, picture, view, &Notice::default()))?;
+        let mut message = news.recv_timeout(pause).ok();
+        while let Some(news_now) = message {
+            match news_now {
+                News::Key(key) if !replay.press(&key) => return Ok(()),
+                News::Ended(reason) => return Err(std::io::Error::other(reason).into()),
+                _ => {}
+            }
+            message = news.try_recv().ok();
+        }
+    }
+    Ok(())
+}
+
+/// A recording that plays.
+struct Replay {
+    recording: Recording,
+    robot: Arc<RobotDescription>,
+    picture: Picture,
+    view: View,
+    speed: f64,
+    /// Tick of the first cycle, and of the one that is shown.
+    ticks: Option<(u64, u64)>,
+    /// When the present run began, and the tick that was shown then; `None` while it is paused.
+    running: Option<(Instant, u64)>,
+    has_ended: bool,
+}
+
+impl Replay {
+    fn open(arguments: &ReplayArguments) -> Result<Self, RecorderFailure> {
+        let recording = Recording::open(&arguments.file)?;
+        let robot = Arc::new(recording.robot().clone());
+        let mut view = View::default();
+        view.know_groups(robot.groups.len());
+        let mut replay = Self {
+            recording,
+            robot,
+            picture: Picture::default(),
+            view,
+            speed: arguments.speed,
+            ticks: None,
+            running: None,
+            has_ended: false,
+        };
+        replay.show(|first, tick| tick.saturating_sub(first) as f64 / 1e9 >= arguments.from);
+        replay.resume();
+        Ok(replay)
+    }
+
+    fn resume(&mut self) {
+        self.running = self.ticks.filter(|_| !self.has_ended).map(|(_, shown)| (Instant::now(), shown));
+        self.name();
+    }
+
+    /// Shows what is due. Returns how long nothing else is.
+    fn play(&mut self) -> Duration {
+        let Some((since, from_tick)) = self.running else { return PAUSED };
+        let due = from_tick.saturating_add((since.elapsed().as_nanos() as f64 * self.speed) as u64);
+        if self.ticks.is_some_and(|(_, shown)| shown < due) {
+            self.show(|_, tick| tick >= due);
+        }
+        if self.has_ended {
+            self.running = None;
+            self.name();
+        }
+        FRAME
+    }
+
+    /// Reads until `is_due` of the first tick and that of a cycle, and shows the last that was read.
+    fn show(&mut self, is_due: impl Fn(u64, u64) -> bool) {
+        let mut shown = None;
+        while let Some(record) = self.recording.next_cycle() {
+            let tick = record.state.tick_ns;
+            let first = self.ticks.map_or(tick, |(first, _)| first);
+            self.ticks = Some((first, tick));
+            shown = Some(State::from(&record.state));
+            if is_due(first, tick) {
+                break;
+            }
+        }
+        match shown {
+            Some(state) => self.picture.take(Reading::new(&self.robot, &state, &Telemetry::default())),
+            None => self.has_ended = true,
+        }
+        self.name();
+    }
+
+    /// The line that says what is shown.
+    fn name(&mut self) {
+        let (first, shown) = self.ticks.unwrap_or_default();
+        let seconds = shown.saturating_sub(first) as f64 / 1e9;
+        let condition = match (self.has_ended, self.running.is_some(), self.recording.damage()) {
+            (true, _, Some(_)) => "the end, where the file is cut off".to_owned(),
+            (true, _, None) => "the end".to_owned(),
+            (false, true, _) => format!("speed {}", self.speed),
+            (false, false, _) => "paused".to_owned(),
+        };
+        let name = self.recording.name();
+        self.picture.replay =
+            Some(format!("RECORDING {name}, {seconds:.3} s, {condition}: no key reaches a robot"));
+    }
+
+    /// Returns whether to go on.
+    fn press(&mut self, key: &KeyEvent) -> bool {
+        if key.kind == KeyEventKind::Press && !self.view.is_filtering {
+            match key.code {
+                STOP_KEY if self.running.is_some() => {
+                    self.running = None;
+                    self.name();
+                }
+                STOP_KEY => self.resume(),
+                KeyCode::Char('n') => {
+                    self.running = None;
+                    self.show(|_, _| true);
+                }
+                _ => {}
+            }
+        }
+        self.view.press(key) != Some(Action::Quit)
+    }
+}

@@ -1,0 +1,186 @@
+//! Recordings with the real programs and a daemon of simulated motors: what is recorded is counted, and read by the other
+//! commands; what cannot be read or written is said.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+mod daemon;
+mod tmux;
+
+use daemon::{Daemon, slow_quadruped};
+use serde_json::Value;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Output};
+use std::time::Duration;
+use tmux::Tmux;
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn status(output: &Output) -> i32 {
+    output.status.code().unwrap()
+}
+
+#[test]
+fn every_cycle_of_a_recording_is_in_the_file_or_counted_and_the_file_is_drawn_and_shown() {
+    let daemon = Daemon::start(&slow_quadruped());
+    drop(daemon.connect());
+    let file = daemon.directory.path().join("run.mcap");
+    let path = file.to_str().unwrap();
+    let output = daemon.motorctl(&["record", path, "--seconds", "2", "--json"]);
+    assert!(output.status.success(), "{}", said(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let count = |name: &str| report[name].as_u64().unwrap();
+    let counted =
+        count("recorded") + count("missed_ticks") + count("unpublished") + count("lost") + count("dropped");
+    assert_eq!(counted, count("last_cycle") - count("first_cycle") + 1, "{report}");
+    assert!(count("recorded") > 10 && report["ended"] == "seconds", "{report}");
+
+    let again = daemon.motorctl(&["record", path, "--seconds", "1"]);
+    assert_eq!(status(&again), 74, "an old recording is kept: {}", said(&again));
+    let picture = daemon.motorctl(&["plot", path, "fl-knee"]);
+    assert!(
+        String::from_utf8_lossy(&picture.stdout).contains("fl-knee: position, rad"),
+        "{}",
+        said(&picture)
+    );
+    let unknown = daemon.motorctl(&["plot", path, "elbow"]);
+    assert!(status(&unknown) == 64 && said(&unknown).contains("fl-knee"), "{}", said(&unknown));
+
+    let programs = Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap();
+    let search = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+    let Some(tmux) = Tmux::start(&[("PATH", &search)]) else { return };
+    tmux.enter(&format!("motorctl replay {path}"));
+    tmux.until("the recording", |screen| screen.contains("RECORDING") && screen.contains("fl-knee"));
+    assert!(!tmux.screen().contains("e-stop"), "{}", tmux.screen());
+    tmux.until("its end", |screen| screen.contains("the end: no key reaches a robot"));
+    tmux.press(&["?"]);
+    tmux.until("the help", |screen| screen.contains("no key reaches a robot.") && !screen.contains("e-stop"));
+    tmux.press(&["q"]);
+    tmux.assert_given_back();
+}
+
+#[test]
+fn a_daemon_that_ends_ends_the_recording_and_the_file_is_whole() {
+    let mut daemon = Daemon::start(&slow_quadruped());
+    drop(daemon.connect());
+    let file = daemon.directory.path().join("run.mcap");
+    let recorder = daemon.command(&["record", file.to_str().unwrap(), "--json"]);
+    let mut recorder = recorder;
+    let recorder = recorder.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    daemon::until("the file", || std::fs::metadata(&file).ok().filter(|file| file.len() > 0));
+    daemon.kill();
+    let output = recorder.wait_with_output().unwrap();
+    assert_eq!(status(&output), 69);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&report["ended"], &report["dropped"]), (&"daemon".into(), &0.into()), "{report}");
+    let picture = daemon.motorctl(&["plot", file.to_str().unwrap(), "fl-hip"]);
+    assert!(picture.status.success() && said(&picture).is_empty(), "{}", said(&picture));
+}
+
+#[test]
+fn a_file_that_is_no_recording_is_refused_with_its_name() {
+    let daemon = Daemon::start(&slow_quadruped());
+    let directory = daemon.directory.path();
+    std::fs::write(directory.join("text.mcap"), "not a recording").unwrap();
+    for command in [&["plot", "text.mcap", "fl-hip"][..], &["replay", "text.mcap"]] {
+        let output = daemon.command(command).current_dir(directory).output().unwrap();
+        assert!(status(&output) == 65 && said(&output).contains("text.mcap"), "{}", said(&output));
+    }
+    let output = daemon.motorctl(&["replay", "/nowhere/run.mcap"]);
+    assert_eq!(status(&output), 65, "{}", said(&output));
+}
+
+/// `motorctl flight`, which writes its lines to a file, until the end of the test.
+struct FlightRecorder {
+    process: Child,
+    directory: PathBuf,
+    log: PathBuf,
+}
+
+impl FlightRecorder {
+    fn start(daemon: &Daemon) -> Self {
+        let directory = daemon.directory.path().join("flight");
+        let log = daemon.directory.path().join("flight.log");
+        std::fs::create_dir(&directory).unwrap();
+        let mut command = daemon.command(&["flight", "--seconds", "5", "--after", "0.2", "--files", "2"]);
+        let process = command.arg(&directory).stderr(File::create(&log).unwrap()).spawn().unwrap();
+        let recorder = Self { process, directory, log };
+        recorder.until("a stop is written to", 1);
+        recorder
+    }
+
+    /// Waits until its lines contain `text` so often.
+    fn until(&self, text: &str, times: usize) {
+        daemon::until(text, || {
+            let log = std::fs::read_to_string(&self.log).unwrap();
+            (log.matches(text).count() >= times).then_some(())
+        });
+    }
+
+    /// The names of its files, oldest first.
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.directory).unwrap();
+        let mut names: Vec<String> =
+            entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort_unstable();
+        names
+    }
+}
+
+impl Drop for FlightRecorder {
+    fn drop(&mut self) {
+        let _gone = self.process.kill();
+        let _status = self.process.wait();
+    }
+}
+
+fn stop_and_reset(daemon: &Daemon) {
+    assert!(daemon.motorctl(&["estop"]).status.success());
+    daemon.await_status(|status| status["groups"][0]["stop"]["cause"] == "emergency-stop");
+    daemon::until("a reset", || daemon.motorctl(&["reset", "legs"]).status.success().then_some(()));
+}
+
+#[test]
+fn each_stop_is_written_with_the_cycles_before_it_and_only_so_many_files_stay() {
+    let mut daemon = Daemon::start(&slow_quadruped());
+    drop(daemon.connect());
+    let recorder = FlightRecorder::start(&daemon);
+    std::fs::write(recorder.directory.join("notes.mcap"), "").unwrap();
+    for stops in 1..=3 {
+        stop_and_reset(&daemon);
+        recorder.until(" cycles", stops);
+        // The names have seconds.
+        std::thread::sleep(Duration::from_secs(1));
+    }
+    daemon.kill();
+    recorder.until("daemon-gone", 1);
+    recorder.until(" cycles", 4);
+    let files = daemon::until("the removal of the oldest", || {
+        Some(recorder.files()).filter(|files| files.len() == 3)
+    });
+    assert!(
+        files[0].ends_with("-emergency-stop.mcap") && files[1].ends_with("-daemon-gone.mcap"),
+        "{files:?}"
+    );
+    assert_eq!(files[2], "notes.mcap", "no file of its own");
+    let stop = recorder.directory.join(&files[0]);
+    let picture = daemon.motorctl(&["plot", stop.to_str().unwrap(), "fl-knee"]);
+    assert!(picture.status.success() && said(&picture).is_empty(), "{}", said(&picture));
+}
+
+#[test]
+fn a_disk_that_takes_no_file_loses_that_file_and_no_other() {
+    let daemon = Daemon::start(&slow_quadruped());
+    drop(daemon.connect());
+    let recorder = FlightRecorder::start(&daemon);
+    std::fs::remove_dir(&recorder.directory).unwrap();
+    stop_and_reset(&daemon);
+    recorder.until("is not written", 1);
+    std::fs::create_dir(&recorder.directory).unwrap();
+    stop_and_reset(&daemon);
+    recorder.until(" cycles", 1);
+    let files = daemon::until("the file", || Some(recorder.files()).filter(|files| files.len() == 1));
+    assert!(files[0].ends_with("-emergency-stop.mcap"), "{files:?}");
+}

@@ -1,0 +1,76 @@
+//! Why a command failed.
+
+use motord_client::Error;
+use motord_recording::ReadError;
+use motord_terminal::exit_status;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderFailure {
+    /// The daemon cannot be reached, or has gone. The file is whole.
+    #[error(transparent)]
+    Client(#[from] Error),
+    /// Standard output cannot be written.
+    #[error("cannot write the output: {0}")]
+    Output(#[from] io::Error),
+    /// A file cannot be written. What was written of a recording before can be read.
+    #[error("cannot write {}: {error}", path.display())]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// A file cannot be opened.
+    #[error("cannot read {}: {error}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: io::Error,
+    },
+    /// A file is no recording.
+    #[error("{}: {error}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        error: ReadError,
+    },
+    /// The robot of a recording has no such joint.
+    #[error("there is no joint {joint:?}; the recording has {known}")]
+    NoJoint {
+        /// The joint.
+        joint: String,
+        /// Those that it has.
+        known: String,
+    },
+    /// Nothing can be drawn.
+    #[error(
+        "there is nothing to draw: no cycle of the recording has a position of these joints in this time"
+    )]
+    Empty,
+    /// The picture cannot be drawn.
+    #[error("the picture cannot be drawn: {0}")]
+    Picture(String),
+}
+
+impl RecorderFailure {
+    pub(crate) fn unwritable(path: &Path, error: io::Error) -> Self {
+        Self::Unwritable { path: path.to_owned(), error }
+    }
+
+    /// The exit status.
+    #[must_use]
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::Client(error) => error.exit_status(),
+            Self::Output(_) | Self::Unwritable { .. } => exit_status::IO,
+            Self::Unreadable { .. } | Self::Malformed { .. } | Self::Empty => exit_status::DATA,
+            Self::NoJoint { .. } => exit_status::USAGE,
+            Self::Picture(_) => exit_status::UNAVAILABLE,
+        }
+    }
+}

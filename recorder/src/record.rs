@@ -1,0 +1,290 @@
+//! `motorctl record`: every cycle of a daemon as a file.
+
+use crate::disk::{Disk, Output};
+use crate::failure::RecorderFailure;
+use motord_client::{Client, CycleRecord, Error, Records, State};
+use motord_recording::{Counts, Origin};
+use motord_terminal::{Interrupt, json, printable, within};
+use serde::Serialize;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// The shared memory holds 50 ms at 10 kHz: it is emptied far more often than that.
+pub(crate) const PAUSE: Duration = Duration::from_millis(5);
+
+/// How long the first state may take.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
+
+/// The arguments of the command.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RecordArguments {
+    /// The file, which must not exist yet; `-` is the standard output.
+    file: PathBuf,
+    /// End after so many seconds, at most 86400. Without it the recording ends with Ctrl-C.
+    #[arg(long, value_name = "S", value_parser = parse_seconds)]
+    seconds: Option<f64>,
+    /// End when the file has so many MB (10⁶ bytes). It becomes a few MB longer.
+    #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    max_size: Option<u64>,
+    /// Print the result as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    within(text, 0.1, 86_400.0)
+}
+
+/// The result, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct Report {
+    file: String,
+    /// Cycles in the file.
+    recorded: u64,
+    first_cycle: u64,
+    last_cycle: u64,
+    seconds: f64,
+    bytes: u64,
+    /// Ticks without a cycle: the daemon was too late for them.
+    missed_ticks: u64,
+    /// Cycles that the daemon could not hand out in time.
+    unpublished: u64,
+    /// Cycles that the recorder did not take out of shared memory in time.
+    lost: u64,
+    /// Cycles that the disk was too slow for, or that it did not take.
+    dropped: u64,
+    /// Why the recording ended: `interrupted`, `seconds`, `max-size`, `disk` or `daemon`.
+    ended: &'static str,
+}
+
+/// Records until the arguments, a signal, the disk or the daemon end it.
+///
+/// # Errors
+///
+/// When no daemon answers or it goes away, the file exists or cannot be written. A file that was begun can be read.
+pub fn run(instance: &str, arguments: &RecordArguments) -> Result<(), RecorderFailure> {
+    let interrupt = Interrupt::register();
+    let client = Client::connect(instance)?;
+    // Before the file: where there is no place to record, none is left behind.
+    let records = client.records()?;
+    let path = &arguments.file;
+    match path.as_os_str() == "-" {
+        true => record(&client, records, arguments, &interrupt, io::stdout()),
+        false => {
+            let file = File::create_new(path).map_err(|error| RecorderFailure::unwritable(path, error))?;
+            record(&client, records, arguments, &interrupt, file)
+        }
+    }
+}
+
+fn record(
+    client: &Client,
+    records: Records,
+    arguments: &RecordArguments,
+    interrupt: &Interrupt,
+    out: impl Output,
+) -> Result<(), RecorderFailure> {
+    let mut session = Session::begin(client, records, arguments, out)?;
+    let mut ended = session.take_all(interrupt);
+    session.disk.finish(session.counts());
+    let _the_first = interrupt.came_again();
+    // A second Ctrl-C leaves behind a disk that hangs.
+    while !session.disk.has_ended() && !interrupt.came_again() {
+        std::thread::sleep(PAUSE);
+    }
+    let written = match session.disk.has_ended() {
+        true => session.disk.join(),
+        false => Err(io::Error::other("interrupted while the disk did not answer")),
+    };
+    if written.is_err() {
+        ended = End::Disk;
+    }
+    session.report(&arguments.file, &ended).print(arguments)?;
+    written.map_err(|error| RecorderFailure::unwritable(&arguments.file, error))?;
+    if let End::Daemon(error) = ended { Err(error.into()) } else { Ok(()) }
+}
+
+/// The zero of `CLOCK_MONOTONIC`, as `begun` and the clocks show it now.
+pub(crate) fn origin(begun: &State) -> Origin {
+    Origin::now(begun.publish_ns().saturating_add(nanos(begun.age())))
+}
+
+/// Why a recording ended.
+enum End {
+    Interrupted,
+    Seconds,
+    MaxSize,
+    Disk,
+    Daemon(Error),
+}
+
+impl End {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Interrupted => "interrupted",
+            Self::Seconds => "seconds",
+            Self::MaxSize => "max-size",
+            Self::Disk => "disk",
+            Self::Daemon(_) => "daemon",
+        }
+    }
+}
+
+/// A recording under way.
+struct Session {
+    records: Records,
+    disk: Disk,
+    tally: Tally,
+    ends: Option<Instant>,
+}
+
+impl Session {
+    fn begin(
+        client: &Client,
+        records: Records,
+        arguments: &RecordArguments,
+        out: impl Output,
+    ) -> Result<Self, RecorderFailure> {
+        let begun = client.wait(PATIENCE)?;
+        let max_bytes = arguments.max_size.map_or(u64::MAX, |megabytes| megabytes.saturating_mul(1_000_000));
+        let disk = Disk::begin(out, &client.description(), origin(&begun), begun.tick_ns(), max_bytes)
+            .map_err(|error| RecorderFailure::unwritable(&arguments.file, error))?;
+        let ends = arguments.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+        Ok(Self { records, disk, tally: Tally::default(), ends })
+    }
+
+    /// Takes every cycle until something ends it.
+    fn take_all(&mut self, interrupt: &Interrupt) -> End {
+        let mut record = Box::<CycleRecord>::default();
+        loop {
+            loop {
+                match self.records.take(&mut record) {
+                    Ok(true) => {
+                        self.tally.take(&record);
+                        self.disk.take(&record);
+                    }
+                    Ok(false) => break,
+                    Err(error) => return End::Daemon(error),
+                }
+            }
+            if interrupt.came() {
+                return End::Interrupted;
+            }
+            if self.disk.has_ended() {
+                return End::Disk;
+            }
+            if self.disk.is_full() {
+                return End::MaxSize;
+            }
+            if self.ends.is_some_and(|ends| Instant::now() >= ends) {
+                return End::Seconds;
+            }
+            std::thread::sleep(PAUSE);
+        }
+    }
+
+    fn counts(&self) -> Counts {
+        let Tally { missed_ticks, gap, .. } = self.tally;
+        let lost = self.records.lost();
+        let unpublished = gap.saturating_sub(missed_ticks).saturating_sub(lost);
+        let (recorded, dropped) = self.disk.counts();
+        Counts { recorded, missed_ticks, unpublished, lost, dropped }
+    }
+
+    fn report(&self, file: &Path, ended: &End) -> Report {
+        let Counts { recorded, missed_ticks, unpublished, lost, dropped } = self.counts();
+        let Tally { first, last, .. } = self.tally;
+        let nanoseconds =
+            last.map_or(0, |(_, tick_ns, _)| tick_ns).saturating_sub(first.map_or(0, |(_, tick_ns)| tick_ns));
+        Report {
+            file: file.display().to_string(),
+            recorded,
+            first_cycle: first.map_or(0, |(cycle, _)| cycle),
+            last_cycle: last.map_or(0, |(cycle, ..)| cycle),
+            seconds: nanoseconds as f64 / 1e9,
+            bytes: self.disk.bytes(),
+            missed_ticks,
+            unpublished,
+            lost,
+            dropped,
+            ended: ended.name(),
+        }
+    }
+}
+
+/// Counts by the numbers of the cycles.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally {
+    /// Number and tick of the first cycle.
+    first: Option<(u64, u64)>,
+    /// Number, tick and overruns of the last one.
+    last: Option<(u64, u64, u64)>,
+    /// Numbers that were left out.
+    gap: u64,
+    missed_ticks: u64,
+}
+
+impl Tally {
+    fn take(&mut self, record: &CycleRecord) {
+        let state = &record.state;
+        if let Some((cycle, _, overruns)) = self.last {
+            self.gap += state.cycle.saturating_sub(cycle).saturating_sub(1);
+            self.missed_ticks += state.overruns.saturating_sub(overruns);
+        }
+        self.first.get_or_insert((state.cycle, state.tick_ns));
+        self.last = Some((state.cycle, state.tick_ns, state.overruns));
+    }
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
+impl Report {
+    /// On standard output, unless the recording went there.
+    fn print(&self, arguments: &RecordArguments) -> io::Result<()> {
+        let mut text = Vec::new();
+        match arguments.json {
+            true => json::write_line(&mut text, self)?,
+            false => self.write(&mut text)?,
+        }
+        match arguments.file.as_os_str() == "-" {
+            true => io::stderr().lock().write_all(&text),
+            false => io::stdout().lock().write_all(&text),
+        }
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        let Self { recorded, seconds, missed_ticks, unpublished, lost, dropped, .. } = self;
+        let megabytes = self.bytes as f64 / 1e6;
+        writeln!(out, "{}: {recorded} cycles in {seconds:.3} s, {megabytes:.1} MB", printable(&self.file))?;
+        writeln!(
+            out,
+            "not recorded: {missed_ticks} ticks that the daemon missed, {unpublished} cycles that it could not hand out, {lost} \
+             lost in shared memory, {dropped} dropped for the disk"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gap_in_the_cycle_numbers_is_counted_with_the_ticks_that_were_missed() {
+        let mut tally = Tally::default();
+        let mut record = CycleRecord::default();
+        for (cycle, overruns) in [(7, 3), (8, 3), (12, 5), (13, 5)] {
+            (record.state.cycle, record.state.overruns) = (cycle, overruns);
+            tally.take(&record);
+        }
+        assert_eq!(
+            (tally.gap, tally.missed_ticks),
+            (3, 2),
+            "one cycle more than the missed ticks is not there"
+        );
+        assert_eq!((tally.first, tally.last), (Some((7, 0)), Some((13, 0, 5))));
+    }
+}

@@ -1,0 +1,125 @@
+//! The messages of a cycle, from Protobuf to those of shared memory. A file may hold anything: a word that is no code becomes a
+//! number that is none.
+
+use crate::motord;
+use motord_shared::description::RobotDescription;
+use motord_shared::limits::INDICATORS_MAX;
+use motord_shared::message::{
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
+    JOINT_VALID, NO_JOINT,
+};
+use motord_shared::{
+    Applied, BusCondition, BusState, Cause, GroupState, Indicator, JointSetpoint, JointState, MotorMode,
+    Phase, SetpointMode, StateMessage,
+};
+
+/// Stands for a word that this version does not know.
+const UNKNOWN: u32 = u32::MAX;
+
+/// Reads the word of a code. A number stands for itself.
+macro_rules! code {
+    ($type:ident, $word:expr) => {{
+        let word: &str = $word;
+        let known = $type::ALL.iter().find(|known| known.name() == word).map(|known| known.code());
+        known.or_else(|| word.parse().ok()).unwrap_or(UNKNOWN)
+    }};
+}
+
+pub(crate) fn joint(joint: &motord::Joint) -> (JointState, Option<JointSetpoint>) {
+    let is_valid = joint.position.is_some();
+    let applied = joint.applied.unwrap_or_default();
+    let state = JointState {
+        position: joint.position.unwrap_or_default(),
+        velocity: joint.velocity.unwrap_or_default(),
+        torque: joint.torque.unwrap_or_default(),
+        temperature: joint.temperature.unwrap_or(f32::NAN),
+        applied: Applied {
+            position: applied.position,
+            velocity: applied.velocity,
+            kp: applied.kp,
+            kd: applied.kd,
+            torque: applied.torque,
+        },
+        limits: joint.limits,
+        mode: code!(MotorMode, &joint.mode),
+        fault: joint.faults,
+        flags: if joint.fresh { JOINT_FRESH } else { 0 } | if is_valid { JOINT_VALID } else { 0 },
+        age_cycles: joint.age_cycles,
+        missed: joint.missed,
+        reply_latency_ns: joint.reply_latency_ns,
+        late: joint.late,
+        implausible: joint.implausible,
+        receive_ns: joint.receive_ns,
+    };
+    (state, joint.setpoint.as_ref().map(setpoint))
+}
+
+fn setpoint(setpoint: &motord::Setpoint) -> JointSetpoint {
+    let motord::Setpoint { position, velocity, kp, kd, torque, ref mode } = *setpoint;
+    JointSetpoint { position, velocity, kp, kd, torque, mode: code!(SetpointMode, mode) }
+}
+
+pub(crate) fn group(group: &motord::Group, robot: &RobotDescription) -> GroupState {
+    let joint = robot.joints.iter().position(|joint| joint.name == group.cause_joint);
+    let mut state = GroupState {
+        lease: group.lease,
+        sequence: group.sequence,
+        setpoint_age_ns: group.setpoint_age_ns,
+        answered_cycle: group.answered_cycle,
+        used_cycle: group.used_cycle,
+        phase: code!(Phase, &group.phase),
+        cause: if group.cause.is_empty() { 0 } else { code!(Cause, &group.cause) },
+        cause_joint: joint.map_or(NO_JOINT, |joint| joint as u32),
+        cause_pid: group.cause_pid,
+        accepted: group.accepted,
+        late: group.late,
+        ..GroupState::default()
+    };
+    for (place, count) in state.rejected.iter_mut().zip(&group.rejected) {
+        *place = *count;
+    }
+    state
+}
+
+pub(crate) fn bus(bus: &motord::Bus) -> BusState {
+    BusState {
+        condition: code!(BusCondition, &bus.condition),
+        sent: bus.sent,
+        dropped: bus.dropped,
+        received: bus.received,
+        unexpected_id: bus.unexpected_id,
+        duplicate: bus.duplicate,
+        malformed: bus.malformed,
+        errors: bus.errors,
+        lost: bus.lost,
+    }
+}
+
+/// Writes what concerns the cycle as a whole into `state`.
+pub(crate) fn cycle(cycle: &motord::Cycle, state: &mut StateMessage) {
+    let flags = [
+        (cycle.emergency_stop, FLAG_EMERGENCY_STOP),
+        (cycle.realtime, FLAG_REALTIME),
+        (cycle.overrun, FLAG_OVERRUN),
+        (cycle.shutting_down, FLAG_SHUTDOWN),
+        (cycle.config_changed, FLAG_CONFIG_CHANGED),
+    ];
+    state.flags = flags.iter().filter(|(is_set, _)| *is_set).fold(0, |flags, (_, flag)| flags | flag);
+    state.boot_id = cycle.boot_id;
+    state.cycle = cycle.cycle;
+    state.tick_ns = cycle.tick_ns;
+    state.wake_latency_ns = cycle.wake_latency_ns;
+    state.publish_ns = cycle.publish_ns;
+    state.overruns = cycle.overruns;
+}
+
+pub(crate) fn indicators(indicators: &motord::Indicators) -> [f32; INDICATORS_MAX] {
+    let mut values = [f32::NAN; INDICATORS_MAX];
+    for indicator in Indicator::ALL {
+        let value = indicators.values.get(indicator.name());
+        if let (Some(value), Some(place)) = (value, values.get_mut(indicator.code() as usize)) {
+            *place = *value;
+        }
+    }
+    values
+}

@@ -1,0 +1,112 @@
+//! The messages of a cycle, from shared memory to Protobuf.
+
+use crate::motord;
+use motord_shared::description::RobotDescription;
+use motord_shared::message::{
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
+    JOINT_VALID,
+};
+use motord_shared::{
+    Applied, BusCondition, BusState, Cause, CycleRecord, GroupState, Indicator, JointIndicators,
+    JointSetpoint, JointState, MotorMode, Phase, SetpointMode, StateMessage,
+};
+
+/// The name of a code; a number that is none stands for itself.
+fn name<T: TryFrom<u32> + ToString>(code: u32) -> String {
+    T::try_from(code).map_or_else(|_| code.to_string(), |known| known.to_string())
+}
+
+pub(crate) fn joint(cycle: u64, joint: &JointState, setpoint: Option<&JointSetpoint>) -> motord::Joint {
+    let measured = |value: f32| (joint.flags & JOINT_VALID != 0).then_some(value);
+    motord::Joint {
+        cycle,
+        position: measured(joint.position),
+        velocity: measured(joint.velocity),
+        torque: measured(joint.torque),
+        temperature: Some(joint.temperature).filter(|temperature| temperature.is_finite()),
+        setpoint: setpoint.map(self::setpoint),
+        applied: Some(command(&joint.applied)),
+        mode: name::<MotorMode>(joint.mode),
+        faults: joint.fault,
+        limits: joint.limits,
+        fresh: joint.flags & JOINT_FRESH != 0,
+        age_cycles: joint.age_cycles,
+        missed: joint.missed,
+        late: joint.late,
+        implausible: joint.implausible,
+        reply_latency_ns: joint.reply_latency_ns,
+        receive_ns: joint.receive_ns,
+    }
+}
+
+fn setpoint(setpoint: &JointSetpoint) -> motord::Setpoint {
+    let JointSetpoint { position, velocity, kp, kd, torque, mode } = *setpoint;
+    motord::Setpoint { position, velocity, kp, kd, torque, mode: name::<SetpointMode>(mode) }
+}
+
+fn command(applied: &Applied) -> motord::Command {
+    let Applied { position, velocity, kp, kd, torque } = *applied;
+    motord::Command { position, velocity, kp, kd, torque }
+}
+
+pub(crate) fn group(cycle: u64, group: &GroupState, robot: &RobotDescription) -> motord::Group {
+    let joint = robot.joints.get(group.cause_joint as usize);
+    motord::Group {
+        cycle,
+        phase: name::<Phase>(group.phase),
+        cause: if group.cause == 0 { String::new() } else { name::<Cause>(group.cause) },
+        cause_joint: joint.map(|joint| joint.name.clone()).unwrap_or_default(),
+        cause_pid: group.cause_pid,
+        lease: group.lease,
+        sequence: group.sequence,
+        setpoint_age_ns: group.setpoint_age_ns,
+        answered_cycle: group.answered_cycle,
+        used_cycle: group.used_cycle,
+        accepted: group.accepted,
+        late: group.late,
+        rejected: group.rejected.to_vec(),
+    }
+}
+
+pub(crate) fn bus(cycle: u64, bus: &BusState) -> motord::Bus {
+    motord::Bus {
+        cycle,
+        condition: name::<BusCondition>(bus.condition),
+        sent: bus.sent,
+        dropped: bus.dropped,
+        received: bus.received,
+        unexpected_id: bus.unexpected_id,
+        duplicate: bus.duplicate,
+        malformed: bus.malformed,
+        errors: bus.errors,
+        lost: bus.lost,
+    }
+}
+
+pub(crate) fn cycle(record: &CycleRecord) -> motord::Cycle {
+    let state = &record.state;
+    let has = |flag: u32| state.flags & flag != 0;
+    let StateMessage { cycle, tick_ns, wake_latency_ns, publish_ns, overruns, boot_id, .. } = *state;
+    motord::Cycle {
+        cycle,
+        tick_ns,
+        wake_latency_ns,
+        publish_ns,
+        overruns,
+        emergency_stop: has(FLAG_EMERGENCY_STOP),
+        realtime: has(FLAG_REALTIME),
+        overrun: has(FLAG_OVERRUN),
+        shutting_down: has(FLAG_SHUTDOWN),
+        config_changed: has(FLAG_CONFIG_CHANGED),
+        boot_id,
+        sequence: record.sequence,
+    }
+}
+
+pub(crate) fn indicators(indicators: &JointIndicators) -> motord::Indicators {
+    let known = |indicator: &Indicator| {
+        let value = indicators.values.get(indicator.code() as usize).copied()?;
+        value.is_finite().then(|| (indicator.name().to_owned(), value))
+    };
+    motord::Indicators { values: Indicator::ALL.iter().filter_map(known).collect() }
+}

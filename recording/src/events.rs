@@ -1,0 +1,162 @@
+//! The changes from cycle to cycle, as sentences.
+//!
+//! The states tell: what begins and ends between two cycles that were recorded is not seen.
+
+use motord_shared::description::RobotDescription;
+use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN};
+use motord_shared::{BusCondition, Cause, Fault, GroupState, JointState, MotorMode, Phase, StateMessage};
+
+/// How much an event matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// Every change of a motor.
+    Debug,
+    /// The phases and owners of a group.
+    Info,
+    /// Missed ticks, a bus that has changed.
+    Warning,
+    /// A stop, a fault: somebody must look.
+    Error,
+}
+
+/// A change.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Event {
+    /// How much it matters.
+    pub level: Level,
+    /// The joint, group or bus; empty for the whole robot.
+    pub subject: String,
+    /// A sentence without its subject.
+    pub text: String,
+}
+
+/// Compares each state with the one before.
+#[derive(Debug, Default)]
+pub struct Events {
+    before: Option<Box<StateMessage>>,
+}
+
+impl Events {
+    /// The changes since the state before. Nothing for the first.
+    pub fn of(&mut self, state: &StateMessage, robot: &RobotDescription) -> Vec<Event> {
+        let mut events = Vec::new();
+        match &mut self.before {
+            None => self.before = Some(Box::new(*state)),
+            Some(before) => {
+                whole(&mut events, before, state);
+                let names = robot.groups.iter().map(|group| group.name.as_str());
+                for ((name, before), group) in names.zip(before.groups()).zip(state.groups()) {
+                    of_group(&mut events, name, before, group, robot);
+                }
+                let names = robot.joints.iter().map(|joint| joint.name.as_str());
+                for ((name, before), joint) in names.zip(before.joints()).zip(state.joints()) {
+                    of_joint(&mut events, name, before, joint);
+                }
+                for ((name, before), bus) in robot.buses.iter().zip(before.buses()).zip(state.buses()) {
+                    if before.condition != bus.condition {
+                        let condition = named(BusCondition::try_from(bus.condition));
+                        push(&mut events, Level::Warning, name, format!("is {condition}"));
+                    }
+                }
+                **before = *state;
+            }
+        }
+        events
+    }
+}
+
+fn push(events: &mut Vec<Event>, level: Level, subject: &str, text: String) {
+    events.push(Event { level, subject: subject.to_owned(), text });
+}
+
+fn named<T: ToString, E>(code: Result<T, E>) -> String {
+    code.map_or_else(|_| "unknown".to_owned(), |code| code.to_string())
+}
+
+fn whole(events: &mut Vec<Event>, before: &StateMessage, state: &StateMessage) {
+    let missed = state.overruns.saturating_sub(before.overruns);
+    if missed > 0 {
+        push(events, Level::Warning, "", format!("ticks missed: {missed}"));
+    }
+    let set = state.flags & !before.flags;
+    let cleared = before.flags & !state.flags;
+    for (is_so, level, text) in [
+        (set & FLAG_EMERGENCY_STOP != 0, Level::Error, "emergency stop"),
+        (cleared & FLAG_EMERGENCY_STOP != 0, Level::Info, "the emergency stop was reset"),
+        (set & FLAG_SHUTDOWN != 0, Level::Info, "the daemon is shutting down"),
+    ] {
+        if is_so {
+            push(events, level, "", text.to_owned());
+        }
+    }
+}
+
+fn of_group(
+    events: &mut Vec<Event>,
+    name: &str,
+    before: &GroupState,
+    group: &GroupState,
+    robot: &RobotDescription,
+) {
+    if before.lease != group.lease {
+        let text = if group.lease == 0 { "has no owner" } else { "has an owner" };
+        push(events, Level::Info, name, text.to_owned());
+    }
+    if before.phase != group.phase {
+        push(events, Level::Info, name, format!("is {}", named(Phase::try_from(group.phase))));
+    }
+    if before.cause != group.cause && group.cause != 0 {
+        let joint = robot.joints.get(group.cause_joint as usize);
+        let joint = joint.map_or_else(String::new, |joint| format!(" ({})", joint.name));
+        let cause = named(Cause::try_from(group.cause));
+        push(events, Level::Error, name, format!("is stopped: {cause}{joint}"));
+    }
+    if before.cause != 0 && group.cause == 0 {
+        push(events, Level::Info, name, "was reset".to_owned());
+    }
+}
+
+fn of_joint(events: &mut Vec<Event>, name: &str, before: &JointState, joint: &JointState) {
+    if before.mode != joint.mode {
+        push(events, Level::Debug, name, format!("is {}", named(MotorMode::try_from(joint.mode))));
+    }
+    if before.fault != joint.fault && joint.fault != 0 {
+        let known = Fault::ALL.iter().filter(|fault| joint.fault & fault.bit() != 0);
+        let names: Vec<&str> = known.map(|fault| fault.name()).collect();
+        push(events, Level::Error, name, format!("reports {} ({:#x})", names.join(", "), joint.fault));
+    }
+    if before.fault != 0 && joint.fault == 0 {
+        push(events, Level::Info, name, "reports no fault any more".to_owned());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_shared::description::{GroupDescription, JointDescription};
+
+    #[test]
+    fn each_change_is_an_event_once_and_no_change_is_none() {
+        let joint = JointDescription { name: "knee".into(), ..JointDescription::default() };
+        let group = GroupDescription { name: "legs".into(), joints: vec![0] };
+        let robot = RobotDescription { joints: vec![joint], groups: vec![group], ..Default::default() };
+        let mut events = Events::default();
+        let mut state = StateMessage { joint_count: 1, group_count: 1, ..StateMessage::default() };
+        assert_eq!(events.of(&state, &robot), [], "the first has nothing before it");
+        state.cycle += 1;
+        assert_eq!(events.of(&state, &robot), []);
+        state.overruns = 2;
+        state.groups[0].cause = Cause::MotorFault.code();
+        state.joints[0].fault = Fault::OverVoltage.bit();
+        let found: Vec<String> = events
+            .of(&state, &robot)
+            .iter()
+            .map(|event| format!("{} {}", event.subject, event.text))
+            .collect();
+        assert_eq!(
+            found,
+            [" ticks missed: 2", "legs is stopped: motor-fault (knee)", "knee reports over-voltage (0x2)"]
+        );
+        assert_eq!(events.of(&state, &robot), []);
+    }
+}

@@ -1,0 +1,51 @@
+//! Recordings of cycles: every state, setpoint, applied command and event, as MCAP files.
+//!
+//! - [`Writer`] writes a file, [`Reader`] reads it.
+//! - [`Events`] finds what has changed from cycle to cycle, [`Stops`] the safe stops.
+//! - [`Memory`] keeps the last seconds.
+//!
+//! The format is [MCAP](https://mcap.dev) with Protobuf messages, compressed by zstd. Each file carries the schemas,
+//! `proto/motord.proto`, and the description of the robot.
+//!
+//! | topic | message | how often |
+//! |---|---|---|
+//! | `/robot` | the description of the robot, JSON | once, first |
+//! | `/joints/NAME` | `motord.Joint` | every cycle |
+//! | `/groups/NAME` | `motord.Group` | every cycle |
+//! | `/buses/NAME` | `motord.Bus` | every cycle |
+//! | `/indicators/NAME` | `motord.Indicators`, of the joint `NAME` | when one has changed |
+//! | `/cycle` | `motord.Cycle` | every cycle, the last of its messages |
+//! | `/events` | `foxglove.Log` | when something has changed |
+
+#![forbid(unsafe_code)]
+
+mod clock;
+mod decode;
+mod encode;
+mod events;
+mod memory;
+mod reader;
+mod stops;
+mod writer;
+
+pub use clock::Origin;
+pub use events::{Event, Events, Level};
+pub use memory::{Memory, Remembered};
+pub use reader::{ReadError, Reader};
+pub use stops::Stops;
+pub use writer::{Counts, Writer};
+
+/// The messages, as `build.rs` makes them of `proto/`.
+#[allow(unreachable_pub, reason = "prost makes it")]
+mod motord {
+    include!(concat!(env!("OUT_DIR"), "/motord.rs"));
+}
+
+/// Foxglove's messages, made in the same way.
+#[allow(unreachable_pub, reason = "prost makes it")]
+mod foxglove {
+    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+}
+
+/// The schemas, as a `google.protobuf.FileDescriptorSet`.
+const SCHEMA: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/schema.bin"));

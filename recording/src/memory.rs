@@ -1,0 +1,110 @@
+//! The last seconds of a robot, in memory.
+
+use crate::clock::Origin;
+use crate::{Counts, Reader, Writer};
+use motord_shared::CycleRecord;
+use motord_shared::description::RobotDescription;
+use std::collections::VecDeque;
+use std::io::{self, Write};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Length of a part, ns.
+const PART_NS: u64 = 1_000_000_000;
+
+/// A whole file of a second, and the tick that it begins with.
+#[derive(Debug, Clone)]
+struct Part {
+    from_ns: u64,
+    bytes: Arc<Vec<u8>>,
+}
+
+/// The last seconds of a robot, compressed. The oldest second goes when there are too many.
+pub struct Memory {
+    robot: RobotDescription,
+    origin: Origin,
+    parts: VecDeque<Part>,
+    /// The part that is being written, and the tick that it begins with.
+    current: Option<(u64, Writer<Vec<u8>>)>,
+    parts_max: usize,
+    bytes_max: usize,
+}
+
+/// The content of a [`Memory`] at one time.
+#[derive(Debug, Clone)]
+pub struct Remembered {
+    robot: RobotDescription,
+    origin: Origin,
+    parts: Vec<Part>,
+}
+
+impl Memory {
+    /// Keeps the last `time` of `robot`, and up to a second more; less where that takes more than `bytes_max` bytes.
+    #[must_use]
+    pub fn new(robot: &RobotDescription, origin: Origin, time: Duration, bytes_max: usize) -> Self {
+        let parts_max = usize::try_from(time.as_secs()).unwrap_or(usize::MAX).saturating_add(1);
+        Self { robot: robot.clone(), origin, parts: VecDeque::new(), current: None, parts_max, bytes_max }
+    }
+
+    /// Takes in a cycle.
+    ///
+    /// # Errors
+    /// When it cannot be encoded.
+    pub fn take(&mut self, record: &CycleRecord) -> io::Result<()> {
+        let tick_ns = record.state.tick_ns;
+        if self.current.as_ref().is_some_and(|(from_ns, _)| tick_ns.saturating_sub(*from_ns) >= PART_NS) {
+            self.end_part()?;
+        }
+        let (from_ns, mut writer) = match self.current.take() {
+            Some(current) => current,
+            None => (tick_ns, Writer::new(Vec::new(), &self.robot, self.origin, tick_ns)?),
+        };
+        writer.write(record)?;
+        self.current = Some((from_ns, writer));
+        Ok(())
+    }
+
+    /// All that is remembered now. It stays as it is when the memory goes on.
+    ///
+    /// # Errors
+    /// As of [`take`](Self::take).
+    pub fn remembered(&mut self) -> io::Result<Remembered> {
+        self.end_part()?;
+        let Self { robot, origin, parts, .. } = self;
+        Ok(Remembered { robot: robot.clone(), origin: *origin, parts: parts.iter().cloned().collect() })
+    }
+
+    fn end_part(&mut self) -> io::Result<()> {
+        if let Some((from_ns, writer)) = self.current.take() {
+            let bytes = writer.finish(&Counts::default())?;
+            self.parts.push_back(Part { from_ns, bytes: Arc::new(bytes) });
+        }
+        let mut bytes: usize = self.parts.iter().map(|part| part.bytes.len()).sum();
+        while self.parts.len() > self.parts_max || bytes > self.bytes_max {
+            let Some(oldest) = self.parts.pop_front() else { break };
+            bytes -= oldest.bytes.len();
+        }
+        Ok(())
+    }
+}
+
+impl Remembered {
+    /// Writes it as one file. Returns the number of its cycles.
+    ///
+    /// # Errors
+    /// When `out` cannot be written.
+    pub fn write(&self, out: impl Write) -> io::Result<u64> {
+        let from_ns = self.parts.first().map_or(0, |part| part.from_ns);
+        let mut writer = Writer::new(out, &self.robot, self.origin, from_ns)?;
+        let mut recorded = 0;
+        for part in &self.parts {
+            let mut reader = Reader::new(&part.bytes[..]).map_err(io::Error::other)?;
+            while let Some(record) = reader.next_cycle() {
+                writer.write(record)?;
+                recorded += 1;
+            }
+        }
+        writer.finish(&Counts { recorded, ..Counts::default() })?.flush()?;
+        Ok(recorded)
+    }
+}

@@ -1,0 +1,242 @@
+//! Writes a file.
+
+use crate::clock::Origin;
+use crate::encode;
+use crate::events::{Event, Events, Level};
+use crate::{SCHEMA, foxglove};
+use mcap::records::MessageHeader;
+use mcap::write::{Metadata, NoSeek};
+use mcap::{McapError, McapResult, WriteOptions};
+use motord_shared::CycleRecord;
+use motord_shared::description::RobotDescription;
+use motord_shared::limits::INDICATORS_MAX;
+use prost::Message;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+/// Uncompressed size of a part of the file that is compressed as one, bytes.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// The cycles of a recording, by their fate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Counts {
+    /// In the file.
+    pub recorded: u64,
+    /// Ticks that the daemon missed meanwhile: there was no cycle.
+    pub missed_ticks: u64,
+    /// The daemon's ipc thread was too slow to hand them out.
+    pub unpublished: u64,
+    /// The recorder was too slow to take them out of shared memory.
+    pub lost: u64,
+    /// The disk was too slow for them.
+    pub dropped: u64,
+}
+
+/// The channels of a file, in the order of the robot's description.
+#[derive(Debug, Default)]
+struct Channels {
+    joints: Vec<u16>,
+    groups: Vec<u16>,
+    buses: Vec<u16>,
+    indicators: Vec<u16>,
+    cycle: u16,
+    events: u16,
+}
+
+/// A file that is being written. It is whole up to the last [`flush`](Self::flush), and has its index after
+/// [`finish`](Self::finish).
+pub struct Writer<W: Write> {
+    out: mcap::Writer<NoSeek<W>>,
+    robot: RobotDescription,
+    origin: Origin,
+    channels: Channels,
+    events: Events,
+    /// By joint, as they were written last.
+    indicators: Vec<[f32; INDICATORS_MAX]>,
+    buffer: Vec<u8>,
+}
+
+impl<W: Write> Writer<W> {
+    /// Begins a file of `robot` at `from_ns`, ns of `CLOCK_MONOTONIC`. `out` gets one large write for each part of the file, besides
+    /// small ones: give it a buffer.
+    ///
+    /// # Errors
+    /// When `out` cannot be written.
+    pub fn new(out: W, robot: &RobotDescription, origin: Origin, from_ns: u64) -> io::Result<Self> {
+        let options = WriteOptions::new()
+            .library(concat!("motord ", env!("CARGO_PKG_VERSION")))
+            .chunk_size(Some(CHUNK_BYTES))
+            .compression_threads(0)
+            .disable_seeking(true);
+        let mut out = options.create(NoSeek::new(out)).map_err(of_mcap)?;
+        let channels = Channels::add(&mut out, robot).map_err(of_mcap)?;
+        let mut writer = Self {
+            out,
+            robot: robot.clone(),
+            origin,
+            channels,
+            events: Events::default(),
+            indicators: vec![[f32::NAN; INDICATORS_MAX]; robot.joints.len()],
+            buffer: Vec::new(),
+        };
+        writer.write_robot(from_ns).map_err(of_mcap)?;
+        Ok(writer)
+    }
+
+    fn write_robot(&mut self, from_ns: u64) -> McapResult<()> {
+        let channel = self.out.add_channel(0, "/robot", "json", &BTreeMap::new())?;
+        let text = serde_json::to_vec(&self.robot).map_err(|error| McapError::Io(error.into()))?;
+        let time = self.origin.unix(from_ns);
+        let header = MessageHeader { channel_id: channel, sequence: 0, log_time: time, publish_time: time };
+        self.out.write_to_known_channel(&header, &text)
+    }
+
+    /// Writes a cycle. It is in the file after the next [`flush`](Self::flush), or earlier.
+    ///
+    /// # Errors
+    /// When the file cannot be written: it ends before this part.
+    pub fn write(&mut self, record: &CycleRecord) -> io::Result<()> {
+        self.write_record(record).map_err(of_mcap)
+    }
+
+    fn write_record(&mut self, record: &CycleRecord) -> McapResult<()> {
+        let state = &record.state;
+        let header = MessageHeader {
+            channel_id: 0,
+            sequence: state.cycle as u32,
+            log_time: self.origin.unix(state.tick_ns),
+            publish_time: self.origin.unix(state.publish_ns),
+        };
+        let Self { out, robot, channels, buffer, .. } = self;
+        let mut put = |channel_id: u16, message: &dyn Encode| {
+            buffer.clear();
+            message.encode_into(buffer);
+            out.write_to_known_channel(&MessageHeader { channel_id, ..header }, buffer)
+        };
+        for (index, (joint, channel)) in state.joints().iter().zip(&channels.joints).enumerate() {
+            put(*channel, &encode::joint(state.cycle, joint, record.setpoint(index)))?;
+        }
+        for (group, channel) in state.groups().iter().zip(&channels.groups) {
+            put(*channel, &encode::group(state.cycle, group, robot))?;
+        }
+        for (bus, channel) in state.buses().iter().zip(&channels.buses) {
+            put(*channel, &encode::bus(state.cycle, bus))?;
+        }
+        for indicators in state.indicators() {
+            let joint = indicators.joint as usize;
+            let (Some(known), Some(channel)) =
+                (self.indicators.get_mut(joint), channels.indicators.get(joint))
+            else {
+                continue;
+            };
+            if known.map(f32::to_bits) != indicators.values.map(f32::to_bits) {
+                *known = indicators.values;
+                put(*channel, &encode::indicators(indicators))?;
+            }
+        }
+        for event in self.events.of(state, robot) {
+            put(channels.events, &log(&event, header.log_time))?;
+        }
+        put(channels.cycle, &encode::cycle(record))
+    }
+
+    /// Ends the present part of the file, so that it can be read even if nothing follows.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush().map_err(of_mcap)
+    }
+
+    /// Ends the file, with these counts in its metadata.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn finish(mut self, counts: &Counts) -> io::Result<W> {
+        let RobotDescription { instance, version, rate_hz, boot_id, .. } = &self.robot;
+        let metadata = [
+            ("instance", instance.clone()),
+            ("version", version.clone()),
+            ("rate_hz", rate_hz.to_string()),
+            ("boot_id", boot_id.to_string()),
+            ("monotonic_zero_unix_ns", self.origin.unix_ns.to_string()),
+            ("recorded", counts.recorded.to_string()),
+            ("missed_ticks", counts.missed_ticks.to_string()),
+            ("unpublished", counts.unpublished.to_string()),
+            ("lost", counts.lost.to_string()),
+            ("dropped", counts.dropped.to_string()),
+        ];
+        let metadata = metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+        let metadata = Metadata { name: "motord.recording".to_owned(), metadata };
+        let written = self.out.write_metadata(&metadata);
+        written.and_then(|()| self.out.finish()).map_err(of_mcap)?;
+        Ok(self.out.into_inner().into_inner())
+    }
+}
+
+impl Channels {
+    fn add<W: Write>(out: &mut mcap::Writer<NoSeek<W>>, robot: &RobotDescription) -> McapResult<Self> {
+        let mut schema = |name: &str| out.add_schema(name, "protobuf", SCHEMA);
+        let [joint, group, bus, indicators, cycle, log] = [
+            schema("motord.Joint")?,
+            schema("motord.Group")?,
+            schema("motord.Bus")?,
+            schema("motord.Indicators")?,
+            schema("motord.Cycle")?,
+            schema("foxglove.Log")?,
+        ];
+        let none = BTreeMap::new();
+        let mut add = |schema, topic: &str| out.add_channel(schema, topic, "protobuf", &none);
+        let joints = || robot.joints.iter().map(|joint| &joint.name);
+        Ok(Self {
+            joints: joints().map(|name| add(joint, &format!("/joints/{name}"))).collect::<Result<_, _>>()?,
+            groups: (robot.groups.iter())
+                .map(|described| add(group, &format!("/groups/{}", described.name)))
+                .collect::<Result<_, _>>()?,
+            buses: (robot.buses.iter())
+                .map(|name| add(bus, &format!("/buses/{name}")))
+                .collect::<Result<_, _>>()?,
+            indicators: joints()
+                .map(|name| add(indicators, &format!("/indicators/{name}")))
+                .collect::<Result<_, _>>()?,
+            cycle: add(cycle, "/cycle")?,
+            events: add(log, "/events")?,
+        })
+    }
+}
+
+/// Any of the messages.
+trait Encode {
+    fn encode_into(&self, buffer: &mut Vec<u8>);
+}
+
+impl<T: Message> Encode for T {
+    fn encode_into(&self, buffer: &mut Vec<u8>) {
+        self.encode_raw(buffer);
+    }
+}
+
+fn log(event: &Event, unix_ns: u64) -> foxglove::Log {
+    let level = match event.level {
+        Level::Debug => foxglove::log::Level::Debug,
+        Level::Info => foxglove::log::Level::Info,
+        Level::Warning => foxglove::log::Level::Warning,
+        Level::Error => foxglove::log::Level::Error,
+    };
+    let seconds = i64::try_from(unix_ns / 1_000_000_000).unwrap_or(i64::MAX);
+    let timestamp = prost_types::Timestamp { seconds, nanos: (unix_ns % 1_000_000_000) as i32 };
+    foxglove::Log {
+        timestamp: Some(timestamp),
+        level: level.into(),
+        message: format!("{} {}", event.subject, event.text).trim_start().to_owned(),
+        name: event.subject.clone(),
+    }
+}
+
+/// All that can go wrong is the writing.
+fn of_mcap(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        error => io::Error::other(error),
+    }
+}

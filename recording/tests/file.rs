@@ -1,0 +1,189 @@
+//! A file that was written is read as it was; a damaged one is read up to its damage, and never makes the reader panic.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+use motord_recording::{Counts, Memory, Origin, ReadError, Reader, Stops, Writer};
+use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
+use motord_shared::{BusCondition, Cause, CycleRecord, JointSetpoint, MotorMode, Phase, SetpointMode};
+use std::time::Duration;
+
+const CYCLES: u64 = 3000;
+
+fn robot() -> RobotDescription {
+    let joint = |name: &str| JointDescription { name: name.into(), ..JointDescription::default() };
+    RobotDescription {
+        instance: "demo".into(),
+        rate_hz: 1000.0,
+        boot_id: 77,
+        joints: vec![joint("hip"), joint("knee")],
+        groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
+        buses: vec!["can".into()],
+        ..RobotDescription::default()
+    }
+}
+
+/// A cycle in which everything that a file keeps differs from zero.
+fn record(cycle: u64) -> CycleRecord {
+    let mut record = CycleRecord { sequence: cycle + 5, ..CycleRecord::default() };
+    let state = &mut record.state;
+    (state.boot_id, state.cycle, state.tick_ns) = (77, cycle, cycle * 1_000_000);
+    (state.wake_latency_ns, state.publish_ns, state.overruns, state.flags) =
+        (9, cycle * 1_000_000 + 400_000, 3, 0b11111);
+    (state.joint_count, state.group_count, state.bus_count, state.indicator_count) = (2, 1, 1, 1);
+    for (index, joint) in state.joints[..2].iter_mut().enumerate() {
+        joint.position = (cycle as f32 * 0.01).sin() + index as f32;
+        (joint.velocity, joint.torque, joint.temperature) = (0.5, -1.5, 31.0);
+        (joint.applied.position, joint.applied.kp, joint.applied.kd) = (0.25, 40.0, 1.0);
+        (joint.limits, joint.mode, joint.fault, joint.flags) = (5, MotorMode::Active.code(), 2, 3);
+        (joint.age_cycles, joint.missed, joint.reply_latency_ns, joint.late) = (1, 2, 150_000, 4);
+        (joint.implausible, joint.receive_ns) = (6, 123_456);
+    }
+    let group = &mut state.groups[0];
+    (group.lease, group.sequence, group.setpoint_age_ns) = (1 << 32 | 1, cycle, 800_000);
+    (group.answered_cycle, group.used_cycle, group.phase) = (cycle, cycle, Phase::Active.code());
+    (group.cause, group.cause_joint, group.cause_pid) = (Cause::MotorFault.code(), 1, 4711);
+    (group.accepted, group.late) = (8, 1);
+    group.rejected[2] = 3;
+    let bus = &mut state.buses[0];
+    (bus.condition, bus.sent, bus.received, bus.errors) = (BusCondition::Active.code(), 24, 23, 1);
+    state.indicators[0].joint = 1;
+    state.indicators[0].values.fill(f32::NAN);
+    state.indicators[0].values[0] = 24.5;
+    let setpoint = JointSetpoint {
+        position: 0.3,
+        velocity: 0.1,
+        kp: 60.0,
+        kd: 2.0,
+        torque: 0.7,
+        mode: SetpointMode::Impedance.code(),
+    };
+    record.set_setpoint(1, setpoint);
+    record
+}
+
+fn written(finish: bool) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let mut writer =
+        Writer::new(&mut bytes, &robot(), Origin { unix_ns: 1_700_000_000_000_000_000 }, 0).unwrap();
+    for cycle in 1..=CYCLES {
+        writer.write(&record(cycle)).unwrap();
+        if cycle % 1000 == 0 {
+            writer.flush().unwrap();
+        }
+    }
+    if finish {
+        writer.finish(&Counts { recorded: CYCLES, ..Counts::default() }).unwrap();
+    } else {
+        // To drop it would end the file.
+        std::mem::forget(writer);
+    }
+    bytes
+}
+
+/// The cycles that can be read, and whether the file was damaged.
+fn read(bytes: &[u8]) -> Result<(Vec<u64>, bool), ReadError> {
+    let mut reader = Reader::new(bytes)?;
+    let mut cycles = Vec::new();
+    while let Some(record) = reader.next_cycle() {
+        cycles.push(record.state.cycle);
+    }
+    Ok((cycles, reader.damage().is_some()))
+}
+
+#[test]
+fn every_cycle_is_read_as_it_was_written() {
+    let bytes = written(true);
+    let mut reader = Reader::new(&bytes[..]).unwrap();
+    assert_eq!(reader.robot(), &robot());
+    for cycle in 1..=CYCLES {
+        let (expected, read) = (record(cycle), reader.next_cycle().unwrap());
+        assert_eq!(read.state.joints(), expected.state.joints());
+        assert_eq!(read.state.groups(), expected.state.groups());
+        assert_eq!(read.state.buses(), expected.state.buses());
+        assert_eq!((read.setpoint(0), read.setpoint(1)), (None, expected.setpoint(1)));
+        let whole = |record: &CycleRecord| {
+            let state = record.state;
+            (record.sequence, state.cycle, state.tick_ns, state.publish_ns, state.overruns, state.flags)
+        };
+        assert_eq!(whole(read), whole(&expected));
+        let indicators = read.state.indicators();
+        assert_eq!((indicators.len(), indicators[0].joint), (1, 1));
+        assert!((indicators[0].values[0] - 24.5).abs() < f32::EPSILON && indicators[0].values[1].is_nan());
+    }
+    assert!(reader.next_cycle().is_none());
+    assert_eq!(reader.damage(), None);
+}
+
+#[test]
+fn a_file_whose_recorder_was_killed_is_read_up_to_its_last_flush() {
+    let bytes = written(false);
+    let (cycles, _) = read(&bytes).unwrap();
+    assert!(cycles.len() as u64 >= CYCLES);
+    for cut in (bytes.len() / 2..bytes.len()).step_by(997) {
+        let (cycles, is_damaged) = read(&bytes[..cut]).unwrap();
+        assert!(is_damaged && cycles.len() >= 1000, "{cut} of {}: {}", bytes.len(), cycles.len());
+        assert!(
+            cycles.iter().zip(1..).all(|(cycle, expected)| *cycle == expected),
+            "from the first, without a gap"
+        );
+    }
+}
+
+#[test]
+fn no_damage_makes_the_reader_panic_or_hang() {
+    let bytes = written(true);
+    for (index, seed) in (0..bytes.len()).step_by(bytes.len() / 150).zip(1_u8..) {
+        let mut damaged = bytes.clone();
+        damaged[index] ^= seed;
+        let _any_outcome = read(&damaged);
+        let _any_outcome = read(&bytes[..index]);
+    }
+    assert!(read(b"").is_err());
+    assert!(read(b"not an mcap file at all").is_err());
+}
+
+#[test]
+fn a_file_of_another_program_is_refused() {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let mut other = mcap::Writer::new(&mut bytes).unwrap();
+    let channel = other.add_channel(0, "/chat", "json", &std::collections::BTreeMap::new()).unwrap();
+    let header =
+        mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 0, publish_time: 0 };
+    other.write_to_known_channel(&header, b"{}").unwrap();
+    other.finish().unwrap();
+    drop(other);
+    assert!(matches!(read(&bytes.into_inner()), Err(ReadError::NoRobot)));
+}
+
+/// The file of a memory of two seconds after six.
+fn remembered(bytes_max: usize) -> Vec<u8> {
+    let mut memory = Memory::new(&robot(), Origin::default(), Duration::from_secs(2), bytes_max);
+    (1..=6000).for_each(|cycle| memory.take(&record(cycle)).unwrap());
+    let mut bytes = Vec::new();
+    let written = memory.remembered().unwrap().write(&mut bytes).unwrap();
+    assert_eq!(written, read(&bytes).unwrap().0.len() as u64);
+    bytes
+}
+
+#[test]
+fn a_memory_keeps_the_last_seconds_in_as_many_bytes_as_it_may() {
+    let bytes = remembered(usize::MAX);
+    let expected: Vec<u64> = (3001..=6000).collect();
+    assert_eq!(read(&bytes).unwrap(), (expected, false), "and up to a second more");
+    let (fewer, is_damaged) = read(&remembered(bytes.len())).unwrap();
+    assert!(!is_damaged && fewer.len() < 3000, "{}", fewer.len());
+    assert_eq!(fewer.last(), Some(&6000), "the newest stay");
+}
+
+#[test]
+fn a_stop_is_found_once_and_one_before_the_first_cycle_is_not() {
+    let mut stops = Stops::default();
+    let mut of = |cause: u32| {
+        let mut record = record(1);
+        record.state.groups[0].cause = cause;
+        stops.of(&record)
+    };
+    let stop = Cause::EmergencyStop;
+    let found = [stop.code(), 0, stop.code(), stop.code(), Cause::MotorFault.code()].map(&mut of);
+    assert_eq!(found, [None, None, Some(stop), None, Some(Cause::MotorFault)]);
+}
