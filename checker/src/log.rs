@@ -161,13 +161,27 @@ pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str)
             rules.mark(mark, &mut verdict);
         }
         match frame {
-            Spoken::Command(command) => rules.command(command, &mut verdict),
+            Spoken::Command(command) => {
+                verdict.demand(is_within(command, wiring.motors[command.motor].position), || {
+                    format!("{} is beyond the limits of the joint", command.text)
+                });
+                rules.command(command, &mut verdict);
+            }
             Spoken::Reply(reply) => rules.reply(reply, &mut verdict),
         }
     }
     marks.for_each(|mark| rules.mark(mark, &mut verdict));
     rules.end(&mut verdict);
     verdict
+}
+
+/// A position that is followed lies within the limits, to a code.
+fn is_within(command: &Command, limits: Option<[f64; 2]>) -> bool {
+    let (Some([low, high]), Some(Meaning::Control { position, kp, .. })) = (limits, command.meaning) else {
+        return true;
+    };
+    let code = Ranges::steadywin(1.0).codes().position;
+    kp == 0.0 || (low - code..=high + code).contains(&position)
 }
 
 /// Reads marks.

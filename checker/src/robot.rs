@@ -131,14 +131,14 @@ pub enum SafeStop {
 
 /// Where the motors of a log are: interface and ids, from a configuration of the daemon. Candump does not see serial lines,
 /// so the motors there are left out.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Wiring {
     /// In the order of the configuration.
     pub motors: Vec<Wired>,
 }
 
 /// One motor on its interface.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Wired {
     /// The joint.
     pub name: String,
@@ -150,6 +150,9 @@ pub struct Wired {
     pub reply_id: u16,
     /// It answers the question for its faults. Another motor takes the question for a control frame.
     pub answers_question: bool,
+    /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the file gives no limits, or the codes
+    /// are not SteadyWin's.
+    pub position: Option<[f64; 2]>,
 }
 
 /// The keys of the configuration that matter here. What else the file holds is the daemon's business.
@@ -174,6 +177,27 @@ struct MotorTable {
     id: u16,
     host_id: Option<u16>,
     model: Option<String>,
+    protocol: Option<String>,
+    direction: Option<f64>,
+    offset_rad: Option<f64>,
+    limits: Option<LimitsTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct LimitsTable {
+    position_rad: Option<[f64; 2]>,
+}
+
+impl MotorTable {
+    /// The limits of the joint, as positions of the motor.
+    fn position(&self) -> Option<[f64; 2]> {
+        let is_steadywin = self.protocol.as_deref() == Some("mit") && self.model.as_ref()?.starts_with("GIM");
+        let limits = self.limits.as_ref().filter(|_| is_steadywin)?.position_rad?;
+        let (direction, offset) = (self.direction.unwrap_or(1.0), self.offset_rad.unwrap_or(0.0));
+        let [one, other] = limits.map(|position| direction * (position - offset));
+        Some([one.min(other), one.max(other)])
+    }
 }
 
 /// By the name of a motor's model: what the daemon's configuration adds to its id for the id of its replies
@@ -208,8 +232,10 @@ impl Wiring {
             let bus = buses.iter().find(|bus| bus.name == motor.bus);
             let bus = bus.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?;
             let (reply_offset, answers_question) = vendor(motor.model.as_deref());
+            let position = motor.position();
             Ok(bus.interface.clone().map(|interface| Wired {
                 interface,
+                position,
                 name: motor.name,
                 id: motor.id,
                 reply_id: motor.host_id.unwrap_or(reply_offset + motor.id),

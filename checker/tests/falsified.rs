@@ -33,6 +33,9 @@ fn wiring() -> Wiring {
     for leg in 0..4 {
         for (id, joint) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
             writeln!(text, "[[motor]]\nname = \"{leg}-{joint}\"\nbus = \"leg{leg}\"\nid = {id}").unwrap();
+            let direction = if leg % 2 == 0 { 1 } else { -1 };
+            writeln!(text, "protocol = \"mit\"\nmodel = \"GIM8108-8\"\ndirection = {direction}").unwrap();
+            writeln!(text, "limits = {{ position-rad = [-0.5, 1.0] }}").unwrap();
         }
     }
     Wiring::parse(&text).unwrap()
@@ -245,6 +248,22 @@ fn from_a_stop_to_its_reset_nothing_that_moves_is_accepted() {
     rig.refuses_without(" 0 motors", |_| true);
     rig.refuses_marks("1 stops", &DISTURBANCES[..2]);
     rig.refuses_text("candump says", LOST);
+}
+
+#[test]
+fn no_position_beyond_the_limits_of_a_joint_is_accepted_in_any_log() {
+    let rig = disturbances();
+    // 1.05 rad and -0.55 rad; the motors of the second bus turn against their joints.
+    for (place, beyond, within) in [("vcan0 002", "8AC0", "85A1"), ("vcan1 002", "85A1", "7A5E")] {
+        let follow = |position: &str| format!("{position}{}", &TROT[4..]);
+        let at = |line: &Line| line.place == place && line.at == 10;
+        let lines = |position: &str| -> Vec<Line> {
+            let data = |line: &Line| if at(line) { follow(position) } else { line.data.clone() };
+            rig.lines.iter().map(|line| Line { data: data(line), ..line.clone() }).collect()
+        };
+        assert_eq!((rig.judge)(rig.marks, &candump(&lines(within))).wrong, 0, "{place}");
+        assert_refused((rig.judge)(rig.marks, &candump(&lines(beyond))), "beyond the limits of the joint");
+    }
 }
 
 fn service() -> Rig {

@@ -3,6 +3,7 @@
 use crate::error::Error;
 use crate::link::Wire;
 use crate::native::{Confirmation, Native, same};
+use crate::scan::is_taken;
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Value};
 
 /// An item that is to change.
@@ -81,14 +82,85 @@ pub struct Apply<'c> {
     pub changes: &'c [Change],
 }
 
+/// Checks that a value can be written at all: with another one of these, a motor would be lost.
+///
+/// # Errors
+///
+/// The values that the item may have, in words.
+pub fn check_value(item: &ConfigurationItem, value: Value) -> Result<(), &'static str> {
+    let (allowed, expected) = match item.name {
+        "can-id" => (1..=0xFE, "can-id is 1 to 254"),
+        "host-id" => (0..=0x7FF, "host-id is 0 to 0x7FF"),
+        "can-protocol" => (0..=1, "can-protocol is 0 (native) or 1 (MIT)"),
+        _ => return Ok(()),
+    };
+    if matches!(value, Value::Integer(value) if allowed.contains(&value)) { Ok(()) } else { Err(expected) }
+}
+
+/// Bit/s of a unit of `can-baud-rate`, which no document gives, as far as the number tells.
+#[must_use]
+pub fn bitrate_unit(stored: i32) -> Option<u32> {
+    match stored {
+        1..=10 => Some(100_000),
+        100..=1000 => Some(1000),
+        100_000..=1_000_000 => Some(1),
+        _ => None,
+    }
+}
+
 impl Apply<'_> {
-    /// Checks that the changes can be written over this wire.
+    /// Checks that the changes lose no motor: each value is one that its item may have, no other motor of the bus has a new id,
+    /// and the bit rate keeps its unit. Asks on the bus; writes nothing.
     ///
     /// # Errors
     ///
-    /// [`Error::Protocol`]: over CAN a motor that changed its protocol cannot be told its bit rate, and the other way round.
+    /// [`Error::Protocol`], [`Error::Taken`], [`Error::Bus`].
     pub fn check(&self, motor: &mut Native<'_>) -> Result<(), Error> {
-        let has = |name: &str| self.changes.iter().any(|change| change.item.name == name);
+        self.check_wire(motor)?;
+        let (id, host_id) = (motor.address().id, motor.address().host_id);
+        let refused = |reason| Err(Error::Protocol { id, reason });
+        for change in self.changes {
+            check_value(change.item, change.to).or_else(refused)?;
+        }
+        if let Some(change) = self.change("can-baud-rate")
+            && let (Value::Integer(from), Value::Integer(to)) = (change.from, change.to)
+            && bitrate_unit(from).is_some_and(|unit| bitrate_unit(to) != Some(unit))
+        {
+            return refused("its new bit rate is not in the unit of the present one");
+        }
+        let new_id = self.integer("can-id");
+        let new_host_id = self.integer("host-id").filter(|_| motor.link().wire() == Wire::Can);
+        let known = host_id.filter(|_| motor.link().wire() == Wire::Can).map(|id| i32::from(id.raw()));
+        if (new_id.is_some() || new_host_id.is_some())
+            && new_host_id.or(known) == Some(new_id.unwrap_or(id.into()))
+        {
+            return refused(
+                "its id and its host id would be equal: two nodes would send frames with one id; give it another host id",
+            );
+        }
+        let others = [new_id, new_host_id].into_iter().flatten().filter_map(|new| u8::try_from(new).ok());
+        for taken in others.filter(|&other| other != id && (1..=0xFE).contains(&other)) {
+            if is_taken(motor.link(), taken)? {
+                return Err(Error::Taken { id, taken });
+            }
+        }
+        Ok(())
+    }
+
+    fn change(&self, name: &str) -> Option<&Change> {
+        self.changes.iter().find(|change| change.item.name == name)
+    }
+
+    fn integer(&self, name: &str) -> Option<i32> {
+        match self.change(name)?.to {
+            Value::Integer(value) => Some(value),
+            Value::Float(_) => None,
+        }
+    }
+
+    /// Over CAN a motor that changed its protocol cannot be sent its bit rate, and the other way round.
+    fn check_wire(&self, motor: &mut Native<'_>) -> Result<(), Error> {
+        let has = |name| self.change(name).is_some();
         if motor.link().wire() == Wire::Can && has("can-protocol") && has("can-baud-rate") {
             let reason =
                 "protocol and bit rate cannot both be changed over CAN: use its serial port, or two files";
@@ -109,7 +181,7 @@ impl Apply<'_> {
     ) -> Result<(), Failed<E>> {
         let count = self.changes.len();
         let failed = |written| move |source| Failed::Motor { source, written, count };
-        self.check(motor).map_err(failed(0))?;
+        self.check_wire(motor).map_err(failed(0))?;
         let plain = self.changes.iter().take_while(|change| rank(change.item) == 0).count();
         for (written, change) in self.changes.iter().enumerate() {
             if written == plain && plain > 0 {

@@ -47,6 +47,16 @@ pub enum Error {
         /// The value that was read afterwards.
         read: Value,
     },
+    /// A value was sent, and nobody answers where the motor should be now.
+    #[error("motor {id} does not answer after {item} {written} was sent: it may have the old value or the new one; `motorctl scan` shows where it answers", written = .written.as_f64())]
+    Unconfirmed {
+        /// The motor, by the id that it should have now.
+        id: u8,
+        /// The item's name.
+        item: &'static str,
+        /// The value that was sent.
+        written: Value,
+    },
     /// A parameter that was written reads back as another one.
     #[error("motor {id}: parameter {item} reads {read} after {written} was written")]
     ParameterNotKept {
@@ -66,6 +76,14 @@ pub enum Error {
         id: FrameId,
         /// How many there were.
         count: usize,
+    },
+    /// Another motor has the id that this one was to get.
+    #[error("motor {id}: a motor with id {taken} is on this bus already")]
+    Taken {
+        /// The motor.
+        id: u8,
+        /// The id of the other one.
+        taken: u8,
     },
     /// The protocol of a motor decides what it understands.
     #[error("motor {id}: {reason}")]

@@ -7,7 +7,7 @@
 //! - One request is open. Frames that arrived before it are dropped.
 //! - An answer repeats the command and the number of the request ([`Reply::answers`](motord_protocol::gim::Reply::answers)),
 //!   and bears the motor's host id where that is known. A frame that equals the request is its echo, never an answer.
-//! - A request is repeated only where repeating does no harm: reads, and stops.
+//! - A request is repeated only where repeating does no harm: reads, and stops. Each time its answer has twice as long.
 //! - A write is always read back, also when its answer was lost.
 //! - A refusal keeps the vendor's word and number; numbers without a word are kept.
 //!
@@ -37,12 +37,12 @@ mod scan;
 mod survey;
 mod time;
 
-pub use apply::{Apply, Change, Event, Failed, changes};
+pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use error::Error;
 pub use link::{Heard, Link, Wire};
 pub use mit::Mit;
 pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
-pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, scan};
+pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
 #[cfg(feature = "linux")]
 pub use time::MachineTime;

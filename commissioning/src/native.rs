@@ -16,7 +16,7 @@ use motord_protocol::{FaultBits, Scales};
 const FILLER: [u8; 8] = [0x00, 0x5A, 0x80, 0x10, 0x00, 0x00, 0x08, 0x00];
 
 /// Tries of a request that may be repeated.
-const ATTEMPTS: usize = 3;
+const ATTEMPTS: u32 = 3;
 /// The longest calibration. The document gives no time.
 pub const CALIBRATION_MAX: Duration = Duration::from_secs(60);
 /// Between two reports of progress.
@@ -206,7 +206,7 @@ impl<'l> Native<'l> {
     ///
     /// # Errors
     ///
-    /// As the others; [`Error::NotKept`] when it reads back as another value.
+    /// As the others; [`Error::NotKept`] when it reads back as another value; [`Error::Unconfirmed`] when it cannot be read back.
     pub fn set_configuration(
         &mut self,
         item: &'static ConfigurationItem,
@@ -227,7 +227,10 @@ impl<'l> Native<'l> {
             Err(error) => return Err(error),
         }
         self.follow(key, value);
-        self.confirm(item, value)
+        self.confirm(item, value).map_err(|error| match error {
+            Error::Silent { id, .. } => Error::Unconfirmed { id, item: item.name, written: value },
+            error => error,
+        })
     }
 
     /// Calibrates; the shaft turns (3.2.18). Waits for the answer up to [`CALIBRATION_MAX`]. `progress` is given the time so far,
@@ -339,12 +342,13 @@ impl<'l> Native<'l> {
         Err(Error::NotKept { id: self.id, item: item.name, written, read })
     }
 
-    /// Sends `command` until an answer comes, up to three times where that does no harm.
+    /// Sends `command` until an answer comes, up to three times where that does no harm. Each try waits twice as long as the one
+    /// before: a busy computer may hold an answer back. What is sent once only waits as the second of them.
     fn transact(&mut self, command: &Command) -> Result<Reply, Error> {
-        let attempts = if may_repeat(command) { ATTEMPTS } else { 1 };
+        let attempts = if may_repeat(command) { 0..ATTEMPTS } else { 1..2 };
         let mut failure = self.silent(command);
-        for _ in 0..attempts {
-            match self.attempt(command, self.link.patience())? {
+        for attempt in attempts {
+            match self.attempt(command, self.link.patience() * (1 << attempt))? {
                 Some(Answer::Reply(reply)) => return Ok(reply),
                 Some(Answer::NotRead) => failure = self.not_read(command),
                 None => {}

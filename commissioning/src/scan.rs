@@ -179,21 +179,44 @@ pub fn scan(
 ///
 /// [`Error::Bus`]; [`Error::Protocol`] when several motors answer.
 pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
-    let scan = Scan { window: link.patience(), ..Scan::default() };
-    only(id, || ask(link, id, &scan))
+    only(link, id, 2, |link, window| ask(link, id, &Scan { window, ..Scan::default() }))
+}
+
+/// Whether a motor answers to this id. More patient than [`identify`]: two motors would have one id after a wrong no. An answer that
+/// another motor still owes is heard out first.
+///
+/// # Errors
+///
+/// As [`identify`].
+pub fn is_taken(link: &mut Link, id: u8) -> Result<bool, Error> {
+    link.pause(link.patience() * 4);
+    let found = only(link, id, 3, |link, window| ask(link, id, &Scan { window, ..Scan::default() }));
+    found.map(|found| found.is_some())
 }
 
 /// As [`identify`], by an MIT stop frame alone.
 pub(crate) fn identify_in_mit(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     let Some(stop) = stop_frame() else { return Ok(None) };
-    let window = link.patience();
-    only(id, || put(link, id, stop, window))
+    only(link, id, 2, |link, window| put(link, id, stop, window))
 }
 
-/// The only motor that answers; a silent one is asked twice.
-fn only(id: u8, mut ask: impl FnMut() -> Result<(Vec<Found>, bool), Error>) -> Result<Option<Found>, Error> {
-    for _ in 0..2 {
-        let (found, collided) = ask()?;
+/// All motors that answer, and whether answers collided.
+type Answers = Result<(Vec<Found>, bool), Error>;
+
+/// The only motor that answers. A silent one is asked again, each time for twice as long: a busy computer may hold an answer back.
+/// Before that the bus is heard out, since two answers to one question are those of two motors.
+fn only(
+    link: &mut Link,
+    id: u8,
+    tries: u32,
+    mut ask: impl FnMut(&mut Link, Duration) -> Answers,
+) -> Result<Option<Found>, Error> {
+    for before in 0..tries {
+        let window = link.patience() * (1 << before);
+        if before > 0 {
+            link.pause(window);
+        }
+        let (found, collided) = ask(link, window)?;
         match *found {
             [] if !collided => {}
             [found] if !collided => return Ok(Some(found)),
@@ -226,8 +249,8 @@ fn listen(link: &mut Link, time: Duration) -> Result<Vec<Unprompted>, Error> {
     }
 }
 
-/// All motors that answer to `id`, and whether answers collided.
-fn ask(link: &mut Link, id: u8, scan: &Scan) -> Result<(Vec<Found>, bool), Error> {
+/// Asks `id`, by each question that it may be asked, until one is answered.
+fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
     let own_id = Native::request(&Command::RetrieveConfiguration(ConfigurationItem::CAN_ID));
     let stop = (link.wire() == Wire::Can).then(stop_frame).flatten();
     let fault = scan.in_fault.then(|| Native::request(&Command::GetFault));
@@ -248,8 +271,8 @@ fn stop_frame() -> Option<[u8; 8]> {
     mit::Command::Stop.encode(&Scales::WITHOUT_CONSTANTS).ok()
 }
 
-/// All motors that answer one frame, and whether answers collided.
-fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Result<(Vec<Found>, bool), Error> {
+/// Sends one frame.
+fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Answers {
     let (mut answers, mut collided) = (Vec::new(), false);
     let _end = link.ask(id, question, window, |heard| {
         match heard {

@@ -6,7 +6,7 @@ use motord_bus::{Duration, Instant};
 use motord_checker::codec::{Meaning, Ranges};
 use motord_commissioning::{
     Apply, Confirmation, Error, Event, Failed, Family, Link, Mit, Native, Progress, Scan, VirtualTime,
-    changes, identify, scan,
+    changes, identify, is_taken, scan,
 };
 use motord_protocol::gim::{
     Access, CONFIGURATION, Calibration, ConfigurationItem, ExecutionTime, Finite, INDICATORS, PARAMETERS,
@@ -172,6 +172,31 @@ fn a_motor_whose_id_and_host_id_change_is_read_back_where_it_answers_now() {
     });
 }
 
+/// Longer than an answer may take at first.
+#[test]
+fn an_answer_that_is_held_back_is_waited_for_longer_each_time() {
+    on_both_wires(|bus, link| {
+        inject(bus, link, "knee delayed 70ms");
+        assert!(is_taken(link, 3).unwrap());
+        let mut knee = Native::new(link, 3, None);
+        assert_eq!(knee.version(), Ok(0x0001_0203));
+        let rated = ConfigurationItem::by_name("rated-current").unwrap();
+        let written = Value::Integer(21);
+        assert_eq!(knee.set_configuration(rated, written), Ok(Confirmation::ReadBack(written)));
+        assert!(!is_taken(link, 4).unwrap());
+    });
+}
+
+#[test]
+fn a_write_that_nobody_confirms_says_that_the_motor_may_have_either_value() {
+    on_both_wires(|bus, link| {
+        inject(bus, link, "knee off");
+        let own = ConfigurationItem::CAN_ID.item().unwrap();
+        let lost = Native::new(link, 3, None).set_configuration(own, Value::Integer(9)).unwrap_err();
+        assert!(matches!(lost, Error::Unconfirmed { id: 9, item: "can-id", .. }), "{lost}");
+    });
+}
+
 #[test]
 fn a_motor_is_changed_to_mit_over_can_and_back_over_its_serial_port() {
     let item = ConfigurationItem::PROTOCOL.item().unwrap();
@@ -248,7 +273,7 @@ fn a_write_whose_answer_is_lost_is_confirmed_by_reading_back() {
                     assert_eq!(confirmation, Confirmation::ReadBack(value));
                     confirmed += 1;
                 }
-                Err(error) => assert!(matches!(error, Error::Silent { .. }), "{error}"),
+                Err(error) => assert!(matches!(error, Error::Unconfirmed { .. }), "{error}"),
             }
         }
         assert!(confirmed > 30, "{confirmed}");

@@ -116,7 +116,7 @@ impl Motor {
     pub(crate) fn new(settings: MotorSettings, kind: BusKind, bitrate: u32) -> Self {
         settings.assert_physical();
         Self {
-            configuration: Configuration::new(&settings, bitrate),
+            configuration: Configuration::new(&settings, (kind == BusKind::Can).then_some(bitrate)),
             body: Body::new(&settings),
             law: Law::LIMP,
             origin: 0.0,

@@ -7,7 +7,7 @@ mod common;
 use common::{Bench, CLEAR_FAULT, GET_FAULT, SET_ZERO, STOP};
 use motord_bus::{Bus, Duration, Frame, FrameId, Instant};
 use motord_simulator::{
-    Behaviour, BusSettings, Dialect, MotorSettings, OtherBitrate, Persistence, SimulatedBus,
+    Behaviour, BusKind, BusSettings, Dialect, MotorSettings, OtherBitrate, Persistence, SimulatedBus,
 };
 
 const INT: u8 = 0x00;
@@ -284,6 +284,14 @@ fn a_motor_of_another_rate_may_destroy_sixteen_frames_which_are_sent_again() {
 #[test]
 fn the_rate_of_the_wire_is_not_the_rate_that_motors_are_configured_for() {
     let bus = BusSettings { wire_bitrate: Some(8_000_000), ..BusSettings::default() };
+    let mut bench = bench();
+    bench.bus = SimulatedBus::new(bus, vec![MotorSettings { name: "joint".into(), ..settings() }], 0);
+    assert_eq!(int(&mut bench, 0x18), 10);
+}
+
+#[test]
+fn the_rate_of_a_serial_line_is_not_the_rate_of_a_motor_s_can() {
+    let bus = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
     let mut bench = bench();
     bench.bus = SimulatedBus::new(bus, vec![MotorSettings { name: "joint".into(), ..settings() }], 0);
     assert_eq!(int(&mut bench, 0x18), 10);

@@ -6,7 +6,7 @@ use crate::memory::{outcome_of, text};
 use crate::say;
 use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
 use motord_bus::FrameId;
-use motord_commissioning::{Apply, Change, Error, Event, Failed, Wire, changes, identify};
+use motord_commissioning::{Apply, Change, Error, Event, Failed, Wire, bitrate_unit, changes};
 use motord_protocol::gim::{ConfigurationItem, Value};
 use motord_terminal::json;
 use serde::Serialize;
@@ -64,7 +64,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
         return show(&session, &present, arguments.json);
     }
     let wanted = wanted(&session, &present, arguments)?;
-    check_free(&mut session, &wanted)?;
     write(&mut session, &changes(&present, &wanted), arguments.confirm)
 }
 
@@ -126,21 +125,13 @@ fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<
             .map_err(|why| session.unfit(&why))?;
         wanted = with(&wanted, BAUD, code);
     }
-    if session.line.link.wire() == Wire::Can && integer(&wanted, CAN_ID) == integer(&wanted, HOST_ID) {
-        let reason = "its id and its host id would be equal: two nodes would send frames with one id; use --set-host-id";
-        return Err(session.unfit(reason));
-    }
     Ok(wanted)
 }
 
 /// The stored number for `rate`, by the unit that the present number must have.
 fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
-    let unit: u32 = match present {
-        1..=10 => 100_000,
-        100..=1000 => 1000,
-        100_000..=1_000_000 => 1,
-        _ => return Err(format!("its bit rate is stored as {present}, whose unit cannot be inferred")),
-    };
+    let unit = bitrate_unit(present)
+        .ok_or_else(|| format!("its bit rate is stored as {present}, whose unit cannot be inferred"))?;
     let present_rate = present.unsigned_abs() * unit;
     if bus.is_some_and(|bus| bus.abs_diff(present_rate) > bus / 100) {
         return Err(format!(
@@ -154,28 +145,6 @@ fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
         ));
     }
     i32::try_from(rate / unit).map_err(|error| error.to_string())
-}
-
-/// Nobody else has the new id, and no motor has the new host id as its own.
-fn check_free(session: &mut Session, wanted: &Values) -> Result<(), WireFailure> {
-    let own = session.id;
-    for raw in [integer(wanted, CAN_ID), integer(wanted, HOST_ID)] {
-        let Ok(id @ 1..=254) = u8::try_from(raw) else { continue };
-        if id != own
-            && session.line.link.wire() == Wire::Can
-            && identify(&mut session.line.link, id)?.is_some()
-        {
-            return Err(session.unfit(&format!("a motor with id {id} is on this bus already")));
-        }
-    }
-    let id = integer(wanted, CAN_ID) as u8;
-    if id != own
-        && session.line.link.wire() == Wire::Serial
-        && identify(&mut session.line.link, id)?.is_some()
-    {
-        return Err(session.unfit(&format!("a motor with id {id} is on this line already")));
-    }
-    Ok(())
 }
 
 fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), WireFailure> {

@@ -97,7 +97,9 @@ impl WireFailure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Unconfirmed { .. } => exit_status::USAGE,
-            Self::Can(_) | Self::NoMotor { .. } | Self::Motor(Error::Silent { .. } | Error::Bus(_)) => {
+            Self::Can(_)
+            | Self::NoMotor { .. }
+            | Self::Motor(Error::Silent { .. } | Error::Unconfirmed { .. } | Error::Bus(_)) => {
                 exit_status::UNAVAILABLE
             }
             Self::Serial(source) => match source {

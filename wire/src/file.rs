@@ -6,7 +6,7 @@ use crate::journal::Journal;
 use crate::memory::{effective, parse_item, read, text};
 use crate::say;
 use crate::target::{Session, Target};
-use motord_commissioning::{Apply, Change, Error, Failed, changes, identify};
+use motord_commissioning::{Apply, Change, Error, Failed, changes, check_value, identify, is_taken};
 use motord_configuration::Wrong;
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
 use motord_terminal::{Cell, Palette, Table, json, printable};
@@ -97,7 +97,9 @@ fn value_of(item: &ConfigurationItem, value: &toml::Value) -> Result<Value, Stri
         _ => None,
     };
     let kind = if item.value_type == ValueType::Integer { "an integer of 32 bits" } else { "a number" };
-    read.ok_or_else(|| format!("{} is {kind}, not {value}", item.name))
+    let read = read.ok_or_else(|| format!("{} is {kind}, not {value}", item.name))?;
+    check_value(item, read)?;
+    Ok(read)
 }
 
 /// The present values of the items of `wanted`.
@@ -190,7 +192,7 @@ pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), WireFailure
     let mut session = target.open_native()?;
     let (name, id) = (session.name(), session.id);
     let link = &mut session.line.link;
-    if id != FACTORY_ID && identify(link, FACTORY_ID)?.is_some() {
+    if id != FACTORY_ID && is_taken(link, FACTORY_ID)? {
         let reason = "another motor answers as id 1, which this one may have after a reset: connect it alone";
         return Err(session.unfit(reason));
     }

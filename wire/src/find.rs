@@ -76,6 +76,11 @@ struct Scanned<'a> {
 
 /// `motorctl scan`: the motors of some buses.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
+    if let Some(bus) =
+        arguments.buses.iter().enumerate().find(|(at, bus)| arguments.buses[..*at].contains(bus))
+    {
+        return Err(WireFailure::Usage(format!("--bus {} is given twice", bus.1)));
+    }
     let interrupt = Interrupt::register();
     let opened = arguments.buses.iter().map(|bus| target::open(bus, arguments.baud));
     let lines = opened.collect::<Result<Vec<OpenLine>, WireFailure>>()?;

@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::motion::{Jogged, PERIOD, ranged};
 use crate::say;
-use crate::target::{Session, Target};
+use crate::target::Target;
 use motord_terminal::Interrupt;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{LocalFlags, SetArg, Termios, tcgetattr, tcsetattr};
@@ -18,6 +18,9 @@ const HELD: Duration = Duration::from_millis(150);
 /// How to jog.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
+    /// The motor's name in the configuration, as with --joint. Without --config it is /etc/motord/motord.toml.
+    #[arg(value_name = "JOINT", conflicts_with_all = ["bus", "id", "joint"])]
+    name: Option<String>,
     #[command(flatten)]
     target: Target,
     /// Speed while a key is held, rad/s.
@@ -45,7 +48,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
         let usage = "holding a key needs a terminal: use --seconds elsewhere";
         return Err(WireFailure::Usage(usage.to_owned()));
     }
-    let mut session = arguments.target.open()?;
+    let named = arguments.name.as_ref().map(|joint| arguments.target.named(joint));
+    let mut session = named.as_ref().unwrap_or(&arguments.target).open()?;
     let name = session.name();
     arguments.confirm.ask(&format!(
         "This starts {name} and moves it at {} rad/s, at most {} rad from where it is.\n\
@@ -53,20 +57,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
         arguments.rad_s, arguments.max_travel_rad
     ))?;
     let interrupt = Interrupt::register();
-    let allowed = limits(&session);
-    let (mut motor, begin) = Jogged::start(&mut session, arguments.kd as f32)?;
-    let moved = hold_to_run(&mut motor, begin, allowed, arguments, &interrupt);
+    let allowed = session.allowed();
+    let mut motor = Jogged::new(&mut session, arguments.kd as f32);
+    let started = motor.start().map_err(WireFailure::Motor);
+    let moved = started.and_then(|begin| hold_to_run(&mut motor, begin, allowed, arguments, &interrupt));
     let stopped = motor.stop().map_err(WireFailure::Motor);
     let position = moved?;
     stopped?;
     say(&format!("{name}: stopped at {position:.3} rad"))
-}
-
-/// The limits of the joint on the motor's side, rad, when a configuration tells them.
-fn limits(session: &Session) -> [f64; 2] {
-    let Some(settings) = &session.settings else { return [f64::NEG_INFINITY, f64::INFINITY] };
-    let ends = settings.limits.position.map(|end| f64::from(settings.transmission.position_to_motor(end)));
-    [ends[0].min(ends[1]), ends[0].max(ends[1])]
 }
 
 /// The last position, rad.

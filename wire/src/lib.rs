@@ -97,7 +97,8 @@ pub enum Command {
     /// Hold a torque for some time, then stop.
     ///
     /// The motor's own torque constant and gear ratio turn the torque into a current: compare them with its data sheet first
-    /// (`motorctl config list`). The motor is stopped at the end, at Ctrl-C, and beyond a bound.
+    /// (`motorctl config list`). The motor is stopped at the end, at Ctrl-C, and beyond a bound. With --config, the limits of the
+    /// joint are bounds, too.
     #[command(
         after_help = "Example:\n  motorctl torque 0.3 --seconds 0.5 --max-travel-rad 3 --max-rad-s 30 --bus can0 --id 3 --yes"
     )]
@@ -105,6 +106,9 @@ pub enum Command {
         /// Torque at the output shaft, N·m.
         #[arg(value_name = "NM", value_parser = finite, allow_negative_numbers = true)]
         torque: f64,
+        /// Refuse a larger torque, N·m.
+        #[arg(long, value_name = "NM", default_value_t = 2.0, value_parser = |text: &str| motion::ranged(text, 0.0, 200.0))]
+        max_nm: f64,
         /// The motor.
         #[command(flatten)]
         target: Target,
@@ -113,6 +117,8 @@ pub enum Command {
         bounds: Bounds,
     },
     /// Hold a speed for some time, then stop.
+    ///
+    /// The motor is stopped at the end, at Ctrl-C, and beyond a bound. With --config, the limits of the joint are bounds, too.
     #[command(after_help = "Example:\n  motorctl speed 0.5 --seconds 0.5 --bus can0 --id 3 --yes")]
     Speed {
         /// Speed of the output shaft, rad/s.
@@ -126,6 +132,8 @@ pub enum Command {
         bounds: Bounds,
     },
     /// Go to a position, hold it for some time, then stop.
+    ///
+    /// The motor is stopped at the end, at Ctrl-C, and beyond a bound. With --config, the limits of the joint are bounds, too.
     #[command(after_help = "Example:\n  motorctl position 0.2 --seconds 1 --bus can0 --id 3 --yes")]
     Position {
         /// Position of the output shaft, rad, as the motor counts it.
@@ -350,7 +358,9 @@ pub fn run(command: Command) -> Result<(), WireFailure> {
         Command::Version { target, json } => status::version(&target, json),
         Command::Start { target, confirm } => status::start(&target, confirm),
         Command::Stop { target, control } => status::stop(&target, control),
-        Command::Torque { torque, target, bounds } => motion::run(&target, Goal::Torque(torque), &bounds),
+        Command::Torque { torque, max_nm, target, bounds } => {
+            motion::torque(&target, torque, max_nm, &bounds)
+        }
         Command::Speed { speed, target, bounds } => motion::run(&target, Goal::Speed(speed), &bounds),
         Command::Position { position, target, bounds } => {
             motion::run(&target, Goal::Position(position), &bounds)

@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::say;
 use crate::target::{Target, number};
-use motord_commissioning::{Confirmation, Error, Native};
+use motord_commissioning::{Apply, Change, Confirmation, Error, Native, check_value};
 use motord_protocol::gim::{
     Access, CONFIGURATION, ConfigurationItem, Effective, Finite, PARAMETERS, Parameter, Refusal, Value,
     ValueType,
@@ -34,7 +34,7 @@ pub(crate) fn expected_one_of<'a>(names: impl Iterator<Item = &'a str>) -> Strin
 /// Reads the value of an item: an integer, decimal or with 0x, or a float.
 pub(crate) fn parse_value(item: &ConfigurationItem, text: &str) -> Result<Value, String> {
     let name = item.name;
-    match item.value_type {
+    let value = match item.value_type {
         ValueType::Integer => {
             let hex = || i32::try_from(number(text).filter(|_| text.starts_with("0x"))?).ok();
             let value = text.parse().ok().or_else(hex).map(Value::Integer);
@@ -44,7 +44,9 @@ pub(crate) fn parse_value(item: &ConfigurationItem, text: &str) -> Result<Value,
             let value = text.parse().ok().and_then(Finite::new).map(Value::Float);
             value.ok_or_else(|| format!("{name} is a finite number, not `{text}`"))
         }
-    }
+    }?;
+    check_value(item, value)?;
+    Ok(value)
 }
 
 /// A value as text: every float survives.
@@ -100,10 +102,20 @@ pub(crate) fn set_parameter(
     say(&format!("{name}: {} was {before}, reads {value} now", parameter.name))
 }
 
+/// A value in JSON: a float with as many digits as it has.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Number {
+    Integer(i32),
+    Float(f32),
+}
+
 #[derive(Serialize)]
 struct Row {
     name: &'static str,
-    value: Option<serde_json::Value>,
+    value: Option<Number>,
+    #[serde(skip)]
+    text: String,
     refused: Option<String>,
     unit: &'static str,
     r#type: &'static str,
@@ -116,9 +128,10 @@ impl Row {
         Self {
             name: item.name,
             value: read.ok().map(|value| match value {
-                Value::Integer(value) => value.into(),
-                Value::Float(value) => value.get().into(),
+                Value::Integer(value) => Number::Integer(value),
+                Value::Float(value) => Number::Float(value.get()),
             }),
+            text: read.map_or_else(|refusal| refusal.to_string(), text),
             refused: read.err().map(|refusal| refusal.to_string()),
             unit: item.unit,
             r#type: if item.value_type == ValueType::Integer { "integer" } else { "float" },
@@ -159,10 +172,9 @@ pub(crate) fn get(
         (false, _) => {
             let mut table = Table::new(&["item", "value", "unit", "type", "access", "effective"]);
             for row in rows {
-                let value = row.value.map(|value| value.to_string()).or(row.refused).unwrap_or_default();
                 let cells = [
                     row.name.to_owned(),
-                    value,
+                    row.text,
                     row.unit.into(),
                     row.r#type.into(),
                     row.access.into(),
@@ -191,6 +203,7 @@ pub(crate) fn set(
     let name = session.name();
     let mut motor = session.native();
     let before = motor.configuration(item.key())?;
+    Apply { changes: &[Change { item, from: before, to: value }] }.check(&mut motor)?;
     confirm.ask(&format!(
         "This permanently changes {} of {name} from {} to {} {}.{}",
         item.name,

@@ -19,6 +19,9 @@ pub(crate) const PERIOD: Duration = Duration::from_millis(20);
 /// The time that a torque or speed command lasts in the motor.
 const LASTS: ExecutionTime = ExecutionTime::from_millis(200).expect("fits in 24 bits");
 
+/// A motion is stopped so far beyond the limits of its joint, or beyond where it began, rad.
+const BEYOND: f64 = 0.05;
+
 /// The bounds of a motion, and the consent to it.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Bounds {
@@ -45,10 +48,10 @@ pub(crate) fn ranged(text: &str, least: f64, most: f64) -> Result<f64, String> {
     }
 }
 
-/// Reads a number that is not NaN or infinite.
+/// Reads a number that a frame can hold: not NaN or infinite, also in single precision.
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| "expected a number".to_owned())?;
-    if value.is_finite() { Ok(value) } else { Err("expected a finite number".to_owned()) }
+    if (value as f32).is_finite() { Ok(value) } else { Err("expected a finite number".to_owned()) }
 }
 
 /// The goal of a motion, SI.
@@ -72,6 +75,14 @@ impl Goal {
     }
 }
 
+/// `motorctl torque`: more than `most`, N·m, is refused.
+pub(crate) fn torque(target: &Target, torque: f64, most: f64, bounds: &Bounds) -> Result<(), WireFailure> {
+    if torque.abs() > most {
+        return Err(WireFailure::Usage(format!("a torque of {torque} N·m is beyond --max-nm {most}")));
+    }
+    run(target, Goal::Torque(torque), bounds)
+}
+
 /// `motorctl torque`, `speed` and `position`.
 pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), WireFailure> {
     if let Goal::Speed(speed) = goal
@@ -81,9 +92,10 @@ pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), Wi
         return Err(WireFailure::Usage(usage));
     }
     let mut session = target.open_native()?;
-    let name = session.name();
+    check_limits(&session, goal)?;
+    let (name, allowed) = (session.name(), session.allowed());
     let motor = &mut session.native();
-    let moved = follow(motor, &name, goal, bounds);
+    let moved = follow(motor, &name, goal, bounds, allowed);
     let stopped = if matches!(
         moved,
         Err(WireFailure::Unconfirmed { .. } | WireFailure::Declined | WireFailure::Usage(_))
@@ -99,7 +111,28 @@ pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), Wi
     say(&format!("{name}: stopped; last at {position:.3} rad, {velocity:.2} rad/s{torque}"))
 }
 
-fn follow(motor: &mut Native<'_>, name: &str, goal: Goal, bounds: &Bounds) -> Result<[f64; 3], WireFailure> {
+/// The goal is within the limits of the joint, where a configuration tells them.
+fn check_limits(session: &Session, goal: Goal) -> Result<(), WireFailure> {
+    let Some(limits) = session.settings.as_ref().map(|settings| &settings.limits) else { return Ok(()) };
+    let (value, [low, high]) = match goal {
+        Goal::Torque(torque) => (torque, [-f64::from(limits.torque), f64::from(limits.torque)]),
+        Goal::Speed(speed) => (speed, [-f64::from(limits.velocity), f64::from(limits.velocity)]),
+        Goal::Position(position) => (position, session.allowed()),
+    };
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    let goal = goal.describe();
+    Err(WireFailure::Usage(format!("{goal} is outside of the limits of the joint, {low:.3} to {high:.3}")))
+}
+
+fn follow(
+    motor: &mut Native<'_>,
+    name: &str,
+    goal: Goal,
+    bounds: &Bounds,
+    allowed: [f64; 2],
+) -> Result<[f64; 3], WireFailure> {
     let [constant, ratio] = motor.read_scales()?;
     let begin = f64::from(motor.indicator(Indicator::SHAFT_ANGLE)?);
     if let Goal::Position(position) = goal
@@ -117,6 +150,8 @@ fn follow(motor: &mut Native<'_>, name: &str, goal: Goal, bounds: &Bounds) -> Re
         goal.describe(),
         bounds.seconds
     ))?;
+    // A joint that is beyond its limits may come back.
+    let allowed = [allowed[0].min(begin) - BEYOND, allowed[1].max(begin) + BEYOND];
     let interrupt = Interrupt::register();
     motor.start()?;
     let end = Instant::now() + Duration::from_secs_f64(bounds.seconds);
@@ -124,8 +159,12 @@ fn follow(motor: &mut Native<'_>, name: &str, goal: Goal, bounds: &Bounds) -> Re
     while Instant::now() < end && !interrupt.came() {
         let [position, velocity, _] = state;
         let travel = (position - begin).abs();
-        if travel > bounds.max_travel_rad || velocity.abs() > bounds.max_rad_s {
-            let reason = format!("stopped at a bound: turned {travel:.3} rad, {:.2} rad/s", velocity.abs());
+        let leaves = !(allowed[0]..=allowed[1]).contains(&position);
+        if travel > bounds.max_travel_rad || velocity.abs() > bounds.max_rad_s || leaves {
+            let reason = format!(
+                "stopped at a bound: turned {travel:.3} rad, {:.2} rad/s, at {position:.3} rad",
+                velocity.abs()
+            );
             return Err(WireFailure::Unfit { id: motor.address().id, reason });
         }
         interrupt.pause_until(Instant::now() + PERIOD);
@@ -168,24 +207,30 @@ pub(crate) struct Jogged<'s> {
 }
 
 impl<'s> Jogged<'s> {
-    /// Starts the motor, at rest. Neutral frames come before the start of a motor in MIT, which may remember one.
-    pub(crate) fn start(session: &'s mut Session, kd: f32) -> Result<(Self, f64), Error> {
-        let position = match session.protocol {
+    /// The motor of a session, as it is. Nothing is sent.
+    pub(crate) fn new(session: &'s mut Session, kd: f32) -> Self {
+        Self { session, kd }
+    }
+
+    /// Starts the motor, at rest. Returns its position, rad. Neutral frames come before the start of a motor in MIT, which may
+    /// remember one. After an error it may be started all the same.
+    pub(crate) fn start(&mut self) -> Result<f64, Error> {
+        let position = match self.session.protocol {
             Protocol::Mit => {
-                let mut motor = session.mit();
+                let mut motor = self.session.mit();
                 let at = motor.stop()?.position;
                 motor.control(Impedance { position: at, ..Impedance::default() })?;
                 motor.start()?.position
             }
             Protocol::Gim => {
-                let mut motor = session.native();
+                let mut motor = self.session.native();
                 motor.read_scales()?;
                 let at = motor.indicator(Indicator::SHAFT_ANGLE)?;
                 motor.start()?;
                 at
             }
         };
-        Ok((Self { session, kd }, f64::from(position)))
+        Ok(f64::from(position))
     }
 
     /// Follows `velocity`, rad/s. Returns position, rad, and velocity, rad/s.

@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::memory::outcome_of;
 use crate::say;
-use crate::target::{self, OpenLine};
+use crate::target::{self, DEFAULT_CONFIG, OpenLine};
 use motord_commissioning::{Error, Native, Question, survey};
 use motord_configuration as config;
 use motord_configuration::lock::{Finding, Lock, ReportedMotor, ReportedProtocol, Verdict, findings};
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
     /// The configuration.
-    #[arg(long, value_name = "FILE", default_value = "/etc/motord/motord.toml")]
+    #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
     config: PathBuf,
     /// Only these motors.
     #[arg(long = "joint", value_name = "NAME")]

@@ -12,6 +12,8 @@ use std::path::{Path, PathBuf};
 
 /// Bit/s of a serial line (GIM document, Table 1).
 pub(crate) const BAUD: u32 = 921_600;
+/// The configuration that a daemon reads by default.
+pub(crate) const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
 /// A serial request that is older has no answer any more.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(50);
 
@@ -181,6 +183,12 @@ impl Target {
         Ok(session)
     }
 
+    /// The motor of this name, of the configuration given or of the default one.
+    pub(crate) fn named(&self, joint: &str) -> Self {
+        let config = self.config.clone().unwrap_or_else(|| DEFAULT_CONFIG.into());
+        Self { config: Some(config), joint: Some(joint.to_owned()), ..self.clone() }
+    }
+
     fn place(&self) -> Result<Place, WireFailure> {
         match (&self.line.bus, self.id, &self.config, &self.joint) {
             (Some(bus), Some(id), None, _) => {
@@ -243,6 +251,14 @@ impl Session {
             Some(settings) => format!("{} (motor {} on {})", settings.name, self.id, self.line.name),
             None => format!("motor {} on {}", self.id, self.line.name),
         }
+    }
+
+    /// The positions within the limits of the joint, rad on the motor's side; all, where no configuration tells them.
+    pub fn allowed(&self) -> [f64; 2] {
+        let Some(settings) = &self.settings else { return [f64::NEG_INFINITY, f64::INFINITY] };
+        let ends =
+            settings.limits.position.map(|end| f64::from(settings.transmission.position_to_motor(end)));
+        [ends[0].min(ends[1]), ends[0].max(ends[1])]
     }
 
     pub fn unfit(&self, reason: &str) -> WireFailure {

@@ -55,15 +55,17 @@ pub(crate) struct Configuration {
 }
 
 impl Configuration {
-    /// A motor as it was commissioned, for a bus of `bitrate` bit/s.
-    pub(super) fn new(settings: &MotorSettings, bitrate: u32) -> Self {
+    /// A motor as it was commissioned, for a CAN bus of `bitrate` bit/s, or for a serial line, which has a rate of its own.
+    pub(super) fn new(settings: &MotorSettings, bitrate: Option<u32>) -> Self {
         let mut items = Items::factory(settings);
         if !settings.is_new {
             let id = |raw: u16| i32::from(raw.min(0x7FF));
             *items.int(int::CAN_ID) = id(settings.id);
             *items.int(int::HOST_ID) = id(settings.host_id);
             *items.int(int::PROTOCOL) = i32::from(settings.dialect == Dialect::Mit);
-            *items.int(int::BAUD) = baud(bitrate);
+            if let Some(bitrate) = bitrate {
+                *items.int(int::BAUD) = baud(bitrate);
+            }
         }
         let persistence = settings.behaviour.persistence;
         let mut new =
