@@ -31,33 +31,38 @@ fi
 # run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
 # robot's configuration. Both work in one folder, which goes when the calling script ends.
 #
+#   RIG_PROFILE=release cargo's profile
 #   RIG_FEATURES=       features of cargo that the programs are built with
 #   RIG_EXAMPLE=        an example of the client that is built, too
 #   RIG_FILES=          files of this repository that the script needs
 #   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
+#   RIG_ALSO=           a file that is appended to it
 run_inside() {
-    local script target=${CARGO_TARGET_DIR:-target}
+    local script target=${CARGO_TARGET_DIR:-target} profile=${RIG_PROFILE:-release} built
+    # The folder of cargo's profile dev is called debug.
+    built=${profile/#dev/debug}
     script=$(realpath "$1")
     shift
     # A build for a rig must not be taken for one for a robot.
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --release --target-dir "$target" -p motord -p motorctl -p motord-checker \
+    cargo build --quiet --locked --profile "$profile" --target-dir "$target" -p motord -p motorctl -p motord-checker \
         --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "$target"/release/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
+    cp "$target/$built"/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
     if [ -n "${RIG_EXAMPLE:-}" ]; then
         # By itself, or the daemon would be built with features that only the examples need.
-        cargo build --quiet --locked --release --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"
-        cp "$target/release/examples/$RIG_EXAMPLE" "$RIG_PLACE"
+        cargo build --quiet --locked --profile "$profile" --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"
+        cp "$target/$built/examples/$RIG_EXAMPLE" "$RIG_PLACE"
     fi
     [ -z "${RIG_FILES:-}" ] || cp $RIG_FILES "$RIG_PLACE"
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     cc -O2 -Wall -o "$RIG_PLACE/block-thread" "$rigs/block-thread.c"
     on_vcan daemon.instance="\"$MOTORD_INSTANCE\"" "$@" <"${RIG_ROBOT:-config/quadruped-simulated.toml}" >"$RIG_PLACE/robot.toml"
+    [ -z "${RIG_ALSO:-}" ] || cat "$RIG_ALSO" >>"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
     RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
 }
@@ -79,10 +84,10 @@ on_vcan() {
         { print $0 added[$0] }'
 }
 
-# Starts simulated motors on the CAN interfaces of robot.toml. The process id is $simulator.
+# start_simulator [FILE]: starts simulated motors on the CAN interfaces of FILE, of robot.toml. The process id is $simulator.
 start_simulator() {
     # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
-    chrt --fifo 40 motord-sim --config robot.toml --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
+    chrt --fifo 40 motord-sim --config "${1:-robot.toml}" --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
     await "motord-sim is ready" grep -q ready simulator.log
 }
