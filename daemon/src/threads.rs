@@ -20,7 +20,7 @@ use crate::buses::reconnector::Reconnector;
 use crate::emergency_stop;
 use crate::ipc::description::describe;
 use crate::ipc::owners::{Deaths, Owners, owners};
-use crate::ipc::{self, IpcThread, Schedule};
+use crate::ipc::{self, IpcThread, Records, Schedule};
 use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
@@ -256,12 +256,16 @@ fn start_ipc(
     let schedule = Schedule::new(settings.cycle.period, ipc.lead, ipc.busy_poll);
     let description =
         serde_json::to_string(&describe(settings, boot_id)).expect("names and numbers are JSON");
+    let joints = settings.groups.iter().map(|group| group.motors.clone()).collect();
     let thread = start("ipc", orders, move || {
         // The ports cannot be sent to another thread.
         let ports = match DaemonPorts::open(&lock) {
             Ok(ports) => ports,
             Err(error) => return report(&opened, Err(error)),
         };
+        if let Some(damage) = ports.damage() {
+            tracing::warn!("begins with new files, and clients from before must connect again: {damage}");
+        }
         let mut steps = prepare_thread(SchedulingRequest { cpu: ipc.cpu, priority: None });
         steps.push(tighten_timers());
         let scheduled = prepare_thread(SchedulingRequest { cpu: None, priority: ipc.priority });
@@ -269,7 +273,8 @@ fn start_ipc(
         steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
         steps.iter().for_each(|step| step.log("ipc"));
         report(&opened, Ok(()));
-        let mut thread = IpcThread::new(ports, end, questions, description, ipc.mode, schedule);
+        let mut thread =
+            IpcThread::new(ports, end, questions, description, ipc.mode, schedule, Records::new(joints));
         thread.watch(owners);
         thread.run(|| given.are(Orders::END));
     })?;

@@ -598,8 +598,8 @@ fn the_table_ipc_may_bear_its_old_name_but_not_both() {
 
 #[test]
 fn a_number_out_of_range_is_told_with_its_range_and_unit() {
-    let error = only_error(&damaged("rate-hz = 1000", "rate-hz = 5000"));
-    assert!(error.ends_with("5000 is out of range; give a number from 1 to 4000 Hz"), "{error}");
+    let error = only_error(&damaged("rate-hz = 1000", "rate-hz = 10001"));
+    assert!(error.ends_with("10001 is out of range; give a number from 1 to 10000 Hz"), "{error}");
     let error = only_error(&damaged("torque-nm = 20.0", "torque-nm = 0"));
     assert!(error.ends_with("0 is out of range; give a number of at least 0.01 N·m"), "{error}");
     let error = only_error(&damaged("id = 2", "id = 99999999999999999999"));

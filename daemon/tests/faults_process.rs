@@ -67,13 +67,16 @@ impl Daemon {
     fn start(script: &str, config: &str, stderr: Stdio) -> Self {
         let place = TempDir::new().unwrap();
         let notes = UnixDatagram::bind(place.path().join("notes")).unwrap();
-        let path = place.path().join("motord.toml");
-        fs::write(&path, config).unwrap();
+        fs::write(place.path().join("motord.toml"), config).unwrap();
+        Self { process: Self::spawn(place.path(), script, stderr), place, notes }
+    }
+
+    fn spawn(place: &Path, script: &str, stderr: Stdio) -> Child {
         let mut command = Command::new("sh");
-        command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config"]).arg(path);
-        command.env("MOTORD_RUNTIME_DIR", place.path()).env("NOTIFY_SOCKET", place.path().join("notes"));
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr);
-        Self { process: command.spawn().unwrap(), place, notes }
+        command.args(["-c", script, "sh", env!("CARGO_BIN_EXE_motord"), "run", "--config"]);
+        command.arg(place.join("motord.toml"));
+        command.env("MOTORD_RUNTIME_DIR", place).env("NOTIFY_SOCKET", place.join("notes"));
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr).spawn().unwrap()
     }
 
     fn plain() -> Self {
@@ -362,7 +365,7 @@ fn a_file_system_that_becomes_full_does_not_kill_the_daemon() {
     }
     let script = r#""$@" & motord=$!; read -r _; head -c 64m /dev/zero >"$MOTORD_RUNTIME_DIR/full" 2>&1 || echo full
         read -r _; kill -TERM $motord; wait $motord"#;
-    let mut daemon = Daemon::start(&on_file_system("16m", script), CONFIG, Stdio::null());
+    let mut daemon = Daemon::start(&on_file_system("32m", script), CONFIG, Stdio::null());
     let mut shell = daemon.process.stdin.take().unwrap();
     daemon.must_say(READY);
     shell.write_all(b"go on\n").unwrap();
@@ -420,6 +423,40 @@ fn a_daemon_whose_files_are_removed_stops_its_robot_and_tells_the_cause() {
         let log = daemon.log();
         assert!(log.contains("was removed or replaced"), "{removed:?}: {log}");
     }
+}
+
+/// Goal: shared memory that somebody cut short or overwrote keeps nobody from driving the robot again.
+/// Method: a client that waits for its daemon keeps the files of the dead one. A successor that dies of them must be the last.
+#[test]
+fn damaged_shared_memory_that_a_client_keeps_costs_a_daemon_one_start_at_most() {
+    for damage in [
+        |_| Vec::new(),
+        |bytes: Vec<u8>| bytes[..bytes.len() / 2].to_vec(),
+        |bytes: Vec<u8>| vec![0xA5; bytes.len()],
+    ] {
+        let mut daemon = Daemon::plain();
+        let client = Instance::below(daemon.place.path(), "test").unwrap().attach().unwrap();
+        daemon.signal(Signal::SIGKILL);
+        daemon.ends();
+        for path in files(&daemon.place.path().join("iox")) {
+            let damaged = damage(fs::read(&path).unwrap());
+            // Some may only be read, which holds for nobody who may delete them.
+            fs::remove_file(&path).unwrap();
+            fs::write(&path, damaged).unwrap();
+        }
+        let runs = |daemon: &mut Daemon| {
+            daemon.process = Daemon::spawn(daemon.place.path(), PLAINLY, Stdio::null());
+            daemon.says(READY, PATIENCE)
+        };
+        assert!(runs(&mut daemon) || runs(&mut daemon), "no daemon starts any more");
+        drop(client);
+        daemon.must_live_and_end();
+    }
+}
+
+fn files(below: &Path) -> Vec<std::path::PathBuf> {
+    let entries = fs::read_dir(below).unwrap().map(|entry| entry.unwrap().path());
+    entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
 }
 
 #[test]

@@ -15,6 +15,9 @@ const BEAT: Duration = Duration::from_millis(20);
 /// A round that is so late was held up by more than other processes: this one was stopped, and another daemon may have begun.
 const FROZEN: Duration = Duration::from_millis(100);
 
+/// Between two lines of the log about callers that asked for nothing.
+const REFUSED_PAUSE: Duration = Duration::from_secs(1);
+
 /// The switch of one instance. `O` opens an interface, to send up to so many frames at a time.
 pub struct Server<O> {
     listener: Listener,
@@ -22,6 +25,27 @@ pub struct Server<O> {
     /// A connection that has not asked for anything yet. Only the latest: a silent one makes room.
     caller: Option<Channel>,
     supervised: Option<Supervised>,
+    refused: Refused,
+}
+
+/// Callers that asked for nothing that the switch knows. However many they are, the log has a line a second.
+#[derive(Default)]
+struct Refused {
+    /// The next line, and those that it will count.
+    due: Instant,
+    count: u64,
+}
+
+impl Refused {
+    /// One more. How many there were since the last line, when another is due.
+    fn next_line(&mut self, now: Instant) -> Option<u64> {
+        self.count += 1;
+        if now < self.due {
+            return None;
+        }
+        self.due = now + REFUSED_PAUSE;
+        Some(std::mem::take(&mut self.count))
+    }
 }
 
 /// The daemon that is supervised.
@@ -59,7 +83,7 @@ const SUPERVISED: usize = 2;
 impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
     /// A switch that supervises nobody yet.
     pub fn new(listener: Listener, open: O) -> Self {
-        Self { listener, open, caller: None, supervised: None }
+        Self { listener, open, caller: None, supervised: None, refused: Refused::default() }
     }
 
     /// Whether it damps or stops motors.
@@ -130,7 +154,9 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
                 Err(refusal) => Answer::Refused(refusal),
             },
             Err(error) => {
-                tracing::warn!(pid, "no request: {error}");
+                if let Some(callers) = self.refused.next_line(clock::monotonic()) {
+                    tracing::warn!(pid, callers, "no request: {error}");
+                }
                 Answer::Refused(Refusal::Request { reason: error.to_string() })
             }
         };
@@ -229,5 +255,20 @@ impl Watch {
                 "is dead, but another process drives its interfaces: they are left alone"
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn callers_that_ask_for_nothing_are_counted_in_one_line_a_second() {
+        let (mut refused, begun) = (Refused::default(), Instant::ZERO + Duration::from_secs(1000));
+        assert_eq!(refused.next_line(begun), Some(1));
+        for caller in 0..5000 {
+            assert_eq!(refused.next_line(begun + caller * REFUSED_PAUSE / 5000), None);
+        }
+        assert_eq!(refused.next_line(begun + REFUSED_PAUSE), Some(5001));
     }
 }

@@ -1,6 +1,6 @@
 //! A daemon without motors: its ipc thread spins, and what stands where the cycle stands answers every setpoint at once.
 
-use motord::ipc::{CycleEnd, IpcThread, Schedule};
+use motord::ipc::{CycleEnd, IpcThread, Records, Schedule};
 use motord::telemetry;
 use motord_core::cycle::{self, Ends, REQUESTS_MAX};
 use motord_core::settings::IpcMode;
@@ -118,5 +118,6 @@ fn ipc_thread(lock: &InstanceLock) -> (IpcThread, Echo) {
     };
     let description = serde_json::to_string(&robot).expect("names and numbers are JSON");
     let schedule = Schedule::new(Duration::from_millis(1), Duration::ZERO, Duration::ZERO);
-    (IpcThread::new(ports, end, questions, description, IpcMode::Spin, schedule), echo)
+    let records = Records::new(Vec::new());
+    (IpcThread::new(ports, end, questions, description, IpcMode::Spin, schedule, records), echo)
 }

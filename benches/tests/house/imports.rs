@@ -68,6 +68,8 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &[],
     ),
     ("motord-latency", &["motord-client", "motord-terminal"], &[]),
+    ("motord-recording", &["motord-shared"], &[]),
+    ("motord-recorder", &["motord-client", "motord-recording", "motord-terminal"], &[]),
     (
         "motorctl",
         &[
@@ -75,6 +77,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-doctor",
             "motord-frame",
             "motord-latency",
+            "motord-recorder",
             "motord-simulator",
             "motord-terminal",
             "motord-wire",

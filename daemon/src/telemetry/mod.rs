@@ -125,7 +125,8 @@ impl Recorder {
     /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
         self.unexpected_ids.open();
-        let (mut cleaned, mut done) = (motord_bus::clock::monotonic(), motord_bus::clock::monotonic());
+        let begun = motord_bus::clock::monotonic();
+        let (mut cleaned, mut done) = (begun, begun);
         while !stop() {
             match self.answers.questions.recv_timeout(TURN) {
                 Ok((ticket, request)) => self.answer(ticket, &request),

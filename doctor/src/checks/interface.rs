@@ -13,6 +13,9 @@ const QUEUE: usize = 16;
 /// A stalled bus sends so many frames of old torque when it moves again: 8 ms of a full one.
 const QUEUE_MAX: i64 = 64;
 
+/// The bit rate of a bus whose configuration names none, bit/s.
+const BITRATE: u32 = 1_000_000;
+
 /// Frames that may wait: the commands of two cycles, each with one poll for a fault.
 fn queue_length(motors: usize) -> usize {
     QUEUE.max(2 * (motors + 1))
@@ -23,7 +26,8 @@ pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Find
     const CHECK: &str = "interface";
     let Interface { name, bitrate, motors } = interface;
     let checked = read.and_then(|link| {
-        let bitrate = bitrate.or(link.bitrate).unwrap_or(0);
+        // Without a configuration any rate is right that somebody has set.
+        let bitrate = bitrate.or(link.bitrate.filter(|&rate| rate > 0)).unwrap_or(BITRATE);
         link.check(bitrate, queue_length(*motors) as u32).map(|()| link)
     });
     let link = match checked {

@@ -307,6 +307,10 @@ fn an_interface_that_motors_cannot_be_reached_through_is_bad_and_has_its_command
     assert_finding(&slow, Level::Bad, measured, Some("bitrate 1000000"));
     let missing = interface::link(&can0(), Err(OpenError::Missing("can0".parse().unwrap())));
     assert_eq!((missing.level, missing.command), (Level::Bad, None));
+    let any = Interface { bitrate: None, ..can0() };
+    let new = interface::link(&any, Ok(Link { up: false, bitrate: Some(0), ..good }));
+    let measured = "can0 is set to 0 bit/s, 1000000 are configured";
+    assert_finding(&new, Level::Bad, measured, Some("bitrate 1000000"));
     let vcan = Link { is_virtual: true, bitrate: None, restart_ms: None, ..good };
     assert_finding(&link(vcan), Level::Good, "up, virtual", None);
 }
