@@ -90,6 +90,16 @@ impl Directory {
         }
     }
 
+    /// Opens the file `name` in this directory to read. A link is not followed.
+    ///
+    /// # Errors
+    /// When there is none, or it may not be used.
+    pub(crate) fn open_file(&self, name: &str) -> Result<File, InstanceError> {
+        let flags = OFlag::O_RDONLY | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
+        let file = openat(&self.descriptor, name, flags, Mode::empty());
+        file.map(File::from).map_err(|errno| refused(&self.path.join(name), errno))
+    }
+
     pub(crate) fn stat(&self) -> Result<FileStat, InstanceError> {
         fstat(&self.descriptor).map_err(|errno| refused(&self.path, errno))
     }

@@ -3,6 +3,7 @@
 //! ```text
 //! <runtime>/<instance>.lock     locked by the daemon, holds its process id
 //! <runtime>/iox/<instance>/     everything of iceoryx2; locked (shared) by every client
+//! <runtime>/iox/<instance>.round  how often a daemon began anew below attached clients; missing at first
 //! ```
 //!
 //! Who may enter `<runtime>` may command the motors. The files below are open to everybody who can reach them, so the
@@ -17,17 +18,21 @@ use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::signal::kill;
 use nix::unistd::{AccessFlags, Pid, Uid, access};
-use std::fs::{DirBuilder, File};
+use std::fs::{DirBuilder, File, Permissions};
 use std::io::{self, Read, Write};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// The runtime directory of a daemon that runs as a service.
 const SERVICE_RUNTIME: &str = "/run/motord";
 
 /// Below the instance's directory while its daemon opens the services.
 const OPENING: &str = "opening";
+
+/// Who may enter the directory may read it.
+const ROUND_MODE: u32 = 0o644;
 
 /// In the mode of a directory: others than its owner may write to it.
 const GROUP_WRITES: u32 = 0o022;
@@ -103,8 +108,46 @@ impl Instance {
         self.runtime.join("iox").join(&self.name)
     }
 
+    fn open_iox(&self) -> Result<Directory, InstanceError> {
+        open_runtime(&self.runtime, self.private)?.open_below("iox")
+    }
+
     fn open_root(&self) -> Result<Directory, InstanceError> {
-        open_runtime(&self.runtime, self.private)?.open_below("iox")?.open_below(&self.name)
+        self.open_iox()?.open_below(&self.name)
+    }
+
+    /// How often a daemon removed the files below attached clients. It is in the names of the services: a client removes a service that
+    /// it is the last to have, by its name, and that of a successor must be another one. 0 without such a file. Reads a file.
+    pub(crate) fn round(&self) -> u64 {
+        self.open_iox().map_or(0, |iox| self.read_round(&iox).unwrap_or(0))
+    }
+
+    /// `None` for a file of somebody else than the owner of its directory: a client could lead others astray.
+    fn read_round(&self, iox: &Directory) -> Option<u64> {
+        let mut file = iox.open_file(&self.round_name()).ok()?;
+        let is_trusted = [0, iox.stat().ok()?.st_uid].contains(&file.metadata().ok()?.uid());
+        is_trusted.then(|| read_number(&mut file))
+    }
+
+    fn round_name(&self) -> String {
+        format!("{}.round", self.name)
+    }
+
+    /// Begins the next round with an empty directory, as far as it may: attached clients lose their daemon, and connect again.
+    fn begin_anew(&self) -> Result<(), InstanceError> {
+        let iox = self.open_iox()?;
+        let _no_worse_than_before = self.count_round(&iox);
+        clear_below_clients(&iox.open_below(&self.name)?);
+        Ok(())
+    }
+
+    fn count_round(&self, iox: &Directory) -> Result<(), InstanceError> {
+        let (name, next) = (self.round_name(), self.round().wrapping_add(1));
+        iox.remove(name.as_ref())?;
+        let mut file = iox.make_file(&name)?;
+        let readable = file.set_permissions(Permissions::from_mode(ROUND_MODE));
+        let written = readable.and_then(|()| write!(file, "{next}"));
+        written.map_err(|error| refused(&iox.path.join(&name), errno(&error)))
     }
 
     /// Becomes the one daemon of this instance, until the lock is dropped or the process dies. Files that dead
@@ -124,7 +167,7 @@ impl Instance {
         let name = format!("{}.lock", self.name);
         let path = self.runtime.join(&name);
         let mut file = runtime.make_file(&name)?;
-        let holder = read_pid(&mut file);
+        let holder = read_number(&mut file);
         let mut lock =
             Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, errno)| match errno {
                 Errno::EWOULDBLOCK => InstanceError::AlreadyRunning { pid: holder, path: path.clone() },
@@ -137,8 +180,21 @@ impl Instance {
         }
         let root =
             runtime.make_below("iox", mode & 0o2777 | STICKY)?.make_below(&self.name, mode & 0o2777)?;
-        sweep(&root)?;
+        self.sweep(&root)?;
         Ok(InstanceLock { instance: self.clone(), _lock: lock })
+    }
+
+    /// iceoryx2 leaves a few files per killed process, and a file truncated by a full disk would keep every service from
+    /// opening. With the daemon's lock held and no client attached nobody needs any of them. Clients that wait for a daemon which
+    /// dies of these files, or which is killed in the milliseconds in which it opens them, connect again.
+    fn sweep(&self, root: &Directory) -> Result<(), InstanceError> {
+        if root.changed(OPENING.as_ref()).is_some() {
+            return self.begin_anew();
+        }
+        let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
+            return Ok(());
+        };
+        root.clear()
     }
 
     /// Marks this process as one that uses the instance, so that a starting daemon leaves its files alone. `None` when
@@ -188,7 +244,7 @@ impl InstanceLock {
     /// Removes every file below the instance's directory, as far as it may. Clients that are attached lose their daemon, and
     /// connect again.
     pub(crate) fn clear(&self) {
-        let _unusable = self.instance.open_root().map(|root| clear_below_clients(&root));
+        let _unusable = self.instance.begin_anew();
     }
 
     /// The file whose lock is held.
@@ -283,30 +339,17 @@ fn check_access(path: &Path) -> Result<(), InstanceError> {
     }
 }
 
-fn read_pid(file: &mut File) -> u32 {
-    let mut text = [0; 16];
+/// The number that the file begins with; 0 when it does not.
+fn read_number<N: FromStr + Default>(file: &mut File) -> N {
+    let mut text = [0; 32];
     let bytes = file.read(&mut text).unwrap_or(0);
-    str::from_utf8(&text[..bytes]).ok().and_then(|text| text.trim().parse().ok()).unwrap_or(0)
+    str::from_utf8(&text[..bytes]).ok().and_then(|text| text.trim().parse().ok()).unwrap_or_default()
 }
 
 fn write_pid(file: &mut File) -> io::Result<()> {
     io::Seek::rewind(file)?;
     file.set_len(0)?;
     writeln!(file, "{}", std::process::id())
-}
-
-/// iceoryx2 leaves a few files per killed process, and a file truncated by a full disk would keep every service from
-/// opening. With the daemon's lock held and no client attached nobody needs any of them. Clients that wait for a daemon which
-/// dies of these files, or which is killed in the milliseconds in which it opens them, connect again.
-fn sweep(root: &Directory) -> Result<(), InstanceError> {
-    if root.changed(OPENING.as_ref()).is_some() {
-        clear_below_clients(root);
-        return Ok(());
-    }
-    let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
-        return Ok(());
-    };
-    root.clear()
 }
 
 /// A client that registers itself meanwhile may keep a directory from being removed. What is left then is no worse than before.
@@ -322,8 +365,8 @@ fn errno(error: &io::Error) -> Errno {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs::{self, Permissions};
-    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
+    use std::fs;
+    use std::os::unix::fs::symlink;
 
     fn place() -> tempfile::TempDir {
         tempfile::tempdir_in("/tmp").unwrap()

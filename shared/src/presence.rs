@@ -91,6 +91,32 @@ mod tests {
         assert_eq!(presence.lost(), None);
     }
 
+    /// A client removes the services that it is the last to have; it finds them by their names.
+    #[test]
+    fn a_client_of_a_dead_daemon_that_leaves_takes_no_file_of_a_successor_that_began_anew() {
+        for is_damaged in [false, true] {
+            let place = tempfile::tempdir_in("/tmp").unwrap();
+            let instance = Instance::below(place.path(), "robot").unwrap();
+            let lock = instance.lock().unwrap();
+            let ports = DaemonPorts::open(&lock).unwrap();
+            let client = crate::ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+            drop(ports);
+            if is_damaged {
+                crate::service::files(&instance).iter().for_each(|path| fs::write(path, "").unwrap());
+            } else {
+                // The next daemon was killed while it opened the services.
+                std::mem::forget(lock.opening());
+            }
+            drop(lock);
+            let lock = instance.lock().unwrap();
+            let _ports = DaemonPorts::open(&lock).unwrap();
+            let presence = Presence::of(&lock);
+            drop(client);
+            assert_eq!(presence.lost(), None, "damaged: {is_damaged}");
+            assert!(crate::ClientPorts::open(instance.attach().unwrap().unwrap()).is_ok());
+        }
+    }
+
     #[test]
     fn a_file_that_cannot_be_looked_at_is_not_lost() {
         let long = PathBuf::from(format!("/tmp/{}", "x".repeat(300)));

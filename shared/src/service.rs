@@ -316,8 +316,13 @@ fn builder(
     node.service_builder(&service_name(instance, part))
 }
 
+/// That of the table above; from the second round on its number follows.
 fn service_name(instance: &Instance, part: Part) -> ServiceName {
-    let name = format!("motord/{}/{}", instance.name(), part.name());
+    let mut name = format!("motord/{}/{}", instance.name(), part.name());
+    match instance.round() {
+        0 => {}
+        round => name.extend(["/", &round.to_string()]),
+    }
     ServiceName::new(&name).expect("an instance name makes a short service name")
 }
 
