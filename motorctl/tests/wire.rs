@@ -106,6 +106,29 @@ fn a_configuration_item_is_written_and_read_back_and_a_refusal_is_the_vendors() 
 }
 
 #[test]
+fn every_writable_item_is_set_by_name_read_back_and_restored() {
+    let line = Line::knee();
+    line::write_every_item(&line);
+    line::write_every_address(&line);
+    for (item, value) in
+        [("can-baud-rate", 5), ("can-baud-rate", 10), ("can-protocol", 1), ("can-protocol", 0)]
+    {
+        line.good(&format!("config set {item} {value} @ --yes"));
+        assert_eq!(line.json(&format!("config get {item} @"))["value"], value);
+    }
+}
+
+#[test]
+fn every_fault_of_the_document_is_named_and_cleared() {
+    line::read_and_clear_every_fault(&Line::knee(), "gim");
+}
+
+#[test]
+fn every_result_code_of_the_document_reaches_the_user_in_its_words() {
+    line::refuse_with_every_result_code(&Line::knee());
+}
+
+#[test]
 fn a_motor_moves_for_a_bounded_time_and_stops() {
     let line = Line::knee();
     line.good("start @ --yes");

@@ -65,6 +65,7 @@ fn every_command_of_the_document_works_over_can() {
     }
     let stored = line.json("parameter get @");
     assert!((0..PARAMETERS.len()).all(|index| stored[index]["value"] == 500 + index));
+    assert!(line.json("config get power-off-position @")["value"].is_number());
     line.good("start @ --yes");
     line.good("stop @ --control");
     line.good("stop @");
@@ -104,6 +105,38 @@ fn every_configuration_item_is_written_over_can_and_reads_back() {
     line.good("config diff knee.toml @");
     let refused = line.bad("config set gear-ratio 0 @ --yes", 1);
     assert!(refused.contains("data format (RES 0x07)"), "{refused}");
+}
+
+/// Goal: as over RS485, and the motor is out of reach until the bus has its new bit rate.
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn every_writable_item_is_set_by_name_over_can_read_back_and_restored() {
+    let line = knee();
+    line::write_every_item(&line);
+    line::write_every_address(&line);
+    for (code, bitrate) in [(5, 500_000), (10, 1_000_000)] {
+        let said = line.good(&format!("config set can-baud-rate {code} @ --yes"));
+        assert!(said.contains("out of reach until this bus has its bit rate"), "{said}");
+        line.bad("ping @", 69);
+        line.inject(&format!("line bitrate {bitrate}"));
+        assert_eq!(line.json("config get can-baud-rate @")["value"], code);
+    }
+    let said = line.good("config set can-protocol 1 @ --yes");
+    assert!(said.contains("the motor answers in MIT now"), "{said}");
+    assert_eq!(line.json("ping @")["protocol"], "mit");
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn every_fault_of_the_documents_is_named_and_cleared_over_can() {
+    line::read_and_clear_every_fault(&knee(), "gim");
+    line::read_and_clear_every_fault(&Line::on_can("vcan0", vec![in_mit("knee", 3)]), "mit");
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn every_result_code_of_the_document_reaches_the_user_over_can_in_its_words() {
+    line::refuse_with_every_result_code(&knee());
 }
 
 /// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its interface.

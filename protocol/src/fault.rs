@@ -42,7 +42,11 @@ pub const FAULTS: [Fault; 16] = [
     ),
     fault(Faults::START_FAILURE, "start-failure", "The motor could not be started."),
     fault(Faults::OVER_CURRENT, "over-current", "The current was above what the driver allows."),
-    fault(Faults::SOFTWARE, "software", "The driver's software met a condition it could not handle."),
+    fault(
+        Faults::SOFTWARE,
+        "software",
+        "The driver's software met a condition it could not handle (software exception).",
+    ),
     fault(
         Faults::DRIVER_OVER_TEMPERATURE,
         "driver-over-temperature",

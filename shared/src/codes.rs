@@ -159,7 +159,7 @@ codes! {
         OverTemperature = 3 "over-temperature" "The motor or its driver is hotter than the driver's threshold.",
         StartFailure = 4 "start-failure" "The motor could not be started.",
         OverCurrent = 6 "over-current" "The current was above what the driver allows.",
-        Software = 7 "software" "The driver's software met a condition it could not handle.",
+        Software = 7 "software" "The driver's software met a condition it could not handle (software exception).",
         DriverOverTemperature = 8 "driver-over-temperature" "The driver's transistors are hotter than its threshold.",
         MotorOverTemperature = 9 "motor-over-temperature" "The motor's winding is hotter than the driver's threshold.",
         HostSilent = 10 "host-silent" "The driver received no command for longer than its timeout.",

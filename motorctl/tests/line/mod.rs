@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
 use motord_bus::{Duration, Instant, clock, wait};
-use motord_protocol::gim::CONFIGURATION;
+use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Refusal, ValueType};
 use motord_simulator::{
     Bridge, BusKind, BusSettings, Dialect, FaultVerb, MotorSettings, SerialPort, SerialSlave, SimulatedBus,
 };
@@ -227,4 +227,107 @@ pub(crate) fn cut_the_power_during_an_application(line: &Line) {
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("an earlier application was cut off"), "{}", text(&output.stderr));
     line.good("config diff knee.toml @");
+}
+
+/// The items that can be written and do not change how the motor is reached: those have tests of their own.
+fn writable() -> impl Iterator<Item = &'static ConfigurationItem> {
+    let is_link = |name: &str| ["can-id", "host-id", "can-protocol", "can-baud-rate"].contains(&name);
+    CONFIGURATION.iter().filter(move |item| item.access == Access::ReadWrite && !is_link(item.name))
+}
+
+/// Goal: every item of Table 7 that can be written is written by its name, reads back, and takes its old value again.
+pub(crate) fn write_every_item(line: &Line) {
+    let before = line.good("config list @");
+    for item in writable() {
+        let value = line.json(&format!("config get {} @", item.name))["value"].clone();
+        let (old, new) = match item.value_type {
+            ValueType::Integer => (value.to_string(), (value.as_i64().unwrap() + 1).to_string()),
+            ValueType::Float => (value.to_string(), (value.as_f64().unwrap() * 1.5 + 0.25).to_string()),
+        };
+        for value in [new, old] {
+            let said = line.good(&format!("config set {} {value} @ --yes", item.name));
+            assert!(said.contains("reads "), "{}: {said}", item.name);
+            let stored = line.json(&format!("config get {} @", item.name))["value"].as_f64().unwrap();
+            let written: f64 = value.parse().unwrap();
+            assert!(
+                (stored - written).abs() <= f64::from(f32::EPSILON) * written.abs(),
+                "{}: {stored}",
+                item.name
+            );
+        }
+    }
+    assert_eq!(writable().count(), 25);
+    assert_eq!(line.good("config list @"), before);
+}
+
+/// Goal: the items that change how a motor is reached are written by their names, and it answers under the new value. The last
+/// one is written by the caller: over CAN there is no way back from MIT.
+pub(crate) fn write_every_address(line: &Line) {
+    line.good("config set host-id 0x77 @ --yes");
+    assert_eq!(line.json("ping @")["host_id"], 0x77);
+    line.good("config set can-id 9 @ --yes");
+    line.bad("ping @", 69);
+    assert_eq!(line.json("config get can-id --bus LINE --id 9")["value"], 9);
+    line.good("config set can-id 3 --bus LINE --id 9 --yes");
+    assert_eq!(line.json("config get can-id @")["value"], 3);
+}
+
+/// Goal: every fault of Table 9 is named in the document's words, and cleared. Method: the motor raises each of them, one after
+/// the other, and then all of them.
+pub(crate) fn read_and_clear_every_fault(line: &Line, protocol: &str) {
+    let get = format!("fault get @ --protocol {protocol}");
+    assert!(line.good(&get).contains("no fault"));
+    for (bits, words) in [
+        (0x01, ["foc frequency too high"].as_slice()),
+        (0x02, &["over voltage"]),
+        (0x04, &["under voltage"]),
+        (0x08, &["over temperature"]),
+        (0x10, &["start failure"]),
+        (0x40, &["over current"]),
+        (0x80, &["software exception"]),
+        (0xDF, &["foc frequency too high", "under voltage", "start failure", "software exception"]),
+    ] {
+        line.inject(&format!("knee fault {bits}"));
+        let said = line.good(&get).to_lowercase().replace('-', " ");
+        assert!(words.iter().all(|word| said.contains(word)), "{bits:#04X}: {said}");
+        let fault = line.json(&get);
+        assert_eq!(fault["bits"], bits);
+        assert_eq!(fault["faults"].as_array().unwrap().len() as u32, u32::count_ones(bits));
+        assert!(line.good(&format!("fault clear @ --protocol {protocol}")).contains("the fault is cleared"));
+        assert!(line.good(&get).contains("no fault"));
+    }
+}
+
+/// Goal: every result code of Table 5 reaches the user with the document's words, from each kind of write, and nothing has changed
+/// then. Method: the motor refuses with each of them, one after the other. The last one is in no document.
+pub(crate) fn refuse_with_every_result_code(line: &Line) {
+    let before = line.good("config list @");
+    for (code, words) in [
+        (0x01, "failure"),
+        (0x02, "unknown command"),
+        (0x03, "unknown id"),
+        (0x04, "read-only register"),
+        (0x05, "unknown register"),
+        (0x06, "string format"),
+        (0x07, "data format"),
+        (0x0B, "write-only register"),
+        (0x42, "reason not in the vendor's list"),
+    ] {
+        assert_eq!(Refusal::check(code).unwrap_err().code(), code);
+        line.inject(&format!("knee refuse {code}"));
+        for (write, name) in [
+            ("config set over-voltage 51 @ --yes", "modify configuration"),
+            ("config reset @ --yes", "reset configuration"),
+            ("parameter set position-kp 1 @ --yes", "modify parameter"),
+            ("calibrate phase @ --yes", "calibration"),
+        ] {
+            let refused = line.bad(write, 1);
+            let expected = format!("{name}: the motor refused: {words} (RES {code:#04X})");
+            assert!(refused.contains(&expected), "{write}: {refused}");
+        }
+    }
+    line.inject("knee ok");
+    assert_eq!(line.good("config list @"), before);
+    // 0x00, success.
+    line.good("config set over-voltage 51 @ --yes");
 }
