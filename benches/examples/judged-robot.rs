@@ -1,0 +1,196 @@
+//! The whole daemon with simulated buses, each of whose frames is judged when it is on the wire. `rigs/test-malice` runs it.
+//!
+//! ```text
+//! judged-robot CONFIG GROUP
+//! ```
+//!
+//! A line on standard input names what is done to the robot from now on; the figures of what was done before it are printed. After
+//! `confirmed` no joint of GROUP may be told to move until the next line. At the end of the input the daemon ends as it does on a signal. The exit status
+//! is 1 when a motor heard what it must not.
+
+use motord::buses::{self, Buses};
+use motord::host::log::Log;
+use motord::run_error::RunError;
+use motord::threads::Daemon;
+use motord_bus::{Bus, Instant, clock};
+use motord_checker::codec::{Meaning, Ranges};
+use motord_configuration as config;
+use motord_core::settings::{MotorSettings, Settings};
+use motord_realtime::descriptors::raise_descriptors;
+use motord_realtime::{SchedulingRequest, granted, prepare_thread};
+use motord_shared::instance::Instance;
+use motord_simulator::{BusSettings, Direction, Recorded, SharedBus, SimulatedBus};
+use std::io::BufRead;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::Duration;
+use tracing_subscriber::filter::LevelFilter;
+
+/// Frames of a bus that are kept until they are judged: two seconds.
+const RECORDED: usize = 1 << 14;
+/// Period of judging.
+const TURN: Duration = Duration::from_millis(5);
+/// Below the cycle, which waits for whoever judges a bus.
+const PRIORITY: u8 = 60;
+/// Complaints that are printed.
+const COMPLAINTS_MAX: usize = 20;
+
+fn main() -> ExitCode {
+    let [path, group] = [1, 2].map(|place| std::env::args().nth(place).expect("a configuration and a group"));
+    let log = Log::to_stderr().expect("a thread for the log");
+    log.hear_tracing(LevelFilter::INFO);
+    log.hear_panics();
+    let ended = run(Path::new(&path), &group);
+    if let Err(error) = &ended {
+        log.error(&format!("judged-robot: {error}"));
+    }
+    log.finish();
+    match ended {
+        Ok(0) => ExitCode::SUCCESS,
+        Ok(_) => ExitCode::FAILURE,
+        Err(error) => ExitCode::from(error.exit_status()),
+    }
+}
+
+/// Returns the number of forbidden frames.
+fn run(path: &Path, group: &str) -> Result<usize, RunError> {
+    let settings = config::load(path)?.settings;
+    let _raised = raise_descriptors()?;
+    let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
+    let buses: Vec<SharedBus> = (0..settings.buses.len()).map(|bus| recorded(&settings, bus)).collect();
+    let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
+    let opened = Buses { buses: boxed, locks: Vec::new(), injectors: None };
+    let mut judge = Judge::new(settings.clone(), group, buses);
+    let daemon = Daemon::start(settings, None, opened, &lock, None)?;
+    let realtime = granted(daemon.realtime());
+    println!("ready; {realtime}");
+    let _refused_like_the_cycle = prepare_thread(SchedulingRequest { cpu: None, priority: Some(PRIORITY) });
+    let marks = marks();
+    while !daemon.has_ended() {
+        match marks.try_recv() {
+            Ok(mark) => judge.begin(mark),
+            Err(TryRecvError::Empty) => {}
+            Err(TryRecvError::Disconnected) => daemon.stop(),
+        }
+        std::thread::sleep(TURN);
+        judge.judge();
+    }
+    let ended = daemon.end();
+    judge.judge();
+    judge.begin("the end".into());
+    ended.map(|()| judge.wrong)
+}
+
+fn recorded(settings: &Settings, bus: usize) -> SharedBus {
+    let (bus, motors) = buses::physics(settings, bus);
+    SharedBus::new(SimulatedBus::new(BusSettings { record: RECORDED, ..bus }, motors, 1))
+}
+
+fn marks() -> Receiver<String> {
+    let (sender, marks) = channel();
+    std::thread::spawn(move || {
+        for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+            let _ended = sender.send(line);
+        }
+    });
+    marks
+}
+
+/// Judges the frames to the motors.
+struct Judge {
+    settings: Settings,
+    buses: Vec<SharedBus>,
+    /// The motors of the group.
+    stopped: Vec<usize>,
+    mark: String,
+    /// No frame may move them that is handed over later.
+    still_from: Option<Instant>,
+    frames: usize,
+    forbidden: usize,
+    /// Of all marks.
+    wrong: usize,
+}
+
+impl Judge {
+    fn new(settings: Settings, group: &str, buses: Vec<SharedBus>) -> Self {
+        let group = settings.groups.iter().find(|known| known.name == group).expect("a group");
+        let (stopped, mark) = (group.motors.clone(), "start".into());
+        Self { settings, stopped, buses, mark, still_from: None, frames: 0, forbidden: 0, wrong: 0 }
+    }
+
+    fn begin(&mut self, mark: String) {
+        println!("{}: {} frames to motors, {} forbidden", self.mark, self.frames, self.forbidden);
+        self.still_from = (mark == "confirmed").then(clock::monotonic);
+        (self.mark, self.frames, self.forbidden) = (mark, 0, 0);
+    }
+
+    fn judge(&mut self) {
+        for (index, bus) in self.buses.clone().iter().enumerate() {
+            let frames: Vec<Recorded> = bus.lock().take_record().collect();
+            if frames.len() == RECORDED {
+                self.complain("frames were not judged: this program was held up");
+            }
+            let commands = frames.iter().filter(|frame| frame.direction == Direction::ToMotor);
+            commands.for_each(|frame| self.judge_frame(index, frame));
+        }
+    }
+
+    fn judge_frame(&mut self, bus: usize, frame: &Recorded) {
+        self.frames += 1;
+        let id = frame.frame.id().raw();
+        let is_it = |motor: &MotorSettings| motor.bus == bus && u16::from(motor.id) == id;
+        let motor = self.settings.motors.iter().position(is_it);
+        let is_late = self.still_from.is_some_and(|from| frame.ready > from);
+        let complaint = match (motor, frame.frame.payload().try_into()) {
+            (Some(motor), Ok(bytes)) => {
+                let is_still = is_late && self.stopped.contains(&motor);
+                complaint(&self.settings.motors[motor], bytes, is_still)
+            }
+            _ => Some("no motor hears it"),
+        };
+        if let Some(complaint) = complaint {
+            self.complain(&format!("{complaint}: bus {bus}, {:?}", frame.frame));
+        }
+    }
+
+    fn complain(&mut self, complaint: &str) {
+        self.forbidden += 1;
+        self.wrong += 1;
+        if self.wrong <= COMPLAINTS_MAX {
+            println!("{}: {complaint}", self.mark);
+        }
+    }
+}
+
+/// Why the motor must not hear these bytes.
+fn complaint(motor: &MotorSettings, bytes: [u8; 8], is_still: bool) -> Option<&'static str> {
+    let scales = &motor.scales;
+    let ranges = Ranges {
+        position: scales.position.max(),
+        velocity: scales.velocity.max(),
+        kp: scales.kp.max(),
+        kd: scales.kd.max(),
+        torque: scales.torque.max(),
+    };
+    let meaning = Meaning::of(bytes, &ranges);
+    match meaning {
+        _ if bytes == [0; 8] => Some("all zeros"),
+        Meaning::SetZero => Some("a new zero, which nobody asked for"),
+        _ if is_still && !meaning.is_safe() => Some("it moves after the emergency stop"),
+        Meaning::Control { position, velocity, kp, kd, torque, .. } => {
+            let (limits, codes) = (&motor.limits, ranges.codes());
+            let joint = f64::from(motor.transmission.position_to_joint(position as f32));
+            let [low, high] = limits.position.map(f64::from);
+            let within = |value: f64, most: f32, code: f64| value.abs() <= f64::from(most) + code;
+            let holds = (kp == 0.0 || (low - codes.position..=high + codes.position).contains(&joint))
+                && within(velocity, limits.velocity, codes.velocity)
+                && within(kp, limits.kp, codes.kp)
+                && within(kd, limits.kd.max(motor.damping_kd), codes.kd)
+                && within(torque, limits.torque, codes.torque);
+            (!holds).then_some("beyond the limits")
+        }
+        Meaning::Start | Meaning::Stop | Meaning::GetFault | Meaning::ClearFault => None,
+    }
+}
