@@ -27,6 +27,19 @@ const BACK_OFF_MAX: Duration = Duration::from_secs(8);
 /// The cycle gives an old bus away within this time, as long as it runs.
 const HAND_OVER: Duration = Duration::from_millis(100);
 
+/// The wait after the next attempt that fails.
+#[derive(Debug)]
+struct BackOff(Duration);
+
+impl BackOff {
+    /// The wait after an attempt.
+    fn after(&mut self, failed: bool) -> Duration {
+        let wait = if failed { self.0 } else { BACK_OFF };
+        self.0 = if failed { (2 * wait).min(BACK_OFF_MAX) } else { BACK_OFF };
+        wait
+    }
+}
+
 /// A bus whose adapter is not there: it takes nothing.
 struct Unplugged;
 
@@ -67,9 +80,9 @@ impl Reconnector {
     /// again after 1, 2, 4, then every 8 s.
     pub fn run(&mut self, settings: &Settings, broken: &Receiver<usize>, stop: impl Fn() -> bool) {
         let mut waiting: Vec<usize> = Vec::new();
-        let mut back_off = BACK_OFF;
+        let (mut back_off, mut wait) = (BackOff(BACK_OFF), BACK_OFF);
         while !stop() {
-            match broken.recv_timeout(if waiting.is_empty() { BACK_OFF } else { back_off }) {
+            match broken.recv_timeout(wait) {
                 Ok(bus) if is_real(settings, bus) && !waiting.contains(&bus) => {
                     waiting.push(bus);
                     self.close(settings, bus);
@@ -81,7 +94,7 @@ impl Reconnector {
             let before = waiting.len();
             waiting.retain(|&bus| !self.reopen(settings, bus));
             let failing = !waiting.is_empty() && waiting.len() == before;
-            back_off = if failing { (2 * back_off).min(BACK_OFF_MAX) } else { BACK_OFF };
+            wait = back_off.after(failing);
         }
     }
 
@@ -115,5 +128,18 @@ impl Reconnector {
                 false
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_adapter_that_stays_away_is_looked_for_after_1_2_4_and_then_every_8_seconds() {
+        let mut back_off = BackOff(BACK_OFF);
+        let waits: Vec<u64> = (0..6).map(|_| back_off.after(true).as_secs()).collect();
+        assert_eq!(waits, [1, 2, 4, 8, 8, 8]);
+        assert_eq!([false, true, true].map(|failed| back_off.after(failed).as_secs()), [1, 1, 2]);
     }
 }
