@@ -152,7 +152,8 @@ pub enum Command {
     /// Move a joint slowly and softly while a key is held.
     ///
     /// The motor is stopped at the end, at Ctrl-C, when the terminal closes, and beyond a bound. If this process is killed, a motor
-    /// in MIT goes on with the last command: have the switch of its supply at hand.
+    /// in MIT goes on with the last command, a native one for 200 ms or for good, as its drive takes the duration of a command:
+    /// have the switch of its supply at hand.
     #[command(
         after_help = "Examples:\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --yes\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --backward --rad-s 0.1 --yes"
     )]

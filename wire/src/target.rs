@@ -46,7 +46,7 @@ pub struct Target {
     /// The motor's id, 1 to 254.
     #[arg(long, value_name = "ID", value_parser = parse_id)]
     pub id: Option<u8>,
-    /// The id that the motor's answers bear. Without it, the answer tells.
+    /// The id that the motor's answers bear, over CAN. Without it, the answer tells. A serial line has no use for it.
     #[arg(long, value_name = "ID", value_parser = parse_host_id)]
     pub host_id: Option<FrameId>,
     /// The motor's protocol. Without it, the motor is asked, and one that is in MIT mode stops.
@@ -105,7 +105,7 @@ pub struct OpenLine {
 ///
 /// Why it cannot be used.
 pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, WireFailure> {
-    if name.contains('/') {
+    if is_serial(name) {
         return open_serial(name, baud);
     }
     let interface: InterfaceName = name.parse().map_err(|_| {
@@ -117,6 +117,11 @@ pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, WireFailure> {
     let bus = SocketCanBus::open_as_is(interface)?;
     let bitrate = bus.link().bitrate;
     Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, MachineTime), bitrate, _lock: lock })
+}
+
+/// An interface has no path.
+fn is_serial(bus: &str) -> bool {
+    bus.contains('/')
 }
 
 fn open_serial(device: &str, baud: u32) -> Result<OpenLine, WireFailure> {
@@ -155,6 +160,10 @@ impl Target {
     /// Why it cannot be reached.
     pub fn open(&self) -> Result<Session, WireFailure> {
         let place = self.place()?;
+        if self.host_id.is_some() && is_serial(&place.bus) {
+            let usage = "on a serial line an answer is known by its request: leave --host-id out";
+            return Err(WireFailure::Usage(usage.to_owned()));
+        }
         let line = open(&place.bus, place.baud)?;
         let Place { id, host_id, settings, .. } = place;
         let mut session =
