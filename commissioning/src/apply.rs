@@ -24,7 +24,7 @@ pub enum Event {
     Writing(Change),
     /// The item was written, and is confirmed.
     Written(Change, Confirmation),
-    /// All items are written; the motor applies them next (GIM document 3.2.2).
+    /// The motor stores the items written so far next (GIM document 3.2.2).
     Refreshing,
 }
 
@@ -184,15 +184,13 @@ impl Apply<'_> {
         self.check_wire(motor).map_err(failed(0))?;
         let plain = self.changes.iter().take_while(|change| rank(change.item) == 0).count();
         for (written, change) in self.changes.iter().enumerate() {
-            if written == plain && plain > 0 {
-                Self::refresh(motor, journal)?.map_err(failed(written))?;
-            }
             journal(Event::Writing(*change)).map_err(Failed::Journal)?;
             let confirmation = motor.set_configuration(change.item, change.to).map_err(failed(written))?;
             journal(Event::Written(*change, confirmation)).map_err(Failed::Journal)?;
-        }
-        if plain == count && plain > 0 {
-            Self::refresh(motor, journal)?.map_err(failed(count))?;
+            // The last of those that can be stored together, and each that changes how the motor is reached.
+            if written + 1 >= plain && confirmation.is_read_back() {
+                Self::refresh(motor, journal)?.map_err(failed(written + 1))?;
+            }
         }
         Ok(())
     }

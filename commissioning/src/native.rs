@@ -53,6 +53,13 @@ pub enum Confirmation {
     Unreachable,
 }
 
+impl Confirmation {
+    /// The motor still answers in this protocol, on this bus.
+    pub(crate) const fn is_read_back(self) -> bool {
+        matches!(self, Self::ReadBack(_))
+    }
+}
+
 impl<'l> Native<'l> {
     /// Motor `id` on `link`. Without `host_id` an answer may bear any id.
     pub fn new(link: &'l mut Link, id: u8, host_id: Option<FrameId>) -> Self {
@@ -131,7 +138,7 @@ impl<'l> Native<'l> {
         self.done(&Command::StopControl)
     }
 
-    /// Applies all modified items (3.2.2).
+    /// Applies all modified items (3.2.2). Whether a modified item survives a loss of power without it is in no document.
     pub fn refresh(&mut self) -> Result<(), Error> {
         self.done(&Command::RefreshConfiguration)
     }
@@ -231,6 +238,24 @@ impl<'l> Native<'l> {
             Error::Silent { id, .. } => Error::Unconfirmed { id, item: item.name, written: value },
             error => error,
         })
+    }
+
+    /// As [`set_configuration`](Self::set_configuration), and has the motor store the item. One that answers in MIT afterwards, or
+    /// that this bus does not reach any more, cannot be asked to.
+    ///
+    /// # Errors
+    ///
+    /// As the others.
+    pub fn store_configuration(
+        &mut self,
+        item: &'static ConfigurationItem,
+        value: Value,
+    ) -> Result<Confirmation, Error> {
+        let confirmation = self.set_configuration(item, value)?;
+        if confirmation.is_read_back() {
+            self.refresh()?;
+        }
+        Ok(confirmation)
     }
 
     /// Calibrates; the shaft turns (3.2.18). Waits for the answer up to [`CALIBRATION_MAX`]. `progress` is given the time so far,

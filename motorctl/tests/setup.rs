@@ -103,6 +103,49 @@ fn constants_are_written_with_consent_only() {
     assert!(findings(&line, 0).iter().all(|(_, _, verdict)| verdict == "agrees"));
 }
 
+/// Goal: a technician's way with motors that are not as configured: named, written with consent, and kept without power; the host id
+/// is named with its cure, which is another command's.
+#[test]
+fn wrong_values_are_named_written_and_kept_and_the_rest_has_its_cure() {
+    let line = robot(|[knee, hip]| {
+        (knee.torque_constant, knee.gear_ratio, knee.pole_pairs) = (0.2, 36.0, 14);
+        (hip.torque_constant, hip.host_id) = (0.3, 0x50);
+    });
+    let named = |motor: &str, values: &[&str]| {
+        values.iter().map(|value| (motor.into(), (*value).into())).collect::<Vec<(String, String)>>()
+    };
+    let knee = named("knee", &["torque-constant", "gear-ratio", "pole-pairs"]);
+    let hip = named("hip", &["host-id", "torque-constant"]);
+    assert_eq!(differing(&line), [knee, hip].concat());
+    let written = setup(&line, &["--write", "--yes"]);
+    let said = String::from_utf8(written.stdout).unwrap();
+    assert_eq!(written.status.code(), Some(1), "{said}");
+    for name in ["knee", "hip"] {
+        line.inject(&format!("{name} power-cycle"));
+    }
+    std::thread::sleep(std::time::Duration::from_millis(600));
+    assert_eq!(differing(&line), named("hip", &["host-id"]));
+    let cure = format!("motorctl config set host-id 68 --bus {} --id 4", line.device());
+    assert!(said.contains(&cure), "{said}");
+    let mut cured = Command::new(env!("CARGO_BIN_EXE_motorctl"));
+    cured.env("MOTORD_RUNTIME_DIR", line.path("run")).args(cure.split(' ').skip(1)).arg("--yes");
+    assert!(cured.output().unwrap().status.success());
+    findings(&line, 0);
+}
+
+#[test]
+fn a_refused_constant_is_told_in_the_motors_words() {
+    let line = robot(|[knee, _]| knee.gear_ratio = 36.0);
+    line.inject("knee refuse 0x04");
+    let refused = setup(&line, &["--write", "--yes"]);
+    assert_eq!(refused.status.code(), Some(1));
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(
+        said.contains("modify configuration: the motor refused: read-only register (RES 0x04)"),
+        "{said}"
+    );
+}
+
 #[test]
 fn one_motor_can_be_asked_and_the_others_keep_their_words() {
     let line = robot(|_| {});

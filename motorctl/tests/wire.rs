@@ -7,6 +7,7 @@ mod line;
 use line::{Calls, Line, motor, text};
 use motord_bus::Duration;
 use motord_protocol::gim::{CONFIGURATION, INDICATORS, PARAMETERS};
+use motord_simulator::{Behaviour, DurationEnd, MotorSettings};
 use serde_json::Value;
 use std::process::Stdio;
 
@@ -144,6 +145,43 @@ fn a_motor_moves_for_a_bounded_time_and_stops() {
     line.good("jog --seconds 0.3 --backward @ --yes");
     let back = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
     assert!(back < after - 0.03, "{after} {back}");
+}
+
+#[test]
+fn a_write_survives_a_loss_of_power() {
+    line::lose_power_after_every_write(&Line::knee());
+}
+
+#[test]
+fn a_motor_whose_start_nobody_confirms_is_stopped() {
+    line::lose_the_answer_to_a_start(&Line::knee(), "150ms");
+}
+
+/// Goal: a motor stands soon after motorctl was killed in the middle of a motion, if its drive ends a command when its duration is
+/// over, and goes on until `stop` if it does not.
+#[test]
+fn a_killed_motorctl_leaves_a_motor_to_the_duration_of_its_last_command() {
+    let motions = [
+        "torque 0.2 --seconds 20 --max-travel-rad 90 --max-rad-s 60 @ --yes",
+        "speed 0.5 --seconds 20 --max-travel-rad 90 @ --yes",
+        "jog --seconds 9 --rad-s 0.5 --max-travel-rad 12 @ --yes",
+    ];
+    for motion in motions {
+        let [moved, speed] = line::kill_in_motion(&Line::knee(), motion);
+        assert!(moved > 0.2, "{motion}: {moved}");
+        assert!(speed.abs() < 0.05, "{motion}: {speed}");
+        let holds = Behaviour { duration_end: DurationEnd::HoldsCommand, ..Behaviour::default() };
+        let line = Line::new(vec![MotorSettings { behaviour: holds, ..motor("knee", 3) }]);
+        let [_, speed] = line::kill_in_motion(&line, motion);
+        assert!(speed > 0.3, "{motion}: {speed}");
+        line.good("stop @");
+    }
+}
+
+#[test]
+fn a_host_id_is_refused_on_a_line_which_has_no_use_for_it() {
+    let refused = Line::knee().bad("ping @ --host-id 0x43", 64);
+    assert!(refused.contains("leave --host-id out"), "{refused}");
 }
 
 #[test]

@@ -164,6 +164,41 @@ fn a_power_cut_in_the_middle_of_an_application_over_can_leaves_a_journal_that_te
 
 #[test]
 #[ignore = "needs vcan: rigs/test-commissioning"]
+fn a_write_over_can_survives_a_loss_of_power() {
+    line::lose_power_after_every_write(&knee());
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn a_motor_whose_start_nobody_confirms_over_can_is_stopped() {
+    line::lose_the_answer_to_a_start(&knee(), "70ms");
+}
+
+/// Goal: a motor in MIT goes on after motorctl was killed, until it is stopped: MIT has no duration. Method: it turns at 0.5 rad/s
+/// for 1.5 s, and as long again afterwards; a jog that hardly moves it tells where it is.
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
+fn a_motor_in_mit_goes_on_when_a_jog_is_killed_until_it_is_stopped() {
+    let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
+    let position = || -> f64 {
+        let said = line.good("jog @ --seconds 0.01 --rad-s 0.001 --yes");
+        said.split(" stopped at ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap()
+    };
+    let begin = position();
+    let mut jog =
+        line.command("jog @ --seconds 9 --rad-s 0.5 --kd 5 --max-travel-rad 12 --yes").spawn().unwrap();
+    let pause = || std::thread::sleep(std::time::Duration::from_millis(1500));
+    pause();
+    jog.kill().unwrap();
+    jog.wait().unwrap();
+    pause();
+    line.good("stop @");
+    let moved = position() - begin;
+    assert!(moved > 1.0, "{moved}");
+}
+
+#[test]
+#[ignore = "needs vcan: rigs/test-commissioning"]
 fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     assert_eq!(line.json("ping @")["protocol"], "mit");

@@ -6,7 +6,9 @@ use crate::journal::Journal;
 use crate::memory::{effective, parse_item, read, text};
 use crate::say;
 use crate::target::{Session, Target};
-use motord_commissioning::{Apply, Change, Error, Failed, changes, check_value, identify, is_taken};
+use motord_commissioning::{
+    Apply, Change, Error, Failed, Family, Native, changes, check_value, identify, is_taken,
+};
 use motord_configuration::Wrong;
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Finite, Value, ValueType};
 use motord_terminal::{Cell, Palette, Table, json, printable};
@@ -204,6 +206,10 @@ pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), WireFailure
     session.native().reset_configuration()?;
     for place in [FACTORY_ID, id] {
         if let Some(found) = identify(&mut session.line.link, place)? {
+            if found.family == Family::Native {
+                // The defaults survive a loss of power then.
+                Native::new(&mut session.line.link, place, found.host_id).refresh()?;
+            }
             let host_id =
                 found.host_id.map_or_else(String::new, |id| format!(" with host id {:#05X}", id.raw()));
             return say(&format!("{name}: reset; it answers as id {place}{host_id} now"));

@@ -212,7 +212,7 @@ pub(crate) fn set(
         item.unit,
         warning(item)
     ))?;
-    let confirmation = motor.set_configuration(item, value)?;
+    let confirmation = motor.store_configuration(item, value)?;
     say(&format!("{name}: {} was {}, {}{}", item.name, text(before), outcome_of(confirmation), when(item)))
 }
 

@@ -142,7 +142,7 @@ fn write<'s>(
     ))?;
     let mut motor = Native::new(&mut line.link, asked.motor.id, None);
     for (item, value) in changes {
-        let confirmation = motor.set_configuration(item, value)?;
+        let confirmation = motor.store_configuration(item, value)?;
         eprintln!("{name}: {} {}", item.name, outcome_of(confirmation));
     }
     ask(settings, asked.motor, bus, line)

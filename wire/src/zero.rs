@@ -94,6 +94,6 @@ fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), WireFail
     };
     let steps = ((before - at) * TURN / TAU).round();
     let zero = (f64::from(old & 0xFFFF) + steps).rem_euclid(TURN) as i32;
-    motor.set_configuration(item, Value::Integer(zero))?;
+    motor.store_configuration(item, Value::Integer(zero))?;
     Ok(())
 }

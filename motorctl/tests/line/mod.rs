@@ -331,3 +331,65 @@ pub(crate) fn refuse_with_every_result_code(line: &Line) {
     // 0x00, success.
     line.good("config set over-voltage 51 @ --yes");
 }
+
+/// Goal: what a write has changed is still there after a loss of power. Method: a motor that forgets what no refresh
+/// configuration (GIM document 3.2.2) has stored.
+pub(crate) fn lose_power_after_every_write(line: &Line) {
+    let restart = || {
+        line.inject("knee power-cycle");
+        std::thread::sleep(Duration::from_millis(600));
+    };
+    line.good("config set rated-current 33 @ --yes");
+    restart();
+    assert_eq!(line.json("config get rated-current @")["value"], 33);
+    line.good("zero @ --at 0.5 --yes");
+    restart();
+    let at = line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    assert!((at - 0.5).abs() < 0.01, "{at}");
+    line.good("id @ --set-id 5 --set-host-id 0x155 --yes");
+    restart();
+    assert_eq!(line.json("id --bus LINE --id 5")["host_id"], 0x155);
+    line.good("config dump knee.toml --bus LINE --id 5");
+    line.good("config reset --bus LINE --id 5 --yes");
+    restart();
+    line.bad("config diff knee.toml --bus LINE --id 1", 1);
+    line.good("config apply knee.toml --bus LINE --id 1 --yes");
+    restart();
+    line.good("config diff knee.toml --bus LINE --id 5");
+}
+
+/// Goal: a motor whose start nobody has confirmed is stopped. Method: every answer comes after its time. A read is repeated, a
+/// start is not. The motor that is started still would refuse to be calibrated.
+pub(crate) fn lose_the_answer_to_a_start(line: &Line, delay: &str) {
+    for start in ["start @", "jog @ --seconds 0.3", "speed 0.3 --seconds 0.3 @"] {
+        line.inject(&format!("knee delayed {delay}"));
+        let silent = line.bad(&format!("{start} --protocol gim --yes"), 69);
+        assert!(silent.contains("does not answer `start motor`"), "{start}: {silent}");
+        line.inject("knee ok");
+        std::thread::sleep(Duration::from_millis(300));
+        if start.starts_with("start") {
+            let refused = line.bad("calibrate phase @ --yes", 1);
+            assert!(refused.contains("failure (RES 0x01)"), "{refused}");
+            line.good("stop @");
+        } else {
+            line.good("calibrate phase @ --yes");
+        }
+    }
+}
+
+/// Kills motorctl in the middle of a motion. Returns how far the motor had turned by then, and how far in the second that begins
+/// half a second later, rad.
+pub(crate) fn kill_in_motion(line: &Line, motion: &str) -> [f64; 2] {
+    let angle = || line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
+    let begin = angle();
+    let mut child = line.command(motion).stdout(Stdio::null()).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(1500));
+    assert!(child.try_wait().unwrap().is_none(), "{motion}");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    std::thread::sleep(Duration::from_millis(500));
+    let (at, second) = (angle(), std::time::Instant::now());
+    std::thread::sleep(Duration::from_secs(1));
+    let after = angle();
+    [at - begin, (after - at) / second.elapsed().as_secs_f64()]
+}
