@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-ipc` | clients |
-//! | `motord-telemetry` | histograms, log, watchdog |
+//! | `motord-telemetry` | histograms, log, cleaning up after dead clients |
 //! | `motord-owners` | hears of the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | hears emergency stops on their socket |
@@ -12,7 +12,7 @@
 //! | `motord-simulation` | takes faults for simulated buses; only where no bus is real |
 //!
 //! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
-//! thread only waits for signals; a panic there ends the process, and the dead man's switch acts.
+//! thread waits for signals and feeds the watchdog of systemd; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
 use crate::buses::injection::Injectors;
@@ -114,6 +114,7 @@ pub struct Daemon {
     cycle: JoinHandle<()>,
     ipc: JoinHandle<()>,
     telemetry: JoinHandle<()>,
+    counters: Arc<Counters>,
     realtime: Vec<Step>,
     /// The first file of the runtime directory that was lost.
     lost: Arc<OnceLock<PathBuf>>,
@@ -162,18 +163,24 @@ impl Daemon {
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
         cycle.on_begin(move |cycle| heartbeat.beat(cycle));
         let (cycle, realtime) = start_cycle(&settings, &orders, cycle, heartbeat, buses.locks)?;
-        start_registrar(&settings, lock.instance(), &orders, pulse, counters)?;
+        start_registrar(&settings, lock.instance(), &orders, pulse, Arc::clone(&counters))?;
         start_stop(&settings, lock.instance(), &orders, stops, askers)?;
         if let Some(injectors) = buses.injectors {
             start_simulation(lock, &orders, injectors)?;
         }
-        Ok(Self { orders, cycle, ipc, telemetry, realtime, lost })
+        Ok(Self { orders, cycle, ipc, telemetry, counters, realtime, lost })
     }
 
     /// The steps by which the cycle thread became real-time, and their outcomes.
     #[must_use]
     pub fn realtime(&self) -> &[Step] {
         &self.realtime
+    }
+
+    /// Number of the newest cycle.
+    #[must_use]
+    pub fn cycle(&self) -> u64 {
+        self.counters.cycle.load(Ordering::Acquire)
     }
 
     /// The motors are stopped, by request, because a thread panicked, or because nobody can reach the daemon any more.

@@ -293,14 +293,33 @@ fn the_watchdog_is_not_fed_while_the_cycle_stands_still() {
     let mut daemon = Daemon::plain();
     daemon.must_say(FED);
     let cycle = thread(daemon.pid(), "motord-cycle");
-    ptrace::seize(cycle, ptrace::Options::empty()).unwrap();
-    ptrace::interrupt(cycle).unwrap();
-    waitpid(cycle, Some(WaitPidFlag::__WALL)).unwrap();
-    // What was on its way, and one more turn of the telemetry, which saw the cycle move before it was stopped.
+    hold(cycle);
+    // What was on its way, and one more turn of whoever feeds it, which saw the cycle move before it was stopped.
     while daemon.says(FED, Duration::from_millis(1500)) {}
     assert!(!daemon.says(FED, WATCHDOG));
     ptrace::detach(cycle, None).unwrap();
     daemon.must_live_and_end();
+}
+
+/// Goal: systemd does not end a daemon that controls its robot because telemetry has much to do.
+/// Method: only the thread of telemetry is stopped. It cleans up after dead clients, which takes seconds where thousands died.
+#[test]
+fn the_watchdog_is_fed_while_telemetry_stands_still() {
+    let mut daemon = Daemon::plain();
+    daemon.must_say(FED);
+    let telemetry = thread(daemon.pid(), "motord-telemetr");
+    hold(telemetry);
+    // The first may have been on its way.
+    let fed = (0..3).filter(|_| daemon.says(FED, PATIENCE)).count();
+    ptrace::detach(telemetry, None).unwrap();
+    assert_eq!(fed, 3);
+    daemon.must_live_and_end();
+}
+
+fn hold(thread: Pid) {
+    ptrace::seize(thread, ptrace::Options::empty()).unwrap();
+    ptrace::interrupt(thread).unwrap();
+    waitpid(thread, Some(WaitPidFlag::__WALL)).unwrap();
 }
 
 fn thread(pid: Pid, name: &str) -> Pid {

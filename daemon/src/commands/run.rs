@@ -2,6 +2,7 @@
 
 use crate::arming;
 use crate::buses::{self, Buses};
+use crate::host::watchdog::Watchdog;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
 use motord_bus::Duration;
@@ -46,7 +47,9 @@ pub fn run(path: &Path) -> Result<(), RunError> {
     let realtime = granted(&[daemon.realtime(), &[deep_sleep]].concat());
     log_start(lock.instance().name(), (path, hash), size, &realtime);
     systemd::ready();
+    let mut watchdog = Watchdog::new();
     while !daemon.has_ended() {
+        watchdog.feed(daemon.cycle());
         for origin in signals.pending() {
             heed(&daemon, &origin, damp);
         }

@@ -1,5 +1,4 @@
-//! The telemetry thread: histograms, the log, frames with unexpected ids, the watchdog of systemd, and the cleaning up after
-//! dead clients.
+//! The telemetry thread: histograms, the log, frames with unexpected ids, and the cleaning up after dead clients.
 //!
 //! Nothing waits for it. Records and events that it is too slow for are dropped and counted.
 
@@ -18,7 +17,6 @@ use motord_configuration as config;
 use motord_core::control::Event;
 use motord_core::cycle::{Counters, Record};
 use motord_core::settings::Settings;
-use motord_realtime::systemd;
 use motord_shared::ports::Housekeeper;
 use motord_shared::{AdminReply, AdminRequest, BusCondition, Cause, Operation, Presence};
 use motord_telemetry::{Distributions, Metrics, Names, Outputs};
@@ -36,7 +34,7 @@ use unexpected::UnexpectedCounts;
 const TURN: Duration = Duration::from_millis(50);
 /// Period of cleaning up after dead clients: one that is started again and again must find a place.
 const CLEANING: Duration = Duration::from_millis(250);
-/// Period of feeding systemd's watchdog, and of what else is done now and then.
+/// Period of what is done now and then.
 const CHORES: Duration = Duration::from_secs(1);
 
 /// The cycle's other end, as far as telemetry is concerned.
@@ -63,7 +61,6 @@ pub struct Recorder {
     groups: Groups,
     log: Log,
     unexpected_ids: UnexpectedCounts,
-    watched_cycle: u64,
     presence: Option<Presence>,
     /// The first file of the runtime directory that was lost.
     lost: Arc<OnceLock<PathBuf>>,
@@ -90,7 +87,6 @@ impl Recorder {
             config: None,
             broken: None,
             off: Vec::new(),
-            watched_cycle: 0,
             presence: None,
             lost: Arc::default(),
         }
@@ -147,7 +143,6 @@ impl Recorder {
                 self.unexpected_ids.open();
                 self.watch_config();
                 self.expose();
-                self.feed_watchdog();
             }
         }
         self.turn();
@@ -281,14 +276,6 @@ impl Recorder {
     fn report_broken(&self, bus: usize) {
         if let Some(broken) = &self.broken {
             let _ended = broken.send(bus);
-        }
-    }
-
-    /// Only while the cycle moves: a watchdog that is fed by a thread of its own proves nothing.
-    fn feed_watchdog(&mut self) {
-        let cycle = self.cycle.counters.cycle.load(Ordering::Acquire);
-        if cycle != std::mem::replace(&mut self.watched_cycle, cycle) {
-            systemd::feed_watchdog();
         }
     }
 }
