@@ -49,8 +49,8 @@ use std::thread::{Builder, JoinHandle};
 
 /// How often the thread that waits for the deaths of owners checks whether the daemon ends.
 const OWNERS_TURN: Duration = Duration::from_millis(50);
-/// Period in which a registrar that panicked checks whether the last cycle is over.
-const REGISTRAR_TURN: Duration = Duration::from_millis(50);
+/// Period in which a thread that panicked checks whether the last cycle is over.
+const END_TURN: Duration = Duration::from_millis(50);
 
 /// The orders to the threads: run, stop with damping, stop now, or end.
 #[derive(Debug, Default)]
@@ -235,6 +235,17 @@ impl Daemon {
     }
 }
 
+/// Runs `body` of `thread`. When it panics, the robot is stopped at once, and this returns after the last cycle: what `body` uses lives on
+/// until then.
+fn outlive_the_cycle(thread: &'static str, orders: &Orders, body: impl FnOnce()) {
+    if catch_unwind(AssertUnwindSafe(body)).is_err() {
+        orders.stop_without(thread);
+        while !orders.are(Orders::END) {
+            std::thread::sleep(END_TURN);
+        }
+    }
+}
+
 /// Starts a thread whose panic stops the robot.
 fn start(
     thread: &'static str,
@@ -283,7 +294,8 @@ fn start_ipc(
         let mut thread =
             IpcThread::new(ports, end, questions, description, ipc.mode, schedule, Records::new(joints));
         thread.watch(owners);
-        thread.run(|| given.are(Orders::END));
+        // Its files go last: to give back their memory takes longer than the robot may be without damping.
+        outlive_the_cycle("ipc", &given, || thread.run(|| given.are(Orders::END)));
     })?;
     await_report(&ready, "ipc")??;
     Ok(thread)
@@ -405,13 +417,8 @@ fn start_registrar(
     let request = below_the_cycle(settings);
     let run = move || {
         let _refused_like_the_cycle = prepare_thread(request);
-        if catch_unwind(AssertUnwindSafe(|| registrar.run(|| given.are(Orders::END)))).is_err() {
-            given.stop_without("registrar");
-            // Its connection must outlive the last cycle: closed before, it would set the switch on motors that are driven.
-            while !given.are(Orders::END) {
-                std::thread::sleep(REGISTRAR_TURN);
-            }
-        }
+        // Its connection closed before the last cycle would set the switch on motors that are driven.
+        outlive_the_cycle("registrar", &given, || registrar.run(|| given.are(Orders::END)));
     };
     let _detached = start("registrar", orders, run)?;
     Ok(())
