@@ -33,6 +33,7 @@ fi
 #
 #   RIG_PROFILE=release cargo's profile
 #   RIG_FEATURES=       features of cargo that the programs are built with
+#   RIG_BIN=            a folder with these programs, built already
 #   RIG_EXAMPLE=        an example of the client that is built, too
 #   RIG_FILES=          files of this repository that the script needs
 #   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
@@ -47,12 +48,12 @@ run_inside() {
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$(dirname "$rigs")"
-    cargo build --quiet --locked --profile "$profile" --target-dir "$target" -p motord -p motorctl -p motord-checker \
-        --features "${RIG_FEATURES:-}"
+    [ -n "${RIG_BIN:-}" ] || cargo build --quiet --locked --profile "$profile" --target-dir "$target" \
+        -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
     chmod 755 "$RIG_PLACE" # others than root run programs here, too
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "$target/$built"/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
+    cp "${RIG_BIN:-$target/$built}"/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
     if [ -n "${RIG_EXAMPLE:-}" ]; then
         # By itself, or the daemon would be built with features that only the examples need.
         cargo build --quiet --locked --profile "$profile" --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"

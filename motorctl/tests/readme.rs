@@ -27,11 +27,11 @@ fn commands(section: &str) -> Vec<String> {
     text.split("```sh\n").skip(1).map(|block| block.split("```").next().unwrap().trim().to_owned()).collect()
 }
 
-/// The line for the programs of this test.
+/// The line for the programs of this test. `cargo test --workspace` has built the examples, with the features of the workspace.
 fn here(line: &str) -> String {
+    let line = line.replace("target/release", programs().to_str().unwrap());
     let is_release = programs().ends_with("release");
-    let profile = if is_release { "--release " } else { "" };
-    line.replace("target/release", programs().to_str().unwrap()).replace("--release ", profile)
+    if is_release { line } else { line.replace("--release -p motord-client", "--workspace") }
 }
 
 /// Three terminals of one robot, in the repository.
