@@ -160,7 +160,7 @@ impl Claim {
         self.refresh()?;
         self.message.cycle = self.link.answered();
         self.transmit()?;
-        self.link.check_alive()
+        self.link.check_alive_at(self.message.time_ns)
     }
 
     /// Sends one setpoint per joint. The newest setpoint wins; what the daemon has not read is replaced. Does not wait.
@@ -288,7 +288,7 @@ impl Claim {
     /// Takes in the states that have arrived, and checks that they are of the daemon that granted the claim.
     fn refresh(&self) -> Result<(), Error> {
         self.link.refresh()?;
-        if self.link.robot().boot_id == self.members.boot_id { Ok(()) } else { Err(Error::Restarted) }
+        if self.link.boot_id() == self.members.boot_id { Ok(()) } else { Err(Error::Restarted) }
     }
 }
 

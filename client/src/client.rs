@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 const LATE_SHARE: u32 = 4;
 const LATE_SLEEP_MIN: Duration = Duration::from_micros(50);
 const LATE_SLEEP_MAX: Duration = Duration::from_millis(5);
+/// A thread that spins looks at the clock after so many looks for a state, some microseconds.
+const GLANCES: u32 = 32;
 
 /// Most requests for all histograms: twice as many as there are, since they may begin anew meanwhile.
 const HISTOGRAM_PAGES_MAX: usize = 2 * HISTOGRAMS_MAX;
@@ -155,10 +157,19 @@ impl Client {
     /// # Errors
     /// Those of [`wait`](Self::wait).
     pub fn spin(&self, timeout: Duration) -> Result<State, Error> {
-        self.next(timeout, |_, _| {
-            std::hint::spin_loop();
-            Ok(())
-        })
+        let begun = Instant::now();
+        loop {
+            for _ in 0..GLANCES {
+                if let Some(state) = self.take(&mut self.link.glance()?, 1)? {
+                    return Ok(state);
+                }
+                std::hint::spin_loop();
+            }
+            let mut view = self.link.glance()?;
+            if !view.is_unseen() {
+                self.link.patience(&mut view, begun.elapsed(), timeout)?;
+            }
+        }
     }
 
     /// Receives every cycle from now on: for a process that records, since a state that was not read is replaced by the next.
@@ -313,7 +324,7 @@ impl Client {
     /// Those of every request.
     pub fn telemetry(&self) -> Result<Telemetry, Error> {
         self.link.refresh()?;
-        self.must_be(&self.description())?;
+        self.must_be(self.description().boot_id)?;
         self.link.read(Operation::Telemetry, 0.0)
     }
 
@@ -323,7 +334,7 @@ impl Client {
     /// Those of every request; [`Error::Refused`] by a daemon that is older than histograms.
     pub fn histograms(&self) -> Result<Histograms, Error> {
         self.link.refresh()?;
-        self.must_be(&self.description())?;
+        self.must_be(self.description().boot_id)?;
         let mut all = Histograms::default();
         for _ in 0..HISTOGRAM_PAGES_MAX {
             let from = all.next.unwrap_or_default();
@@ -377,28 +388,28 @@ impl Client {
     /// Whether the daemon of `robot` lives.
     fn ready(&self, robot: &RobotDescription) -> Result<(), Error> {
         self.link.refresh()?;
-        self.must_be(robot)?;
+        self.must_be(robot.boot_id)?;
         self.link.check_alive()
     }
 
     /// The newest state, if nobody took it yet and it is due for one who takes every `n`th; a restart before it.
     fn take(&self, view: &mut MutexGuard<'_, View>, n: u64) -> Result<Option<State>, Error> {
         if view.is_unseen() {
-            self.must_be(&self.description())?;
+            let known = locked(&self.robot).boot_id;
+            self.must_be(known)?;
         }
         let state = view.take_unseen(n);
         state.iter().for_each(|state| self.link.taken(state.cycle()));
         Ok(state)
     }
 
-    /// Reports a restart: an index from before may name another joint now. Other threads get the report too if they still
-    /// use the robot from before.
-    fn must_be(&self, robot: &RobotDescription) -> Result<(), Error> {
-        let present = self.link.robot();
-        if present.boot_id == robot.boot_id {
+    /// Reports a restart of the daemon with this boot id: an index from before may name another joint now. Other threads get the report
+    /// too if they still use the robot from before.
+    fn must_be(&self, boot_id: u64) -> Result<(), Error> {
+        if self.link.boot_id() == boot_id {
             return Ok(());
         }
-        *locked(&self.robot) = present;
+        *locked(&self.robot) = self.link.robot();
         Err(Error::Restarted)
     }
 }

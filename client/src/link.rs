@@ -20,6 +20,7 @@ use motord_shared::ports::{ClientPorts, RecordPort, SetpointPort};
 use motord_shared::service::ServiceError;
 use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, Refusal, clock};
 use serde::de::DeserializeOwned;
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
@@ -83,6 +84,15 @@ pub(crate) struct Link {
     heard_ns: AtomicU64,
     /// Longest time without a state that is no error, ns.
     silence_ns: AtomicU64,
+}
+
+/// The states that a thread takes in at a time.
+#[derive(Debug, Clone, Copy)]
+enum Wanted {
+    /// Every state that has arrived: the last may be of another daemon.
+    All,
+    /// One state of the known daemon.
+    One,
 }
 
 /// The newest state.
@@ -181,12 +191,17 @@ impl Link {
     /// Takes in the states that have arrived, and gives the newest. One of another daemon makes it read the description of
     /// the robot first, which may take up to [`ANSWER_TIMEOUT`].
     pub(crate) fn poll(&self) -> Result<MutexGuard<'_, View>, Error> {
-        self.take_in(locked(&self.view))
+        self.take_in(locked(&self.view), Wanted::All)
+    }
+
+    /// As [`poll`](Self::poll), but one state of the known daemon is enough.
+    pub(crate) fn glance(&self) -> Result<MutexGuard<'_, View>, Error> {
+        self.take_in(locked(&self.view), Wanted::One)
     }
 
     /// As [`poll`](Self::poll), unless another thread does so at this moment.
     pub(crate) fn refresh(&self) -> Result<(), Error> {
-        self.try_view().map_or(Ok(()), |view| self.take_in(view).map(drop))
+        self.try_view().map_or(Ok(()), |view| self.take_in(view, Wanted::All).map(drop))
     }
 
     fn try_view(&self) -> Option<MutexGuard<'_, View>> {
@@ -197,23 +212,36 @@ impl Link {
         }
     }
 
-    fn take_in<'a>(&'a self, mut view: MutexGuard<'a, View>) -> Result<MutexGuard<'a, View>, Error> {
-        let mut arrived = None;
-        let taken = self.ports.take_states(|message| arrived = Some(view.places.copy(message)));
+    fn take_in<'a>(
+        &'a self,
+        mut view: MutexGuard<'a, View>,
+        wanted: Wanted,
+    ) -> Result<MutexGuard<'a, View>, Error> {
+        let (mut arrived, known) = (None, self.boot_id());
+        let taken = self.ports.take_states(|message| {
+            arrived = Some(view.places.copy(message));
+            match wanted {
+                Wanted::One if message.boot_id == known => ControlFlow::Break(()),
+                Wanted::One | Wanted::All => ControlFlow::Continue(()),
+            }
+        });
         taken.map_err(|error| Error::of_service(error, &self.instance))?;
-        let now = clock::now_ns();
-        let _first = self.heard_ns.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
-        let Some(state) = arrived else { return Ok(view) };
-        if state.boot_id() != self.robot().boot_id {
+        let Some(state) = arrived else {
+            if self.heard_ns.load(Ordering::Relaxed) == 0 {
+                self.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
+            }
+            return Ok(view);
+        };
+        if state.boot_id() != known {
             drop(view);
             self.read_description()?;
             view = locked(&self.view);
         }
         // A state of a daemon that has ended meanwhile belongs to no known robot.
-        if state.boot_id() == self.robot().boot_id && view.is_newer(&state) {
+        if state.boot_id() == self.boot_id() && view.is_newer(&state) {
             self.cycle.store(state.cycle(), Ordering::Relaxed);
             view.put(state);
-            self.heard_ns.store(now, Ordering::Relaxed);
+            self.heard_ns.store(clock::now_ns(), Ordering::Relaxed);
         }
         Ok(view)
     }
@@ -325,9 +353,19 @@ impl Link {
         Arc::clone(&locked(&self.robot))
     }
 
+    /// Of the daemon whose states arrive.
+    pub(crate) fn boot_id(&self) -> u64 {
+        locked(&self.robot).boot_id
+    }
+
     /// [`Error::NotRunning`] or [`Error::Silent`] when states have stopped.
     pub(crate) fn check_alive(&self) -> Result<(), Error> {
-        if self.quiet() >= self.silence() { Err(self.gone()) } else { Ok(()) }
+        self.check_alive_at(clock::now_ns())
+    }
+
+    /// As [`check_alive`](Self::check_alive), at the present time.
+    pub(crate) fn check_alive_at(&self, now_ns: u64) -> Result<(), Error> {
+        if self.quiet_at(now_ns) >= self.silence() { Err(self.gone()) } else { Ok(()) }
     }
 
     pub(crate) fn set_silence(&self, silence: Duration) {
@@ -339,9 +377,13 @@ impl Link {
     }
 
     fn quiet(&self) -> Duration {
+        self.quiet_at(clock::now_ns())
+    }
+
+    fn quiet_at(&self, now_ns: u64) -> Duration {
         match self.heard_ns.load(Ordering::Relaxed) {
             0 => Duration::ZERO,
-            heard => Duration::from_nanos(clock::now_ns().saturating_sub(heard)),
+            heard => Duration::from_nanos(now_ns.saturating_sub(heard)),
         }
     }
 

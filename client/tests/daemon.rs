@@ -571,17 +571,26 @@ fn a_slow_controller_gets_every_nth_state_and_sleeps_through_the_others() {
 
 #[test]
 fn a_slow_controller_hears_of_a_restart_and_of_silence_like_others() {
+    hears_of_a_restart_and_of_silence(|client| client.wait_cycles(2, PATIENCE));
+}
+
+#[test]
+fn a_controller_that_spins_hears_of_a_restart_and_of_silence_like_others() {
+    hears_of_a_restart_and_of_silence(|client| client.spin(PATIENCE));
+}
+
+fn hears_of_a_restart_and_of_silence(take: fn(&Client) -> Result<State, Error>) {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
-    client.wait_cycles(2, PATIENCE).unwrap();
+    take(&client).unwrap();
     daemon.silent.store(true, Ordering::Relaxed);
-    let error = until("silence", || client.wait_cycles(2, PATIENCE).err());
+    let error = until("silence", || take(&client).err());
     assert!(matches!(error, Error::Silent { .. }), "{error}");
     drop(daemon);
     let _successor = Running::start(place.path(), 2);
-    until("the restart", || (client.wait_cycles(2, PATIENCE) == Err(Error::Restarted)).then_some(()));
-    client.wait_cycles(2, PATIENCE).unwrap();
+    until("the restart", || (take(&client) == Err(Error::Restarted)).then_some(()));
+    take(&client).unwrap();
 }
 
 #[test]

@@ -24,6 +24,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use iceoryx2_cal::event::ListenerWaitError;
 use nix::errno::Errno;
+use std::ops::ControlFlow;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -320,16 +321,22 @@ impl ClientPorts {
     /// Those of [`take_states`](Self::take_states).
     pub fn newest_state(&self) -> Result<Option<StateMessage>, ServiceError> {
         let mut newest = None;
-        self.take_states(|state| newest = Some(*state))?;
+        self.take_states(|state| {
+            newest = Some(*state);
+            ControlFlow::Continue(())
+        })?;
         Ok(newest)
     }
 
-    /// Shows `accept` the states that were not taken yet, the newest last. The first call only takes the place of a watcher.
-    /// Never blocks.
+    /// Shows `accept` the states that were not taken yet, the newest last, until it says that it has enough. The first call only takes
+    /// the place of a watcher. Never blocks.
     ///
     /// # Errors
     /// When there is no place, or the connection is damaged.
-    pub fn take_states(&self, mut accept: impl FnMut(&StateMessage)) -> Result<(), ServiceError> {
+    pub fn take_states(
+        &self,
+        mut accept: impl FnMut(&StateMessage) -> ControlFlow<()>,
+    ) -> Result<(), ServiceError> {
         let mut watcher = locked(&self.watcher);
         let watcher = match &mut *watcher {
             Some(watcher) => watcher,
@@ -341,7 +348,9 @@ impl ClientPorts {
         // One state of a dead daemon may come before those of its successor.
         for _ in 0..3 {
             let Some(sample) = watcher.receive().map_err(Part::State.failed())? else { break };
-            accept(sample.payload());
+            if accept(sample.payload()).is_break() {
+                break;
+            }
         }
         Ok(())
     }

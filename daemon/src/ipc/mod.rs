@@ -27,6 +27,8 @@ use std::sync::atomic::Ordering;
 
 /// Requests taken from clients each time the thread wakes.
 const REQUESTS_PER_WAKE: usize = 64;
+/// A thread that spins looks for requests in one of so many turns: each look makes controllers wait longer for their states.
+const TURNS_PER_REQUEST: u32 = 8;
 /// So many places on the way to the cycle are left to emergency stops.
 const STOPS: usize = ADMINS_MAX;
 /// Most requests that telemetry has yet to answer.
@@ -79,6 +81,7 @@ pub struct IpcThread {
     /// `None` before they are watched: then the silence of an owner tells.
     owners: Option<Owners>,
     records: Records,
+    turns: u32,
 }
 
 impl IpcThread {
@@ -105,6 +108,7 @@ impl IpcThread {
             schedule,
             owners: None,
             records,
+            turns: 0,
         }
     }
 
@@ -127,9 +131,12 @@ impl IpcThread {
         // Controllers wait for the states, and the next cycle waits for the setpoints.
         self.publish_states();
         self.fetch_setpoints();
-        self.record();
-        self.take_requests();
-        self.give_answers();
+        self.turns = self.turns.wrapping_add(1);
+        if self.mode != IpcMode::Spin || self.turns.is_multiple_of(TURNS_PER_REQUEST) {
+            self.record();
+            self.take_requests();
+            self.give_answers();
+        }
     }
 
     /// Sleeps until the cycle has published its states, or [`Schedule::next`] says so.
