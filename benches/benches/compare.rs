@@ -16,7 +16,7 @@ use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_protocol::Scales;
 use motord_protocol::mit::{Command, DecodeError, Impedance, State};
 use motord_protocol::profile::STEADYWIN;
-use motord_shared::{JointSetpoint, SetpointMessage, StateMessage};
+use motord_shared::{JointSetpoint, SetpointMessage, StateMessage, clock};
 use motord_simulator::SharedBus;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use std::hint::{black_box, spin_loop};
@@ -27,6 +27,8 @@ use std::time::{Duration, Instant};
 
 /// Trips before those that are timed.
 const WARM_UP: usize = 1000;
+/// A thread that has waited for so long sleeps.
+const PAUSE: Duration = Duration::from_micros(100);
 /// As many share a bus at 500 Hz, whatever the size of the robot.
 const MOTORS_PER_BUS: usize = 4;
 /// Different commands and replies of the codec; a power of two.
@@ -76,29 +78,70 @@ fn main() {
     }
 }
 
-fn trips(count: usize) {
-    wake_up(count);
-    for spins in [false, true] {
-        iceoryx2_trips(count, spins);
-        motord_trips(count, spins);
+/// What is timed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Trip {
+    /// From a setpoint to the states that answer it at once; the client keeps looking.
+    Spin,
+    /// The same; the client sleeps, or goes to sleep.
+    Event,
+    /// From the publication of states to a client that has slept for [`PAUSE`].
+    Delivery,
+}
+
+impl Trip {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Spin => "spin",
+            Self::Event => "event",
+            Self::Delivery => "delivery",
+        }
+    }
+
+    /// From a setpoint to its answer.
+    const fn pause(self) -> Duration {
+        if matches!(self, Self::Delivery) { PAUSE } else { Duration::ZERO }
+    }
+
+    /// The time of a trip, ns, that began with a setpoint at `begun_ns` and was answered at `published_ns`.
+    fn time_ns(self, begun_ns: u64, published_ns: u64) -> u64 {
+        clock::now_ns() - if self == Self::Delivery { published_ns } else { begun_ns }
     }
 }
 
-/// Prints the median and the 99 % quantile of `count` trips, ns. A trip tells when it began.
-fn time_trips(name: &str, count: usize, mut trip: impl FnMut() -> Instant) {
+fn trips(count: usize) {
+    wake_up(count);
+    for trip in [Trip::Spin, Trip::Event, Trip::Delivery] {
+        iceoryx2_trips(count, trip);
+        motord_trips(count, trip);
+    }
+}
+
+/// Prints the median and the 99 % quantile of `count` trips. Each tells its time, ns.
+fn time_trips(name: &str, count: usize, mut trip: impl FnMut() -> u64) {
     for _ in 0..WARM_UP {
         trip();
     }
-    let mut times: Vec<_> = (0..count).map(|_| trip().elapsed().as_nanos()).collect();
+    let mut times: Vec<_> = (0..count).map(|_| trip()).collect();
     times.sort_unstable();
     println!("{name} {} {}", times[count / 2], times[count * 99 / 100]);
 }
 
-/// From the moment in which another thread writes to an eventfd to the end of the read that waited for it.
+/// Keeps looking at the clock for `time`.
+fn stay_awake(time: Duration) {
+    let begun = Instant::now();
+    while begun.elapsed() < time {
+        spin_loop();
+    }
+}
+
+/// From the moment in which another thread writes to an eventfd to the end of the read that has waited for it for [`PAUSE`].
 fn wake_up(count: usize) {
     let event = Arc::new(EventFd::from_flags(EfdFlags::EFD_SEMAPHORE).expect("the kernel gives one"));
     let (asked, ends) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
-    let (bell, asks, ended) = (Arc::clone(&event), Arc::clone(&asked), Arc::clone(&ends));
+    let written = Arc::new(AtomicU64::new(0));
+    let (bell, asks, ended, writes) =
+        (Arc::clone(&event), Arc::clone(&asked), Arc::clone(&ends), Arc::clone(&written));
     let waker = std::thread::spawn(move || {
         let mut done = 0;
         while !ended.load(Ordering::Relaxed) {
@@ -107,37 +150,38 @@ fn wake_up(count: usize) {
                 continue;
             }
             done += 1;
+            stay_awake(PAUSE);
+            writes.store(clock::now_ns(), Ordering::Relaxed);
             bell.write(1).expect("a thread reads");
         }
     });
     time_trips("wake-up", count, || {
-        let begun = Instant::now();
         asked.fetch_add(1, Ordering::Release);
         event.read().expect("a thread writes");
-        begun
+        clock::now_ns() - written.load(Ordering::Relaxed)
     });
     ends.store(true, Ordering::Relaxed);
     waker.join().expect("the waker ends");
 }
 
-fn motord_trips(count: usize, spins: bool) {
+fn motord_trips(count: usize, trip: Trip) {
     let runtime = tempfile::tempdir().expect("the temporary directory is writable");
-    let _daemon = Daemon::start(runtime.path());
+    let _daemon = Daemon::start(runtime.path(), trip.pause());
     let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
     client.set_silence(PATIENCE);
     let mut claim = client.claim("all").expect("nobody owns the group");
     let setpoints = [Setpoint::damping(1.0); JOINTS];
-    time_trips(if spins { "motord-spin" } else { "motord-event" }, count, || {
-        let begun = Instant::now();
+    time_trips(&format!("motord-{}", trip.name()), count, || {
+        let begun_ns = clock::now_ns();
         claim.send(&setpoints).expect("the daemon runs");
-        let taken = if spins { client.spin(PATIENCE) } else { client.wait(PATIENCE) };
-        black_box(taken.expect("the daemon answers"));
-        begun
+        let taken = if trip == Trip::Spin { client.spin(PATIENCE) } else { client.wait(PATIENCE) };
+        let state = black_box(taken.expect("the daemon answers"));
+        trip.time_ns(begun_ns, state.publish_ns())
     });
 }
 
 /// The same messages through services of iceoryx2, and nothing else. The other end spins, as motord's does.
-fn iceoryx2_trips(count: usize, spins: bool) {
+fn iceoryx2_trips(count: usize, trip: Trip) {
     let root = tempfile::tempdir().expect("the temporary directory is writable");
     let (open, opened) = std::sync::mpsc::channel();
     let (ends, place) = (Arc::new(AtomicBool::new(false)), root.path().to_owned());
@@ -154,7 +198,8 @@ fn iceoryx2_trips(count: usize, spins: bool) {
                 spin_loop();
                 continue;
             };
-            state.cycle = setpoint.sequence;
+            stay_awake(trip.pause());
+            (state.cycle, state.publish_ns) = (setpoint.sequence, clock::now_ns());
             states.send_copy(state).expect("a subscriber is there");
             event.notify().expect("a listener is there");
         }
@@ -165,17 +210,17 @@ fn iceoryx2_trips(count: usize, spins: bool) {
     let states = services.state.subscriber_builder().create().expect("there is a place");
     let event = services.event.listener_builder().create().expect("there is a place");
     let mut setpoint = SetpointMessage::default();
-    time_trips(if spins { "iceoryx2-spin" } else { "iceoryx2-event" }, count, || {
+    time_trips(&format!("iceoryx2-{}", trip.name()), count, || {
         setpoint.sequence += 1;
-        let begun = Instant::now();
+        let begun_ns = clock::now_ns();
         setpoints.send_copy(setpoint).expect("a subscriber is there");
         loop {
-            if !spins {
+            if trip != Trip::Spin {
                 event.timed_wait(|_| (), Duration::from_secs(1)).expect("a notifier is there");
             }
             let state = states.receive().expect("the services are there");
-            if state.is_some_and(|state| state.cycle == setpoint.sequence) {
-                return begun;
+            if let Some(state) = state.filter(|state| state.cycle == setpoint.sequence) {
+                return trip.time_ns(begun_ns, state.publish_ns);
             }
         }
     });

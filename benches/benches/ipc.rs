@@ -25,7 +25,7 @@ fn round_trip(
 
 fn ipc(criterion: &mut Criterion) {
     let runtime = tempfile::tempdir().expect("the temporary directory is writable");
-    let _daemon = Daemon::start(runtime.path());
+    let _daemon = Daemon::start(runtime.path(), Duration::ZERO);
     let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
     client.set_silence(PATIENCE);
     let mut claim = client.claim("all").expect("nobody owns the group");

@@ -1,4 +1,4 @@
-//! A daemon without motors: its ipc thread spins, and what stands where the cycle stands answers every setpoint at once.
+//! A daemon without motors: its ipc thread spins, and what stands where the cycle stands answers every setpoint after a given time.
 
 use motord::ipc::{CycleEnd, IpcThread, Records, Schedule};
 use motord::telemetry;
@@ -6,14 +6,16 @@ use motord_core::cycle::{self, Ends, REQUESTS_MAX};
 use motord_core::settings::IpcMode;
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::ports::DaemonPorts;
-use motord_shared::{AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage};
+use motord_shared::{
+    AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage, clock,
+};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::cell::RefCell;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use triple_buffer::TripleBuffer;
 
 pub(crate) const INSTANCE: &str = "bench";
@@ -26,6 +28,10 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(3600);
 
 /// Stands where the cycle stands, and answers every setpoint with a state that tells its sequence.
 struct Echo {
+    /// From a setpoint to its answer.
+    pause: Duration,
+    /// The sequence of the newest setpoint, and when it is answered.
+    due: Option<(u64, Instant)>,
     setpoints: triple_buffer::Output<SetpointMessage>,
     states: triple_buffer::Input<StateMessage>,
     requests: Consumer<(u32, AdminRequest)>,
@@ -33,7 +39,7 @@ struct Echo {
 }
 
 impl Echo {
-    fn new() -> (Self, Ends) {
+    fn new(pause: Duration) -> (Self, Ends) {
         let (setpoint_input, setpoints) = TripleBuffer::new(&SetpointMessage::default()).split();
         let (states, state_output) = TripleBuffer::new(&StateMessage::default()).split();
         let (request_producer, requests) = RingBuffer::new(REQUESTS_MAX);
@@ -46,7 +52,7 @@ impl Echo {
             answers: answer_consumer,
             ..unused
         };
-        (Self { setpoints, states, requests, answers }, ends)
+        (Self { pause, due: None, setpoints, states, requests, answers }, ends)
     }
 
     fn turn(&mut self) {
@@ -55,11 +61,14 @@ impl Echo {
             self.answers.push((ticket, granted)).expect("there are as many answers as requests");
         }
         if self.setpoints.update() {
-            let setpoint = self.setpoints.output_buffer();
+            self.due = Some((self.setpoints.output_buffer().sequence, Instant::now() + self.pause));
+        }
+        if let Some((sequence, _)) = self.due.take_if(|(_, at)| self.pause.is_zero() || Instant::now() >= *at)
+        {
             let state = self.states.input_buffer_mut();
-            (state.boot_id, state.cycle) = (BOOT_ID, setpoint.sequence);
+            (state.boot_id, state.cycle, state.publish_ns) = (BOOT_ID, sequence, clock::now_ns());
             (state.joint_count, state.group_count) = (JOINTS as u32, 1);
-            (state.groups[0].lease, state.groups[0].sequence) = (LEASE.raw(), setpoint.sequence);
+            (state.groups[0].lease, state.groups[0].sequence) = (LEASE.raw(), sequence);
             self.states.publish();
         }
     }
@@ -72,7 +81,8 @@ pub(crate) struct Daemon {
 }
 
 impl Daemon {
-    pub(crate) fn start(runtime: &Path) -> Self {
+    /// It answers each setpoint after `pause`.
+    pub(crate) fn start(runtime: &Path, pause: Duration) -> Self {
         let lock = Instance::below(runtime, INSTANCE)
             .and_then(|instance| instance.lock())
             .expect("the directory is ours");
@@ -81,7 +91,7 @@ impl Daemon {
         let thread = std::thread::spawn({
             let stop = Arc::clone(&stop);
             move || {
-                let (mut ipc, echo) = ipc_thread(&lock);
+                let (mut ipc, echo) = ipc_thread(&lock, pause);
                 let echo = RefCell::new(echo);
                 open.send(()).expect("the starting thread waits");
                 ipc.run(|| {
@@ -103,9 +113,9 @@ impl Drop for Daemon {
     }
 }
 
-fn ipc_thread(lock: &InstanceLock) -> (IpcThread, Echo) {
+fn ipc_thread(lock: &InstanceLock, pause: Duration) -> (IpcThread, Echo) {
     let ports = DaemonPorts::open(lock).expect("nobody else uses the directory");
-    let (echo, ends) = Echo::new();
+    let (echo, ends) = Echo::new(pause);
     let (end, _telemetry, _supply) = CycleEnd::split(ends);
     let (questions, _answers) = telemetry::questions();
     let robot = RobotDescription {
