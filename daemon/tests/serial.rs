@@ -291,7 +291,8 @@ fn side_by_side(time: Duration) -> (Can, Can) {
     });
     println!("its line suffers: {}\nits line is well: {}", ill.0.row(), well.0.row());
     println!("the line that suffers: {:?}", ill.1);
-    assert!(ill.1.malformed > well.1.malformed && ill.1.dropped > 0, "the line did suffer: {:?}", ill.1);
+    // On a busy machine a line that is well has malformed replies, too: those that are read in halves.
+    assert!(ill.1.malformed > 0 && ill.1.dropped > well.1.dropped, "the line did suffer: {:?}", ill.1);
     (ill.0, well.0)
 }
 
