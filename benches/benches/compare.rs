@@ -78,7 +78,7 @@ fn main() {
     }
 }
 
-/// What is timed.
+/// The trips that are timed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Trip {
     /// From a setpoint to the states that answer it at once; the client keeps looking.
