@@ -194,7 +194,14 @@ impl Instance {
         let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
             return Ok(());
         };
-        root.clear()
+        match root.clear() {
+            // Somebody makes files without being attached.
+            Err(InstanceError::System { errno: Errno::ENOTEMPTY, .. }) => {
+                clear_below_clients(root);
+                Ok(())
+            }
+            cleared => cleared,
+        }
     }
 
     /// Marks this process as one that uses the instance, so that a starting daemon leaves its files alone. `None` when
