@@ -26,6 +26,10 @@ apt() {
     rm "$log"
 }
 
+# takes_no_longer QUIET RUN: the median cycle of RUN is at most 1.25 times that of QUIET; runs differ by 5 %. Both are files of
+# `motorctl latency --json`. Missed ticks tell of this machine's other work, too, and are not judged.
+takes_no_longer() { jq -s -e '.[1].cycle_us.p50 <= 1.25 * .[0].cycle_us.p50' "$1" "$2" >/dev/null; }
+
 # hand_over COMMAND...: makes the folder $rig, from which `guest` learns what to run, where and with which environment.
 hand_over() {
     rig=$(mktemp -d /var/tmp/motord-rig.XXXXXX)

@@ -130,7 +130,10 @@ impl Client {
     /// [`Error::NotRunning`] or [`Error::Silent`] as soon as states have stopped for the silence time, again after
     /// `timeout` when called again in spite of it; [`Error::Timeout`]; those of [`newest`](Self::newest).
     pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
-        self.next(timeout, Link::sleep_until_cycle)
+        self.next_of(1, timeout, |link, view, patience| {
+            drop(view);
+            link.sleep_until_cycle(patience)
+        })
     }
 
     /// Sleeps until the state of a cycle whose number divides by `n` was not returned before, or of the first one after it: for
@@ -179,17 +182,6 @@ impl Client {
     /// [`newest`](Self::newest).
     pub fn records(&self) -> Result<Records, Error> {
         Records::new(Arc::clone(&self.link))
-    }
-
-    fn next(
-        &self,
-        timeout: Duration,
-        pause: impl Fn(&Link, Duration) -> Result<(), Error>,
-    ) -> Result<State, Error> {
-        self.next_of(1, timeout, |link, view, patience| {
-            drop(view);
-            pause(link, patience)
-        })
     }
 
     /// The state of the next `n`th cycle. `pause` gives the view back, and sleeps at most as long as it is told.

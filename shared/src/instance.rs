@@ -137,7 +137,7 @@ impl Instance {
     fn begin_anew(&self) -> Result<(), InstanceError> {
         let iox = self.open_iox()?;
         let _no_worse_than_before = self.count_round(&iox);
-        clear_below_clients(&iox.open_below(&self.name)?);
+        let _no_worse_than_before = clear_below_clients(&iox.open_below(&self.name)?);
         Ok(())
     }
 
@@ -194,14 +194,7 @@ impl Instance {
         let Ok(_nobody_attached) = Flock::lock(root.file()?, FlockArg::LockExclusiveNonblock) else {
             return Ok(());
         };
-        match root.clear() {
-            // Somebody makes files without being attached.
-            Err(InstanceError::System { errno: Errno::ENOTEMPTY, .. }) => {
-                clear_below_clients(root);
-                Ok(())
-            }
-            cleared => cleared,
-        }
+        clear_below_clients(root)
     }
 
     /// Marks this process as one that uses the instance, so that a starting daemon leaves its files alone. `None` when
@@ -359,10 +352,15 @@ fn write_pid(file: &mut File) -> io::Result<()> {
     writeln!(file, "{}", std::process::id())
 }
 
-/// A client that registers itself meanwhile may keep a directory from being removed. What is left then is no worse than before.
-fn clear_below_clients(root: &Directory) {
+/// Whoever makes files meanwhile, as a client that registers itself does, may keep a directory from being removed. What is left then is no
+/// worse than before, and no error.
+fn clear_below_clients(root: &Directory) -> Result<(), InstanceError> {
     const TRIES: usize = 20;
-    let _cleared = (0..TRIES).any(|_| root.clear().is_ok());
+    let cleared = (1..TRIES).find_map(|_| root.clear().ok());
+    match cleared.map_or_else(|| root.clear(), Ok) {
+        Err(InstanceError::System { errno: Errno::ENOTEMPTY, .. }) => Ok(()),
+        cleared => cleared,
+    }
 }
 
 fn errno(error: &io::Error) -> Errno {

@@ -63,8 +63,7 @@ impl Echo {
         if self.setpoints.update() {
             self.due = Some((self.setpoints.output_buffer().sequence, Instant::now() + self.pause));
         }
-        if let Some((sequence, _)) = self.due.take_if(|(_, at)| self.pause.is_zero() || Instant::now() >= *at)
-        {
+        if let Some((sequence, _)) = self.due.take_if(|(_, at)| Instant::now() >= *at) {
             let state = self.states.input_buffer_mut();
             (state.boot_id, state.cycle, state.publish_ns) = (BOOT_ID, sequence, clock::now_ns());
             (state.joint_count, state.group_count) = (JOINTS as u32, 1);

@@ -81,7 +81,6 @@ pub struct IpcThread {
     /// `None` before they are watched: then the silence of an owner tells.
     owners: Option<Owners>,
     records: Records,
-    turns: u32,
 }
 
 impl IpcThread {
@@ -108,7 +107,6 @@ impl IpcThread {
             schedule,
             owners: None,
             records,
-            turns: 0,
         }
     }
 
@@ -119,8 +117,14 @@ impl IpcThread {
 
     /// Runs until `stop` says so.
     pub fn run(&mut self, stop: impl Fn() -> bool) {
+        let mut turns = 0_u32;
         while !stop() {
-            self.turn();
+            turns = turns.wrapping_add(1);
+            if self.mode != IpcMode::Spin || turns.is_multiple_of(TURNS_PER_REQUEST) {
+                self.turn();
+            } else {
+                self.relay();
+            }
             self.wait();
         }
         // The last states tell the clients that the daemon is leaving.
@@ -128,15 +132,16 @@ impl IpcThread {
     }
 
     fn turn(&mut self) {
-        // Controllers wait for the states, and the next cycle waits for the setpoints.
+        self.relay();
+        self.record();
+        self.take_requests();
+        self.give_answers();
+    }
+
+    /// Controllers wait for the states, and the next cycle waits for the setpoints.
+    fn relay(&mut self) {
         self.publish_states();
         self.fetch_setpoints();
-        self.turns = self.turns.wrapping_add(1);
-        if self.mode != IpcMode::Spin || self.turns.is_multiple_of(TURNS_PER_REQUEST) {
-            self.record();
-            self.take_requests();
-            self.give_answers();
-        }
     }
 
     /// Sleeps until the cycle has published its states, or [`Schedule::next`] says so.
