@@ -4,13 +4,23 @@
 //! A real cycle answers on its grid, once a millisecond, and would hide what the way costs. So the cycle's side answers
 //! every setpoint at once here, within the ipc thread, which spins. The controller sleeps on the cycle event
 //! (`event`) or keeps looking (`spin`). Both threads need a core of their own.
+//!
+//! And the time for which the ipc thread is busy with a state that observers take: it gives it to each, and wakes each.
 
 mod echo;
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Bencher, BenchmarkId, Criterion, criterion_group, criterion_main};
 use echo::{Daemon, INSTANCE, JOINTS, PATIENCE};
 use motord_client::{Claim, Client, Setpoint, State};
-use std::time::Duration;
+use motord_shared::ports::{ClientPorts, DaemonPorts};
+use motord_shared::{Instance, StateMessage};
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// From one state to the next: observers have taken it, and sleep.
+const PERIOD: Duration = Duration::from_millis(1);
 
 /// Sends a setpoint, and takes the state that answers it.
 fn round_trip(
@@ -42,5 +52,53 @@ fn ipc(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, ipc);
+/// Takes every state until `stop`.
+fn observe(instance: &Instance, stop: &AtomicBool) {
+    let attachment = instance.attach().expect("the directory is ours").expect("the daemon is there");
+    let ports = ClientPorts::open(attachment).expect("there are places");
+    while !stop.load(Ordering::Relaxed) {
+        ports.take_states(|_| ControlFlow::Continue(())).expect("there are places");
+        ports.sleep_until_cycle(10 * PERIOD).expect("there are places");
+    }
+}
+
+fn publish(bencher: &mut Bencher<'_>, ports: &DaemonPorts) {
+    let state = StateMessage::default();
+    bencher.iter_custom(|states| {
+        let mut busy = Duration::ZERO;
+        for _ in 0..states {
+            thread::sleep(PERIOD);
+            let begun = Instant::now();
+            ports.publish(&state).expect("every connection is whole");
+            ports.notify().expect("every connection is whole");
+            busy += begun.elapsed();
+        }
+        busy
+    });
+}
+
+fn observers(criterion: &mut Criterion) {
+    let runtime = tempfile::tempdir().expect("the temporary directory is writable");
+    let instance = Instance::below(runtime.path(), INSTANCE).expect("the directory is ours");
+    let lock = instance.lock().expect("nobody else uses the directory");
+    let ports = DaemonPorts::open(&lock).expect("nobody else uses the directory");
+    let mut group = criterion.benchmark_group("a state to observers");
+    // In the time of the daemon's thread: a state takes microseconds of the millisecond that goes by.
+    group.sample_size(10).warm_up_time(10 * PERIOD).measurement_time(5 * PERIOD);
+    for count in [0, 1, 7, 14, 28] {
+        let stop = AtomicBool::new(false);
+        thread::scope(|scope| {
+            for _ in 0..count {
+                scope.spawn(|| observe(&instance, &stop));
+            }
+            // They find their places, one after the other.
+            thread::sleep(Duration::from_millis(500));
+            group.bench_function(BenchmarkId::from_parameter(count), |bencher| publish(bencher, &ports));
+            stop.store(true, Ordering::Relaxed);
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, ipc, observers);
 criterion_main!(benches);
