@@ -84,7 +84,7 @@ fn observers(criterion: &mut Criterion) {
     let ports = DaemonPorts::open(&lock).expect("nobody else uses the directory");
     let mut group = criterion.benchmark_group("a state to observers");
     // In the time of the daemon's thread: a state takes microseconds of the millisecond that goes by.
-    group.sample_size(10).warm_up_time(10 * PERIOD).measurement_time(5 * PERIOD);
+    group.sample_size(10).warm_up_time(10 * PERIOD).measurement_time(50 * PERIOD);
     for count in [0, 1, 7, 14, 28] {
         let stop = AtomicBool::new(false);
         thread::scope(|scope| {
