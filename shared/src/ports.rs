@@ -31,6 +31,9 @@ use std::time::Duration;
 /// How long a starting daemon waits for others that are removing its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
+/// To a socket a timeout of less than a microsecond is none at all.
+const SLEEP_LEAST: Duration = Duration::from_micros(1);
+
 /// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
 const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
 
@@ -372,7 +375,7 @@ impl ClientPorts {
         };
         sleeper.is_listening = true;
         drop(sleeper);
-        let slept = listener.timed_wait(|_| (), timeout);
+        let slept = listener.timed_wait(|_| (), timeout.max(SLEEP_LEAST));
         *locked(&self.sleeper) = Sleeper { listener: Some(listener), is_listening: false };
         self.woken.notify_all();
         match slept {
@@ -499,6 +502,26 @@ impl Question {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A controller waits so shortly at the end of its patience, whose daemon has died.
+    #[test]
+    fn a_sleep_of_less_than_a_microsecond_ends() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let _ports = DaemonPorts::open(&lock).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let (slept, sleeps) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            for timeout in [Duration::ZERO, Duration::from_nanos(999)] {
+                client.sleep_until_cycle(timeout).unwrap();
+                slept.send(timeout).unwrap();
+            }
+        });
+        for timeout in [Duration::ZERO, Duration::from_nanos(999)] {
+            assert_eq!(sleeps.recv_timeout(Duration::from_secs(10)), Ok(timeout));
+        }
+    }
 
     /// A client whose process is slow gives up, and its answer comes all the same.
     #[test]
