@@ -326,7 +326,7 @@ fn open_runtime(path: &Path, private: bool) -> Result<Directory, InstanceError> 
     Ok(opened)
 }
 
-fn is_missing(error: &InstanceError) -> bool {
+pub(crate) fn is_missing(error: &InstanceError) -> bool {
     matches!(error, InstanceError::System { errno: Errno::ENOENT, .. })
 }
 

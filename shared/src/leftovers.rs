@@ -1,32 +1,59 @@
 //! Files of clients that were killed while they registered themselves. iceoryx2 does not know whose they are, and leaves them.
 
 use crate::directory::Directory;
-use crate::instance::Instance;
+use crate::instance::{Instance, is_missing};
 use crate::instance_error::InstanceError;
 use crate::service::{Service, config};
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 use std::collections::BTreeSet;
-use std::ffi::OsStr;
-use std::os::unix::ffi::OsStrExt;
+use std::ffi::{OsStr, OsString};
 use std::time::{Duration, SystemTime};
 
 /// A client registers itself within milliseconds.
 const REGISTRATION: Duration = Duration::from_secs(10);
 
-/// Removes what belongs to no complete node and is older than [`REGISTRATION`]. Returns how many files and directories those were.
+/// Removes what belongs to no complete node or to no port of one, and is older than [`REGISTRATION`]. Returns how many files and
+/// directories those were.
 ///
 /// # Errors
 /// The first that cannot be looked at or removed.
 pub(crate) fn remove(instance: &Instance) -> Result<u64, InstanceError> {
-    let nodes = Directory::open(&instance.root(), false)?.open_below("nodes")?;
+    let root = Directory::open(&instance.root(), false)?;
+    let nodes = root.open_below("nodes")?;
+    Ok(remove_nodes(instance, &nodes)? + remove_listeners(&root, &nodes)?)
+}
+
+fn remove_nodes(instance: &Instance, nodes: &Directory) -> Result<u64, InstanceError> {
     let Some(complete) = complete(instance) else { return Ok(0) };
+    remove_old(nodes, nodes.names()?, |name| node_of(name).is_some_and(|node| !complete.contains(&node)))
+}
+
+/// A listener has its tag before its files, so they are looked for first. A node that goes meanwhile has no listener any more.
+fn remove_listeners(root: &Directory, nodes: &Directory) -> Result<u64, InstanceError> {
+    let files = root.names()?;
+    let mut tags = BTreeSet::new();
+    for node in nodes.names()?.iter().filter(|name| is_directory_of_a_node(name)) {
+        match nodes.open_below(node) {
+            Err(error) if is_missing(&error) => {}
+            node => tags.extend(node?.names()?.iter().filter_map(|name| port_of(name, &["port_tag"]))),
+        }
+    }
+    remove_old(root, files, |name| {
+        port_of(name, &["event", "event_mgmt"]).is_some_and(|listener| !tags.contains(&listener))
+    })
+}
+
+fn remove_old(
+    directory: &Directory,
+    names: Vec<OsString>,
+    is_left: impl Fn(&OsStr) -> bool,
+) -> Result<u64, InstanceError> {
     let mut removed = 0;
-    for name in nodes.names()? {
-        let incomplete = node_of(&name).is_some_and(|node| !complete.contains(&node));
-        let age = nodes.changed(&name).and_then(|changed| SystemTime::now().duration_since(changed).ok());
-        if incomplete && age.is_some_and(|age| age > REGISTRATION) {
-            nodes.remove(&name)?;
+    for name in names {
+        let age = directory.changed(&name).and_then(|changed| SystemTime::now().duration_since(changed).ok());
+        if is_left(&name) && age.is_some_and(|age| age > REGISTRATION) {
+            directory.remove(&name)?;
             removed += 1;
         }
     }
@@ -52,16 +79,30 @@ fn complete(instance: &Instance) -> Option<BTreeSet<u128>> {
 
 /// The node of a directory `<number>`, or of a file `m_<number>.<kind>`.
 fn node_of(name: &OsStr) -> Option<u128> {
-    let name = str::from_utf8(name.as_bytes()).ok()?;
+    let name = name.to_str()?;
     let number = name.strip_prefix("m_").map_or(name, |file| file.split('.').next().unwrap_or_default());
     number.parse().ok()
+}
+
+/// The port of a file `m_<number>.<kind>` or `m_<service>_<number>.<kind>`.
+fn port_of(name: &OsStr, kinds: &[&str]) -> Option<u128> {
+    let (file, kind) = name.to_str()?.strip_prefix("m_")?.split_once('.')?;
+    let port = file.rsplit('_').next()?.parse().ok()?;
+    kinds.contains(&kind).then_some(port)
+}
+
+fn is_directory_of_a_node(name: &OsStr) -> bool {
+    name.to_str().is_some_and(|name| name.parse::<u128>().is_ok())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{ClientPorts, DaemonPorts, Housekeeper};
+    use nix::sys::stat::{UtimensatFlags, utimensat};
+    use nix::sys::time::TimeSpec;
     use std::fs::{self, File};
+    use std::path::Path;
 
     #[test]
     fn the_files_of_clients_that_were_killed_while_they_registered_go_and_those_of_others_stay() {
@@ -93,5 +134,47 @@ mod tests {
         let _dead = housekeeper.clean();
         assert_eq!(count(), living + 1, "{:?}", fs::read_dir(&nodes).unwrap().collect::<Vec<_>>());
         assert!(nodes.join("3").exists());
+    }
+
+    /// Makes the file `path` old. It is not opened: closing it would give up the locks of this process on it.
+    fn age(path: &Path) {
+        let day = TimeSpec::new(86_400, 0);
+        utimensat(nix::fcntl::AT_FDCWD, path, &day, &day, UtimensatFlags::NoFollowSymlink).unwrap();
+    }
+
+    fn events(instance: &Instance) -> BTreeSet<OsString> {
+        let files = fs::read_dir(instance.root()).unwrap().map(|entry| entry.unwrap().file_name());
+        files.filter(|name| name.to_str().unwrap().contains(".event")).collect()
+    }
+
+    #[test]
+    fn the_files_of_listeners_that_were_killed_while_they_registered_go_and_those_of_others_stay() {
+        const WAIT: Duration = Duration::from_secs(5);
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let ports = DaemonPorts::open(&lock).unwrap();
+        let housekeeper = Housekeeper::open(&lock).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        client.sleep_until_cycle(Duration::from_millis(1)).unwrap();
+        let living = events(&instance);
+        assert_eq!(living.len(), 2, "{living:?}");
+        for (file, is_old) in
+            [("m_5.event", true), ("m_0af_5.event_mgmt", true), ("m_6.event", false), ("m_x.event", true)]
+        {
+            fs::write(instance.root().join(file), "").unwrap();
+            if is_old {
+                age(&instance.root().join(file));
+            }
+        }
+        living.iter().for_each(|file| age(&instance.root().join(file)));
+        let _dead = housekeeper.clean();
+        let kept = events(&instance);
+        let young_or_strange = ["m_6.event", "m_x.event"].map(OsString::from);
+        assert_eq!(kept, living.into_iter().chain(young_or_strange).collect());
+        ports.notify().unwrap();
+        let begun = std::time::Instant::now();
+        client.sleep_until_cycle(WAIT).unwrap();
+        assert!(begun.elapsed() < WAIT, "the living are woken");
     }
 }
