@@ -324,31 +324,34 @@ impl<C: Clock> Cycle<C> {
     /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all come.
     /// At most [`CALLS_PER_BUS`] system calls per bus beside those of [`busy_poll`](Self::busy_poll), which it only does when told so.
     fn collect(&mut self, now: Instant, deadline: Instant, polls: bool) -> Ready {
-        let open = self.open_buses();
-        let Some(earliest) = self.last_of(open, BusChannel::earliest) else {
+        let mut open = self.open_buses();
+        if !open.any() {
             // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
             self.receive(None, now);
             return open;
-        };
-        if !polls || !self.busy_poll(now, earliest, deadline) {
-            self.gather(now, deadline);
         }
-        let open = self.open_buses();
+        if polls {
+            open = self.busy_poll(open, now, deadline);
+        }
+        if open.any() {
+            open = self.gather(open, now, deadline);
+        }
         let channels = self.channels.iter_mut().enumerate();
         channels.filter(|&(bus, _)| !open.contains(bus)).for_each(|(_, channel)| channel.complete());
         open
     }
 
-    /// Sleeps until `earliest`, less the time by which this thread is woken late; then reads the buses again and again without
-    /// a sleep, for as long as configured and at most until `deadline`: the last reply waits for no wake-up. Returns whether
-    /// every reply has come. One sleep, and at most [`READS_MAX`] reads of each bus.
-    fn busy_poll(&mut self, now: Instant, earliest: Instant, deadline: Instant) -> bool {
-        let begun = self.sleep_towards(now, earliest.min(deadline), Duration::MAX);
+    /// Sleeps until the last reply on the `open` buses may come, less the time by which this thread is woken late; then reads the
+    /// buses again and again without a sleep, for as long as configured and at most until `deadline`: the last reply waits for no
+    /// wake-up. Returns the buses whose replies have not all come. One sleep, and at most [`READS_MAX`] reads of each bus.
+    fn busy_poll(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
+        let earliest = self.last_of(open, BusChannel::earliest).min(deadline);
+        let begun = self.sleep_towards(now, earliest, Duration::MAX);
         let until = deadline.min(begun + self.timing.busy_poll);
         let (mut ready, mut reads, mut now) = (None, 0, begun);
         for _ in 0..READS_MAX {
             reads += self.receive(ready, now) as u32;
-            let open = self.open_buses();
+            open = self.open_buses();
             now = self.clock.now();
             self.polled = Polled { time: now.since(begun), reads, in_vain: open.any() };
             if !open.any() || now >= until {
@@ -357,23 +360,23 @@ impl<C: Clock> Cycle<C> {
             ready = Some(open);
         }
         self.backoff.observe(self.polled.in_vain);
-        !self.polled.in_vain
+        open
     }
 
-    /// Reads the buses as replies come, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per bus. The first
-    /// wait lasts for the expected reply time: waking for every single frame would cost more calls.
-    fn gather(&mut self, now: Instant, deadline: Instant) {
+    /// Reads the buses as the replies come that are `open`, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per
+    /// bus. Returns the buses whose replies have not all come. The first wait lasts for the expected reply time: waking for every
+    /// single frame would cost more calls.
+    fn gather(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
         let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
-        let expected = self.last_of(self.open_buses(), BusChannel::expected);
-        let expected = expected.unwrap_or(deadline).min(deadline);
+        let expected = self.last_of(open, BusChannel::expected).min(deadline);
         let woken = self.sleep_towards(now, expected, AWAKE_MAX);
         let (mut ready, mut now) = (None, self.stay_awake(woken, expected));
         loop {
             let read = self.receive(ready, now);
             calls = calls.saturating_sub(1 + read);
-            let open = self.open_buses();
+            open = self.open_buses();
             if !open.any() || self.clock.now() >= deadline {
-                break;
+                return open;
             }
             // Enough is left for a wait that no frame ends, and a last read of each open bus.
             ready = if calls <= 2 * open.count() {
@@ -412,10 +415,10 @@ impl<C: Clock> Cycle<C> {
         now
     }
 
-    /// The last of these times of the buses that are `open`.
-    fn last_of(&self, open: Ready, time: impl Fn(&BusChannel) -> Instant) -> Option<Instant> {
+    /// The last of these times of the buses that are `open`; [`Instant::ZERO`] when none is.
+    fn last_of(&self, open: Ready, time: impl Fn(&BusChannel) -> Instant) -> Instant {
         let channels = self.channels.iter().enumerate().filter(|&(bus, _)| open.contains(bus));
-        channels.map(|(_, channel)| time(channel)).max()
+        channels.map(|(_, channel)| time(channel)).fold(Instant::ZERO, Instant::max)
     }
 
     /// Waits until something arrives on an `open` bus, at most until `until`. Returns the buses that are worth reading. One
