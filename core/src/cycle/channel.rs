@@ -230,20 +230,22 @@ impl BusChannel {
         let Self { inbox, routes, counters, condition, replied_at, .. } = self;
         for arrival in inbox.arrivals() {
             count(&mut counters.received);
-            let mut deliver = |id: FrameId, payload| {
-                let route = routes.iter().find(|(routed, _)| *routed == id);
-                route.map_or(Received::UnexpectedId, |&(_, motor)| judge(motor, payload, arrival.at))
-            };
-            let received = match &arrival.content {
-                Content::Frame(frame) => deliver(frame.id(), Some(frame.payload())),
-                Content::Refused(id) => deliver(*id, None),
-                Content::Unsupported(_) => Received::Malformed,
+            let (id, payload) = match &arrival.content {
+                Content::Frame(frame) => (frame.id(), Some(frame.payload())),
+                Content::Refused(id) => (*id, None),
+                Content::Unsupported(_) => {
+                    count(&mut counters.malformed);
+                    continue;
+                }
                 Content::Error(error) => {
                     count(&mut counters.errors);
                     *condition = error.state().map_or(*condition, condition_of);
                     continue;
                 }
             };
+            let route = routes.iter().find(|(routed, _)| *routed == id);
+            let received =
+                route.map_or(Received::UnexpectedId, |&(_, motor)| judge(motor, payload, arrival.at));
             match received {
                 Received::Reply(_) => *replied_at = arrival.at,
                 Received::Duplicate => count(&mut counters.duplicate),

@@ -6,8 +6,7 @@
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
-use super::Decoder;
-use super::correlator::{Payload, Question};
+use super::correlator::Payload;
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use crate::settings::MotorSettings;
@@ -128,17 +127,15 @@ impl Gim {
     fn reported(&self, latency: Duration) -> Reported {
         Reported::State(self.transmission.to_joint(&self.state), latency, Status::default())
     }
-}
 
-impl Decoder for Gim {
-    fn classify(&self, payload: &[u8], _at: Instant, _open: Option<Question>) -> Payload {
+    pub(super) fn classify(&self, payload: &[u8]) -> Payload {
         match gim::decode_reply(payload, Pending::Other, &self.scales) {
             Ok(reply) if reply.answers(&self.asked) => Payload::Plain,
             Ok(_) | Err(_) => Payload::Unreadable,
         }
     }
 
-    fn accept(&mut self, payload: &[u8], _question: Question, at: Instant, latency: Duration) -> Reported {
+    pub(super) fn accept(&mut self, payload: &[u8], at: Instant, latency: Duration) -> Reported {
         let Ok(reply) = gim::decode_reply(payload, Pending::Other, &self.scales) else {
             return Reported::Refused;
         };

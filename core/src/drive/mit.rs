@@ -2,7 +2,6 @@
 //!
 //! Real-time: after [`Mit::new`] nothing here allocates, blocks or loops.
 
-use super::Decoder;
 use super::correlator::{Payload, Question};
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
@@ -107,8 +106,7 @@ impl Mit {
             // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
             Command::GetFault => mit::Command::Stop,
             Command::ClearFault => mit::Command::ClearFault,
-            Command::Neutral => return self.control(&Impedance::NEUTRAL),
-            Command::Control(setpoint) => return self.control(&self.transmission.to_motor(&setpoint.values)),
+            Command::Neutral | Command::Control(_) => return self.control(&self.wanted(command)),
         };
         if let Some(feedback) = &mut self.feedback {
             feedback.carried = 0.0;
@@ -125,6 +123,14 @@ impl Mit {
     fn forget_turns(&mut self) {
         if let Some(unwrap) = &mut self.unwrap {
             *unwrap = Unwrap::new(self.scales.position);
+        }
+    }
+
+    /// The impedance of a command that has one; any other has none of it.
+    fn wanted(&self, command: &Command) -> Impedance<Motor> {
+        match command {
+            Command::Control(setpoint) => self.transmission.to_motor(&setpoint.values),
+            _ => Impedance::NEUTRAL,
         }
     }
 
@@ -172,10 +178,8 @@ impl Mit {
         let status = Status { faults: self.profile.faults_of(state), runs: self.profile.is_on(state) };
         Reported::State(self.transmission.to_joint(&motor), latency, status)
     }
-}
 
-impl Decoder for Mit {
-    fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
+    pub(super) fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
         if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
             return Payload::OtherId;
         }
@@ -191,7 +195,13 @@ impl Decoder for Mit {
         }
     }
 
-    fn accept(&mut self, payload: &[u8], question: Question, at: Instant, latency: Duration) -> Reported {
+    pub(super) fn accept(
+        &mut self,
+        payload: &[u8],
+        question: Question,
+        at: Instant,
+        latency: Duration,
+    ) -> Reported {
         match question {
             Question::State => match self.profile.decode_state(payload, &self.scales) {
                 Ok(state) => self.state(&state, at, latency),

@@ -99,17 +99,6 @@ enum Dialect {
     Gim(gim::Gim),
 }
 
-/// The reading half of a dialect.
-trait Decoder {
-    /// The kind of a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
-    /// out to be late. A continuation of the motion is told apart from a plain reply only where it matters: to a fault
-    /// request.
-    fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload;
-
-    /// Takes a payload of a known kind as the answer to `question`, `latency` after that was sent.
-    fn accept(&mut self, payload: &[u8], question: Question, at: Instant, latency: Duration) -> Reported;
-}
-
 impl Drive {
     /// `fastest_reply` is the time that command and reply need at least on this bus; zero where it is not known. Does not
     /// allocate.
@@ -165,23 +154,37 @@ impl Drive {
     }
 
     /// Judges `payload`, which arrived at `at` under this drive's reply id. Constant time.
-    #[inline]
     pub fn receive(&mut self, payload: &[u8], at: Instant) -> Received {
-        match &mut self.dialect {
-            Dialect::Mit(mit) => receive(&mut self.correlator, mit, payload, at),
-            Dialect::Gim(gim) => receive(&mut self.correlator, gim, payload, at),
-        }
+        let Self { dialect, correlator, .. } = self;
+        let kind = dialect.classify(payload, at, correlator.question());
+        let (question, latency) = match correlator.receive(kind, at) {
+            Verdict::Answer(question, latency) => (question, latency),
+            Verdict::LateReport => (Question::Fault, Duration::ZERO),
+            Verdict::Late => return Received::Reply(Reported::Late),
+            Verdict::Duplicate => return Received::Duplicate,
+            Verdict::UnexpectedId => return Received::UnexpectedId,
+            Verdict::Malformed => return Received::Malformed,
+        };
+        Received::Reply(dialect.accept(payload, question, at, latency))
     }
 }
 
-fn receive(correlator: &mut Correlator, decoder: &mut impl Decoder, payload: &[u8], at: Instant) -> Received {
-    let kind = decoder.classify(payload, at, correlator.question());
-    match correlator.receive(kind, at) {
-        Verdict::Answer(question, latency) => Received::Reply(decoder.accept(payload, question, at, latency)),
-        Verdict::LateReport => Received::Reply(decoder.accept(payload, Question::Fault, at, Duration::ZERO)),
-        Verdict::Late => Received::Reply(Reported::Late),
-        Verdict::Duplicate => Received::Duplicate,
-        Verdict::UnexpectedId => Received::UnexpectedId,
-        Verdict::Malformed => Received::Malformed,
+impl Dialect {
+    /// The kind of a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
+    /// out to be late. A continuation of the motion is told apart from a plain reply only where it matters: to a fault
+    /// request.
+    fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
+        match self {
+            Self::Mit(mit) => mit.classify(payload, at, open),
+            Self::Gim(gim) => gim.classify(payload),
+        }
+    }
+
+    /// Takes a payload of a known kind as the answer to `question`, `latency` after that was sent.
+    fn accept(&mut self, payload: &[u8], question: Question, at: Instant, latency: Duration) -> Reported {
+        match self {
+            Self::Mit(mit) => mit.accept(payload, question, at, latency),
+            Self::Gim(gim) => gim.accept(payload, at, latency),
+        }
     }
 }
