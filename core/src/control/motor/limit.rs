@@ -142,6 +142,7 @@ impl Limiter {
         }
     }
 
+    #[inline(always)]
     fn slew(&mut self, circumstances: &Circumstances<'_>) {
         let Circumstances { limits, previous, elapsed, .. } = *circumstances;
         let Impedance { position, kp, kd, torque, .. } = self.value;

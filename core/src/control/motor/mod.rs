@@ -274,21 +274,18 @@ impl Motor {
             self.confirm_stop(runs);
             return Ok(());
         }
-        match self.judge(reported, at) {
-            Verdict::Sound(measured) => {
-                self.take_state(measured, at, latency, runs, cx);
-                if self.off_states < OFF_STATES_MAX { Ok(()) } else { Err(Cause::MotorOff) }
-            }
-            Verdict::Stop(measured, cause) => {
-                self.take_state(measured, at, latency, runs, cx);
-                Err(cause)
-            }
+        let (measured, cause) = match self.judge(reported, at) {
+            Verdict::Sound(measured) => (measured, None),
+            Verdict::Stop(measured, cause) => (measured, Some(cause)),
             Verdict::Unbelievable => {
                 self.replies.implausible = self.replies.implausible.wrapping_add(1);
                 self.report_alive();
-                Ok(())
+                return Ok(());
             }
-        }
+        };
+        self.take_state(measured, at, latency, runs, cx);
+        let off = (self.off_states >= OFF_STATES_MAX).then_some(Cause::MotorOff);
+        cause.or(off).map_or(Ok(()), Err)
     }
 
     fn judge(&mut self, reported: Measured<Joint>, at: Instant) -> Verdict {
@@ -302,6 +299,7 @@ impl Motor {
         self.plausibility.judge(reported, at, &expected)
     }
 
+    #[inline(always)]
     fn take_state(
         &mut self,
         measured: Measured<Joint>,
