@@ -225,6 +225,7 @@ impl Inbox {
     }
 
     /// Forgets everything.
+    #[inline]
     pub fn clear(&mut self) {
         self.len = 0;
         self.lost = 0;
@@ -235,6 +236,7 @@ impl Inbox {
     /// # Errors
     ///
     /// The arrival itself, when the inbox is full.
+    #[inline]
     pub fn push(&mut self, arrival: Arrival) -> Result<(), Arrival> {
         let Some(place) = self.arrivals.get_mut(self.len) else { return Err(arrival) };
         *place = arrival;
@@ -244,12 +246,14 @@ impl Inbox {
 
     /// The number of arrivals that still fit.
     #[must_use]
+    #[inline]
     pub fn free(&self) -> usize {
         Self::CAPACITY - self.len
     }
 
     /// The arrivals, oldest first.
     #[must_use]
+    #[inline]
     pub fn arrivals(&self) -> &[Arrival] {
         &self.arrivals[..self.len]
     }

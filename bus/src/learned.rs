@@ -1,6 +1,6 @@
 //! Times that are learned from what happened: how late a thread is woken, when replies come, and when polling is of no use.
 
-use crate::time::{Duration, Instant};
+use crate::time::{Duration, Instant, nanos};
 
 /// The lateness that a thread should expect of its next wake-up, so that it can sleep shorter by as much. A quarter of the
 /// wake-ups or less are later, as long as they come from one distribution. Neither allocates nor blocks.
@@ -33,24 +33,26 @@ impl Lateness {
 /// Time from the sending of frames to the last reply to them. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy)]
 pub struct ReplyTime {
-    latest: Duration,
-    earliest: Duration,
+    /// ns.
+    latest: u64,
+    /// ns.
+    earliest: u64,
 }
 
 impl ReplyTime {
     /// A time that is followed slowly counts as one part of so many, one that is followed fast as one of so many.
-    const SLOW: u32 = 32;
-    const FAST: u32 = 4;
+    const SLOW: u64 = 32;
+    const FAST: u64 = 4;
 
     /// Before the first reply it is thought to take `time`.
     #[must_use]
     pub const fn new(time: Duration) -> Self {
-        Self { latest: time, earliest: time }
+        Self { latest: nanos(time), earliest: nanos(time) }
     }
 
     /// The last reply took this `time`.
     pub fn observe(&mut self, time: Duration) {
-        let Self { latest, earliest } = *self;
+        let (Self { latest, earliest }, time) = (*self, nanos(time));
         self.latest = if time > latest { time } else { latest - (latest - time) / Self::SLOW };
         self.earliest = match time > earliest {
             true => earliest + (time - earliest) / Self::SLOW,
@@ -61,13 +63,13 @@ impl ReplyTime {
     /// By then the last reply has mostly come: follows a longer time at once, and a shorter one slowly.
     #[must_use]
     pub const fn latest(self) -> Duration {
-        self.latest
+        Duration::from_nanos(self.latest)
     }
 
     /// Before it the last reply seldom comes: follows a longer time slowly, and a shorter one fast.
     #[must_use]
     pub const fn earliest(self) -> Duration {
-        self.earliest
+        Duration::from_nanos(self.earliest)
     }
 }
 

@@ -27,6 +27,7 @@ pub struct Ready(u64);
 impl Ready {
     /// From one flag per bus, in the order of the buses. Flags beyond [`MAX_BUSES`] are ignored.
     #[must_use]
+    #[inline]
     pub fn of(buses: impl IntoIterator<Item = bool>) -> Self {
         let ready = buses.into_iter().take(MAX_BUSES).enumerate();
         Self(ready.fold(0, |bits, (index, ready)| bits | u64::from(ready) << index))
