@@ -66,17 +66,21 @@ impl RealtimeOffset {
 
     /// The instant of a stamp that was taken between `earliest` and `now`. The result always lies between them. Neither allocates nor
     /// blocks; reads the clocks at most once for every `now`.
+    #[inline]
     pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
         let at = self.apply(stamp);
         let impossible = at < earliest || at > now;
         let old = now >= self.measured + Self::REMEASURE;
-        let at = if old || (impossible && self.measured < now) {
-            *self = Self { measured: now.max(self.measured), ..Self::measure() };
-            self.apply(stamp)
-        } else {
-            at
-        };
+        let is_doubted = old || (impossible && self.measured < now);
+        let at = if is_doubted { self.measure_again(stamp, now) } else { at };
         at.max(earliest).min(now)
+    }
+
+    /// The instant of a stamp by the difference that there is at `now`.
+    #[cold]
+    fn measure_again(&mut self, stamp: RealtimeStamp, now: Instant) -> Instant {
+        *self = Self { measured: now.max(self.measured), ..Self::measure() };
+        self.apply(stamp)
     }
 
     fn apply(&self, stamp: RealtimeStamp) -> Instant {

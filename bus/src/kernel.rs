@@ -108,16 +108,18 @@ impl Batch {
         received
     }
 
-    /// Message `index` of the last [`receive`](Self::receive); `index` must be less than the number it returned.
+    /// The first `count` messages of the last [`receive`](Self::receive); `count` must be at most the number it returned.
     #[inline]
-    pub(crate) fn message(&self, index: usize) -> Message<'_> {
-        let header = &self.headers[index];
-        let words = header.msg_hdr.msg_controllen.min(CONTROL_BYTES) / WORD;
-        Message {
-            frame: self.frames[index].as_array_of_cells(),
-            frame_bytes: (header.msg_len as usize).min(FRAME_BYTES),
-            control: &self.controls[index].as_array_of_cells()[..words],
-        }
+    pub(crate) fn messages(&self, count: usize) -> impl Iterator<Item = Message<'_>> {
+        let memory = self.frames.iter().zip(&self.controls);
+        self.headers[..count].iter().zip(memory).map(|(header, (frame, control))| {
+            let words = header.msg_hdr.msg_controllen.min(CONTROL_BYTES) / WORD;
+            Message {
+                frame: frame.as_array_of_cells(),
+                frame_bytes: (header.msg_len as usize).min(FRAME_BYTES),
+                control: &control.as_array_of_cells()[..words],
+            }
+        })
     }
 }
 
@@ -244,9 +246,9 @@ mod tests {
         assert_eq!(outgoing.send(near.as_fd(), 9), Ok(4), "a batch never exceeds its memory");
         let mut incoming_moved = std::thread::spawn(move || {
             assert_eq!(incoming.receive(far.as_fd(), 3), Ok(3));
-            (0..3).for_each(|index| {
-                let message = incoming.message(index);
-                assert_eq!((message.frame_bytes(), message.classic()[0]), (16, index as u8 + 1));
+            assert_eq!(incoming.messages(3).count(), 3);
+            incoming.messages(3).zip(1..).for_each(|(message, first)| {
+                assert_eq!((message.frame_bytes(), message.classic()[0]), (16, first));
                 assert!(message.control().is_empty());
             });
             (incoming, far)
@@ -254,7 +256,7 @@ mod tests {
         .join()
         .unwrap();
         assert_eq!(incoming_moved.0.receive(incoming_moved.1.as_fd(), 3), Ok(1));
-        assert_eq!(incoming_moved.0.message(0).classic()[0], 4);
+        assert_eq!(incoming_moved.0.messages(1).map(|message| message.classic()[0]).collect::<Vec<_>>(), [4]);
         assert_eq!(incoming_moved.0.receive(incoming_moved.1.as_fd(), 3), Err(Errno::EAGAIN));
     }
 

@@ -239,25 +239,25 @@ impl Bus for SocketCanBus {
         if free == 0 {
             return;
         }
-        let count = self.incoming.receive(self.socket.as_fd(), free).unwrap_or(0);
-        for index in 0..count {
-            let message = self.incoming.message(index);
+        let Self { socket, incoming, realtime, latest, dropped, .. } = self;
+        let count = incoming.receive(socket.as_fd(), free).unwrap_or(0);
+        for message in incoming.messages(count) {
             let ancillary = wire::ancillary(message.control());
             // The kernel begins to stamp a moment after the option was set: the first frames may have no stamp.
-            self.latest = match ancillary.stamp {
-                Some(stamp) => self.realtime.monotonic(stamp, self.latest, now),
+            *latest = match ancillary.stamp {
+                Some(stamp) => realtime.monotonic(stamp, *latest, now),
                 None => now,
             };
-            if let Some(dropped) = ancillary.dropped {
-                inbox.lost = inbox.lost.saturating_add(dropped.wrapping_sub(self.dropped));
-                self.dropped = dropped;
+            if let Some(lost) = ancillary.dropped {
+                inbox.lost = inbox.lost.saturating_add(lost.wrapping_sub(*dropped));
+                *dropped = lost;
             }
             let arrival =
-                Arrival { at: self.latest, content: wire::decode(message.frame_bytes(), message.classic()) };
+                Arrival { at: *latest, content: wire::decode(message.frame_bytes(), message.classic()) };
             inbox.push(arrival).expect("no more messages were asked for than fit");
         }
         if count < free {
-            self.latest = now;
+            *latest = now;
         }
     }
 

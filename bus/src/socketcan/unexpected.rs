@@ -43,19 +43,17 @@ impl UnexpectedIds {
     pub fn count(&mut self) -> u64 {
         for _ in 0..Self::BATCHES {
             let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
-            (0..count).for_each(|index| self.read_one(index));
+            self.read += count as u64;
+            for message in self.batch.messages(count) {
+                if let Some(dropped) = wire::ancillary(message.control()).dropped {
+                    self.dropped += u64::from(dropped.wrapping_sub(self.dropped as u32));
+                }
+            }
             if count < self.batch.capacity() {
                 break;
             }
         }
         self.read + self.dropped
-    }
-
-    fn read_one(&mut self, index: usize) {
-        self.read += 1;
-        if let Some(dropped) = wire::ancillary(self.batch.message(index).control()).dropped {
-            self.dropped += u64::from(dropped.wrapping_sub(self.dropped as u32));
-        }
     }
 }
 
