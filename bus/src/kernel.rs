@@ -1,7 +1,8 @@
 //! `sendmmsg` and `recvmmsg`, and requests to serial ports. All `unsafe` of this crate is in this file.
 //!
 //! The safe wrappers of nix 0.31 do not serve: it has none for serial ports, `MultiHeaders` cannot be sent to another thread, and its `recvmmsg` does not
-//! restore the length of the control buffers that the call before has shortened, so receive stamps would be cut off.
+//! restore the length of the control buffers that the call before has shortened, so receive stamps would be cut off. The C library's
+//! own functions are points at which a thread can be cancelled: to be one takes more instructions than the rest of the call.
 
 use core::cell::Cell;
 use core::ptr;
@@ -77,7 +78,13 @@ impl Batch {
         // `iov_len` initialised bytes of `frames`, all alive and unmoved as long as `self`; control is null, of
         // length 0. The kernel writes `msg_len` only, in memory that is borrowed mutably here.
         let sent = unsafe {
-            libc::sendmmsg(socket.as_raw_fd(), self.headers.as_mut_ptr(), count as u32, libc::MSG_DONTWAIT)
+            libc::syscall(
+                libc::SYS_sendmmsg,
+                socket.as_raw_fd(),
+                self.headers.as_mut_ptr(),
+                count,
+                libc::MSG_DONTWAIT,
+            )
         };
         Errno::result(sent).map(|sent| sent as usize)
     }
@@ -94,12 +101,13 @@ impl Batch {
         // writable behind a shared reference because they are cells, and no reference into a cell exists.
         // Any bytes are valid for both types. No timeout is passed.
         let received = unsafe {
-            libc::recvmmsg(
+            libc::syscall(
+                libc::SYS_recvmmsg,
                 socket.as_raw_fd(),
                 self.headers.as_mut_ptr(),
-                limit as u32,
+                limit,
                 libc::MSG_DONTWAIT,
-                ptr::null_mut(),
+                ptr::null_mut::<libc::timespec>(),
             )
         };
         let received = Errno::result(received).map(|received| received as usize);
