@@ -63,7 +63,7 @@ impl Robot {
         let latency = Duration::from_micros(300);
         for motor in 0..12 {
             let still = Measured::new(0.0, 0.0, 0.0, None);
-            self.control.receive(motor, Reported::State(still, latency, Status::default()), now + latency);
+            self.control.receive(motor, &Reported::State(still, latency, Status::default()), now + latency);
         }
         self.control.end_cycle();
         let joints = self.state.joints.iter_mut();
@@ -72,7 +72,7 @@ impl Robot {
         groups.zip(self.control.group_states()).for_each(|(group, state)| *group = state);
         for bus in 0..4 {
             if let Some((motor, _)) = self.control.question(bus) {
-                self.control.receive(motor, Reported::Fault(Faults::NONE), now + 2 * latency);
+                self.control.receive(motor, &Reported::Fault(Faults::NONE), now + 2 * latency);
             }
         }
         self.control.clear_events();

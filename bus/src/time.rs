@@ -33,6 +33,13 @@ impl Instant {
     pub const fn since(self, earlier: Self) -> Duration {
         Duration::from_nanos(self.0.saturating_sub(earlier.0))
     }
+
+    /// The time from `earlier` to `self`, s; zero when `earlier` is later.
+    #[must_use]
+    #[inline]
+    pub const fn seconds_since(self, earlier: Self) -> f32 {
+        self.0.saturating_sub(earlier.0) as f32 * 1e-9
+    }
 }
 
 /// A duration's nanoseconds, saturated to 584 years.

@@ -460,7 +460,7 @@ impl<C: Clock> Cycle<C> {
                 Some(payload) => drive.receive(payload, at),
                 None => drive.refuse(),
             };
-            match received {
+            match &received {
                 Received::Reply(reported) => control.receive(motor, reported, at),
                 Received::Duplicate => control.receive_duplicate(motor),
                 Received::UnexpectedId | Received::Malformed => {}

@@ -86,12 +86,12 @@ impl Group {
     pub(in crate::control) fn receive(
         &mut self,
         place: usize,
-        reported: Reported,
+        reported: &Reported,
         at: Instant,
         cx: &mut Context,
     ) -> Report {
         let motor = &mut self.motors[place];
-        match reported {
+        match *reported {
             Reported::State(state, latency, status) => {
                 return self.receive_state(place, state, (at, latency), status, cx);
             }

@@ -132,7 +132,7 @@ impl Plausibility {
     fn is_jump(&self, reported: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> bool {
         let Some((before, then)) = expected.before else { return false };
         let top = expected.settings.max_velocity;
-        let reach = STEP_FACTOR * top * at.since(then).as_secs_f32() + STEP_MARGIN;
+        let reach = STEP_FACTOR * top * at.seconds_since(then) + STEP_MARGIN;
         (reported.position - before.position).abs() > reach
     }
 
