@@ -148,7 +148,7 @@ impl Monitor {
         Ok(true)
     }
 
-    fn press(&mut self, key: &ratatui::crossterm::event::KeyEvent) -> bool {
+    fn press(&mut self, key: &crossterm::event::KeyEvent) -> bool {
         self.notice.forget();
         if view::is_stop(key) {
             // The thread of the keys has asked already.

@@ -2,7 +2,7 @@
 
 use super::picture::Reading;
 use super::view::Action;
-use ratatui::crossterm::event::KeyEvent;
+use crossterm::event::KeyEvent;
 use std::io;
 use std::sync::mpsc::Sender;
 

@@ -2,8 +2,8 @@
 
 use super::news::News;
 use super::view::is_stop;
+use crossterm::event::{self, Event};
 use ratatui::DefaultTerminal;
-use ratatui::crossterm::event::{self, Event};
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -86,7 +86,8 @@ fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
 mod tests {
     use super::*;
     use crate::monitor::tmux::Tmux;
-    use ratatui::crossterm::event::KeyCode;
+    use crossterm::event::KeyCode;
+    use std::process::Command;
 
     #[test]
     fn a_stop_that_is_confirmed_at_once_is_told_after_its_key_and_one_that_nobody_sees_is_made() {
@@ -100,6 +101,46 @@ mod tests {
         let stopped = AtomicBool::new(false);
         assert!(!pass_on(&space, &|| stopped.store(true, Ordering::Relaxed), &news));
         assert!(stopped.into_inner());
+    }
+
+    /// Counts what it hears until `q`.
+    #[test]
+    #[ignore = "the process that another test runs in a terminal"]
+    fn counting_process() {
+        let (news, heard) = std::sync::mpsc::channel();
+        let mut screen = Screen::open(|| {}, &news).unwrap();
+        let (pid, mut keys, mut sizes) = (std::process::id(), 0, 0);
+        loop {
+            let counted = format!("pid {pid} keys {keys} sizes {sizes} .");
+            screen.terminal.draw(|frame| frame.render_widget(counted, frame.area())).unwrap();
+            match heard.recv().unwrap() {
+                News::Key(key) if key.code == KeyCode::Char('q') => break,
+                News::Key(_) => keys += 1,
+                News::Resized => sizes += 1,
+                _ => {}
+            }
+        }
+    }
+
+    /// The key may be that of the emergency stop.
+    #[test]
+    fn a_key_and_a_new_size_that_come_at_once_are_both_heard() {
+        let Some(tmux) = Tmux::start(&[]) else { return };
+        let program = std::env::current_exe().unwrap();
+        let line = "--ignored --exact --nocapture monitor::terminal::tests::counting_process";
+        // A shell would take the terminal from a program that is held.
+        tmux.enter(&format!("exec {} {line}", program.display()));
+        let screen = tmux.until("the program", |screen| screen.contains("keys 0 sizes 0 ."));
+        let pid = screen.split_whitespace().skip_while(|word| *word != "pid").nth(1).unwrap();
+        let signal = |name| assert!(Command::new("kill").args([name, pid]).status().unwrap().success());
+        for count in 1..=3 {
+            signal("-STOP");
+            signal("-WINCH");
+            tmux.press(&["x"]);
+            signal("-CONT");
+            tmux.until("both", |screen| screen.contains(&format!("keys {count} sizes {count} .")));
+        }
+        tmux.press(&["q"]);
     }
 
     /// Takes the terminal and panics.

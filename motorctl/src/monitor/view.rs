@@ -1,6 +1,6 @@
 //! The choices of the person in front of the screen, and the meaning of the keys.
 
-use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 /// The key of the emergency stop: the largest one. It is heard in every page, also while a filter is written.
 pub(super) const STOP_KEY: KeyCode = KeyCode::Char(' ');
