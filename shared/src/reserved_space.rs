@@ -25,12 +25,16 @@ pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
     checked
 }
 
-/// Reserves the space of every file below `directory`, up to its length.
+/// Reserves the space of every file below `directory`, up to its length. A directory that is gone meanwhile has none.
 ///
 /// # Errors
 /// As [`check`].
 pub(crate) fn occupy(directory: &Path) -> Result<(), Errno> {
-    for entry in fs::read_dir(directory).map_err(errno)?.flatten() {
+    let entries = match fs::read_dir(directory) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        entries => entries.map_err(errno)?,
+    };
+    for entry in entries.flatten() {
         let Ok(metadata) = entry.metadata() else { continue };
         if metadata.is_dir() {
             occupy(&entry.path())?;
@@ -64,6 +68,7 @@ fn errno(error: io::Error) -> Errno {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     #[test]
     fn a_sparse_file_is_sparse_no_more_and_keeps_what_it_holds() {
@@ -82,5 +87,24 @@ mod tests {
             1,
             "the space that was checked is given back"
         );
+    }
+
+    /// A client that comes and goes while a daemon starts makes and removes directories.
+    #[test]
+    fn a_directory_that_goes_meanwhile_is_no_obstacle() {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let ends = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let below = place.path().join("below");
+                while !ends.load(Ordering::Relaxed) {
+                    fs::create_dir(&below).unwrap();
+                    fs::remove_dir(&below).unwrap();
+                }
+            });
+            let refused = (0..10_000).find_map(|_| occupy(place.path()).err());
+            ends.store(true, Ordering::Relaxed);
+            assert_eq!(refused, None);
+        });
     }
 }
