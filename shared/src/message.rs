@@ -332,6 +332,21 @@ impl Default for SetpointMessage {
     }
 }
 
+impl SetpointMessage {
+    /// Takes over what is in use in `other`, and clears what was in use here and is not there. Nothing else is read.
+    pub fn copy_from(&mut self, other: &Self) {
+        // Read once: `other` may be written to meanwhile, and what lies above the count is zero here.
+        let joint_count = other.joint_count;
+        replace(&mut self.joints, self.joint_count, &other.joints, joint_count);
+        self.lease = other.lease;
+        self.sequence = other.sequence;
+        self.time_ns = other.time_ns;
+        self.cycle = other.cycle;
+        self.joint_count = joint_count;
+        self.reserved = other.reserved;
+    }
+}
+
 /// A cycle as recorders get it: its state, and the setpoints that it used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.CycleRecord.v1"))]
@@ -503,6 +518,26 @@ mod tests {
             groups: [GroupState { lease: 10, ..Default::default() }; GROUPS_MAX],
             buses: [BusState { lost: 11, ..Default::default() }; BUSES_MAX],
             indicators: [JointIndicators { joint: 12, ..Default::default() }; INDICATOR_JOINTS_MAX],
+        }
+    }
+
+    #[test]
+    fn a_copy_of_setpoints_has_all_that_is_in_use_and_nothing_of_what_was_there_before() {
+        let setpoint = JointSetpoint { position: 1.0, velocity: 2.0, kp: 3.0, kd: 4.0, torque: 5.0, mode: 1 };
+        let mut copy = SetpointMessage::default();
+        for joint_count in [JOINTS_MAX as u32, 12, u32::MAX, 0, 3] {
+            let mut original = SetpointMessage {
+                lease: 6,
+                sequence: 7,
+                time_ns: 8,
+                cycle: 9,
+                joint_count,
+                reserved: 10,
+                joints: [setpoint; JOINTS_MAX],
+            };
+            copy.copy_from(&original);
+            original.joints[(joint_count as usize).min(JOINTS_MAX)..].fill(JointSetpoint::default());
+            assert_eq!(copy, original);
         }
     }
 

@@ -77,6 +77,9 @@ pub struct IpcThread {
     /// Requests that telemetry has not answered yet.
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
+    /// The newest state. It is copied from the cycle's buffer, since a message to clients is copied whole, 8 kB: what no robot uses of
+    /// it shall not come from another processor's memory.
+    newest: Box<StateMessage>,
     schedule: Schedule,
     /// `None` before they are watched: then the silence of an owner tells.
     owners: Option<Owners>,
@@ -104,6 +107,7 @@ impl IpcThread {
             requested: Pending::new(REQUESTS_MAX),
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
+            newest: Box::default(),
             schedule,
             owners: None,
             records,
@@ -174,7 +178,7 @@ impl IpcThread {
             let Some(buffer) = cycle.setpoints.get_mut(lease.group()) else { return };
             // Another's message would push the owner's out of the buffer, so it is counted here and goes no further.
             if leases[lease.group()] == Some(lease) {
-                *buffer.input_buffer_mut() = *message;
+                buffer.input_buffer_mut().copy_from(message);
                 buffer.publish();
                 records.note(message);
             } else {
@@ -188,7 +192,8 @@ impl IpcThread {
         if !self.cycle.states.update() {
             return;
         }
-        let state = self.cycle.states.output_buffer();
+        let state = &mut *self.newest;
+        state.copy_from(self.cycle.states.output_buffer());
         self.schedule.observe(state);
         for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
             *lease = Lease::from_raw(group.lease);
@@ -266,8 +271,7 @@ impl IpcThread {
                     self.cycle.counters.alarms.owner_ended(lease);
                 }
             }
-            let newest = self.cycle.states.output_buffer().cycle;
-            self.questions.answered.note(newest, request.payload(), reply);
+            self.questions.answered.note(self.newest.cycle, request.payload(), reply);
             self.answer(request, reply, b"");
         }
         while let Some((ticket, text)) = self.questions.answer() {

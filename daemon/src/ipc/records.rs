@@ -33,7 +33,7 @@ impl Records {
     pub fn note(&mut self, message: &SetpointMessage) {
         let group = Lease::from_raw(message.lease).map(Lease::group);
         if let Some(recent) = group.and_then(|group| self.recent.get_mut(group)) {
-            *recent.messages[recent.next] = *message;
+            recent.messages[recent.next].copy_from(message);
             recent.next = (recent.next + 1) % RECENT;
         }
     }
