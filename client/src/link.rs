@@ -38,8 +38,9 @@ const POSITION_TRIES: u32 = 5;
 const SILENCE_CYCLES: f64 = 5.0;
 const SILENCE_MIN: Duration = Duration::from_millis(50);
 
-/// Longest sleep on the cycle event: it bounds what a lost wake-up costs.
-const SLEEP_MAX: Duration = Duration::from_secs(1);
+/// Longest sleep on the cycle event, in cycles and at least as a time: it bounds what a lost wake-up costs.
+const SLEEP_CYCLES: u32 = 2;
+const SLEEP_MIN: Duration = Duration::from_millis(1);
 
 /// The lease, group, joint and argument of a request.
 #[derive(Debug, Clone, Copy, Default)]
@@ -217,11 +218,11 @@ impl Link {
         mut view: MutexGuard<'a, View>,
         wanted: Wanted,
     ) -> Result<MutexGuard<'a, View>, Error> {
-        let (mut arrived, known) = (None, self.boot_id());
+        let mut arrived = None;
         let taken = self.ports.take_states(|message| {
-            arrived = Some(view.places.copy(message));
+            let state = arrived.insert(view.places.copy(message));
             match wanted {
-                Wanted::One if message.boot_id == known => ControlFlow::Break(()),
+                Wanted::One if state.boot_id() == self.boot_id() => ControlFlow::Break(()),
                 Wanted::One | Wanted::All => ControlFlow::Continue(()),
             }
         });
@@ -232,7 +233,7 @@ impl Link {
             }
             return Ok(view);
         };
-        if state.boot_id() != known {
+        if state.boot_id() != self.boot_id() {
             drop(view);
             self.read_description()?;
             view = locked(&self.view);
@@ -246,9 +247,10 @@ impl Link {
         Ok(view)
     }
 
-    /// Sleeps until the daemon has published, at most for `at_most` or [`SLEEP_MAX`]. May end early.
+    /// Sleeps until the daemon has published, at most for `at_most` or for [`SLEEP_CYCLES`]. May end early.
     pub(crate) fn sleep_until_cycle(&self, at_most: Duration) -> Result<(), Error> {
-        let slept = self.ports.sleep_until_cycle(at_most.min(SLEEP_MAX));
+        let cycles = self.robot().period().saturating_mul(SLEEP_CYCLES);
+        let slept = self.ports.sleep_until_cycle(at_most.min(cycles.max(SLEEP_MIN)));
         slept.map_err(|error| Error::of_service(error, &self.instance))
     }
 

@@ -103,6 +103,7 @@ mod tests {
     use nix::sys::time::TimeSpec;
     use std::fs::{self, File};
     use std::path::Path;
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     #[test]
     fn the_files_of_clients_that_were_killed_while_they_registered_go_and_those_of_others_stay() {
@@ -172,9 +173,17 @@ mod tests {
         let kept = events(&instance);
         let young_or_strange = ["m_6.event", "m_x.event"].map(OsString::from);
         assert_eq!(kept, living.into_iter().chain(young_or_strange).collect());
-        ports.notify().unwrap();
-        let begun = std::time::Instant::now();
-        client.sleep_until_cycle(WAIT).unwrap();
+        let (begun, awake) = (std::time::Instant::now(), AtomicBool::new(false));
+        std::thread::scope(|threads| {
+            threads.spawn(|| {
+                while !awake.load(Ordering::Relaxed) {
+                    ports.notify().unwrap();
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            });
+            client.sleep_until_cycle(WAIT).unwrap();
+            awake.store(true, Ordering::Relaxed);
+        });
         assert!(begun.elapsed() < WAIT, "the living are woken");
     }
 }

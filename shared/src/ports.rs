@@ -4,6 +4,7 @@
 //! and maps files when the other side comes or goes.
 
 use crate::instance::{Attachment, Instance, InstanceLock};
+use crate::kernel;
 use crate::leftovers;
 use crate::limits::{
     ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES,
@@ -31,8 +32,9 @@ use std::time::Duration;
 /// How long a starting daemon waits for others that are removing its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// To a socket a timeout of less than a microsecond is none at all.
-const SLEEP_LEAST: Duration = Duration::from_micros(1);
+/// Most rounds in which a thread that goes to sleep takes the notifications of earlier cycles. One is the rule, and one more sees that
+/// there is none.
+const DRAIN_ROUNDS: u32 = 4;
 
 /// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
 const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
@@ -152,8 +154,8 @@ impl DaemonPorts {
         Ok(())
     }
 
-    /// Shows `accept` the newest setpoints of each controller, as copies: their sender may still write to the original.
-    /// Takes at most sixteen times as many messages as there may be controllers: others that send without pause cannot keep
+    /// Shows `accept` the newest setpoints of each controller, as copies of what is in use: their sender may still write to the
+    /// original. Takes at most sixteen times as many messages as there may be controllers: others that send without pause cannot keep
     /// the owner's from being reached. Never blocks.
     ///
     /// # Errors
@@ -161,7 +163,8 @@ impl DaemonPorts {
     pub fn take_setpoint(&self, mut accept: impl FnMut(&SetpointMessage)) -> Result<(), ServiceError> {
         for _ in 0..16 * CONTROLLERS_MAX {
             let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
-            let setpoint = *sample.payload();
+            let mut setpoint = SetpointMessage::default();
+            setpoint.copy_from(sample.payload());
             accept(&setpoint);
         }
         Ok(())
@@ -358,8 +361,9 @@ impl ClientPorts {
         Ok(())
     }
 
-    /// Sleeps until the daemon has completed a cycle, at most `timeout`. It may return early without reason. One thread
-    /// listens; others that sleep at the same time wake up with it.
+    /// Sleeps until the daemon has published a state that was not taken yet, at most `timeout`. It may return early without
+    /// reason, and it may miss a state in rare cases: `timeout` bounds what that costs. One thread listens; others that sleep at the
+    /// same time wake up with it.
     ///
     /// # Errors
     /// When there is no place, or the connection is damaged.
@@ -375,13 +379,35 @@ impl ClientPorts {
         };
         sleeper.is_listening = true;
         drop(sleeper);
-        let slept = listener.timed_wait(|_| (), timeout.max(SLEEP_LEAST));
+        let slept = self.sleep_on(&listener, timeout);
         *locked(&self.sleeper) = Sleeper { listener: Some(listener), is_listening: false };
         self.woken.notify_all();
-        match slept {
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(error) => Err(Part::Cycle.failed()(error)),
+        slept
+    }
+
+    /// After the wake-up nothing is left to do: its notification is taken before the next sleep.
+    ///
+    /// The daemon notifies after it has published, so a notification that is taken here has its state looked for here. A thread that
+    /// takes the state in between, and is held up between these calls, can lose a wake-up.
+    fn sleep_on(&self, listener: &Listener<Service>, timeout: Duration) -> Result<(), ServiceError> {
+        for _ in 0..DRAIN_ROUNDS {
+            match listener.try_wait(|_| ()) {
+                Ok(0) => break,
+                Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
+                Err(error) => return Err(Part::Cycle.failed()(error)),
+            }
         }
+        if self.has_state()? {
+            return Ok(());
+        }
+        kernel::sleep_until_notified(listener, timeout)
+            .map_err(|_| ServiceError { part: Part::Cycle, obstacle: Obstacle::Damaged })
+    }
+
+    /// Whether there is a state that was not taken yet. `false` before the first call of [`take_states`](Self::take_states).
+    fn has_state(&self) -> Result<bool, ServiceError> {
+        let watcher = locked(&self.watcher);
+        watcher.as_ref().map_or(Ok(false), |watcher| watcher.has_samples().map_err(Part::State.failed()))
     }
 
     /// Takes the place of a recorder: it gets every cycle from now on.
@@ -502,6 +528,8 @@ impl Question {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicU64, Ordering};
+    use std::time::Instant;
 
     /// A controller waits so shortly at the end of its patience, whose daemon has died.
     #[test]
@@ -521,6 +549,65 @@ mod tests {
         for timeout in [Duration::ZERO, Duration::from_nanos(999)] {
             assert_eq!(sleeps.recv_timeout(Duration::from_secs(10)), Ok(timeout));
         }
+    }
+
+    #[test]
+    fn a_state_that_nobody_took_yet_lets_nobody_sleep_and_an_old_notification_wakes_nobody() {
+        const LONG: Duration = Duration::from_secs(10);
+        const SHORT: Duration = Duration::from_millis(20);
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let ports = DaemonPorts::open(&lock).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        assert_eq!(client.newest_state().unwrap(), None);
+        client.sleep_until_cycle(Duration::ZERO).unwrap();
+        for cycle in 1..=3 {
+            ports.publish(&StateMessage { cycle, ..StateMessage::default() }).unwrap();
+            let begun = Instant::now();
+            client.sleep_until_cycle(LONG).unwrap();
+            assert!(begun.elapsed() < LONG, "there was a state");
+            ports.notify().unwrap();
+            assert_eq!(client.newest_state().unwrap().map(|state| state.cycle), Some(cycle));
+            let begun = Instant::now();
+            client.sleep_until_cycle(SHORT).unwrap();
+            assert!(begun.elapsed() >= SHORT, "its state was taken");
+        }
+    }
+
+    /// The states come at any moment of the client's turn: while it computes, looks, goes to sleep and sleeps.
+    #[test]
+    fn no_state_is_slept_through() {
+        const STATES: u64 = 20_000;
+        const LONG: Duration = Duration::from_secs(10);
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        let instance = Instance::below(place.path(), "robot").unwrap();
+        let lock = instance.lock().unwrap();
+        let ports = DaemonPorts::open(&lock).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        assert_eq!(client.newest_state().unwrap(), None);
+        client.sleep_until_cycle(Duration::ZERO).unwrap();
+        let taken = AtomicU64::new(0);
+        std::thread::scope(|threads| {
+            threads.spawn(|| {
+                for cycle in 1..=STATES {
+                    while taken.load(Ordering::Acquire) < cycle - 1 {
+                        std::thread::yield_now();
+                    }
+                    (0..cycle % 1000).for_each(|_| std::hint::spin_loop());
+                    ports.publish(&StateMessage { cycle, ..StateMessage::default() }).unwrap();
+                    ports.notify().unwrap();
+                }
+            });
+            for cycle in 1..=STATES {
+                while client.newest_state().unwrap().is_none_or(|state| state.cycle < cycle) {
+                    let begun = Instant::now();
+                    client.sleep_until_cycle(LONG).unwrap();
+                    assert!(begun.elapsed() < LONG, "state {cycle}");
+                }
+                taken.store(cycle, Ordering::Release);
+            }
+        });
     }
 
     /// A client whose process is slow gives up, and its answer comes all the same.

@@ -22,6 +22,7 @@ use iceoryx2::port::listener::ListenerCreateError;
 use iceoryx2::port::notifier::{NotifierCreateError, NotifierNotifyError};
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
+use iceoryx2::port::update_connections::ConnectionFailure;
 use iceoryx2::port::{LoanError, ReceiveError, SendError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
@@ -279,6 +280,7 @@ damages! {
     LoanError,
     SendError,
     ReceiveError,
+    ConnectionFailure,
     RequestSendError,
 }
 
