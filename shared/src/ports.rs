@@ -531,18 +531,33 @@ mod tests {
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::time::Instant;
 
+    /// Both ends, in a directory of their own. The fields are dropped in this order.
+    struct Ends {
+        ports: DaemonPorts,
+        client: ClientPorts,
+        _lock: InstanceLock,
+        _place: tempfile::TempDir,
+    }
+
+    impl Ends {
+        fn open() -> Self {
+            let place = tempfile::tempdir_in("/tmp").unwrap();
+            let instance = Instance::below(place.path(), "robot").unwrap();
+            let lock = instance.lock().unwrap();
+            let ports = DaemonPorts::open(&lock).unwrap();
+            let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+            Self { ports, client, _lock: lock, _place: place }
+        }
+    }
+
     /// A controller waits so shortly at the end of its patience, whose daemon has died.
     #[test]
     fn a_sleep_of_less_than_a_microsecond_ends() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let lock = instance.lock().unwrap();
-        let _ports = DaemonPorts::open(&lock).unwrap();
-        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let ends = Ends::open();
         let (slept, sleeps) = std::sync::mpsc::channel();
         std::thread::spawn(move || {
             for timeout in [Duration::ZERO, Duration::from_nanos(999)] {
-                client.sleep_until_cycle(timeout).unwrap();
+                ends.client.sleep_until_cycle(timeout).unwrap();
                 slept.send(timeout).unwrap();
             }
         });
@@ -555,11 +570,8 @@ mod tests {
     fn a_state_that_nobody_took_yet_lets_nobody_sleep_and_an_old_notification_wakes_nobody() {
         const LONG: Duration = Duration::from_secs(10);
         const SHORT: Duration = Duration::from_millis(20);
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let lock = instance.lock().unwrap();
-        let ports = DaemonPorts::open(&lock).unwrap();
-        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let ends = Ends::open();
+        let Ends { ports, client, .. } = &ends;
         assert_eq!(client.newest_state().unwrap(), None);
         client.sleep_until_cycle(Duration::ZERO).unwrap();
         for cycle in 1..=3 {
@@ -580,11 +592,8 @@ mod tests {
     fn no_state_is_slept_through() {
         const STATES: u64 = 20_000;
         const LONG: Duration = Duration::from_secs(10);
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let lock = instance.lock().unwrap();
-        let ports = DaemonPorts::open(&lock).unwrap();
-        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let ends = Ends::open();
+        let Ends { ports, client, .. } = &ends;
         assert_eq!(client.newest_state().unwrap(), None);
         client.sleep_until_cycle(Duration::ZERO).unwrap();
         let taken = AtomicU64::new(0);
@@ -613,11 +622,8 @@ mod tests {
     /// A client whose process is slow gives up, and its answer comes all the same.
     #[test]
     fn answers_to_questions_that_their_asker_dropped_leave_room_for_others() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let lock = instance.lock().unwrap();
-        let ports = DaemonPorts::open(&lock).unwrap();
-        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let ends = Ends::open();
+        let Ends { ports, client, .. } = &ends;
         for question in 0..2 * ANSWERS {
             let dropped_before = client.ask(AdminRequest::default()).unwrap();
             drop(dropped_before);
@@ -674,11 +680,8 @@ mod tests {
 
     #[test]
     fn a_client_that_asks_more_than_it_may_damages_nothing() {
-        let place = tempfile::tempdir_in("/tmp").unwrap();
-        let instance = Instance::below(place.path(), "robot").unwrap();
-        let lock = instance.lock().unwrap();
-        let ports = DaemonPorts::open(&lock).unwrap();
-        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let ends = Ends::open();
+        let Ends { ports, client, .. } = &ends;
         let mut kept = Vec::new();
         for _ in 0..REQUESTS_PER_CLIENT {
             let dropped = client.ask(AdminRequest::default()).unwrap();
