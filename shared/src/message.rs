@@ -335,7 +335,7 @@ impl Default for SetpointMessage {
 impl SetpointMessage {
     /// Takes over what is in use in `other`, and clears what was in use here and is not there. Nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
-        // Read once: `other` may be written to meanwhile, and what lies above the count is zero here.
+        // Its sender may change the count meanwhile: what lies above the one that was copied is zero here.
         let joint_count = other.joint_count;
         replace(&mut self.joints, self.joint_count, &other.joints, joint_count);
         self.lease = other.lease;

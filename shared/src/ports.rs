@@ -361,16 +361,18 @@ impl ClientPorts {
         Ok(())
     }
 
-    /// Sleeps until the daemon has published a state that was not taken yet, at most `timeout`. It may return early without
-    /// reason, and it may miss a state in rare cases: `timeout` bounds what that costs. One thread listens; others that sleep at the
-    /// same time wake up with it.
+    /// Sleeps until the daemon has published a state that [`take_states`](Self::take_states) has not given yet, at most `timeout`. It may
+    /// return early without reason, and it may miss a state in rare cases: `timeout` bounds what that costs. One thread listens; others
+    /// that sleep at the same time wake up with it.
     ///
     /// # Errors
     /// When there is no place, or the connection is damaged.
     pub fn sleep_until_cycle(&self, timeout: Duration) -> Result<(), ServiceError> {
         let mut sleeper = locked(&self.sleeper);
         if sleeper.is_listening {
-            let _woken = self.woken.wait_timeout(sleeper, timeout);
+            sleeper.waiting += 1;
+            let waited = self.woken.wait_timeout(sleeper, timeout);
+            waited.unwrap_or_else(PoisonError::into_inner).0.waiting -= 1;
             return Ok(());
         }
         let listener = match sleeper.listener.take() {
@@ -380,15 +382,19 @@ impl ClientPorts {
         sleeper.is_listening = true;
         drop(sleeper);
         let slept = self.sleep_on(&listener, timeout);
-        *locked(&self.sleeper) = Sleeper { listener: Some(listener), is_listening: false };
-        self.woken.notify_all();
+        let mut sleeper = locked(&self.sleeper);
+        (sleeper.listener, sleeper.is_listening) = (Some(listener), false);
+        // Without somebody who waits it would be a system call for nothing.
+        if sleeper.waiting > 0 {
+            self.woken.notify_all();
+        }
         slept
     }
 
-    /// After the wake-up nothing is left to do: its notification is taken before the next sleep.
+    /// After the wake-up no system call is left to do: its notification is taken before the next sleep.
     ///
-    /// The daemon notifies after it has published, so a notification that is taken here has its state looked for here. A thread that
-    /// takes the state in between, and is held up between these calls, can lose a wake-up.
+    /// The daemon notifies after it has published, so the state of a notification that is taken here is looked for after it. If that state
+    /// was taken before, and its notification comes while this thread is held up between two of these calls, the next one may wake nobody.
     fn sleep_on(&self, listener: &Listener<Service>, timeout: Duration) -> Result<(), ServiceError> {
         for _ in 0..DRAIN_ROUNDS {
             match listener.try_wait(|_| ()) {
@@ -450,6 +456,8 @@ struct Sleeper {
     /// `None` before the first sleep, and while a thread has it.
     listener: Option<Listener<Service>>,
     is_listening: bool,
+    /// Threads that wait for the one that listens.
+    waiting: u32,
 }
 
 /// The value behind `mutex`. A thread that panicked while it held the lock left a valid value: every write is one

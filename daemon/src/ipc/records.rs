@@ -64,7 +64,8 @@ mod tests {
     use motord_shared::JointSetpoint;
 
     fn message(lease: Lease, sequence: u64, position: f32) -> SetpointMessage {
-        let mut message = SetpointMessage { lease: lease.raw(), sequence, ..SetpointMessage::default() };
+        let mut message =
+            SetpointMessage { lease: lease.raw(), sequence, joint_count: 2, ..SetpointMessage::default() };
         message.joints.fill(JointSetpoint { position, ..JointSetpoint::default() });
         message
     }
