@@ -142,6 +142,9 @@ pub(crate) fn unpack<const N: usize>(widths: [u32; N], mut word: u64) -> [u16; N
     codes
 }
 
+/// The largest code of 12 bits, and its mask.
+pub(crate) const TWELVE_BITS: u16 = largest(12);
+
 /// The largest code of `bits` bits, at most 16.
 const fn largest(bits: u32) -> u16 {
     ((1_u32 << bits) - 1) as u16

@@ -1,6 +1,6 @@
 //! The codes of position, velocity and torque that every reply with a state has.
 
-use crate::field;
+use crate::field::{self, TWELVE_BITS};
 use crate::scale::Scales;
 
 /// Position, velocity and torque as the wire has them. Source: MIT document 1.2, GIM document 3.2.7.
@@ -16,7 +16,6 @@ pub struct StateCodes {
 
 /// Bits of position, velocity and torque: five bytes.
 const WIDTHS: [u32; 3] = [16, 12, 12];
-const TWELVE_BITS: u16 = 0x0FFF;
 
 impl StateCodes {
     /// Position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with these scales.

@@ -1,7 +1,7 @@
 //! Host to motor. Source: MIT document 1.1.
 
 use crate::error::{DecodeError, EncodeError, Quantity};
-use crate::field;
+use crate::field::{self, TWELVE_BITS};
 use crate::scale::Scales;
 
 /// The control frame, bits from the most significant on: position, velocity, kp, kd, torque. Eight bytes.
@@ -193,7 +193,7 @@ impl ControlCodes {
         if !(impedance.sum() + torque).is_finite() {
             return Err(EncodeError::NotFinite { field: impedance.first_not_finite() });
         }
-        Ok(Self::nearest_of_finite(impedance, scales.torque.encode_finite(torque), scales))
+        Ok(Self::nearest_of_finite(impedance, scales.torque.encode_finite(torque) & TWELVE_BITS, scales))
     }
 
     /// The nearest codes, after clamping, with a torque code that was chosen elsewhere.
@@ -215,14 +215,16 @@ impl ControlCodes {
         Ok(Self::nearest_of_finite(impedance, torque, scales))
     }
 
+    /// The masks take nothing away: a field of 12 bits has no wider code. With them the compiler knows that `pack` has nothing to
+    /// saturate.
     #[inline]
     fn nearest_of_finite(impedance: &Impedance, torque: u16, scales: &Scales) -> Self {
         let Impedance { position, velocity, kp, kd, .. } = *impedance;
         Self {
             position: scales.position.encode_finite(position.into()),
-            velocity: scales.velocity.encode_finite(velocity.into()),
-            kp: scales.kp.encode_finite(kp.into()),
-            kd: scales.kd.encode_finite(kd.into()),
+            velocity: scales.velocity.encode_finite(velocity.into()) & TWELVE_BITS,
+            kp: scales.kp.encode_finite(kp.into()) & TWELVE_BITS,
+            kd: scales.kd.encode_finite(kd.into()) & TWELVE_BITS,
             torque,
         }
     }
