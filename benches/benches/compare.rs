@@ -14,7 +14,7 @@ use motord_bus::{Bus, Frame, Inbox, Instant as RobotTime, Readiness, Sent};
 use motord_client::{Client, Setpoint};
 use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_protocol::Scales;
-use motord_protocol::mit::{Command, DecodeError, Impedance, State};
+use motord_protocol::mit::{ControlCodes, DecodeError, Impedance, State};
 use motord_protocol::profile::STEADYWIN;
 use motord_shared::{JointSetpoint, SetpointMessage, StateMessage, clock};
 use motord_simulator::SharedBus;
@@ -264,33 +264,35 @@ impl Services {
 }
 
 /// Different frames, the same as in `peers/codec.c`.
-fn impedances() -> Vec<Impedance> {
+fn impedances() -> [Impedance; FRAMES] {
     let mut seed = 1_u32;
     let mut between = |low: f32, high: f32| {
         seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         low + (high - low) * ((seed >> 8) as f32 / 16_777_216.0)
     };
-    let mut one = || Impedance {
+    core::array::from_fn(|_| Impedance {
         position: between(-13.0, 13.0),
         velocity: between(-66.0, 66.0),
         kp: between(-1.0, 501.0),
         kd: between(-0.1, 5.1),
         torque: between(-230.0, 230.0),
-    };
-    (0..FRAMES).map(|_| one()).collect()
+    })
 }
 
 fn codec(frames: usize) {
     let scales = Scales::by_current(0.125, 8.0).expect("the constants of a GIM8108-8 are sound");
-    let commands: Vec<_> = impedances().into_iter().map(Command::Control).collect();
-    let encode = |command: &Command| black_box(command).encode(black_box(&scales)).expect("finite values");
-    let bytes: Vec<_> = commands.iter().map(encode).collect();
+    // As in C, functions of which their callers know nothing.
+    let encode: Encode =
+        black_box(|wanted, scales| ControlCodes::nearest(wanted, scales).ok().map(ControlCodes::pack));
+    let decode: Decode = black_box(|reply, scales| STEADYWIN.decode_state(reply, scales));
+    let wanted = impedances();
+    let bytes = wanted.map(|wanted| encode(&wanted, &scales).expect("finite values"));
     let encoding = per_frame(frames, |frame| {
-        black_box(encode(&commands[frame % FRAMES]));
+        let _bytes = encode(&wanted[frame % FRAMES], &scales);
     });
-    let replies: Vec<_> = bytes.iter().map(|[a, b, c, d, e, ..]| [1, *a, *b, *c, *d, *e]).collect();
+    let replies = bytes.map(|[a, b, c, d, e, ..]| [1, a, b, c, d, e]);
     let decoding = per_frame(frames, |frame| {
-        black_box(&decode(black_box(&replies[frame % FRAMES]), &scales));
+        let _state = decode(&replies[frame % FRAMES], &scales);
     });
     let mut sum = 14_695_981_039_346_656_037_u64;
     let mut add = |byte: u8| sum = (sum ^ u64::from(byte)).wrapping_mul(1_099_511_628_211);
@@ -304,11 +306,9 @@ fn codec(frames: usize) {
     println!("motord-sum {sum:016x}");
 }
 
-/// A function of its own, as in C: the layout of the profile is a constant, the scales are not.
-#[inline(never)]
-fn decode(reply: &[u8], scales: &Scales) -> Result<State, DecodeError> {
-    STEADYWIN.decode_state(reply, scales)
-}
+type Encode = fn(&Impedance, &Scales) -> Option<[u8; 8]>;
+/// The layout of the profile is a constant, the scales are not.
+type Decode = fn(&[u8], &Scales) -> Result<State, DecodeError>;
 
 /// The least time of ten runs, ns for one frame.
 fn per_frame(frames: usize, mut once: impl FnMut(usize)) -> f64 {

@@ -1,5 +1,6 @@
 /* codec FRAMES: a careful packing of MIT frames in C, as motord's: in double precision, clamped, rounded to the nearest code, NaN and
- * infinity refused, and never the bytes of a special frame or all zeros. The ranges are constants of the program but for the torque's.
+ * infinity refused, and never the bytes of a special frame or all zeros. The scales are those of a motor, computed once, as motord's: motors
+ * of other vendors have other ranges.
  *
  * Prints the time of one frame each way, ns, and a checksum of all bytes and values, which must be that of motord.
  */
@@ -14,35 +15,55 @@ struct impedance {
     float position, velocity, kp, kd, torque;
 };
 
+/* What motord tells of a state, too: temperatures and a status, which this vendor's replies do not have. */
 struct state {
-    uint8_t id;
+    uint8_t id, has_status, status;
     float position, velocity, torque;
     uint16_t codes[3];
+    struct {
+        int is_known;
+        float celsius;
+    } temperatures[2];
 };
 
+/* A function whose checks no caller takes away, as motord's. */
+#define OF_ITS_OWN __attribute__((noipa))
 #define KEEP(pointer) __asm__ volatile("" ::"r"(pointer) : "memory")
 
-static inline uint64_t code(double value, double min, double max, double largest)
+/* The codes of one unit, the size of one code, where zero lies, and the largest code. */
+struct scale {
+    double codes, step, zero, largest;
+};
+
+struct scales {
+    struct scale position, velocity, kp, kd, torque;
+};
+
+static struct scale scale(double min, double max, double largest)
 {
-    double span = max - min, code = value * (largest / span) + largest * (-min / span);
+    double span = max - min;
+    return (struct scale){ largest / span, span / largest, largest * (-min / span), largest };
+}
+
+static inline uint64_t code(double value, struct scale scale)
+{
+    double code = value * scale.codes + scale.zero;
     code = code > 0 ? code : 0;
-    code = code < largest ? code : largest;
+    code = code < scale.largest ? code : scale.largest;
     return (uint64_t)(int64_t)(code + 0.5);
 }
 
-static inline float value(uint64_t code, double min, double max, double largest)
+static inline float value(uint64_t code, struct scale scale)
 {
-    double span = max - min;
-    return (float)(((double)(int64_t)code - largest * (-min / span)) * (span / largest));
+    return (float)(((double)(int64_t)code - scale.zero) * scale.step);
 }
 
-__attribute__((noinline)) static int encode(const struct impedance *wanted, double full_scale, uint8_t bytes[8])
+OF_ITS_OWN static int encode(const struct impedance *wanted, const struct scales *scales, uint8_t bytes[8])
 {
     if (!isfinite((double)wanted->position + wanted->velocity + wanted->kp + wanted->kd + wanted->torque))
         return -1;
-    uint64_t kp = code(wanted->kp, 0, 500, 4095);
-    uint64_t word = code(wanted->position, -12.5, 12.5, 65535) << 48 | code(wanted->velocity, -65, 65, 4095) << 36 | kp << 24 |
-                    code(wanted->kd, 0, 5, 4095) << 12 | code(wanted->torque, -full_scale, full_scale, 4095);
+    uint64_t word = code(wanted->position, scales->position) << 48 | code(wanted->velocity, scales->velocity) << 36 |
+                    code(wanted->kp, scales->kp) << 24 | code(wanted->kd, scales->kd) << 12 | code(wanted->torque, scales->torque);
     if (word >> 16 == 0xFFFFFFFFFFFF)
         word -= (uint64_t)1 << 24;
     else if (word == 0)
@@ -52,17 +73,19 @@ __attribute__((noinline)) static int encode(const struct impedance *wanted, doub
     return 0;
 }
 
-__attribute__((noinline)) static int decode(const uint8_t *bytes, size_t count, double full_scale, struct state *state)
+OF_ITS_OWN static int decode(const uint8_t *bytes, size_t count, const struct scales *scales, struct state *state)
 {
     if (count < 6 || count > 8)
         return -1;
     state->id = bytes[0];
+    state->has_status = 0;
+    state->temperatures[0].is_known = state->temperatures[1].is_known = 0;
     state->codes[0] = (uint16_t)(bytes[1] << 8 | bytes[2]);
     state->codes[1] = (uint16_t)(bytes[3] << 4 | bytes[4] >> 4);
     state->codes[2] = (uint16_t)((bytes[4] & 15) << 8 | bytes[5]);
-    state->position = value(state->codes[0], -12.5, 12.5, 65535);
-    state->velocity = value(state->codes[1], -65, 65, 4095);
-    state->torque = value(state->codes[2], -full_scale, full_scale, 4095);
+    state->position = value(state->codes[0], scales->position);
+    state->velocity = value(state->codes[1], scales->velocity);
+    state->torque = value(state->codes[2], scales->torque);
     return 0;
 }
 
@@ -89,14 +112,16 @@ int main(int count, char **arguments)
     require(count == 2, "usage: codec FRAMES");
     size_t frames = strtoul(arguments[1], NULL, 10);
     double full_scale = 225 * 0.125 * 8, best[2] = { INFINITY, INFINITY };
-    KEEP(&full_scale);
+    struct scales scales = { scale(-12.5, 12.5, 65535), scale(-65, 65, 4095), scale(0, 500, 4095), scale(0, 5, 4095),
+                             scale(-full_scale, full_scale, 4095) };
+    KEEP(&scales);
     for (size_t frame = 0; frame < DISTINCT; frame++) {
         wanted[frame].position = between(-13, 13);
         wanted[frame].velocity = between(-66, 66);
         wanted[frame].kp = between(-1, 501);
         wanted[frame].kd = between(-0.1F, 5.1F);
         wanted[frame].torque = between(-230, 230);
-        require(encode(&wanted[frame], full_scale, bytes[frame]) == 0, "encode");
+        require(encode(&wanted[frame], &scales, bytes[frame]) == 0, "encode");
         replies[frame][0] = 1;
         memcpy(&replies[frame][1], bytes[frame], 5);
     }
@@ -105,14 +130,14 @@ int main(int count, char **arguments)
         for (size_t frame = 0; frame < frames; frame++) {
             uint8_t out[8];
             KEEP(&wanted[frame % DISTINCT]);
-            encode(&wanted[frame % DISTINCT], full_scale, out);
+            encode(&wanted[frame % DISTINCT], &scales, out);
             KEEP(out);
         }
         double middle = now_ns();
         for (size_t frame = 0; frame < frames; frame++) {
             struct state state;
             KEEP(&replies[frame % DISTINCT]);
-            decode(replies[frame % DISTINCT], 6, full_scale, &state);
+            decode(replies[frame % DISTINCT], 6, &scales, &state);
             KEEP(&state);
         }
         double times[2] = { (middle - begun) / (double)frames, (now_ns() - middle) / (double)frames };
@@ -121,7 +146,7 @@ int main(int count, char **arguments)
     }
     for (size_t frame = 0; frame < DISTINCT; frame++) {
         struct state state;
-        decode(replies[frame], 6, full_scale, &state);
+        decode(replies[frame], 6, &scales, &state);
         add(bytes[frame], 8);
         add(&state.position, 4), add(&state.velocity, 4), add(&state.torque, 4);
     }
