@@ -50,6 +50,9 @@ enum Rules {
         /// Stops that the log must have.
         #[arg(long)]
         stops: usize,
+        /// Interfaces of motors whose owner may reset a stop himself, without a mark.
+        #[arg(long, num_args = 1..)]
+        others: Vec<String>,
     },
     /// Something beside the buses suffers: every motor replies, as soon as while it is well.
     Replies {
@@ -102,8 +105,8 @@ fn check(arguments: Arguments) -> Result<Verdict, String> {
             let limits = Limits { medians: median.into_iter().collect(), maximum_per_median };
             judge(&mut Deaths::new(&wiring, &limits), &wiring, &marks()?, &log)
         }
-        Rules::Disturbances { notice_ms, stops } => {
-            let demand = disturbances::Demand { notice: Duration::from_millis(notice_ms), stops };
+        Rules::Disturbances { notice_ms, stops, others } => {
+            let demand = disturbances::Demand { notice: Duration::from_millis(notice_ms), stops, others };
             judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks()?, &log)
         }
         Rules::Replies { parts, ratio, rate, seconds, share } => {

@@ -213,6 +213,14 @@ fn a_late_median_and_a_late_maximum_are_refused() {
 const DISTURBANCES: &[&str] =
     &["1000.020000 stop", "1000.080000 reset", "1000.120000 stop vcan0", "1000.400000 reset"];
 
+/// The motors of `others` may be reset without a mark.
+fn judge_disturbances(others: &[&str], marked: &[&str], log: &str) -> Verdict {
+    let others = others.iter().map(|&other| other.into()).collect();
+    let demand = disturbances::Demand { notice: Duration::from_millis(15), stops: 2, others };
+    let wiring = wiring();
+    judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks(&marked.join("\n")).unwrap(), log)
+}
+
 fn disturbances() -> Rig {
     let lines = heard(&[
         (0, 20, 1, TROT),
@@ -222,12 +230,23 @@ fn disturbances() -> Rig {
         (126, 140, 1, DAMPING),
         (141, 300, 1, STOP),
     ]);
-    let judge = |marked: &[&str], log: &str| {
-        let demand = disturbances::Demand { notice: Duration::from_millis(15), stops: 2 };
-        let wiring = wiring();
-        judge(&mut Disturbances::new(&wiring, demand), &wiring, &marks(&marked.join("\n")).unwrap(), log)
-    };
+    let judge = |marked: &[&str], log: &str| judge_disturbances(&[], marked, log);
     Rig { lines, marks: DISTURBANCES, judge }
+}
+
+#[test]
+fn what_belongs_to_others_may_move_before_the_reset_and_hears_no_nonsense() {
+    let rig = disturbances();
+    let wrong = |place: &str, heard: &str, others: &[&str]| {
+        let is_heard = |line: &Line| line.place == place && line.at == 200;
+        let data = |line: &Line| if is_heard(line) { heard.into() } else { line.data.clone() };
+        let lines: Vec<_> = rig.lines.iter().map(|line| Line { data: data(line), ..line.clone() }).collect();
+        judge_disturbances(others, rig.marks, &candump(&lines)).wrong
+    };
+    assert_eq!(wrong("vcan2 002", TROT, &["vcan2"]), 0);
+    assert_eq!(wrong("vcan2 002", TROT, &[]), 1);
+    assert_eq!(wrong("vcan1 002", TROT, &["vcan2"]), 1);
+    assert_eq!(wrong("vcan2 002", "00", &["vcan2"]), 1);
 }
 
 #[test]

@@ -7,12 +7,14 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 
 /// Demands on the stops of a log.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Demand {
     /// Time from a stop to the first command that must be harmless: until it is noticed, and what is under way.
     pub notice: Duration,
     /// Stops in the log.
     pub stops: usize,
+    /// The interfaces of motors whose owner may reset a stop himself, without a mark: they may hear every command that there is.
+    pub others: Vec<String>,
 }
 
 /// A stop that has not been reset.
@@ -49,6 +51,12 @@ impl<'a> Disturbances<'a> {
         Self { wiring, demand, stop: None, seen, stops: 0, judged: 0, silent: Vec::new() }
     }
 
+    /// Its motor is another's, and the command is one.
+    fn may_move(&self, command: &Command) -> bool {
+        let is_others = self.demand.others.contains(&self.wiring.motors[command.motor].interface);
+        is_others && command.meaning.is_some()
+    }
+
     fn close(&mut self, verdict: &mut Verdict) {
         let Some(stop) = self.stop.take() else { return };
         self.stops += 1;
@@ -76,6 +84,7 @@ impl Rules for Disturbances<'_> {
 
     fn command(&mut self, command: &Command, verdict: &mut Verdict) {
         self.seen[command.motor] = true;
+        let may_move = self.may_move(command);
         let Some(stop) = &mut self.stop else { return };
         let is_down = stop.down.as_ref() == Some(&self.wiring.motors[command.motor].interface);
         if is_down || command.at < stop.at + self.demand.notice {
@@ -85,6 +94,7 @@ impl Rules for Disturbances<'_> {
         match command.kind {
             Kind::Damping => stop.damped = true,
             Kind::Stop | Kind::Fault => {}
+            Kind::Motion if may_move => {}
             Kind::Motion => {
                 verdict.complain(format!("{} after the stop at {}", command.text, seconds(stop.at)));
             }
