@@ -30,6 +30,14 @@ apt() {
 # `motorctl latency --json`. Missed ticks tell of this machine's other work, too, and are not judged.
 takes_no_longer() { jq -s -e '.[1].cycle_us.p50 <= 1.25 * .[0].cycle_us.p50' "$1" "$2" >/dev/null; }
 
+# in_two_groups: a quadruped's configuration, with a group for a controller, the front, and one for somebody else.
+in_two_groups() {
+    sed '/^\[\[group\]\]/,$d'
+    printf '[[group]]\nname = "%s"\njoints = [%s]\n' \
+        front '"fl-hip", "fl-thigh", "fl-knee", "fr-hip", "fr-thigh", "fr-knee"' \
+        rear '"rl-hip", "rl-thigh", "rl-knee", "rr-hip", "rr-thigh", "rr-knee"'
+}
+
 # hand_over COMMAND...: makes the folder $rig, from which `guest` learns what to run, where and with which environment.
 hand_over() {
     rig=$(mktemp -d /var/tmp/motord-rig.XXXXXX)

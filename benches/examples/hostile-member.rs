@@ -4,7 +4,7 @@
 //! hostile-member INSTANCE GROUP ATTACK SECONDS
 //! ```
 //!
-//! The attacks are those of [`attack`]. Prints what he did, in one line.
+//! The attacks are those of [`attack`]. Prints `begun` as soon as one is in force, and at its end what he did, in one line.
 
 use iceoryx2::prelude::*;
 use motord_client::Client;
@@ -57,22 +57,28 @@ fn main() -> Outcome<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let [instance, group, name, seconds] = &arguments[..] else { return Err("four arguments".into()) };
     let _raised = raise_descriptors()?;
-    let end = Instant::now() + Duration::from_secs(seconds.parse()?);
-    println!("{name}: {}", attack(instance, group, name, end)?);
+    let length = Duration::from_secs(seconds.parse()?);
+    println!("{name}: {}", attack(instance, group, name, length)?);
     Ok(())
 }
 
-/// Does what `name` says until `end`, and tells what it was.
-fn attack(instance: &str, group: &str, name: &str, end: Instant) -> Outcome<String> {
+/// Does for `length` what `name` says, and tells what it was.
+fn attack(instance: &str, group: &str, name: &str, length: Duration) -> Outcome<String> {
     match name {
-        "values" => values(instance, group, end),
-        "sizes" => sizes(instance, end),
-        "setpoint-flood" => setpoint_flood(instance, group, end),
-        "request-flood" => request_flood(instance, group, end),
-        "connections" => connections(instance, end),
-        "held" => held(instance, end),
+        "values" => values(instance, group, length),
+        "sizes" => sizes(instance, length),
+        "setpoint-flood" => setpoint_flood(instance, group, length),
+        "request-flood" => request_flood(instance, group, length),
+        "connections" => connections(instance, length),
+        "held" => held(instance, length),
         _ => Err("no such attack".into()),
     }
+}
+
+/// The attack is in force. Returns its end.
+fn begin(length: Duration) -> Instant {
+    println!("begun");
+    Instant::now() + length
 }
 
 /// He owns a group, as he may.
@@ -226,10 +232,11 @@ impl Member {
 }
 
 /// Random values in every field, with a true lease, and of requests.
-fn values(instance: &str, group: &str, end: Instant) -> Outcome<String> {
+fn values(instance: &str, group: &str, length: Duration) -> Outcome<String> {
     let mut member = Member::new(instance, group)?;
     let (mut setpoints, mut requests) = (0, 0);
     let before = member.verdicts()?;
+    let end = begin(length);
     while Instant::now() < end {
         member.seize()?;
         let until = end.min(Instant::now() + Duration::from_millis(500));
@@ -249,10 +256,10 @@ fn values(instance: &str, group: &str, end: Instant) -> Outcome<String> {
     ))
 }
 
-fn setpoint_flood(instance: &str, group: &str, end: Instant) -> Outcome<String> {
+fn setpoint_flood(instance: &str, group: &str, length: Duration) -> Outcome<String> {
     let mut member = Member::new(instance, group)?;
     member.seize()?;
-    let begun = Instant::now();
+    let (begun, end) = (Instant::now(), begin(length));
     let mut sent = 0_u32;
     paced(FLOOD_HZ, end, |_| sent += u32::from(member.hold_fast()));
     Ok(format!("{sent} setpoints, {:.0} a second", f64::from(sent) / begun.elapsed().as_secs_f64()))
@@ -269,10 +276,10 @@ impl Member {
     }
 }
 
-fn request_flood(instance: &str, group: &str, end: Instant) -> Outcome<String> {
+fn request_flood(instance: &str, group: &str, length: Duration) -> Outcome<String> {
     let mut member = Member::new(instance, group)?;
     let askers = (0..ASKERS).map(|_| open(instance)).collect::<Outcome<Vec<_>>>()?;
-    let (mut sent, mut refused, begun) = (0_u32, 0_u32, Instant::now());
+    let (mut sent, mut refused, begun, end) = (0_u32, 0_u32, Instant::now(), begin(length));
     let mut waiting: Vec<Option<Question>> = (0..2 * ASKERS).map(|_| None).collect();
     let mut next = 0;
     paced(FLOOD_HZ, end, |_| {
@@ -288,7 +295,7 @@ fn request_flood(instance: &str, group: &str, end: Instant) -> Outcome<String> {
 
 /// As many clients as there is room for, a thousand tries, and as many connections to the socket for emergency stops that say
 /// nothing.
-fn connections(instance: &str, end: Instant) -> Outcome<String> {
+fn connections(instance: &str, length: Duration) -> Outcome<String> {
     let address = stop_socket::address(&Instance::find(instance)?)?;
     let (mut clients, mut sockets, mut refused) = (Vec::new(), Vec::<OwnedFd>::new(), 0);
     for _ in 0..CONNECTIONS {
@@ -303,7 +310,8 @@ fn connections(instance: &str, end: Instant) -> Outcome<String> {
         // Others want to come in, too.
         clients.truncate(16);
     }
-    std::thread::sleep(end.saturating_duration_since(Instant::now()));
+    begin(length);
+    std::thread::sleep(length);
     let (held, silent) = (clients.len(), sockets.len());
     Ok(format!(
         "{CONNECTIONS} clients, {refused} refused, {held} kept; {silent} silent connections for a stop"
@@ -311,7 +319,7 @@ fn connections(instance: &str, end: Instant) -> Outcome<String> {
 }
 
 /// Takes samples and never gives them back, does not read what it asked for, and does not send what it borrowed.
-fn held(instance: &str, end: Instant) -> Outcome<String> {
+fn held(instance: &str, length: Duration) -> Outcome<String> {
     let node = node(instance)?;
     let states =
         node.service_builder(&service(instance, "state")?).publish_subscribe::<StateMessage>().open()?;
@@ -334,6 +342,7 @@ fn held(instance: &str, end: Instant) -> Outcome<String> {
     let _borrowed = sender.loan_uninit()?;
     let asker = admin.client_builder().create()?;
     let (mut kept_states, mut kept_records, mut unread) = (Vec::new(), Vec::new(), Vec::new());
+    let end = begin(length);
     while Instant::now() < end {
         kept_states.extend(watchers.iter().filter_map(|watcher| watcher.receive().ok().flatten()));
         kept_records.extend(recorders.iter().filter_map(|recorder| recorder.receive().ok().flatten()));
@@ -346,11 +355,12 @@ fn held(instance: &str, end: Instant) -> Outcome<String> {
 }
 
 /// Other layouts under the names of the services, and bytes of any number into every socket of the directory.
-fn sizes(instance: &str, end: Instant) -> Outcome<String> {
+fn sizes(instance: &str, length: Duration) -> Outcome<String> {
     let mut random = Random::new();
     let found = Instance::find(instance)?;
     let node = node(instance)?;
     let (mut refused, mut beside, mut messages) = (0, 0, 0);
+    let end = begin(length);
     while Instant::now() < end {
         for part in ["state", "record", "setpoint", "cycle", "admin"] {
             for opened in other_layouts(&node, &service(instance, part)?) {
