@@ -50,8 +50,8 @@ pub struct Arguments {
     seconds: f64,
     /// First make the changes that last until the next start of the computer, and that no person must look at first.
     ///
-    /// Those are the clock governor, the interrupts of the CAN interfaces, coalescing, the queue, the restart after a bus-off,
-    /// and the latency timer of serial ports. Needs root. Refused while motord runs its cycle, since some of them set an
+    /// Those are the clock governor, the interrupts of the CAN interfaces, ksoftirqd, coalescing, the queue, the restart after a
+    /// bus-off, and the latency timer of serial ports. Needs root. Refused while motord runs its cycle, since some of them set an
     /// interface down.
     #[arg(long)]
     tune: bool,

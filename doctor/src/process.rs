@@ -6,8 +6,11 @@ use crate::tree::Tree;
 const CYCLE: &str = "motord-cycle";
 /// `SCHED_FIFO` and `SCHED_RR` of sched(7).
 const REALTIME_POLICIES: [&str; 2] = ["1", "2"];
+/// The process that makes the threads of the kernel, and nothing else.
+const MAKER_OF_KERNEL_THREADS: &str = "2";
 /// The fields of `/proc/PID/stat` that follow the name of the program begin with the third of proc(5).
 const FIRST_FIELD: usize = 3;
+const PARENT: usize = 4;
 const RT_PRIORITY: usize = 40;
 const POLICY: usize = 41;
 
@@ -37,15 +40,28 @@ pub(crate) fn daemon(tree: &Tree) -> Option<Daemon> {
     })
 }
 
+/// The threads of the kernel whose name is asked for. A program may bear such a name, and is none of them.
+pub(crate) fn kernel_threads(tree: &Tree, is_asked_for: impl Fn(&str) -> bool) -> Vec<u32> {
+    let is_one = |pid: &u32| {
+        program(tree, *pid).is_some_and(|name| is_asked_for(&name))
+            && stat(tree, &format!("proc/{pid}"), PARENT).as_deref() == Some(MAKER_OF_KERNEL_THREADS)
+    };
+    tree.numbers("proc").into_iter().filter(is_one).collect()
+}
+
 /// The real-time priority of a thread or process; `None` where it has a normal one.
 pub(crate) fn priority(tree: &Tree, directory: &str) -> Option<u8> {
+    let policy = stat(tree, directory, POLICY)?;
+    let priority = stat(tree, directory, RT_PRIORITY)?.parse().ok()?;
+    REALTIME_POLICIES.contains(&policy.as_str()).then_some(priority)
+}
+
+/// A field of `stat`, by its number in proc(5).
+fn stat(tree: &Tree, directory: &str, field: usize) -> Option<String> {
     let stat = tree.text(&format!("{directory}/stat"))?;
     // A program may have any name, also one with brackets.
     let (_, fields) = stat.rsplit_once(')')?;
-    let fields: Vec<&str> = fields.split_whitespace().collect();
-    let field = |number: usize| fields.get(number - FIRST_FIELD).copied();
-    let priority = field(RT_PRIORITY)?.parse().ok()?;
-    field(POLICY).filter(|policy| REALTIME_POLICIES.contains(policy)).map(|_| priority)
+    fields.split_whitespace().nth(field - FIRST_FIELD).map(str::to_owned)
 }
 
 /// The fields of a line of `/proc/PID/status`.

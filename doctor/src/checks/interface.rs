@@ -1,5 +1,6 @@
 //! A CAN interface: its settings, its queue, its interrupts.
 
+use super::system;
 use crate::change::Change;
 use crate::finding::Finding;
 use crate::process;
@@ -7,6 +8,7 @@ use crate::robot::{Interface, Robot};
 use crate::tree::{self, Tree};
 use motord_bus::socketcan::{Coalescing, Link, OpenError, RESTART_MS};
 use nix::errno::Errno;
+use std::collections::BTreeSet;
 
 /// The queue that the shipped udev rule sets, frames.
 const QUEUE: usize = 16;
@@ -130,14 +132,19 @@ struct Interrupt {
     thread: Option<(u32, Option<u8>)>,
 }
 
+impl Interrupt {
+    /// Whether it is served on the processor that the cycle is pinned to.
+    fn delays(&self, robot: &Robot) -> bool {
+        robot.request.cpu.is_some_and(|cpu| self.processors.contains(&cpu))
+    }
+}
+
 /// Where the interrupts of an interface are served, and by whom.
 pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
     const CHECK: &str = "interrupts";
-    let Some(device) = tree.resolved(&format!("sys/class/net/{name}/device")) else {
+    let Some(interrupts) = served(tree, name) else {
         return Finding::good(CHECK, "none: it is virtual").of(name);
     };
-    let interrupts: Vec<Interrupt> =
-        numbers(tree, name, &device).into_iter().map(|number| interrupt(tree, number)).collect();
     if interrupts.is_empty() {
         let why =
             "no line of the file names the interface or its device: find the line of its adapter by hand";
@@ -147,11 +154,9 @@ pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
     }
     let measured = interrupts.iter().map(describe).collect::<Vec<_>>().join("; ");
     let (mut whys, mut changes) = (Vec::new(), Vec::new());
-    let others: Vec<usize> = tree.processors("sys/devices/system/cpu/online");
-    let others: Vec<usize> = others.into_iter().filter(|&cpu| Some(cpu) != robot.request.cpu).collect();
+    let others = others(tree, robot);
     for interrupt in &interrupts {
-        let shares = robot.request.cpu.is_some_and(|cpu| interrupt.processors.contains(&cpu));
-        if shares && !others.is_empty() {
+        if interrupt.delays(robot) && !others.is_empty() {
             whys.push("it interrupts the cycle's processor".to_owned());
             let path = format!("proc/irq/{}/smp_affinity_list", interrupt.number);
             changes.push(Change::write(path, tree::list(&others)));
@@ -173,6 +178,55 @@ pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
     whys.dedup();
     let why = format!("{}; counts until the next start of the interface", whys.join(", and "));
     Finding::warn(CHECK, measured, why).tuned_by(changes).of(name)
+}
+
+/// Whether the threads to which a busy kernel leaves received frames are above the controllers, on the processors that serve the
+/// interfaces of `robot`. A kernel with `PREEMPT_RT` handles the frames in the interrupt's thread.
+pub(super) fn ksoftirqd(tree: &Tree, robot: &Robot) -> Finding {
+    const CHECK: &str = "ksoftirqd";
+    if system::is_realtime(tree) {
+        return Finding::good(CHECK, "received frames do not wait for it: PREEMPT_RT");
+    }
+    let processors: BTreeSet<usize> =
+        robot.interfaces.iter().flat_map(|interface| receivers(tree, robot, &interface.name)).collect();
+    let names: Vec<String> = processors.iter().map(|processor| format!("ksoftirqd/{processor}")).collect();
+    let threads = process::kernel_threads(tree, |name| names.iter().any(|wanted| wanted == name));
+    let is_low = |pid: &u32| process::priority(tree, &format!("proc/{pid}")).is_none();
+    let low: Vec<u32> = threads.into_iter().filter(is_low).collect();
+    if low.is_empty() {
+        return Finding::good(CHECK, "no received frame waits for one at a normal priority");
+    }
+    let measured = format!(
+        "at a normal priority on processors {}",
+        tree::list(&processors.into_iter().collect::<Vec<_>>())
+    );
+    let why = "a busy kernel leaves received frames to it: behind a real-time controller that does not sleep for 10 ms all motors are \
+        lost";
+    let below_the_cycle = robot.priority().saturating_sub(1).max(1);
+    let raise = |pid| Change::run(&format!("chrt -f -p {below_the_cycle} {pid}"));
+    Finding::warn(CHECK, measured, why).tuned_by(low.into_iter().map(raise).collect())
+}
+
+/// The processors that serve an interface, or will when its interrupts do not interrupt the cycle any more.
+fn receivers(tree: &Tree, robot: &Robot, name: &str) -> Vec<usize> {
+    let served = served(tree, name).unwrap_or_default().into_iter();
+    let moved = |interrupt: Interrupt| match interrupt.delays(robot) {
+        true => others(tree, robot),
+        false => interrupt.processors,
+    };
+    served.flat_map(moved).collect()
+}
+
+/// The processors but that of the cycle.
+fn others(tree: &Tree, robot: &Robot) -> Vec<usize> {
+    let online = tree.processors("sys/devices/system/cpu/online").into_iter();
+    online.filter(|&processor| Some(processor) != robot.request.cpu).collect()
+}
+
+/// The interrupts of an interface; `None` where it is virtual.
+fn served(tree: &Tree, name: &str) -> Option<Vec<Interrupt>> {
+    let device = tree.resolved(&format!("sys/class/net/{name}/device"))?;
+    Some(numbers(tree, name, &device).into_iter().map(|number| interrupt(tree, number)).collect())
 }
 
 fn describe(interrupt: &Interrupt) -> String {
@@ -232,9 +286,7 @@ fn interrupt(tree: &Tree, number: u32) -> Interrupt {
         effective
     };
     let prefix = format!("irq/{number}-");
-    let is_thread =
-        |pid: &u32| process::program(tree, *pid).is_some_and(|program| program.starts_with(&prefix));
-    let thread = tree.numbers("proc").into_iter().find(is_thread);
+    let thread = process::kernel_threads(tree, |name| name.starts_with(&prefix)).first().copied();
     let thread = thread.map(|pid| (pid, process::priority(tree, &format!("proc/{pid}"))));
     Interrupt { number, processors, thread }
 }

@@ -31,6 +31,7 @@ pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
         processor::idle(tree, robot, daemon),
         system::clock_source(tree),
         system::timer_slack(tree, daemon),
+        interface::ksoftirqd(tree, robot),
         system::daemon(tree, daemon),
     ];
     for interface in &robot.interfaces {

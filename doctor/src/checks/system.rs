@@ -24,9 +24,7 @@ const RUNTIME_LEAST: f64 = 0.5;
 pub(super) fn kernel(tree: &Tree) -> Finding {
     let read = |name: &str| tree.text(&format!("proc/sys/kernel/{name}")).unwrap_or_default();
     let (release, version) = (read("osrelease"), read("version"));
-    let is_realtime = tree.number("sys/kernel/realtime") == Some(1)
-        || ["PREEMPT_RT", "PREEMPT RT"].iter().any(|mark| version.contains(mark));
-    if is_realtime {
+    if is_realtime(tree) {
         return Finding::good("kernel", format!("{release}, PREEMPT_RT"));
     }
     let kind = ["PREEMPT_DYNAMIC", "PREEMPT"].into_iter().find(|kind| version.contains(kind));
@@ -34,6 +32,12 @@ pub(super) fn kernel(tree: &Tree) -> Finding {
     let why = "without PREEMPT_RT a driver can hold the cycle up for milliseconds; use a kernel with CONFIG_PREEMPT_RT, \
         then restart the computer";
     Finding::warn("kernel", format!("{release}, {kind}"), why).mended_by(realtime_kernel(tree, &read("arch")))
+}
+
+pub(super) fn is_realtime(tree: &Tree) -> bool {
+    let version = tree.text("proc/sys/kernel/version").unwrap_or_default();
+    tree.number("sys/kernel/realtime") == Some(1)
+        || ["PREEMPT_RT", "PREEMPT RT"].iter().any(|mark| version.contains(mark))
 }
 
 /// The command that installs one, on the distributions that have it as a package.

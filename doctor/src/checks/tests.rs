@@ -53,8 +53,13 @@ fn can0() -> Interface {
 
 /// `stat` of a thread with a policy and a priority, whose name has brackets.
 fn stat(policy: u8, priority: u8) -> String {
-    let zeros = "0 ".repeat(36);
-    format!("812 (a) b) S {zeros}{priority} {policy} 0 0")
+    stat_of(1, policy, priority)
+}
+
+/// The same with the process that made it. Process 2 makes the threads of the kernel, and nothing else.
+fn stat_of(parent: u32, policy: u8, priority: u8) -> String {
+    let zeros = "0 ".repeat(35);
+    format!("812 (a) b) S {parent} {zeros}{priority} {policy} 0 0")
 }
 
 #[track_caller]
@@ -352,7 +357,9 @@ fn on_spi(affinity: &str, priority: u8) -> Fixture {
         ("proc/irq/54/smp_affinity_list", "0-3"),
         ("proc/irq/54/effective_affinity_list", affinity),
         ("proc/90/comm", "irq/54-spi0.0"),
-        ("proc/90/stat", &stat(1, priority)),
+        ("proc/90/stat", &stat_of(2, 1, priority)),
+        ("proc/13/comm", "ksoftirqd/0"),
+        ("proc/13/stat", &stat_of(2, 0, 0)),
     ]);
     fixture.link("sys/class/net/can0/device", "../../../devices/platform/spi0.0");
     fixture
@@ -370,6 +377,37 @@ fn an_interrupt_is_served_beside_the_cycle_and_above_it() {
     let measured = "54 on processors 3, thread 90 at real-time priority 90";
     let command = Some("echo 0-2 | sudo tee /proc/irq/54/smp_affinity_list");
     assert_finding(&shared, Level::Warn, measured, command);
+}
+
+#[test]
+fn a_program_that_bears_the_name_of_a_kernel_thread_gets_no_priority() {
+    let fixture = on_spi("0", 90);
+    let robot = Robot { interfaces: vec![can0()], ..robot(Some(3)) };
+    for pid in ["13", "90"] {
+        fixture.write(&format!("proc/{pid}/stat"), &stat_of(1, 0, 0));
+    }
+    let interrupts = interface::interrupts(&fixture.tree(), &robot, "can0");
+    assert_finding(&interrupts, Level::Good, "54 on processors 0", None);
+    assert_eq!(interface::ksoftirqd(&fixture.tree(), &robot).changes, []);
+}
+
+#[test]
+fn received_frames_wait_behind_no_controller() {
+    let robot = Robot { interfaces: vec![can0()], ..robot(Some(3)) };
+    let check = |fixture: &Fixture| interface::ksoftirqd(&fixture.tree(), &robot);
+    let low = "at a normal priority on processors ";
+    let raise = Some("sudo chrt -f -p 79 13");
+    assert_finding(&check(&on_spi("0", 90)), Level::Warn, &format!("{low}0"), raise);
+    // To where the interrupt is moved from the cycle's processor.
+    assert_finding(&check(&on_spi("3", 90)), Level::Warn, &format!("{low}0-2"), raise);
+    let none_waits = "no received frame waits for one at a normal priority";
+    assert_finding(&check(&on_spi("1", 90)), Level::Good, none_waits, None);
+    let raised = on_spi("0", 90);
+    raised.write("proc/13/stat", &stat_of(2, 1, 79));
+    assert_finding(&check(&raised), Level::Good, none_waits, None);
+    let realtime = on_spi("0", 90);
+    realtime.write("sys/kernel/realtime", "1");
+    assert_finding(&check(&realtime), Level::Good, "received frames do not wait for it: PREEMPT_RT", None);
 }
 
 #[test]
