@@ -25,7 +25,7 @@ if inside; then
     trap 'cp -au . "$RIG_PLACE"' EXIT
     export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=/tmp/robot:$PATH
     mkdir -m 700 "$MOTORD_RUNTIME_DIR"
-    read_ahead bash awk cat chrt candump cangen cut date env grep ip jq kill ldd ls sed setpriv sleep sort strace tail wc
+    read_ahead bash awk cat chrt candump cangen cut date env grep ip jq kill ldd ls pgrep sed setpriv sleep sort strace tail wc xargs
 fi
 
 # run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
@@ -85,8 +85,13 @@ on_vcan() {
         { print $0 added[$0] }'
 }
 
+# What a busy kernel leaves to ksoftirqd waits behind every real-time program on its processor (docs/realtime.md), and on virtual CAN that
+# is all frames.
+raise_ksoftirqd() { pgrep ksoftirqd | xargs -n 1 chrt --fifo --pid 79; }
+
 # start_simulator [FILE]: starts simulated motors on the CAN interfaces of FILE, of robot.toml. The process id is $simulator.
 start_simulator() {
+    raise_ksoftirqd
     # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
     chrt --fifo 40 motord-sim --config "${1:-robot.toml}" --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
