@@ -25,15 +25,15 @@ pub mod codes;
 pub mod description;
 #[cfg(feature = "ports")]
 mod directory;
+#[allow(unsafe_code, reason = "iceoryx2 has no other way")]
+#[cfg(feature = "ports")]
+mod iceoryx;
 #[cfg(feature = "ports")]
 pub mod injection;
 #[cfg(feature = "ports")]
 pub mod instance;
 #[cfg(feature = "ports")]
 mod instance_error;
-#[allow(unsafe_code, reason = "a descriptor that no safe crate lends")]
-#[cfg(feature = "ports")]
-mod kernel;
 mod lease;
 #[cfg(feature = "ports")]
 mod leftovers;

@@ -3,8 +3,8 @@
 //! Threads may share every end. None of the methods belongs into a real-time thread: iceoryx2 allocates with every message,
 //! and maps files when the other side comes or goes.
 
+use crate::iceoryx;
 use crate::instance::{Attachment, Instance, InstanceLock};
-use crate::kernel;
 use crate::leftovers;
 use crate::limits::{
     ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES,
@@ -124,7 +124,9 @@ impl DaemonPorts {
     /// When a connection is damaged; the other watchers have it.
     pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
         let sample = self.state.loan_uninit().map_err(Part::State.failed())?;
-        sample.write_payload(*state).send().map_err(Part::State.failed())?;
+        // What is not in use is not written: most of its bytes would come from and go to other processors' memory for nothing.
+        let sample = iceoryx::change(sample, |message| message.copy_from(state));
+        sample.send().map_err(Part::State.failed())?;
         Ok(())
     }
 
@@ -406,7 +408,7 @@ impl ClientPorts {
         if self.has_state()? {
             return Ok(());
         }
-        kernel::sleep_until_notified(listener, timeout)
+        iceoryx::sleep_until_notified(listener, timeout)
             .map_err(|_| ServiceError { part: Part::Cycle, obstacle: Obstacle::Damaged })
     }
 
@@ -506,7 +508,9 @@ impl SetpointPort {
     /// # Errors
     /// When the connection is damaged.
     pub fn send(&self, setpoint: &SetpointMessage) -> Result<(), ServiceError> {
-        self.port.send_copy(*setpoint).map_err(Part::Setpoint.failed())?;
+        let sample = self.port.loan_uninit().map_err(Part::Setpoint.failed())?;
+        let sample = iceoryx::change(sample, |message| message.copy_from(setpoint));
+        sample.send().map_err(Part::Setpoint.failed())?;
         Ok(())
     }
 }
@@ -536,6 +540,8 @@ impl Question {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::limits::JOINTS_MAX;
+    use crate::message::JointState;
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::time::Instant;
 
@@ -592,6 +598,20 @@ mod tests {
             let begun = Instant::now();
             client.sleep_until_cycle(SHORT).unwrap();
             assert!(begun.elapsed() >= SHORT, "its state was taken");
+        }
+    }
+
+    /// Each message is written over an earlier one.
+    #[test]
+    fn a_state_has_nothing_of_those_before_it() {
+        let ends = Ends::open();
+        let Ends { ports, client, .. } = &ends;
+        assert_eq!(client.newest_state().unwrap(), None);
+        for count in [JOINTS_MAX, 12, 0, 1, JOINTS_MAX, 0, 0, 3, 2] {
+            let mut state = StateMessage { joint_count: count as u32, ..StateMessage::default() };
+            state.joints[..count].fill(JointState { missed: 7, ..JointState::default() });
+            ports.publish(&state).unwrap();
+            assert!(client.newest_state().unwrap() == Some(state), "{count}");
         }
     }
 

@@ -11,6 +11,7 @@
 //! Everything is a file below the instance's directory, nothing is in `/dev/shm`: who may enter the directory may
 //! connect, nobody else.
 
+use crate::iceoryx::PortLock;
 use crate::instance::Instance;
 use crate::limits::{
     ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT, WATCHERS_MAX,
@@ -76,8 +77,7 @@ impl iceoryx2::service::Service for FileService {
     >;
     type Monitoring = iceoryx2_cal::monitoring::recommended::Ipc;
     type Reactor = iceoryx2_cal::reactor::recommended::Ipc;
-    type ArcThreadSafetyPolicy<T: Send + Debug + Abandonable> =
-        iceoryx2_cal::arc_sync_policy::mutex_protected::MutexProtected<T>;
+    type ArcThreadSafetyPolicy<T: Send + Debug + Abandonable> = PortLock<T>;
     type BlackboardMgmt<K: Send + Sync + Debug + ZeroCopySend + 'static> = Storage<K>;
     type BlackboardPayload = Memory<BumpAllocator>;
     type UniqueId = <ipc::Service as iceoryx2::service::Service>::UniqueId;

@@ -77,9 +77,6 @@ pub struct IpcThread {
     /// Requests that telemetry has not answered yet.
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
-    /// The newest state. It is copied from the cycle's buffer, since a message to clients is copied whole, 8 kB: what no robot uses of
-    /// it shall not come from another processor's memory.
-    newest: Box<StateMessage>,
     schedule: Schedule,
     /// `None` before they are watched: then the silence of an owner tells.
     owners: Option<Owners>,
@@ -107,7 +104,6 @@ impl IpcThread {
             requested: Pending::new(REQUESTS_MAX),
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
-            newest: Box::default(),
             schedule,
             owners: None,
             records,
@@ -192,8 +188,7 @@ impl IpcThread {
         if !self.cycle.states.update() {
             return;
         }
-        let state = &mut *self.newest;
-        state.copy_from(self.cycle.states.output_buffer());
+        let state = self.cycle.states.output_buffer();
         self.schedule.observe(state);
         for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
             *lease = Lease::from_raw(group.lease);
@@ -271,7 +266,7 @@ impl IpcThread {
                     self.cycle.counters.alarms.owner_ended(lease);
                 }
             }
-            self.questions.answered.note(self.newest.cycle, request.payload(), reply);
+            self.questions.answered.note(self.cycle.states.output_buffer().cycle, request.payload(), reply);
             self.answer(request, reply, b"");
         }
         while let Some((ticket, text)) = self.questions.answer() {

@@ -1,0 +1,122 @@
+//! All `unsafe` of this crate, which iceoryx2 asks for: a lock for ports, samples of which a part is written, a descriptor.
+
+use crate::message::{SetpointMessage, StateMessage};
+use core::fmt::Debug;
+use core::mem::MaybeUninit;
+use core::ops::Deref;
+use core::ptr::{NonNull, drop_in_place};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::prelude::{FileDescriptorBased, ZeroCopySend};
+use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::Service;
+use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
+use iceoryx2_cal::arc_sync_policy::{ArcSyncPolicy, ArcSyncPolicyCreationError, LockGuard};
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, ppoll};
+use nix::sys::time::TimeSpec;
+use parking_lot::{ReentrantMutex, ReentrantMutexGuard};
+use std::os::fd::BorrowedFd;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// A lock around each port, and around each sample that is lent. Its thread may take it again, as iceoryx2 does.
+///
+/// iceoryx2's own is a mutex of the C library. One is made and unmade with every message (`docs/adr/0032`).
+#[derive(Debug)]
+pub struct PortLock<T: Send + Debug + Abandonable>(Arc<ReentrantMutex<T>>);
+
+impl<T: Send + Debug + Abandonable> Clone for PortLock<T> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<T: Send + Debug + Abandonable> Abandonable for PortLock<T> {
+    unsafe fn abandon_in_place(mut this: NonNull<Self>) {
+        // SAFETY: the caller has the only reference to it.
+        let Self(lock) = unsafe { this.as_mut() };
+        match Arc::get_mut(lock) {
+            // SAFETY: nobody uses the value after this, as nobody uses the lock.
+            Some(alone) => unsafe { T::abandon_in_place(NonNull::from_mut(alone.get_mut())) },
+            // SAFETY: nobody uses the lock after this, or drops it.
+            None => unsafe { drop_in_place(lock) },
+        }
+    }
+}
+
+impl<T: Send + Debug + Abandonable> ArcSyncPolicy<T> for PortLock<T> {
+    type LockGuard<'parent>
+        = PortGuard<'parent, T>
+    where
+        Self: 'parent,
+        T: 'parent;
+
+    fn new(value: T) -> Result<Self, ArcSyncPolicyCreationError> {
+        Ok(Self(Arc::new(ReentrantMutex::new(value))))
+    }
+
+    fn lock(&self) -> Self::LockGuard<'_> {
+        PortGuard(self.0.lock())
+    }
+}
+
+/// A [`PortLock`] is taken as long as this lives.
+#[derive(Debug)]
+pub struct PortGuard<'parent, T: Debug>(ReentrantMutexGuard<'parent, T>);
+
+impl<T: Debug> Deref for PortGuard<'_, T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.0
+    }
+}
+
+impl<'parent, T: Send + Debug + Abandonable> LockGuard<'parent, T> for PortGuard<'parent, T> {}
+
+/// A message that any bytes are a value of.
+///
+/// # Safety
+/// Every field is a number of any value, or an array or structure of such numbers, and there is no padding.
+pub(crate) unsafe trait AnyBytes: ZeroCopySend + Debug {}
+
+// SAFETY: integers, `f32` and arrays of them; `message` asserts that its size is the sum of theirs.
+unsafe impl AnyBytes for SetpointMessage {}
+// SAFETY: as above.
+unsafe impl AnyBytes for StateMessage {}
+
+/// Lets `write` change the message that `sample` holds: an earlier one of the same port, or zeros.
+pub(crate) fn change<S: Service, T: AnyBytes>(
+    mut sample: SampleMutUninit<S, MaybeUninit<T>, ()>,
+    write: impl FnOnce(&mut T),
+) -> SampleMut<S, T, ()> {
+    // SAFETY: the memory of a port is a file, which is zeros when it is made, and in which samples of this type alone are written: its
+    // bytes are initialised. All bytes are a `T`. Nobody else has a sample that is lent and not sent.
+    write(unsafe { sample.payload_mut().assume_init_mut() });
+    // SAFETY: as above.
+    unsafe { sample.assume_init() }
+}
+
+/// Longest sleep: the kernel refuses one of more than 2⁶³ s.
+const SLEEP_MAX: Duration = Duration::from_secs(3600);
+
+/// Sleeps until `listener` has a notification, at most `timeout` or [`SLEEP_MAX`], or until a signal comes. One system call. It leaves
+/// the notification where it is.
+///
+/// # Errors
+/// Those of `ppoll`, except `EINTR`.
+pub(crate) fn sleep_until_notified<S: Service>(listener: &Listener<S>, timeout: Duration) -> Result<(), Errno>
+where
+    Listener<S>: FileDescriptorBased,
+{
+    // SAFETY: the number is not kept beyond this call, and nothing closes it.
+    let number = unsafe { listener.file_descriptor().native_handle() };
+    // SAFETY: the descriptor is open as long as `listener` lives, which outlives the call.
+    let descriptor = unsafe { BorrowedFd::borrow_raw(number) };
+    let mut awaited = [PollFd::new(descriptor, PollFlags::POLLIN)];
+    match ppoll(&mut awaited, Some(TimeSpec::from_duration(timeout.min(SLEEP_MAX))), None) {
+        Ok(_) | Err(Errno::EINTR) => Ok(()),
+        Err(error) => Err(error),
+    }
+}
