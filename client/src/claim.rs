@@ -157,9 +157,11 @@ impl Claim {
         if let Some(place) = (0..self.members.joints.len()).find(|place| self.set >> place & 1 == 0) {
             return Err(Error::NotSet { joint: self.members.names[place].clone() });
         }
-        self.refresh()?;
+        self.check_daemon()?;
         self.message.cycle = self.link.answered();
         self.transmit()?;
+        // The setpoint does not wait for the look whether states still come.
+        self.refresh()?;
         self.link.check_alive_at(self.message.time_ns)
     }
 
@@ -168,7 +170,7 @@ impl Claim {
     ///
     /// # Errors
     /// [`Error::SetpointCount`]; [`Error::Restarted`], now and ever after a restart; [`Error::NotRunning`] or
-    /// [`Error::Silent`] when states have stopped, though the setpoint was sent.
+    /// [`Error::Silent`] when states have stopped. The setpoint may have been sent; another daemon does not use it.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
         let (expected, received) = (self.members.joints.len(), setpoints.len());
         if expected != received {
@@ -288,6 +290,11 @@ impl Claim {
     /// Takes in the states that have arrived, and checks that they are of the daemon that granted the claim.
     fn refresh(&self) -> Result<(), Error> {
         self.link.refresh()?;
+        self.check_daemon()
+    }
+
+    /// Checks that no other daemon is known than the one that granted the claim.
+    fn check_daemon(&self) -> Result<(), Error> {
         if self.link.boot_id() == self.members.boot_id { Ok(()) } else { Err(Error::Restarted) }
     }
 }

@@ -75,6 +75,8 @@ pub(crate) struct Link {
     view: Mutex<View>,
     /// As the daemon described it whose states arrive. It is another one after a restart, with another boot id.
     robot: Mutex<Arc<RobotDescription>>,
+    /// The boot id of `robot`, for every cycle.
+    boot_id: AtomicU64,
     ordinary: Mutex<()>,
     stop: Mutex<()>,
     /// Number of the newest state's cycle.
@@ -178,6 +180,7 @@ impl Link {
             ports,
             view: Mutex::default(),
             robot: Mutex::default(),
+            boot_id: AtomicU64::new(0),
             ordinary: Mutex::default(),
             stop: Mutex::default(),
             cycle: AtomicU64::new(0),
@@ -357,7 +360,7 @@ impl Link {
 
     /// Of the daemon whose states arrive.
     pub(crate) fn boot_id(&self) -> u64 {
-        locked(&self.robot).boot_id
+        self.boot_id.load(Ordering::Acquire)
     }
 
     /// [`Error::NotRunning`] or [`Error::Silent`] when states have stopped.
@@ -506,7 +509,9 @@ impl Link {
         }
         let cycles = Duration::try_from_secs_f64(SILENCE_CYCLES / robot.rate_hz).unwrap_or(SILENCE_MIN);
         self.silence_ns.fetch_max(nanos(cycles), Ordering::Relaxed);
-        *locked(&self.robot) = Arc::new(robot);
+        let mut known = locked(&self.robot);
+        self.boot_id.store(robot.boot_id, Ordering::Release);
+        *known = Arc::new(robot);
         Ok(())
     }
 }
