@@ -6,7 +6,7 @@ mod echo;
 mod robot;
 mod robots;
 
-use clap::{Parser, Subcommand};
+use clap::{Parser, Subcommand, ValueEnum};
 use echo::{Daemon, INSTANCE, JOINTS, PATIENCE};
 use iceoryx2::prelude::{Config, Node, NodeBuilder, Path as SystemPath, SemanticString, ipc};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
@@ -53,8 +53,8 @@ enum What {
     Sizes,
     /// So many frames each way, and a checksum of the bytes and values.
     Codec { frames: usize },
-    /// So many round trips of each kind, and wake-ups.
-    Trips { count: usize },
+    /// So many round trips of each kind, and wake-ups; or of one kind.
+    Trips { count: usize, kind: Option<Trip> },
     /// So many cycles of a robot with so many motors.
     Cycles { motors: usize, count: u64 },
 }
@@ -64,22 +64,22 @@ fn main() {
     match options.what {
         None if options.test => {
             codec(FRAMES);
-            trips(1);
+            trips(1, None);
             cycles(MOTORS_PER_BUS, 1);
         }
         None => {
             codec(1_000_000);
-            trips(20_000);
+            trips(20_000, None);
         }
         Some(What::Sizes) => println!("{} {}", size_of::<SetpointMessage>(), size_of::<StateMessage>()),
         Some(What::Codec { frames }) => codec(frames),
-        Some(What::Trips { count }) => trips(count),
+        Some(What::Trips { count, kind }) => trips(count, kind),
         Some(What::Cycles { motors, count }) => cycles(motors, count),
     }
 }
 
 /// The trips that are timed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Trip {
     /// From a setpoint to the states that answer it at once; the client keeps looking.
     Spin,
@@ -109,9 +109,11 @@ impl Trip {
     }
 }
 
-fn trips(count: usize) {
-    wake_up(count);
-    for trip in [Trip::Spin, Trip::Event, Trip::Delivery] {
+fn trips(count: usize, kind: Option<Trip>) {
+    if kind.is_none() {
+        wake_up(count);
+    }
+    for trip in kind.map_or_else(|| Trip::value_variants().to_vec(), |kind| vec![kind]) {
         iceoryx2_trips(count, trip);
         motord_trips(count, trip);
     }
