@@ -160,7 +160,7 @@ impl Claim {
         self.check_daemon()?;
         self.message.cycle = self.link.answered();
         self.transmit()?;
-        // The setpoint does not wait for the look whether states still come.
+        // To look for states takes time. The setpoint does not wait for it.
         self.refresh()?;
         self.link.check_alive_at(self.message.time_ns)
     }

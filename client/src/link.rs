@@ -75,7 +75,7 @@ pub(crate) struct Link {
     view: Mutex<View>,
     /// As the daemon described it whose states arrive. It is another one after a restart, with another boot id.
     robot: Mutex<Arc<RobotDescription>>,
-    /// The boot id of `robot`, for every cycle.
+    /// The boot id of `robot`: it is compared in every cycle, without a lock.
     boot_id: AtomicU64,
     ordinary: Mutex<()>,
     stop: Mutex<()>,

@@ -22,7 +22,7 @@ use std::time::Duration;
 
 /// A lock around each port, and around each sample that is lent. Its thread may take it again, as iceoryx2 does.
 ///
-/// iceoryx2's own is a mutex of the C library. One is made and unmade with every message (`docs/adr/0032`).
+/// iceoryx2's own lock is a mutex of the C library, and is made and unmade with every message (`docs/adr/0032`).
 #[derive(Debug)]
 pub struct PortLock<T: Send + Debug + Abandonable>(Arc<ReentrantMutex<T>>);
 

@@ -124,7 +124,7 @@ impl DaemonPorts {
     /// When a connection is damaged; the other watchers have it.
     pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
         let sample = self.state.loan_uninit().map_err(Part::State.failed())?;
-        // What is not in use is not written: most of its bytes would come from and go to other processors' memory for nothing.
+        // Most of a message is not in use. To write that, too, would take longer for nothing.
         let sample = iceoryx::change(sample, |message| message.copy_from(state));
         sample.send().map_err(Part::State.failed())?;
         Ok(())
