@@ -353,7 +353,7 @@ fn start_reconnector(
 fn start_cycle(
     settings: &Settings,
     orders: &Arc<Orders>,
-    mut cycle: Cycle<Monotonic>,
+    mut cycle: Cycle,
     heartbeat: Heartbeat,
     locks: Vec<motord_bus::BusLock>,
 ) -> Result<(JoinHandle<()>, Vec<Step>), RunError> {

@@ -94,7 +94,7 @@ struct Robot {
     interface: InterfaceName,
     motor_side: InterfaceName,
     settings: Settings,
-    cycle: Cycle<Monotonic>,
+    cycle: Cycle,
     client: LocalClient,
     tick: Tick,
     observer: SocketCanBus,

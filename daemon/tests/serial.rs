@@ -124,7 +124,7 @@ impl Can {
 
 /// A robot that runs.
 struct Running {
-    cycle: Cycle<Monotonic>,
+    cycle: Cycle,
     client: LocalClient,
     tick: Tick,
     broken: Sender<usize>,

@@ -107,7 +107,7 @@ fn the_cycle_never_waits_for_a_line_and_its_silence_costs_the_other_buses_nothin
             robot.disturb(fault);
         }
         robot.steps(20);
-        let waits = robot.clock.waits.replace(0);
+        let waits = robot.clock.waits.take();
         let before = robot.bus(1);
         let mut longest = 0;
         for _ in 0..1000 {

@@ -108,7 +108,7 @@ impl Interfaces {
     }
 
     /// As [`Stopper::run`].
-    pub fn run(&mut self, clock: &mut impl Clock) {
+    pub fn run(&mut self, clock: &mut dyn Clock) {
         self.stopper.run(clock, &mut self.outlets);
     }
 

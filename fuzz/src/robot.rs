@@ -148,7 +148,7 @@ impl Sent {
 /// The robot and its client.
 pub(crate) struct Robot {
     settings: &'static Settings,
-    cycle: Cycle<VirtualClock>,
+    cycle: Cycle,
     pub(crate) client: LocalClient,
     clock: VirtualClock,
     wires: Vec<SharedWire>,

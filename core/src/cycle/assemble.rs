@@ -16,13 +16,13 @@ use motord_bus::Bus;
 ///
 /// When there are not as many buses as in the settings, or a motor is not in exactly one group.
 #[must_use]
-pub fn assemble<C: Clock>(
+pub fn assemble(
     settings: &Settings,
     buses: Vec<Box<dyn Bus>>,
-    clock: C,
+    clock: impl Clock + Send + 'static,
     boot_id: u64,
-) -> (Cycle<C>, Ends) {
+) -> (Cycle, Ends) {
     assert_eq!(buses.len(), settings.buses.len(), "every bus of the settings is there");
     let (link, ends) = link(settings.groups.len());
-    (Cycle::new(settings, &BusPlan::of(settings), buses, clock, link, boot_id), ends)
+    (Cycle::new(settings, &BusPlan::of(settings), buses, Box::new(clock), link, boot_id), ends)
 }

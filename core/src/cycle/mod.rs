@@ -45,8 +45,8 @@ const READS_MAX: usize = 1000;
 const AWAKE_MAX: Duration = Duration::from_micros(30);
 
 /// Everything the real-time thread owns.
-pub struct Cycle<C> {
-    clock: C,
+pub struct Cycle {
+    clock: Box<dyn Clock + Send>,
     timing: Timing,
     channels: Vec<BusChannel>,
     drives: Vec<Drive>,
@@ -94,14 +94,14 @@ impl Timing {
     }
 }
 
-impl<C: Clock> Cycle<C> {
+impl Cycle {
     /// A cycle that has not run yet. `buses` and `plans` are in the order of the configuration. Allocates; nothing after
     /// it does.
     fn new(
         settings: &Settings,
         plans: &[BusPlan],
         buses: Vec<Box<dyn Bus>>,
-        clock: C,
+        clock: Box<dyn Clock + Send>,
         link: Link,
         boot_id: u64,
     ) -> Self {
@@ -169,7 +169,7 @@ impl<C: Clock> Cycle<C> {
     /// Damps and stops every motor after a panic in [`run`](Self::run), by frames that were made beforehand. It trusts
     /// nothing of the cycle but its buses and its clock; the cycle must not be run again.
     pub fn stop_after_panic(&mut self) {
-        self.stopper.run(&mut self.clock, &mut self.channels);
+        self.stopper.run(&mut *self.clock, &mut self.channels);
     }
 
     /// The motors that were started and have not answered a stop since.

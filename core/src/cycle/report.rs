@@ -2,14 +2,13 @@
 
 use super::Cycle;
 use super::channel::BusChannel;
-use crate::clock::Clock;
 use crate::control::Wake;
 use core::sync::atomic::Ordering;
 use motord_bus::Instant;
 use motord_bus::time::nanos;
 use motord_shared::{Rejection, StateMessage, message};
 
-impl<C: Clock> Cycle<C> {
+impl Cycle {
     /// Writes the state of the cycle that began with `wake` and ended at `now`. Does not allocate or block; bounded by
     /// joints, groups and buses.
     pub(super) fn report(&mut self, wake: &Wake, now: Instant) {

@@ -6,7 +6,6 @@
 //! ```
 
 use super::{Cycle, Tick};
-use crate::clock::Clock;
 use motord_bus::Duration;
 
 /// Cycles with stop frames before the loop leaves a stopped robot.
@@ -27,7 +26,7 @@ pub enum Order {
     StopNow,
 }
 
-impl<C: Clock> Cycle<C> {
+impl Cycle {
     /// Runs cycles until `order` is to stop, then those that stop the robot. Returns when every group has been disarmed for
     /// `LAST_CYCLES`, and every motor that was started has answered its stop or had `STOP_TIME` for it.
     ///

@@ -161,7 +161,7 @@ impl Stopper {
     /// Begins, and returns when every bus is served, at most [`PATIENCE`] after the damping. The buses that are not served by
     /// then get one more round, to stop their motors. Does not allocate. Blocks in the clock, and where
     /// [`round`](Self::round) does.
-    pub fn run(&mut self, clock: &mut impl Clock, outlets: &mut [impl Outlet]) {
+    pub fn run(&mut self, clock: &mut dyn Clock, outlets: &mut [impl Outlet]) {
         let begin = clock.now();
         self.begin(begin);
         let end = begin + self.damp + PATIENCE;

@@ -30,11 +30,10 @@ use motord_simulator::{
     BusSettings, Direction, FaultVerb, Motor, MotorSettings, Plant, SerialSlave, SharedBus, SimulatedBus,
     couple,
 };
-use std::cell::Cell;
 use std::panic::RefUnwindSafe;
 use std::path::Path;
-use std::rc::Rc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
 
 pub const PERIOD: Duration = Duration::from_millis(1);
 
@@ -78,24 +77,47 @@ pub fn settings(text: &str) -> Settings {
     loaded.unwrap_or_else(|error| panic!("{error}")).settings
 }
 
+/// A value that a test shares with the cycle.
+#[derive(Debug, Clone, Default)]
+pub struct Shared<T>(Arc<Mutex<T>>);
+
+impl<T: Copy + Default> Shared<T> {
+    pub fn new(value: T) -> Self {
+        Self(Arc::new(Mutex::new(value)))
+    }
+
+    pub fn get(&self) -> T {
+        *self.0.lock().expect("nobody panics with it")
+    }
+
+    pub fn set(&self, value: T) {
+        *self.0.lock().expect("nobody panics with it") = value;
+    }
+
+    /// Leaves nothing.
+    pub fn take(&self) -> T {
+        std::mem::take(&mut self.0.lock().expect("nobody panics with it"))
+    }
+}
+
 /// Virtual time.
 #[derive(Debug, Clone)]
 pub struct Virtual {
-    now: Rc<Cell<Instant>>,
+    now: Shared<Instant>,
     /// How long each reading of the clock takes.
-    pub reading: Rc<Cell<Duration>>,
+    pub reading: Shared<Duration>,
     /// How often the cycle slept, or waited for buses.
-    pub waits: Rc<Cell<u32>>,
+    pub waits: Shared<u32>,
     /// How much too late the next sleep ends.
-    pub late: Rc<Cell<Duration>>,
+    pub late: Shared<Duration>,
     /// How much too late every sleep ends.
-    pub always_late: Rc<Cell<Duration>>,
+    pub always_late: Shared<Duration>,
     /// How long the computer was suspended.
-    pub suspended: Rc<Cell<Duration>>,
+    pub suspended: Shared<Duration>,
     /// The next reading of the clock panics.
-    pub broken: Rc<Cell<bool>>,
+    pub broken: Shared<bool>,
     /// After so many further readings of the clock the process is frozen for so long.
-    pub freeze: Rc<Cell<Option<(u32, Duration)>>>,
+    pub freeze: Shared<Option<(u32, Duration)>>,
 }
 
 impl Clock for Virtual {
@@ -160,7 +182,7 @@ impl Sent {
 /// The robot, its client, and what can be done to both.
 pub struct Robot {
     pub settings: Settings,
-    pub cycle: Cycle<Virtual>,
+    pub cycle: Cycle,
     pub client: LocalClient,
     pub clock: Virtual,
     pub buses: Vec<Wire>,
@@ -213,14 +235,14 @@ impl Robot {
     /// The cycle alone, on buses that are not simulated here. What it sends is theirs to record.
     pub fn on(buses: Vec<Box<dyn Bus>>, start: Instant, settings: Settings) -> Self {
         let clock = Virtual {
-            now: Rc::new(Cell::new(start)),
-            reading: Rc::default(),
-            waits: Rc::default(),
-            late: Rc::default(),
-            always_late: Rc::default(),
-            suspended: Rc::default(),
-            broken: Rc::default(),
-            freeze: Rc::default(),
+            now: Shared::new(start),
+            reading: Shared::default(),
+            waits: Shared::default(),
+            late: Shared::default(),
+            always_late: Shared::default(),
+            suspended: Shared::default(),
+            broken: Shared::default(),
+            freeze: Shared::default(),
         };
         let (cycle, ends) = assemble(&settings, buses, clock.clone(), 7);
         let tick = Tick { number: 1, at: start };
