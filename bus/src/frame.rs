@@ -209,6 +209,8 @@ impl ErrorFrame {
 pub struct Inbox {
     arrivals: [Arrival; Inbox::CAPACITY],
     len: usize,
+    /// It is full with so many.
+    space: usize,
     /// Frames that the kernel dropped before they could be read (`SO_RXQ_OVFL`), since the last [`clear`](Self::clear).
     pub lost: u32,
 }
@@ -221,13 +223,20 @@ impl Inbox {
     #[must_use]
     pub const fn new() -> Self {
         let nothing = Arrival { at: Instant::ZERO, content: Content::Unsupported(Unsupported::Length) };
-        Self { arrivals: [nothing; Self::CAPACITY], len: 0, lost: 0 }
+        Self { arrivals: [nothing; Self::CAPACITY], len: 0, space: Self::CAPACITY, lost: 0 }
     }
 
-    /// Forgets everything.
+    /// Forgets everything. There is space for [`CAPACITY`](Self::CAPACITY) arrivals then.
     #[inline]
     pub fn clear(&mut self) {
+        self.clear_for(Self::CAPACITY);
+    }
+
+    /// Forgets everything. There is space for so many arrivals then, and for at most [`CAPACITY`](Self::CAPACITY).
+    #[inline]
+    pub fn clear_for(&mut self, arrivals: usize) {
         self.len = 0;
+        self.space = if arrivals < Self::CAPACITY { arrivals } else { Self::CAPACITY };
         self.lost = 0;
     }
 
@@ -238,8 +247,10 @@ impl Inbox {
     /// The arrival itself, when the inbox is full.
     #[inline]
     pub fn push(&mut self, arrival: Arrival) -> Result<(), Arrival> {
-        let Some(place) = self.arrivals.get_mut(self.len) else { return Err(arrival) };
-        *place = arrival;
+        match self.arrivals.get_mut(self.len) {
+            Some(place) if self.len < self.space => *place = arrival,
+            _ => return Err(arrival),
+        }
         self.len += 1;
         Ok(())
     }
@@ -248,7 +259,7 @@ impl Inbox {
     #[must_use]
     #[inline]
     pub fn free(&self) -> usize {
-        Self::CAPACITY - self.len
+        self.space.saturating_sub(self.len)
     }
 
     /// The arrivals, oldest first.
@@ -298,7 +309,13 @@ mod tests {
             inbox.push(arrival).unwrap();
         }
         assert_eq!((inbox.free(), inbox.push(arrival)), (0, Err(arrival)));
+        inbox.clear_for(2);
+        assert_eq!((inbox.arrivals(), inbox.free()), (&[][..], 2));
+        let pushed: Vec<_> = (0..3).map(|_| inbox.push(arrival)).collect();
+        assert_eq!(pushed, [Ok(()), Ok(()), Err(arrival)]);
         inbox.clear();
-        assert_eq!(inbox.arrivals(), []);
+        assert_eq!((inbox.arrivals(), inbox.free()), (&[][..], Inbox::CAPACITY));
+        inbox.clear_for(usize::MAX);
+        assert_eq!(inbox.free(), Inbox::CAPACITY);
     }
 }

@@ -3,7 +3,8 @@
 //! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by the motors of the bus
 //! or by one inbox.
 
-use crate::drive::{Drive, Received};
+use crate::control::Reported;
+use crate::drive::{Drive, LATEST_REPLY, Received};
 use crate::plan::BusPlan;
 use crate::settings::{MotorSettings, Settings};
 use crate::stopper::{LineRound, Outlet};
@@ -23,6 +24,12 @@ pub(super) struct BusChannel {
     frames: Vec<Frame>,
     senders: Vec<usize>,
     inbox: Inbox,
+    /// Replies to the last batch that have not come.
+    awaited: usize,
+    /// Until then a read takes all that there is.
+    unsettled_until: Instant,
+    /// The last read took less than there may have been, and something else than replies.
+    is_cut_short: bool,
     counters: BusState,
     condition: BusCondition,
     sent_at: Instant,
@@ -77,6 +84,9 @@ impl BusChannel {
             senders: Vec::with_capacity(routes.len()),
             routes,
             inbox: Inbox::new(),
+            awaited: 0,
+            unsettled_until: Instant::ZERO,
+            is_cut_short: false,
             counters: BusState::default(),
             condition: BusCondition::Active,
             sent_at: Instant::ZERO,
@@ -93,8 +103,12 @@ impl BusChannel {
         std::mem::replace(&mut self.bus, bus)
     }
 
-    /// Begins a batch without frames.
+    /// Begins a batch without frames. A reply to the last one that has not come may still do so.
     pub(super) fn begin(&mut self, batch: Batch) {
+        if self.awaited > 0 {
+            self.unsettled_until = self.sent_at + LATEST_REPLY;
+            self.awaited = 0;
+        }
         self.batch = batch;
         self.frames.clear();
         self.senders.clear();
@@ -151,6 +165,7 @@ impl BusChannel {
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> bool {
         let accepted = accepted.min(self.frames.len());
         let dropped = self.frames.len() - accepted;
+        self.awaited = accepted;
         self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
@@ -217,6 +232,19 @@ impl BusChannel {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 
+    /// The most arrivals of the next read. While every request is answered and nothing else comes, they are the replies that are
+    /// awaited: to look for one more, in vain, costs the kernel as much as a third of a frame. What has come behind them is read
+    /// with the next replies.
+    fn space(&self, now: Instant) -> usize {
+        let settled = self.pace == Pace::EachCycle && now >= self.unsettled_until;
+        if settled && self.awaited > 0 { self.awaited } else { Inbox::CAPACITY }
+    }
+
+    /// The last read brought something else than replies, and left what there was behind it.
+    pub(super) const fn is_cut_short(&self) -> bool {
+        self.is_cut_short
+    }
+
     /// Reads at most one inbox full, and gives every frame to the motor that it is from: its payload, or `None` for a request
     /// that the motor refused. Bounded by the inbox times the motors of the bus; at most one system call.
     pub(super) fn receive(
@@ -224,12 +252,13 @@ impl BusChannel {
         now: Instant,
         mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
     ) {
-        self.inbox.clear();
+        self.inbox.clear_for(self.space(now));
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
         let Self { inbox, routes, counters, condition, replied_at, .. } = self;
+        counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
+        let mut answers = 0;
         for arrival in inbox.arrivals() {
-            count(&mut counters.received);
             let (id, payload) = match &arrival.content {
                 Content::Frame(frame) => (frame.id(), Some(frame.payload())),
                 Content::Refused(id) => (*id, None),
@@ -247,11 +276,26 @@ impl BusChannel {
             let received =
                 route.map_or(Received::UnexpectedId, |&(_, motor)| judge(motor, payload, arrival.at));
             match received {
-                Received::Reply(_) => *replied_at = arrival.at,
+                Received::Reply(reported) => {
+                    *replied_at = arrival.at;
+                    answers += usize::from(!matches!(reported, Reported::Late));
+                }
                 Received::Duplicate => count(&mut counters.duplicate),
                 Received::UnexpectedId => count(&mut counters.unexpected_id),
                 Received::Malformed => count(&mut counters.malformed),
             }
+        }
+        self.settle(answers, now);
+    }
+
+    /// The read at `now` brought so many answers.
+    fn settle(&mut self, answers: usize, now: Instant) {
+        let arrivals = self.inbox.arrivals().len();
+        self.awaited = self.awaited.saturating_sub(answers);
+        self.is_cut_short = false;
+        if answers < arrivals {
+            self.unsettled_until = now + LATEST_REPLY;
+            self.is_cut_short = self.inbox.free() == 0 && arrivals < Inbox::CAPACITY;
         }
     }
 }

@@ -7,10 +7,11 @@
 //! Pure: a transition changes nothing but its state, and depends on nothing else. Constant time; no allocation, no call of
 //! the system.
 
+use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
 
 /// A reply that is later than this never comes.
-const LATEST_REPLY: Duration = Duration::from_millis(50);
+pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
 /// After so many fault requests without a report, a payload that continues the motion may be a report.
 const UNREPORTED_MAX: u32 = 3;
 /// After so many, a motor that sent a report beyond doubt may send others, too: its fault may set bits that no document names.
@@ -127,8 +128,8 @@ impl Reports {
 /// request would be distrusted for the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Correlator {
-    /// No reply comes sooner after its request.
-    fastest_reply: Duration,
+    /// No reply comes sooner after its request, ns.
+    fastest_reply: u64,
     open: Option<Request>,
     /// Requests that were not answered before the next, and whose replies may still come.
     owed: u32,
@@ -142,7 +143,7 @@ impl Correlator {
     /// Nothing was asked yet. No reply comes sooner than `fastest_reply` after its request.
     pub(super) const fn new(fastest_reply: Duration) -> Self {
         Self {
-            fastest_reply,
+            fastest_reply: nanos(fastest_reply),
             open: None,
             owed: 0,
             owed_since: Instant::ZERO,
@@ -166,7 +167,7 @@ impl Correlator {
     }
 
     /// A request was handed over at `now`. One that is still open is given up.
-    pub(super) fn request(mut self, question: Question, now: Instant) -> Self {
+    pub(super) fn request(&mut self, question: Question, now: Instant) {
         match self.open {
             Some(open) if now <= open.sent_at + LATEST_REPLY => {
                 self.owed = self.owed.saturating_add(1);
@@ -180,7 +181,6 @@ impl Correlator {
             self.reports = self.reports.unreported();
         }
         self.open = Some(Request { question, sent_at: now });
-        self
     }
 
     /// The frame of the open request was not sent after all.
@@ -196,10 +196,15 @@ impl Correlator {
             Payload::OtherId => Verdict::UnexpectedId,
             Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
             _ => match self.open {
-                Some(open) if at >= open.sent_at + self.fastest_reply => self.judge(open, payload, at),
+                Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
                 _ => self.unasked(),
             },
         }
+    }
+
+    /// A payload that arrived at `at` was sent after the request.
+    const fn may_answer(&self, open: Request, at: Instant) -> bool {
+        at.as_nanos() >= open.sent_at.as_nanos().saturating_add(self.fastest_reply)
     }
 
     /// The payload may answer the open request.

@@ -12,6 +12,7 @@ mod mit;
 use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Setpoint};
 use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
+pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Payload, Question, Verdict};
 use motord_bus::arithmetic::Transaction;
 use motord_bus::{Duration, Frame, FrameId, Instant};
@@ -112,13 +113,14 @@ impl Drive {
     }
 
     /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Opens a request. Constant time.
-    #[inline]
+    #[inline(always)]
     pub fn request(&mut self, command: &Command, now: Instant) -> Option<Frame> {
         let bytes = match &mut self.dialect {
             Dialect::Mit(mit) => mit.encode(command),
             Dialect::Gim(gim) => gim.encode(command),
         }?;
-        self.correlator = self.correlator.request(self.question(command), now);
+        let question = self.question(command);
+        self.correlator.request(question, now);
         Some(Frame::full(self.command_id, bytes))
     }
 

@@ -4,6 +4,11 @@ use super::*;
 use Payload::{Continuation, OtherId, Plain, Report, Unreadable};
 use Question::{Clear, Fault, State};
 
+fn asked(mut state: Correlator, question: Question, at: Instant) -> Correlator {
+    state.request(question, at);
+    state
+}
+
 /// The state and the verdict after a payload.
 fn received(mut state: Correlator, payload: Payload, at: Instant) -> (Correlator, Verdict) {
     let verdict = state.receive(payload, at);
@@ -161,26 +166,26 @@ fn every_payload_in_every_state_is_judged_as_the_table_says() {
 
 #[test]
 fn a_request_makes_the_open_one_owed_for_as_long_as_its_reply_may_come() {
-    let open = Correlator::new(FASTEST).request(State, SENT);
+    let open = asked(Correlator::new(FASTEST), State, SENT);
     assert_eq!((open.owed, open.is_open()), (0, true));
-    let in_time = open.request(State, SENT + LATEST_REPLY);
+    let in_time = asked(open, State, SENT + LATEST_REPLY);
     assert_eq!((in_time.owed, in_time.owed_since), (1, SENT + LATEST_REPLY));
     let nanosecond = Duration::from_nanos(1);
-    assert_eq!(open.request(State, SENT + LATEST_REPLY + nanosecond).owed, 0);
+    assert_eq!(asked(open, State, SENT + LATEST_REPLY + nanosecond).owed, 0);
     let idle = in_time.withdraw();
-    assert_eq!(idle.request(State, in_time.owed_since + LATEST_REPLY).owed, 1);
-    assert_eq!(idle.request(State, in_time.owed_since + LATEST_REPLY + nanosecond).owed, 0);
+    assert_eq!(asked(idle, State, in_time.owed_since + LATEST_REPLY).owed, 1);
+    assert_eq!(asked(idle, State, in_time.owed_since + LATEST_REPLY + nanosecond).owed, 0);
 }
 
 #[test]
 fn a_request_after_an_unanswered_fault_request_is_distrusted_until_that_is_fifty_milliseconds_old() {
-    let asked = Correlator::new(FASTEST).request(Fault, SENT);
-    let state = asked.request(State, SENT + Duration::from_millis(1));
+    let unanswered = asked(Correlator::new(FASTEST), Fault, SENT);
+    let state = asked(unanswered, State, SENT + Duration::from_millis(1));
     assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
     let just_before = SENT + LATEST_REPLY - Duration::from_nanos(1);
     assert_eq!(received(state, Plain, just_before).1, Verdict::Late);
     assert!(matches!(received(state, Plain, SENT + LATEST_REPLY).1, Verdict::Answer(State, _)));
-    let trusted = Correlator::new(FASTEST).request(State, SENT).request(State, SENT + LATEST_REPLY);
+    let trusted = asked(asked(Correlator::new(FASTEST), State, SENT), State, SENT + LATEST_REPLY);
     assert_eq!(trusted.distrusted_until, Instant::ZERO);
 }
 
@@ -188,7 +193,7 @@ fn a_request_after_an_unanswered_fault_request_is_distrusted_until_that_is_fifty
 fn a_motor_whose_reports_lose_their_shape_is_believed_after_ten_requests() {
     let after = |requests: u32| {
         let seen = Correlator { reports: SEEN, ..Correlator::new(FASTEST) };
-        (0..requests).fold(seen, |state, _| state.request(Fault, SENT))
+        (0..requests).fold(seen, |state, _| asked(state, Fault, SENT))
     };
     let reports = |requests| after(requests).reports;
     assert_eq!(reports(DOUBTED_AFTER), Reports::Seen(DOUBTED_AFTER - 1));
@@ -202,5 +207,5 @@ fn a_motor_whose_reports_lose_their_shape_is_believed_after_ten_requests() {
 #[test]
 fn a_request_that_was_not_sent_leaves_nothing_open() {
     let before = Correlator::new(FASTEST);
-    assert_eq!(before.request(Fault, SENT).withdraw(), before);
+    assert_eq!(asked(before, Fault, SENT).withdraw(), before);
 }
