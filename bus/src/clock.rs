@@ -1,13 +1,15 @@
 //! The clock of this machine: `CLOCK_MONOTONIC`, and the conversion of `CLOCK_REALTIME` to it.
 
-use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
+use rustix::thread::clock_nanosleep_absolute;
+use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use crate::time::{Duration, Instant};
 
 /// Reads `CLOCK_MONOTONIC`. Neither allocates nor blocks; on most machines it is no system call (vDSO).
 #[must_use]
+#[inline]
 pub fn monotonic() -> Instant {
-    Instant::from_nanos(read(ClockId::CLOCK_MONOTONIC))
+    Instant::from_nanos(read(ClockId::Monotonic))
 }
 
 /// The present time, and the time for which the computer was suspended since it was started: `CLOCK_MONOTONIC` stands still
@@ -15,7 +17,7 @@ pub fn monotonic() -> Instant {
 /// allocates nor blocks; on most machines it is no system call (vDSO).
 #[must_use]
 pub fn monotonic_and_suspended() -> (Instant, Duration) {
-    let since_start = read(ClockId::CLOCK_BOOTTIME);
+    let since_start = read(ClockId::Boottime);
     let now = monotonic();
     (now, Duration::from_nanos(since_start.saturating_sub(now.as_nanos())))
 }
@@ -23,14 +25,16 @@ pub fn monotonic_and_suspended() -> (Instant, Duration) {
 /// Sleeps until `instant`, or returns at once when it has passed. A signal ends the sleep early: a caller that needs
 /// the instant reads the clock. Does not allocate; one system call.
 pub fn sleep_until(instant: Instant) {
-    let request = Duration::from_nanos(instant.as_nanos()).into();
+    let nanos = instant.as_nanos();
+    let request = Timespec { tv_sec: (nanos / 1_000_000_000) as i64, tv_nsec: (nanos % 1_000_000_000) as _ };
     // The only error that a valid time on this clock can give is EINTR, which is an early return.
-    let _early = clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &request);
+    let _early = clock_nanosleep_absolute(ClockId::Monotonic, &request);
 }
 
+#[inline]
 fn read(clock: ClockId) -> u64 {
-    let time = clock_gettime(clock).expect("Linux has these clocks since 2.6.39");
-    (time.tv_sec() as u64).wrapping_mul(1_000_000_000).wrapping_add(time.tv_nsec() as u64)
+    let time = clock_gettime(clock);
+    (time.tv_sec as u64).wrapping_mul(1_000_000_000).wrapping_add(time.tv_nsec as u64)
 }
 
 /// The difference of `CLOCK_REALTIME` from `CLOCK_MONOTONIC`.
@@ -50,9 +54,9 @@ impl RealtimeOffset {
 
     pub(crate) fn measure() -> Self {
         let sandwich = || {
-            let before = read(ClockId::CLOCK_MONOTONIC);
-            let realtime = read(ClockId::CLOCK_REALTIME);
-            let after = read(ClockId::CLOCK_MONOTONIC);
+            let before = read(ClockId::Monotonic);
+            let realtime = read(ClockId::Realtime);
+            let after = read(ClockId::Monotonic);
             let width = after.saturating_sub(before);
             (width, realtime.wrapping_sub(before + width / 2) as i64, after)
         };
@@ -69,22 +73,30 @@ impl RealtimeOffset {
     #[inline]
     pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
         let at = self.apply(stamp);
-        let impossible = at < earliest || at > now;
-        let old = now >= self.measured + Self::REMEASURE;
-        let is_doubted = old || (impossible && self.measured < now);
-        let at = if is_doubted { self.measure_again(stamp, now) } else { at };
-        at.max(earliest).min(now)
+        if at >= earliest && at <= now {
+            return at;
+        }
+        if self.measured < now {
+            self.measure_again(now);
+        }
+        self.apply(stamp).max(earliest).min(now)
     }
 
-    /// The instant of a stamp by the difference that there is at `now`.
+    /// Measures again when the last measurement is a second old at `now`. Neither allocates nor blocks; reads the clocks.
+    #[inline]
+    pub(crate) fn refresh(&mut self, now: Instant) {
+        if now >= self.measured + Self::REMEASURE {
+            self.measure_again(now);
+        }
+    }
+
     #[cold]
-    fn measure_again(&mut self, stamp: RealtimeStamp, now: Instant) -> Instant {
+    fn measure_again(&mut self, now: Instant) {
         *self = Self { measured: now.max(self.measured), ..Self::measure() };
-        self.apply(stamp)
     }
 
     fn apply(&self, stamp: RealtimeStamp) -> Instant {
-        Instant::from_nanos(stamp.0.saturating_sub_signed(self.offset))
+        Instant::from_nanos(stamp.0.wrapping_sub(self.offset.cast_unsigned()))
     }
 }
 
@@ -99,7 +111,7 @@ mod tests {
     const HOUR: u64 = 3_600_000_000_000;
 
     fn stamp_now() -> RealtimeStamp {
-        RealtimeStamp(read(ClockId::CLOCK_REALTIME))
+        RealtimeStamp(read(ClockId::Realtime))
     }
 
     #[test]

@@ -15,8 +15,8 @@ use nix::errno::Errno;
 pub(crate) const FRAME_BYTES: usize = size_of::<libc::canfd_frame>();
 /// Bytes of a classic frame.
 pub(crate) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
-/// `CMSG_SPACE` of `SCM_TIMESTAMPING` (three times of 16 bytes) and of `SO_RXQ_OVFL` (4 bytes).
-const CONTROL_BYTES: usize = (16 + 48) + (16 + 8);
+/// `CMSG_SPACE` of `SCM_TIMESTAMPNS` (a time of 16 bytes) and of `SO_RXQ_OVFL` (4 bytes).
+const CONTROL_BYTES: usize = (16 + 16) + (16 + 8);
 const WORD: usize = size_of::<u64>();
 
 /// The error of the kernel behind an error of the standard library.
@@ -55,7 +55,8 @@ impl Batch {
         let mut vectors: Vec<_> =
             frames.iter().map(|frame| libc::iovec { iov_base: frame.as_ptr().cast(), iov_len }).collect();
         let first: *mut libc::iovec = vectors.as_mut_ptr();
-        let headers = (0..capacity).map(|index| header(first.wrapping_add(index))).collect();
+        let vectors_of = (0..capacity).map(|index| first.wrapping_add(index));
+        let headers = vectors_of.zip(&controls).map(|(vector, control)| header(vector, control)).collect();
         Self { frames, controls, _vectors: vectors, headers, used: capacity }
     }
 
@@ -75,8 +76,8 @@ impl Batch {
     pub(crate) fn send(&mut self, socket: BorrowedFd<'_>, count: usize) -> Result<usize, Errno> {
         let count = count.min(self.capacity());
         // SAFETY: `headers` holds at least `count` headers. Each points to one initialised iovec and that to
-        // `iov_len` initialised bytes of `frames`, all alive and unmoved as long as `self`; control is null, of
-        // length 0. The kernel writes `msg_len` only, in memory that is borrowed mutably here.
+        // `iov_len` initialised bytes of `frames`, all alive and unmoved as long as `self`; there are no control bytes,
+        // as their length is 0. The kernel writes `msg_len` only, in memory that is borrowed mutably here.
         let sent = unsafe {
             libc::syscall(
                 libc::SYS_sendmmsg,
@@ -92,8 +93,7 @@ impl Batch {
     /// Receives up to `limit` messages, and returns how many came. Never blocks; one system call.
     pub(crate) fn receive(&mut self, socket: BorrowedFd<'_>, limit: usize) -> Result<usize, Errno> {
         let limit = limit.min(self.capacity());
-        for (header, control) in self.headers.iter_mut().zip(&self.controls).take(self.used) {
-            header.msg_hdr.msg_control = control.as_ptr().cast();
+        for header in self.headers.iter_mut().take(self.used) {
             header.msg_hdr.msg_controllen = CONTROL_BYTES;
         }
         // SAFETY: `headers` holds at least `limit` headers. Each points to one iovec, that to `iov_len` bytes of a
@@ -131,13 +131,14 @@ impl Batch {
     }
 }
 
-fn header(vector: *mut libc::iovec) -> libc::mmsghdr {
+/// Without control bytes. The kernel changes their length, but not their place.
+fn header(vector: *mut libc::iovec, control: &Cell<Control>) -> libc::mmsghdr {
     let msg_hdr = libc::msghdr {
         msg_name: ptr::null_mut(),
         msg_namelen: 0,
         msg_iov: vector,
         msg_iovlen: 1,
-        msg_control: ptr::null_mut(),
+        msg_control: control.as_ptr().cast(),
         msg_controllen: 0,
         msg_flags: 0,
     };

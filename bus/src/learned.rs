@@ -5,28 +5,32 @@ use crate::time::{Duration, Instant, nanos};
 /// The lateness that a thread should expect of its next wake-up, so that it can sleep shorter by as much. A quarter of the
 /// wake-ups or less are later, as long as they come from one distribution. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Lateness(Duration);
+pub struct Lateness {
+    /// ns.
+    expected: u64,
+}
 
 impl Lateness {
     /// A later wake-up counts as one part of so many, an earlier one as one of so many more.
-    const RISE: u32 = 16;
-    const FALL: u32 = 64;
-    /// Against a stall no shorter sleep helps: it counts as this.
-    const MAX: Duration = Duration::from_micros(100);
+    const RISE: u64 = 16;
+    const FALL: u64 = 64;
+    /// Against a stall no shorter sleep helps: it counts as this, ns.
+    const MAX: u64 = 100_000;
 
     /// The thread slept until `due`, and was awake at `now`.
     pub fn observe(&mut self, due: Instant, now: Instant) {
-        let late = now.since(due).min(Self::MAX);
-        self.0 = match late > self.0 {
-            true => self.0 + (late - self.0) / Self::RISE,
-            false => self.0 - (self.0 - late) / Self::FALL,
+        let late = now.as_nanos().saturating_sub(due.as_nanos()).min(Self::MAX);
+        let Self { expected } = *self;
+        self.expected = match late > expected {
+            true => expected + (late - expected) / Self::RISE,
+            false => expected - (expected - late) / Self::FALL,
         };
     }
 
     /// Zero before the first sleep, and never above 100 µs.
     #[must_use]
     pub const fn expected(self) -> Duration {
-        self.0
+        Duration::from_nanos(self.expected)
     }
 }
 
@@ -159,6 +163,6 @@ mod tests {
         let stalled = after(wake_ups().chain([1_000_000]));
         assert!(stalled < learned + Duration::from_micros(6), "{stalled:?}");
         let always = after([u64::MAX / 1000; 10_000].into_iter());
-        assert!((Duration::from_micros(99)..=Lateness::MAX).contains(&always), "{always:?}");
+        assert!((Duration::from_micros(99)..=Duration::from_micros(100)).contains(&always), "{always:?}");
     }
 }

@@ -61,6 +61,7 @@ fn ready(readiness: &[Readiness<'_>], reached: Instant, polled: &[PollFd<'_>]) -
 pub struct Monotonic;
 
 impl Clock for Monotonic {
+    #[inline]
     fn now(&self) -> Instant {
         clock::monotonic()
     }

@@ -208,7 +208,7 @@ fn configure(socket: &CanSocket, filters: &[(u32, u32)], queue_length: u32) -> i
     socket.set_filters(filters)?;
     socket.set_error_filter(ERROR_FILTER)?;
     socket.set_recv_own_msgs(false)?;
-    socket.set_timestamping(libc::SOF_TIMESTAMPING_RX_SOFTWARE | libc::SOF_TIMESTAMPING_SOFTWARE)?;
+    socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_TIMESTAMPNS, 1)?;
     socket.set_socket_option_int(libc::SOL_SOCKET, libc::SO_RXQ_OVFL, 1)?;
     limit_queue(socket, queue_length)
 }
@@ -241,9 +241,9 @@ impl Bus for SocketCanBus {
         }
         let Self { socket, incoming, realtime, latest, dropped, .. } = self;
         let count = incoming.receive(socket.as_fd(), free).unwrap_or(0);
+        realtime.refresh(now);
         for message in incoming.messages(count) {
             let ancillary = wire::ancillary(message.control());
-            // The kernel begins to stamp a moment after the option was set: the first frames may have no stamp.
             *latest = match ancillary.stamp {
                 Some(stamp) => realtime.monotonic(stamp, *latest, now),
                 None => now,

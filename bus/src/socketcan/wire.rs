@@ -42,51 +42,67 @@ fn lay_out(word: u32, len: u8, data: [u8; 8]) -> [u8; CLASSIC_BYTES] {
 /// The content of a received message of so many bytes, by its first ones.
 #[inline]
 pub(super) fn decode(len: usize, bytes: [u8; CLASSIC_BYTES]) -> Content {
+    data_frame(len, &bytes).map_or_else(|| other_content(len, &bytes), Content::Frame)
+}
+
+/// A data frame with an id of 11 bits: no flag is set.
+#[inline]
+fn data_frame(len: usize, bytes: &[u8; CLASSIC_BYTES]) -> Option<Frame> {
+    let id = FrameId::new(u16::try_from(word(bytes)?).ok()?)?;
+    let is_whole = len == CLASSIC_BYTES && !(9..=15).contains(&bytes[field::LEN8_DLC]);
+    if is_whole { Frame::cut(id, bytes[field::LEN], *bytes[field::DATA].first_chunk()?) } else { None }
+}
+
+#[cold]
+fn other_content(len: usize, bytes: &[u8; CLASSIC_BYTES]) -> Content {
+    let flags = word(bytes).filter(|_| len == CLASSIC_BYTES).unwrap_or_default();
+    let data = bytes[field::DATA].first_chunk().copied().unwrap_or_default();
     match len {
-        CLASSIC_BYTES => classic(&bytes).unwrap_or(Content::Unsupported(Unsupported::Length)),
+        _ if flags & libc::CAN_ERR_FLAG != 0 => {
+            Content::Error(ErrorFrame { class: flags & libc::CAN_ERR_MASK, data })
+        }
+        _ if flags & libc::CAN_EFF_FLAG != 0 => Content::Unsupported(Unsupported::Extended),
+        _ if flags & libc::CAN_RTR_FLAG != 0 => Content::Unsupported(Unsupported::Remote),
         FRAME_BYTES => Content::Unsupported(Unsupported::Fd),
         _ => Content::Unsupported(Unsupported::Length),
     }
 }
 
+/// The id with its flags.
 #[inline]
-fn classic(bytes: &[u8; CLASSIC_BYTES]) -> Option<Content> {
-    let word = u32::from_ne_bytes(*bytes[field::ID].first_chunk()?);
-    let data = *bytes[field::DATA].first_chunk()?;
-    let (len, raw_dlc) = (bytes[field::LEN], bytes[field::LEN8_DLC]);
-    if word & libc::CAN_ERR_FLAG != 0 {
-        return Some(Content::Error(ErrorFrame { class: word & libc::CAN_ERR_MASK, data }));
-    }
-    if word & libc::CAN_EFF_FLAG != 0 {
-        return Some(Content::Unsupported(Unsupported::Extended));
-    }
-    if word & libc::CAN_RTR_FLAG != 0 {
-        return Some(Content::Unsupported(Unsupported::Remote));
-    }
-    if (9..=15).contains(&raw_dlc) {
-        return None;
-    }
-    let id = FrameId::new(u16::try_from(word).ok()?)?;
-    Frame::cut(id, len, data).map(Content::Frame)
+fn word(bytes: &[u8; CLASSIC_BYTES]) -> Option<u32> {
+    bytes[field::ID].first_chunk().map(|word| u32::from_ne_bytes(*word))
 }
 
 /// The data that the kernel adds to a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Ancillary {
-    /// When the frame reached the kernel (`SCM_TIMESTAMPING`, software).
+    /// When the frame reached the kernel (`SCM_TIMESTAMPNS`).
     pub(super) stamp: Option<RealtimeStamp>,
     /// How many frames this socket had lost when this one was queued, counted from its opening and wrapping
     /// (`SO_RXQ_OVFL`). The kernel says nothing as long as there are none.
     pub(super) dropped: Option<u32>,
 }
 
+/// Level and kind of the control message with the stamp, and its length: a header of two words, and a `timespec`.
+const STAMP: (i32, i32) = (libc::SOL_SOCKET, libc::SO_TIMESTAMPNS);
+const STAMP_LEN: u64 = 32;
+
 /// Reads the control messages of one frame. Bounded by the words of the buffer.
 #[inline]
 pub(super) fn ancillary(control: &[Cell<u64>]) -> Ancillary {
+    // As a rule a stamp is all that there is.
+    if let [len, kind, seconds, nanos] = control
+        && (len.get(), halves(kind.get())) == (STAMP_LEN, STAMP)
+    {
+        return Ancillary { stamp: Some(realtime(seconds, nanos)), dropped: None };
+    }
     let mut found = Ancillary::default();
     for message in ControlMessages(control) {
         match message.level_and_kind {
-            (libc::SOL_SOCKET, libc::SO_TIMESTAMPING) => found.stamp = software_stamp(message.data),
+            STAMP => {
+                found.stamp = message.data.first_chunk().map(|[seconds, nanos]| realtime(seconds, nanos));
+            }
             (libc::SOL_SOCKET, libc::SO_RXQ_OVFL) => {
                 found.dropped = message.data.first().map(|word| halves(word.get()).0.cast_unsigned());
             }
@@ -96,12 +112,10 @@ pub(super) fn ancillary(control: &[Cell<u64>]) -> Ancillary {
     found
 }
 
-/// The first of three 64-bit `timespec`s; all zero when the kernel had not begun to stamp.
+/// A 64-bit `timespec`.
 #[inline]
-fn software_stamp(times: &[Cell<u64>]) -> Option<RealtimeStamp> {
-    let [seconds, nanos, ..] = times else { return None };
-    let (seconds, nanos) = (seconds.get(), nanos.get());
-    (seconds != 0).then(|| RealtimeStamp(seconds.wrapping_mul(1_000_000_000).wrapping_add(nanos)))
+fn realtime(seconds: &Cell<u64>, nanos: &Cell<u64>) -> RealtimeStamp {
+    RealtimeStamp(seconds.get().wrapping_mul(1_000_000_000).wrapping_add(nanos.get()))
 }
 
 /// The first four bytes of a word, and the others.
@@ -217,28 +231,28 @@ mod tests {
 
     #[test]
     fn stamp_and_loss_are_found_in_any_order_among_other_messages() {
-        let mut times = [0; 48];
-        times[..8].copy_from_slice(&7_u64.to_ne_bytes());
-        times[8..16].copy_from_slice(&9_u64.to_ne_bytes());
+        let mut time = [0; 16];
+        time[..8].copy_from_slice(&7_u64.to_ne_bytes());
+        time[8..].copy_from_slice(&9_u64.to_ne_bytes());
         let parts = [
             control(libc::SO_RXQ_OVFL, &3_u32.to_ne_bytes()),
             control(1, &[0; 5]),
-            control(libc::SO_TIMESTAMPING, &times),
+            control(libc::SO_TIMESTAMPNS, &time),
         ];
         let wanted = Ancillary { stamp: Some(RealtimeStamp(7_000_000_009)), dropped: Some(3) };
         assert_eq!(ancillary(&parts.concat()), wanted);
         let reversed: Vec<u8> = parts.iter().rev().flatten().copied().collect();
         assert_eq!(ancillary(&reversed), wanted);
-        assert_eq!(
-            ancillary(&control(libc::SO_TIMESTAMPING, &[0; 48])),
-            Ancillary::default(),
-            "not stamped yet"
-        );
+        let alone = control(libc::SO_TIMESTAMPNS, &time);
+        assert_eq!(ancillary(&alone), Ancillary { dropped: None, ..wanted });
+        for other in [control(1, &time), control(libc::SO_TIMESTAMPNS, &time[..8])] {
+            assert_eq!(ancillary(&other), Ancillary::default(), "another message, or no whole stamp");
+        }
     }
 
     #[test]
     fn no_control_bytes_make_it_panic_or_run_on() {
-        let good = control(libc::SO_TIMESTAMPING, &[1; 48]);
+        let good = control(libc::SO_TIMESTAMPNS, &[1; 16]);
         for cut in 0..good.len() {
             let _ = ancillary(&good[..cut]);
         }
