@@ -198,7 +198,13 @@ impl Profile {
         let FaultReport::Asked(FaultReply { zeros, lengths: [least, _], .. }) = self.faults else {
             return false;
         };
-        payload.len() >= least && payload.iter().zip(zeros).all(|(byte, zeros)| byte & zeros == 0)
+        // Most states differ in their first four bytes.
+        let [a, b, c, d, ..] = zeros;
+        let head =
+            payload.first_chunk().map(|head| u32::from_ne_bytes(*head) & u32::from_ne_bytes([a, b, c, d]));
+        head == Some(0)
+            && payload.len() >= least
+            && payload.iter().zip(zeros).all(|(byte, zeros)| byte & zeros == 0)
     }
 
     /// Whether a motor of this `id` may have sent `payload`, by its first byte. An empty payload names no other motor.

@@ -41,7 +41,7 @@ impl Group {
     }
 
     pub(super) fn watch_buses(&mut self, buses: &[BusHealth], cx: &mut Context) {
-        if self.phase == Phase::Disarmed {
+        if self.phase == Phase::Disarmed || buses.iter().all(|bus| bus.cause().is_none()) {
             return;
         }
         let mut motors = self.motors.iter();

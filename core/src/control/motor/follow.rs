@@ -28,7 +28,7 @@ pub(in crate::control) struct Orders {
 
 impl Motor {
     pub(super) fn command_by_mode(&mut self, orders: &Orders, cx: &Context) -> Command {
-        self.applied = match self.mode {
+        let applied = match self.mode {
             Mode::Active => self.follow(orders, cx),
             Mode::Damping { held } => self.damp(held.filter(|_| orders.held), orders, cx),
             _ => {
@@ -36,15 +36,16 @@ impl Motor {
                 return self.mode.command(cx.now);
             }
         };
-        Command::Control(self.executable(cx))
+        self.applied = applied;
+        Command::Control(self.executable(applied.setpoint, cx))
     }
 
-    /// The applied setpoint as the motor can execute it. A motor without impedance control gets the torque of the setpoint at
+    /// The `applied` setpoint as the motor can execute it. A motor without impedance control gets the torque of the setpoint at
     /// its last believed state.
-    fn executable(&self, cx: &Context) -> Setpoint {
-        let Setpoint { values, mode } = self.applied.setpoint;
+    fn executable(&self, applied: Setpoint, cx: &Context) -> Setpoint {
+        let Setpoint { values, mode } = applied;
         if self.settings.capabilities.impedance || mode != SetpointMode::Impedance {
-            return self.applied.setpoint;
+            return applied;
         }
         let by_state = self.measured().map_or(0.0, |state| {
             self.share_of_gains(cx)
