@@ -33,6 +33,7 @@ pub mod serial;
 #[cfg(feature = "linux")]
 pub mod socketcan;
 pub mod time;
+mod virtual_clock;
 #[cfg(feature = "linux")]
 mod wait;
 
@@ -42,6 +43,7 @@ pub use learned::{Backoff, Lateness, ReplyTime};
 pub use lock::{BusLock, Holder, LockError};
 pub use readiness::{Clock, MAX_BUSES, Readiness, Ready};
 pub use time::{Duration, Instant};
+pub use virtual_clock::VirtualClock;
 #[cfg(feature = "linux")]
 pub use wait::{Monotonic, wait};
 
