@@ -72,7 +72,8 @@ impl RealtimeOffset {
     /// blocks; reads the clocks at most once for every `now`.
     #[inline]
     pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
-        let at = self.apply(stamp);
+        // A difference that cannot be leads far beyond `now`.
+        let at = Instant::from_nanos(stamp.0.wrapping_sub(self.offset.cast_unsigned()));
         if at >= earliest && at <= now {
             return at;
         }
@@ -96,7 +97,7 @@ impl RealtimeOffset {
     }
 
     fn apply(&self, stamp: RealtimeStamp) -> Instant {
-        Instant::from_nanos(stamp.0.wrapping_sub(self.offset.cast_unsigned()))
+        Instant::from_nanos(stamp.0.saturating_sub_signed(self.offset))
     }
 }
 
@@ -136,6 +137,18 @@ mod tests {
             let at = offset.monotonic(stamp, earliest, now);
             assert!(at.since(earliest) < Duration::from_millis(20) && at <= now, "{step}: {at:?}");
         }
+    }
+
+    #[test]
+    fn the_difference_is_measured_again_when_it_is_a_second_old() {
+        let mut offset = RealtimeOffset::measure();
+        let right = offset.offset;
+        let measured = offset.measured;
+        offset.offset = right.saturating_add(HOUR as i64);
+        offset.refresh(measured + RealtimeOffset::REMEASURE - Duration::from_nanos(1));
+        assert_eq!(offset.offset, right.saturating_add(HOUR as i64));
+        offset.refresh(measured + RealtimeOffset::REMEASURE);
+        assert!(offset.offset.abs_diff(right) < 20_000_000, "{} and {right}", offset.offset);
     }
 
     #[test]

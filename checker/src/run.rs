@@ -29,7 +29,7 @@ mod stop;
 
 use crate::codec::{self, Ranges};
 use crate::robot::{Limits, Motor, Protocol, Robot, SafeStop};
-use crate::state::{Bus, Cause, Group, Joint, Mode, Phase, State};
+use crate::state::{Bus, Cause, Group, Mode, Phase, State};
 use cycle::Cycle;
 use heard::{Heard, Order};
 use motord_bus::{Duration, Frame, Instant};
@@ -142,6 +142,8 @@ pub struct Checker {
     cut: Vec<bool>,
     injections: Injections,
     lossy: bool,
+    /// Those that were on the wire since the cycle before, and in it.
+    replies: [Vec<Reply>; 2],
 }
 
 impl Checker {
@@ -164,6 +166,7 @@ impl Checker {
             cut: vec![false; buses],
             injections: Injections::default(),
             lossy: false,
+            replies: Default::default(),
         }
     }
 
@@ -223,13 +226,15 @@ impl Checker {
     ///
     /// With the rule that is broken.
     pub fn judge(&mut self, state: State, commands: &[Command], replies: &[Reply]) {
+        self.replies.swap(0, 1);
+        self.replies[0] = replies.to_vec();
         let mut cycles = std::mem::take(&mut self.cycles);
         let cycle = self.see(Rc::new(state), cycles.back());
         self.judge_counts(&cycle, commands);
         for motor in 0..self.robot.motors.len() {
             self.judge_activation(motor, &cycle);
             self.velocities[motor].hear(&self.robot.motors[motor], replies);
-            self.judge_joint(motor, &cycle, replies);
+            self.judge_joint(motor, &cycle);
             if !matches!(cycle.state.joints[motor].mode, Mode::Active | Mode::Damping) {
                 let time = self.time(motor, &cycle);
                 self.last[motor].rest(time);
@@ -312,7 +317,7 @@ impl Checker {
         assert!(first, "I5: {order:?} after {before:?} for {}", motors[motor].name);
         let heard = Heard::of(order, motor, [&cycle.before, &cycle.state]);
         cycle.heard[motor].get_or_insert(heard);
-        self.judge_values(cycle, motor, order);
+        self.judge_values(cycle, motor, order, command.ready);
         self.judge_order(cycle, motor, heard);
     }
 
@@ -368,7 +373,7 @@ impl Checker {
     }
 
     /// The limits of every value, and of its slope while the motor follows setpoints.
-    fn judge_values(&mut self, cycle: &Cycle, motor: usize, order: Order) {
+    fn judge_values(&mut self, cycle: &Cycle, motor: usize, order: Order, ready: Instant) {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
         let active = now.mode == Mode::Active;
@@ -379,7 +384,11 @@ impl Checker {
         };
         let codes = ranges.codes();
         judge_gains([kp, kd], [limits.kp, limits.kd.max(*damping_kd)], &codes);
-        judge_impedance(order, limits, before, &codes);
+        let published = [f64::from(before.position), f64::from(before.velocity)];
+        let replies = self.replies.iter().flatten().filter(|reply| reply.at <= ready);
+        let newer = replies.filter(|reply| reply.at.as_nanos() > before.receive_ns);
+        let newer = newer.filter_map(|reply| reported::state(reply, &self.robot.motors[motor]));
+        judge_impedance(order, limits, std::iter::once(published).chain(newer), &codes);
         if kp > 0.0 && active && !now.slews {
             let [low, high] = limits.position;
             let noise = NEAREST * codes.position;
@@ -411,17 +420,19 @@ impl Checker {
                 let fast = f64::from(now.applied_velocity);
                 let is_wrong = matches!(order, Order::Torque(_)) && is_wrong_lease(fast);
                 assert!(!is_wrong, "I7: a setpoint with the wrong lease was followed");
-                let takes_turns = self.robot.motors[motor].takes_turns();
-                self.last[motor].judge(order, (time, takes_turns), limits, joints);
+                let settings = &self.robot.motors[motor];
+                let turn = (settings.turn * self.robot.period).as_secs_f64();
+                let turn = settings.takes_turns().then_some(turn);
+                self.last[motor].judge(order, (time, turn), limits, joints);
             }
             Order::Speed(_) if both(Mode::Damping) => {
-                self.last[motor].judge_braking(order, time, limits);
+                self.last[motor].judge_braking(order, time, limits, f64::from(joints[0].applied_velocity));
             }
             _ => self.last[motor].forget(),
         }
     }
 
-    fn judge_joint(&self, motor: usize, cycle: &Cycle, replies: &[Reply]) {
+    fn judge_joint(&self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
         // A motor that takes turns is no older while it waits for its turn.
         let takes_turns = self.robot.motors[motor].takes_turns();
@@ -430,7 +441,14 @@ impl Checker {
         assert_eq!(now.valid, now.position.is_finite(), "I6: {now:?}");
         if now.fresh {
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
-            let said = replies.iter().any(|reply| reported::says(reply, settings, before, now, velocities));
+            let is_later = now.receive_ns > before.receive_ns || cycle.state.cycle == cycle.before.cycle;
+            assert!(is_later || takes_turns, "I6: told twice: {now:?}");
+            // A reply may come after the last read of a cycle.
+            let said = self
+                .replies
+                .iter()
+                .flatten()
+                .any(|reply| reported::says(reply, settings, before, now, velocities));
             assert!(said, "I6: no reply of {} said {now:?}", settings.name);
         } else if cycle.state.cycle > cycle.before.cycle {
             let is_kept = takes_turns && now.age_cycles == before.age_cycles;
@@ -465,20 +483,24 @@ fn judge_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges)
     assert!(kd <= kd_most + NEAREST * codes.kd, "I2: kd {kd}");
 }
 
-/// The velocity and the torque of an impedance, and the torque that it makes at the state before.
-fn judge_impedance(order: Order, limits: &Limits, before: &Joint, codes: &Ranges) {
+/// The velocity and the torque of an impedance, and the torque that it makes at the last state: the published one, or one that came
+/// since.
+fn judge_impedance(order: Order, limits: &Limits, states: impl Iterator<Item = [f64; 2]>, codes: &Ranges) {
     let Order::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
     assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
     assert!(velocity.abs() <= limits.velocity + NEAREST * codes.velocity, "I2: velocity {velocity}");
     assert!(torque.abs() <= limits.torque + codes.torque, "I2: torque {torque}");
-    if before.position.is_finite() {
-        let (far, fast) = (position - f64::from(before.position), velocity - f64::from(before.velocity));
+    let excess = |[at, speed]: [f64; 2]| {
+        let (far, fast) = (position - at, velocity - speed);
         let total = kp * far + kd * fast + torque;
         let noise = NEAREST
             * (codes.kp * far.abs() + codes.position * kp + codes.kd * fast.abs() + codes.velocity * kd)
             + codes.torque;
-        assert!(total.abs() <= limits.torque + noise, "I2: {total} N·m in all");
-    }
+        total.abs() - (limits.torque + noise)
+    };
+    // An unknown state has no bound.
+    let least = states.map(excess).fold(f64::NAN, f64::min);
+    assert!(least.is_nan() || least <= 0.0, "I2: {least} N·m more than the limit in all");
 }
 
 fn is_wrong_lease(velocity: f64) -> bool {

@@ -4,7 +4,8 @@ mod robot;
 
 use motord_bus::Duration;
 use motord_core::cycle::Polled;
-use robot::Robot;
+use motord_shared::MotorMode;
+use robot::{Meaning, Robot};
 
 const CYCLES: u32 = 1000;
 
@@ -72,6 +73,27 @@ fn states_are_not_published_later_on_a_computer_whose_wake_ups_are_always_late()
     );
 }
 
+/// A motor that is offline is asked ten times a second, and only then its reply is awaited.
+#[test]
+fn a_motor_that_is_not_there_delays_the_states_of_the_others_in_one_cycle_of_a_hundred() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.disturb("thigh off");
+    robot.steps(500);
+    robot.take_sent();
+    assert_eq!(robot.mode(1), MotorMode::Offline);
+    let mut delayed = 0;
+    for _ in 0..CYCLES {
+        robot.step();
+        let replied = [0, 2].map(|joint| robot.joint(joint).receive_ns).into_iter().max();
+        let published = robot.state().publish_ns - replied.expect("two joints");
+        delayed += u32::from(published > 50_000);
+    }
+    assert!((9..=11).contains(&delayed), "{delayed}");
+    let questions =
+        robot.take_sent().iter().filter(|sent| sent.id == 1 && sent.meaning == Meaning::GetFault).count();
+    assert!((9..=11).contains(&questions), "the others are asked for their faults: {questions}");
+}
+
 /// The polling of the next cycle.
 fn polled(robot: &mut Robot) -> Polled {
     robot.cycle_only();
@@ -79,13 +101,28 @@ fn polled(robot: &mut Robot) -> Polled {
 }
 
 #[test]
-fn a_motor_that_stays_off_is_polled_for_in_few_cycles_and_one_that_is_back_in_all() {
+fn a_motor_that_stays_off_is_polled_for_when_it_is_asked_and_the_others_in_each_cycle() {
     let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), Some("thigh off"));
-    let reads = |robot: &mut Robot| (0..CYCLES).filter(|_| polled(robot).reads > 0).count();
-    assert!(reads(&mut robot) <= 16, "one in 64");
-    robot.disturb("thigh on");
-    robot.steps(100);
-    assert_eq!(reads(&mut robot), CYCLES as usize);
+    let polls: Vec<_> = (0..CYCLES).map(|_| polled(&mut robot)).collect();
+    let in_vain = polls.iter().filter(|polled| polled.in_vain).count();
+    assert!((9..=11).contains(&in_vain), "asked ten times: {in_vain}");
+    assert!(polls.iter().all(|polled| polled.reads > 0));
+}
+
+/// Three of four replies come much later than the polling for the fourth ends.
+#[test]
+fn after_two_polls_in_vain_the_next_is_left_out() {
+    let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), None);
+    let mut reads = 0;
+    for cycle in 0..CYCLES {
+        match cycle % 4 {
+            0 => robot.disturb("knee ok"),
+            1 => robot.disturb("knee delayed 250us"),
+            _ => {}
+        }
+        reads += u32::from(polled(&mut robot).reads > 0);
+    }
+    assert!((CYCLES * 3 / 4 - 10..=CYCLES * 3 / 4 + 10).contains(&reads), "{reads}");
 }
 
 #[test]

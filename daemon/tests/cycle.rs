@@ -2,10 +2,9 @@
 
 mod robot;
 
-use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Sent};
+use motord_bus::Duration;
 use motord_shared::{AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
-use robot::line::Wire;
-use robot::{Meaning, Robot, Shared};
+use robot::{Meaning, Robot};
 
 #[test]
 fn stopped_motors_hear_only_stop_and_questions_and_tell_their_states() {
@@ -494,56 +493,4 @@ fn no_cycle_is_made_with_a_motor_in_two_groups() {
     let mut settings = robot::three_motors();
     settings.groups.push(settings.groups[0].clone());
     let _never = Robot::new(settings, 1);
-}
-
-/// A bus that tells for how many arrivals it was asked last.
-struct Asked {
-    bus: Box<dyn Bus>,
-    arrivals: Shared<usize>,
-}
-
-impl Bus for Asked {
-    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
-        self.bus.send(now, frames)
-    }
-
-    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-        self.arrivals.set(inbox.free());
-        self.bus.receive(now, inbox);
-    }
-
-    fn readiness(&self) -> Readiness<'_> {
-        self.bus.readiness()
-    }
-}
-
-/// The search for a frame that is not there costs the kernel time in every cycle; replies that are late are few.
-#[test]
-fn a_read_asks_for_the_awaited_replies_and_for_all_there_is_while_others_may_come() {
-    let asked = Shared::default();
-    let mut settings = robot::three_motors();
-    settings.safety.fault_poll_hz = 0.0;
-    let simulated = Robot::new(settings.clone(), 1);
-    let Wire::Bus(wire) = &simulated.buses[0] else { unreachable!("the robot has no line") };
-    let bus = Asked { bus: Box::new(wire.clone()), arrivals: asked.clone() };
-    let mut robot = Robot::on(vec![Box::new(bus)], simulated.now(), settings);
-    robot.buses = simulated.buses;
-    robot.steps(100);
-    assert_eq!(asked.get(), 3);
-    robot.hear(0, 0x101, &[1, 0x80, 0, 0x80, 0x08, 0]);
-    for cycle in 0..50 {
-        robot.step();
-        assert_eq!(asked.get(), Inbox::CAPACITY, "{cycle} cycles after a second reply");
-    }
-    robot.steps(2);
-    assert_eq!(asked.get(), 3);
-    robot.disturb("thigh off");
-    robot.step();
-    robot.disturb("thigh ok");
-    for cycle in 0..49 {
-        robot.step();
-        assert_eq!(asked.get(), Inbox::CAPACITY, "{cycle} cycles after a reply that did not come");
-    }
-    robot.steps(2);
-    assert_eq!(asked.get(), 3);
 }

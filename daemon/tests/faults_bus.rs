@@ -55,22 +55,6 @@ fn one_missed_reply_makes_a_state_stale_and_nothing_else() {
 }
 
 #[test]
-fn a_reply_behind_a_frame_that_nobody_awaits_is_read_in_its_cycle_however_late_the_cycle_is_woken() {
-    let (mut robot, joints) = active();
-    (0..100).for_each(|_| robot.follow(&joints));
-    let (late, deadline) = (robot.clock.late.clone(), robot.settings.cycle.reply_deadline);
-    robot.cycle.on_begin(move |_| late.set(deadline));
-    for cycle in 0..100 {
-        if cycle % 10 == 5 {
-            robot.hear(0, 0x102, &[2, 0x80, 0, 0x80, 0x08, 0]);
-        }
-        robot.follow(&joints);
-        assert!((0..3).all(|joint| is_fresh(&mut robot, joint)), "cycle {cycle}");
-    }
-    assert_eq!(robot.bus(0).duplicate, 10);
-}
-
-#[test]
 fn a_lost_motor_is_told_to_stop_at_most_ten_times_a_second_while_the_others_are_damped() {
     let (mut robot, joints) = active();
     robot.disturb("thigh off");

@@ -23,16 +23,16 @@ pub(super) struct Last {
 
 impl Last {
     /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle. One
-    /// that `takes_turns` may have been given commands that its bus did not take.
+    /// that takes a `turn`, s, may have been given commands that its bus did not take, and may begin to follow within its turn.
     pub(super) fn judge(
         &mut self,
         order: Order,
-        (time, takes_turns): (f64, bool),
+        (time, turn): (f64, Option<f64>),
         limits: &Limits,
         [joint, now]: [&Joint; 2],
     ) {
         let last = self.order.replace((order, time));
-        let begun = if takes_turns { self.rested } else { time };
+        let begun = turn.map_or(time, |turn| self.rested.min(time - turn));
         let elapsed = time - last.map_or(begun, |(_, before)| before);
         match (order, last.map(|(last, _)| last)) {
             (Order::Position(position), Some(Order::Position(before))) => {
@@ -61,12 +61,13 @@ impl Last {
     }
 
     /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero. A motor that was lost
-    /// in between is braked from the speed that it has when it comes back.
-    pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits) {
+    /// in between is braked from the speed that it has when it comes back. `applied` is the speed that was sent before, rad/s, which a
+    /// line may have lost.
+    pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits, applied: f64) {
         let last = self.order.replace((order, time)).filter(|(_, then)| *then >= self.rested);
         let (Order::Speed(speed), Some((Order::Speed(before), then))) = (order, last) else { return };
         let fall = LEAST_SLOPE * limits.velocity / SPEED_RISE * (time - then);
-        let most = (before.abs() - fall).max(0.0) + PRECISION * limits.velocity;
+        let most = (before.abs().max(applied.abs()) - fall).max(0.0) + PRECISION * limits.velocity;
         assert!(speed.abs() <= most, "I10: a speed that brakes was {before} and became {speed}");
     }
 

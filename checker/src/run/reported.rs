@@ -48,6 +48,14 @@ fn is_from(reply: &Reply, motor: &Motor) -> bool {
     (reply.bus, reply.frame.id().raw()) == (motor.bus, motor.reply_id)
 }
 
+/// Position and velocity of an MIT motor by its reply, joint side.
+pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
+    let Protocol::Mit { ranges, reply: kind } = &motor.protocol else { return None };
+    let read =
+        if is_from(reply, motor) { kind.read(reply.frame.payload(), motor.id as u8, ranges) } else { None };
+    read.map(|[position, velocity]| [motor.direction * position + motor.offset, motor.direction * velocity])
+}
+
 /// The reply is the motor's, came when `joint` says, and tells its position and velocity; the velocity of a native motor may
 /// have come before: it is that of the state `before`, or one of `velocities`.
 pub(super) fn says(

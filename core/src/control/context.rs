@@ -16,6 +16,8 @@ pub(super) struct Context {
     pub(super) now: Instant,
     /// Time since the cycle before, at most two periods, s.
     pub(super) elapsed: f32,
+    /// How often states were published.
+    pub(super) publications: u64,
     /// When the first cycle began.
     started: Option<Instant>,
     events: Events,
@@ -30,6 +32,7 @@ impl Context {
             wake: Wake::default(),
             now: Instant::ZERO,
             elapsed: 0.0,
+            publications: 0,
             started: None,
             events: Events::new(),
             answers: Answers::new(),

@@ -202,9 +202,9 @@ impl Control {
         groups.iter_mut().for_each(|group| group.end_cycle(context));
     }
 
-    /// The next cycle begins: states that have come are no longer new. Bounded by motors.
-    pub fn pass_cycle(&mut self) {
-        self.groups.iter_mut().for_each(Group::pass_cycle);
+    /// The states of this cycle are published: they are no longer new. Constant time.
+    pub const fn published(&mut self) {
+        self.context.publications += 1;
     }
 
     /// A cycle of the line `bus` begins at `now`. Returns whether it is the turn of the questions.
@@ -341,7 +341,7 @@ impl Control {
 
     /// The state of every joint after this cycle, by joint.
     pub fn joint_states(&self) -> impl Iterator<Item = JointState> + '_ {
-        self.motors().map(Motor::report)
+        self.motors().map(|motor| motor.report(self.context.publications))
     }
 
     /// The indicators of the joints that have some, by joint.

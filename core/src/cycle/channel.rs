@@ -24,12 +24,14 @@ pub(super) struct BusChannel {
     frames: Vec<Frame>,
     senders: Vec<usize>,
     inbox: Inbox,
-    /// Replies to the last batch that have not come.
+    /// Requests of the last batch that are not answered.
     awaited: usize,
-    /// Until then a read takes all that there is.
+    /// While requests are sent until then, a read takes all that there is.
     unsettled_until: Instant,
-    /// The last read took less than there may have been, and something else than replies.
+    /// The last read took as much as was awaited, and a reply was not among it: it may be behind.
     is_cut_short: bool,
+    /// A motor that had no frame in the last batch has not answered an earlier one.
+    owes: bool,
     counters: BusState,
     condition: BusCondition,
     sent_at: Instant,
@@ -87,6 +89,7 @@ impl BusChannel {
             awaited: 0,
             unsettled_until: Instant::ZERO,
             is_cut_short: false,
+            owes: false,
             counters: BusState::default(),
             condition: BusCondition::Active,
             sent_at: Instant::ZERO,
@@ -103,10 +106,10 @@ impl BusChannel {
         std::mem::replace(&mut self.bus, bus)
     }
 
-    /// Begins a batch without frames. A reply to the last one that has not come may still do so.
-    pub(super) fn begin(&mut self, batch: Batch) {
+    /// Begins a batch without frames, to be sent at `now`. A reply to the last one that has not come may still do so.
+    pub(super) fn begin(&mut self, batch: Batch, now: Instant) {
         if self.awaited > 0 {
-            self.unsettled_until = self.sent_at + LATEST_REPLY;
+            self.unsettle(now);
             self.awaited = 0;
         }
         self.batch = batch;
@@ -114,10 +117,10 @@ impl BusChannel {
         self.senders.clear();
     }
 
-    /// Begins a batch of commands with a frame for each motor that `command` has one for.
+    /// Begins a batch of commands with a frame for each motor that `command` has one for, to be sent at `now`.
     #[inline]
-    pub(super) fn begin_commands(&mut self, mut command: impl FnMut(usize) -> Option<Frame>) {
-        self.begin(Batch::Commands);
+    pub(super) fn begin_commands(&mut self, now: Instant, mut command: impl FnMut(usize) -> Option<Frame>) {
+        self.begin(Batch::Commands, now);
         for &(_, motor) in &self.routes {
             if let Some(frame) = command(motor) {
                 self.frames.push(frame);
@@ -191,14 +194,16 @@ impl BusChannel {
         }
     }
 
-    /// The cycle waits for a reply; never on a line.
+    /// The cycle waits for a reply to the last batch; never on a line. A motor that is seldom asked, since it does not answer, is not
+    /// waited for in between.
     #[inline]
-    pub(super) fn is_open(&self, drives: &[Drive]) -> bool {
-        match self.pace {
-            Pace::EachCycle => self.routes.iter().any(|&(_, motor)| drives[motor].is_open()),
-            Pace::InTurns => self.senders.iter().any(|&motor| drives[motor].is_open()),
-            Pace::Line => false,
-        }
+    pub(super) const fn is_open(&self) -> bool {
+        self.awaited > 0 && !self.is_line()
+    }
+
+    /// A motor may still answer that is not waited for: one that was lost, and is asked only now and then.
+    pub(super) const fn owes(&self) -> bool {
+        self.owes
     }
 
     /// A serial line: read when a cycle begins, and written to after the other buses.
@@ -235,24 +240,26 @@ impl BusChannel {
     /// The most arrivals of the next read. While every request is answered and nothing else comes, they are the replies that are
     /// awaited: to look for one more, in vain, costs the kernel as much as a third of a frame. What has come behind them is read
     /// with the next replies.
-    fn space(&self, now: Instant) -> usize {
-        let settled = self.pace == Pace::EachCycle && now >= self.unsettled_until;
-        if settled && self.awaited > 0 { self.awaited } else { Inbox::CAPACITY }
+    const fn space(&self) -> usize {
+        let is_settled = self.sent_at.as_nanos() > self.unsettled_until.as_nanos();
+        let takes_all = !is_settled || self.is_cut_short || !matches!(self.pace, Pace::EachCycle);
+        if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
     }
 
-    /// The last read brought something else than replies, and left what there was behind it.
+    /// A reply that is awaited may be unread, behind something else. The next read takes all.
     pub(super) const fn is_cut_short(&self) -> bool {
         self.is_cut_short
     }
 
     /// Reads at most one inbox full, and gives every frame to the motor that it is from: its payload, or `None` for a request
-    /// that the motor refused. Bounded by the inbox times the motors of the bus; at most one system call.
+    /// that the motor refused. [`settle`](Self::settle) follows. Bounded by the inbox times the motors of the bus; at most one
+    /// system call.
     pub(super) fn receive(
         &mut self,
         now: Instant,
         mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
     ) {
-        self.inbox.clear_for(self.space(now));
+        self.inbox.clear_for(self.space());
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
         let Self { inbox, routes, counters, condition, replied_at, .. } = self;
@@ -285,18 +292,26 @@ impl BusChannel {
                 Received::Malformed => count(&mut counters.malformed),
             }
         }
-        self.settle(answers, now);
+        if answers < inbox.arrivals().len() {
+            self.unsettle(now);
+        }
     }
 
-    /// The read at `now` brought so many answers.
-    fn settle(&mut self, answers: usize, now: Instant) {
-        let arrivals = self.inbox.arrivals().len();
-        self.awaited = self.awaited.saturating_sub(answers);
-        self.is_cut_short = false;
-        if answers < arrivals {
-            self.unsettled_until = now + LATEST_REPLY;
-            self.is_cut_short = self.inbox.free() == 0 && arrivals < Inbox::CAPACITY;
-        }
+    /// Looks which requests of the last batch are still open after a read. Bounded by the motors of the bus.
+    #[inline]
+    pub(super) fn settle(&mut self, drives: &[Drive]) {
+        self.awaited = self.senders.iter().filter(|&&motor| drives[motor].is_open()).count();
+        let is_full = self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY;
+        self.is_cut_short = is_full && self.awaited > 0;
+        let owes = |motor: &usize| drives[*motor].is_open() && !self.senders.contains(motor);
+        self.owes =
+            self.senders.len() < self.routes.len() && self.routes.iter().any(|(_, motor)| owes(motor));
+    }
+
+    /// Something else than an answer came, or an answer did not, and a request at `now` follows: until no reply can be late any more,
+    /// each read takes all that there is.
+    fn unsettle(&mut self, now: Instant) {
+        self.unsettled_until = self.unsettled_until.max(now + LATEST_REPLY);
     }
 }
 

@@ -2,8 +2,9 @@
 //!
 //! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: that a motor is silent is data for a later phase. System
-//! calls of a cycle: one sleep, one send per bus, and at most three further calls per bus for waiting and
-//! receiving. Busy polling, where configured, comes on top: one sleep, and the reads that [`Polled`] counts.
+//! calls of a cycle: one sleep, one send per bus, and for waiting and receiving at most three further calls per bus, and two. On
+//! top come a read of each bus with a lost motor, and busy polling, where configured: one sleep, and the reads that [`Polled`]
+//! counts.
 
 mod assemble;
 mod channel;
@@ -37,8 +38,9 @@ use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
 /// Most requests answered in one cycle: all that the clients may have under way, so an emergency stop does not wait behind
 /// those of others.
 const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
-/// System calls for waiting and receiving, per bus and cycle, beside those of busy polling.
+/// System calls for waiting and receiving in a cycle, beside those of busy polling: so many per bus, and so many more.
 const CALLS_PER_BUS: usize = 3;
+const CALLS_MORE: usize = 2;
 /// Most reads of the open buses, or of the clock, instead of one sleep, should the clock not move.
 const READS_MAX: usize = 1000;
 /// The longest time for which a cycle that does not poll is awake before its first read.
@@ -52,8 +54,6 @@ pub struct Cycle {
     drives: Vec<Drive>,
     /// The buses that are serial lines.
     lines: Vec<usize>,
-    /// Some motors take turns.
-    takes_turns: bool,
     control: Control,
     link: Link,
     stopper: Stopper,
@@ -119,7 +119,6 @@ impl Cycle {
             channels: channels.collect(),
             drives: drives.collect(),
             lines: (0..settings.buses.len()).filter(|&bus| settings.buses[bus].is_line()).collect(),
-            takes_turns: settings.buses.iter().any(|bus| bus.is_line() || bus.every > 1),
             control: Control::new(settings, boot_id),
             link,
             stopper: Stopper::new(frames, settings.safety.damp),
@@ -209,9 +208,7 @@ impl Cycle {
     fn cycle(&mut self, wake: &Wake) {
         self.link.beat(wake.cycle);
         self.replace_buses();
-        if self.takes_turns {
-            self.read_lines();
-        }
+        self.read_early();
         self.serve(wake.begun);
         let sent = self.transmit(wake);
         let transmitted = self.clock.now();
@@ -220,18 +217,20 @@ impl Cycle {
         let open = self.collect(transmitted, sent + self.timing.reply_deadline, polls);
         self.control.end_cycle();
         self.publish(wake, transmitted);
+        self.control.published();
         if self.control.asks_questions() {
             self.ask(open, wake.scheduled + self.timing.period);
         }
     }
 
-    /// Reads each serial line, once in a cycle: a reply must be there before the motor's next turn is decided, and before
-    /// the next request. One system call for each line; bounded by motors and inboxes.
-    fn read_lines(&mut self) {
-        self.control.pass_cycle();
-        let now = self.clock.now();
-        for line in 0..self.lines.len() {
-            self.read(self.lines[line], now);
+    /// Reads each serial line, and each bus on which a lost motor may have answered since the last read: a reply must be judged before
+    /// the next command to its motor is decided. One system call for each of them; bounded by motors and inboxes.
+    fn read_early(&mut self) {
+        for bus in 0..self.channels.len() {
+            if self.channels[bus].is_line() || self.channels[bus].owes() {
+                let now = self.clock.now();
+                self.read(bus, now);
+            }
         }
     }
 
@@ -291,7 +290,7 @@ impl Cycle {
     fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
         let now = self.clock.now();
         let Self { control, drives, channels, .. } = self;
-        channels[bus].begin_commands(|motor| drives[motor].request(control.command(motor), now));
+        channels[bus].begin_commands(now, |motor| drives[motor].request(control.command(motor), now));
         if channels[bus].is_line() {
             self.queue_question(bus, now);
         }
@@ -322,7 +321,7 @@ impl Cycle {
     }
 
     /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all come.
-    /// At most [`CALLS_PER_BUS`] system calls per bus beside those of [`busy_poll`](Self::busy_poll), which it only does when told so.
+    /// System calls as in [`gather`](Self::gather), beside those of [`busy_poll`](Self::busy_poll), which it only does when told so.
     fn collect(&mut self, now: Instant, deadline: Instant, polls: bool) -> Ready {
         let mut open = self.open_buses();
         if !open.any() {
@@ -363,30 +362,46 @@ impl Cycle {
         open
     }
 
-    /// Reads the buses as the replies come that are `open`, at most until `deadline`, with at most [`CALLS_PER_BUS`] system calls per
-    /// bus. Returns the buses whose replies have not all come. The first wait lasts for the expected reply time: waking for every
-    /// single frame would cost more calls.
+    /// Reads the buses as the replies come that are `open`, at most until `deadline`, and once more where a reply may be unread then.
+    /// Returns the buses whose replies have not all come. The first wait lasts for the expected reply time: waking for every single
+    /// frame would cost more calls. At most [`CALLS_PER_BUS`] system calls per bus, and [`CALLS_MORE`].
     fn gather(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
-        let mut calls = CALLS_PER_BUS * (self.channels.len() - self.lines.len());
+        let buses = self.channels.len() - self.lines.len();
         let expected = self.last_of(open, BusChannel::expected).min(deadline);
         let woken = self.sleep_towards(now, expected, AWAKE_MAX);
+        let mut calls = CALLS_PER_BUS * buses + CALLS_MORE - 1;
         let (mut ready, mut now) = (None, self.stay_awake(woken, expected));
         loop {
-            let read = self.receive(ready, now);
-            calls = calls.saturating_sub(1 + read);
+            calls = calls.saturating_sub(self.receive(ready, now));
             open = self.open_buses();
-            if !open.any() || self.clock.now() >= deadline && !self.is_cut_short(open) {
+            if !open.any() || calls == 0 {
                 return open;
             }
-            // Enough is left for a wait that no frame ends, and a last read of each open bus.
-            ready = if calls <= 2 * open.count() {
-                self.clock.sleep_until(deadline);
-                None
+            now = self.clock.now();
+            // A last sleep, and a read of each open bus after it.
+            let last = 1 + open.count();
+            if self.is_cut_short(open) && calls >= open.count() + last {
+                ready = Some(open);
+                continue;
+            }
+            if now >= deadline {
+                return open;
+            }
+            // Enough is left for a wait that ends with a read of each open bus.
+            ready = Some(if calls >= 2 * last {
+                self.wait(open, deadline)
             } else {
-                Some(self.wait(open, deadline))
-            };
+                self.sleep_for(open, deadline)
+            });
+            calls = calls.saturating_sub(1);
             now = self.clock.now();
         }
+    }
+
+    /// Sleeps until `deadline`. Returns the `open` buses, which are to be read then. One system call.
+    fn sleep_for(&mut self, open: Ready, deadline: Instant) -> Ready {
+        self.clock.sleep_until(deadline);
+        open
     }
 
     /// Replies may have been left unread on an `open` bus, behind something else. No system call; the next read takes them.
@@ -437,9 +452,9 @@ impl Cycle {
         self.clock.wait(&readiness[..self.channels.len().min(BUSES_MAX)], until)
     }
 
-    /// The buses with an open request whose reply this cycle awaits. Bounded by motors.
+    /// The buses with an open request whose reply this cycle awaits. Bounded by buses.
     fn open_buses(&self) -> Ready {
-        Ready::of(self.channels.iter().map(|channel| channel.is_open(&self.drives)))
+        Ready::of(self.channels.iter().map(BusChannel::is_open))
     }
 
     /// Reads the buses that are `ready` at `now`, or all when that is not known; no line. Returns how many were read. One system call for each of
@@ -473,6 +488,7 @@ impl Cycle {
             }
             received
         });
+        channel.settle(drives);
         control.bus_changed(bus, channel.condition());
     }
 
@@ -505,7 +521,7 @@ impl Cycle {
             }
             let Some((motor, question)) = self.control.question(bus) else { continue };
             let Self { channels, drives, .. } = self;
-            channels[bus].begin(Batch::FaultRequest);
+            channels[bus].begin(Batch::FaultRequest, now);
             channels[bus].queue(motor, drives[motor].request(&question, now));
             channels[bus].send(now, |motor| drives[motor].withdraw());
             asked = true;

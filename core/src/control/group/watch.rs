@@ -1,6 +1,6 @@
 //! Draws the consequences of observations for a group: heat, buses, its owner, states, faults, silence.
 
-use super::{Group, Motor};
+use super::Group;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::control::{Reported, Status};
@@ -173,17 +173,10 @@ impl Group {
         }
     }
 
-    /// Before the states of the next cycle come: those that have come are no longer new.
-    pub(in crate::control) fn pass_cycle(&mut self) {
-        if self.takes_turns {
-            self.motors.iter_mut().for_each(Motor::pass_cycle);
-        }
-    }
-
     /// The turn of the motor at `place` is over.
     fn end_turn(&mut self, place: usize, cx: &mut Context) {
         let motor = &mut self.motors[place];
-        if motor.end_turn(cx.wake.cycle, cx.safety.lost_cycles) {
+        if motor.end_turn(cx) {
             motor.changed(cx);
             let joint = motor.joint;
             self.stop(Cause::MotorLost, Some(joint), cx);

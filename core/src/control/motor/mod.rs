@@ -104,11 +104,6 @@ impl Motor {
         self.measured.as_ref()
     }
 
-    /// A cycle of its turn is over, and the next begins.
-    pub(super) fn pass_cycle(&mut self) {
-        self.replies.pass();
-    }
-
     /// Its state was received in the turn before this one, or in this one.
     pub(super) const fn is_fresh(&self) -> bool {
         self.measured.is_some() && self.replies.age_cycles <= 1
@@ -234,7 +229,7 @@ impl Motor {
             self.command_by_mode(orders, cx)
         };
         let command = self.translated(command);
-        self.replies.asked(&command, self.turn.outlasts_cycle);
+        self.replies.asked(&command);
         command
     }
 
@@ -311,7 +306,7 @@ impl Motor {
         self.measured = Some(measured);
         self.measured_at = at;
         self.confirm_stop(runs);
-        self.replies.state(latency);
+        self.replies.state(latency, cx.publications);
         match &mut self.mode {
             Mode::Offline(_) => {
                 self.mode = if self.faults.reported.is_none() { Mode::Idle } else { Mode::FAULT };
@@ -420,16 +415,17 @@ impl Motor {
     }
 
     /// Its turn is over. Returns whether the motor is lost by its silence.
-    pub(super) fn end_turn(&mut self, cycle: u64, lost_cycles: u32) -> bool {
+    pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
         self.plausibility.end_turn();
         if self.replies.answered() {
             return false;
         }
-        self.replies.age();
+        self.replies.age(cx.publications);
         let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
         // It answers, but has reported no state for too long while it is meant to move: it refuses its commands.
+        let lost_cycles = cx.safety.lost_cycles;
         let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
-        let lost = blind || counts && self.replies.miss(cycle) >= lost_cycles;
+        let lost = blind || counts && self.replies.miss(cx.wake.cycle) >= lost_cycles;
         if lost {
             self.mode = Mode::OFFLINE;
             self.measured = None;
@@ -445,9 +441,9 @@ impl Motor {
         (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.faults.poll_at)
     }
 
-    pub(super) fn report(&self) -> JointState {
+    pub(super) fn report(&self, publications: u64) -> JointState {
         let measured = self.measured.unwrap_or(Measured::new(f32::NAN, f32::NAN, f32::NAN, None));
-        let fresh = if self.replies.is_new() { message::JOINT_FRESH } else { 0 };
+        let fresh = if self.replies.is_new(publications) { message::JOINT_FRESH } else { 0 };
         let valid = if self.measured.is_some() { message::JOINT_VALID } else { 0 };
         let Impedance { position, velocity, kp, kd, torque, .. } = self.applied.setpoint.values;
         JointState {

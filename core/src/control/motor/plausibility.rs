@@ -60,8 +60,11 @@ struct Since(Option<Instant>);
 impl Since {
     /// It is so now, or not. Tells whether it has been so for `time`.
     fn lasts(&mut self, so: bool, at: Instant, time: Duration) -> bool {
-        self.0 = if so { self.0.or(Some(at)) } else { None };
-        self.0.is_some_and(|since| at.since(since) >= time)
+        if !so {
+            self.0 = None;
+            return false;
+        }
+        at.since(*self.0.get_or_insert(at)) >= time
     }
 }
 

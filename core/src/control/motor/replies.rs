@@ -17,8 +17,8 @@ pub(super) struct Replies {
     pub(super) asked_fault: bool,
     /// It reported its state since the command.
     answered: bool,
-    /// It reported its state in this cycle.
-    is_new: bool,
+    /// How often states had been published when it reported its state last.
+    publications: Option<u64>,
     /// Turns in a row without any answer.
     pub(super) silent: u32,
     /// Turns since its last state; 0 when that came in the last one.
@@ -36,13 +36,12 @@ pub(super) struct Replies {
 }
 
 impl Replies {
-    /// A state that came earlier in this cycle, as on a line whose motor's turn is now, is new until the cycle is over.
-    pub(super) const fn asked(&mut self, command: &Command, takes_turns: bool) {
+    /// A command is sent. A state that is not published yet stays new.
+    pub(super) const fn asked(&mut self, command: &Command) {
         self.asked = command.is_answered_by_state();
         self.asked_stop = matches!(command, Command::Stop);
         self.asked_fault = matches!(command, Command::GetFault);
         self.answered = false;
-        self.is_new &= takes_turns;
     }
 
     /// It reported its state in this turn.
@@ -50,20 +49,16 @@ impl Replies {
         self.answered
     }
 
-    /// It reported its state in this cycle.
-    pub(super) const fn is_new(&self) -> bool {
-        self.is_new
-    }
-
-    /// A cycle of its turn is over.
-    pub(super) const fn pass(&mut self) {
-        self.is_new = false;
+    /// It reported its state since states were published for the last time.
+    pub(super) const fn is_new(&self, publications: u64) -> bool {
+        matches!(self.publications, Some(before) if before == publications)
     }
 
     /// A state came, `latency` after the command.
-    pub(super) fn state(&mut self, latency: Duration) {
+    pub(super) fn state(&mut self, latency: Duration, publications: u64) {
         self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
-        (self.answered, self.is_new) = (true, true);
+        self.answered = true;
+        self.publications = Some(publications);
         self.silent = 0;
         self.age_cycles = 0;
     }
@@ -74,9 +69,9 @@ impl Replies {
         self.silent = 0;
     }
 
-    /// No state came in this turn.
-    pub(super) const fn age(&mut self) {
-        self.age_cycles = self.age_cycles.saturating_add(1);
+    /// No state answered the command of this turn. One that is not published yet is not older for that.
+    pub(super) const fn age(&mut self, publications: u64) {
+        self.age_cycles = self.age_cycles.saturating_add(!self.is_new(publications) as u32);
     }
 
     /// No answer came in a turn that is over in `cycle`. Returns the turns in a row without one; 0 where none was due.

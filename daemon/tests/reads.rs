@@ -1,0 +1,181 @@
+//! How often, and for how many frames, a cycle asks its buses.
+
+mod robot;
+
+use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Sent};
+use motord_core::settings::Settings;
+use motord_shared::MotorMode;
+use motord_shared::message::JOINT_FRESH;
+use robot::line::Wire;
+use robot::{Robot, Shared};
+
+/// The reads of a bus.
+#[derive(Debug, Clone, Default)]
+struct Reads {
+    count: Shared<usize>,
+    /// The arrivals that the last one asked for.
+    asked: Shared<usize>,
+}
+
+/// A bus whose reads are counted.
+struct Counted {
+    bus: Box<dyn Bus>,
+    reads: Reads,
+}
+
+impl Bus for Counted {
+    fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
+        self.bus.send(now, frames)
+    }
+
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        self.reads.count.set(self.reads.count.get() + 1);
+        self.reads.asked.set(inbox.free());
+        self.bus.receive(now, inbox);
+    }
+
+    fn readiness(&self) -> Readiness<'_> {
+        self.bus.readiness()
+    }
+}
+
+/// A robot that is never asked for its faults, and the reads of its first bus; `reads` counts those of all.
+fn counted(mut settings: Settings) -> (Robot, Reads) {
+    settings.safety.fault_poll_hz = 0.0;
+    let simulated = Robot::new(settings.clone(), 1);
+    let count = Shared::default();
+    let reads: Vec<_> =
+        simulated.buses.iter().map(|_| Reads { count: count.clone(), ..Reads::default() }).collect();
+    let wires = simulated.buses.iter().zip(&reads).map(|(wire, reads)| {
+        let Wire::Bus(bus) = wire else { unreachable!("the robot has no line") };
+        Box::new(Counted { bus: Box::new(bus.clone()), reads: reads.clone() }) as Box<dyn Bus>
+    });
+    let mut robot = Robot::on(wires.collect(), simulated.now(), settings);
+    robot.buses = simulated.buses;
+    robot.steps(100);
+    (robot, reads[0].clone())
+}
+
+/// The search for a frame that is not there costs the kernel time in every cycle; replies that are late are few.
+#[test]
+fn a_read_asks_for_the_awaited_replies_and_for_all_there_is_while_others_may_come() {
+    let (mut robot, reads) = counted(robot::three_motors());
+    assert_eq!(reads.asked.get(), 3);
+    let takes_all_for = |robot: &mut Robot, cycles: u32, reason: &str| {
+        for cycle in 0..cycles {
+            robot.step();
+            assert_eq!(reads.asked.get(), Inbox::CAPACITY, "{cycle} cycles after {reason}");
+        }
+        robot.step();
+        assert_eq!(reads.asked.get(), 3, "{cycles} cycles after {reason}");
+    };
+    robot.hear(0, 0x101, &[1, 0x80, 0, 0x80, 0x08, 0]);
+    takes_all_for(&mut robot, 51, "a second reply");
+    robot.disturb("thigh off");
+    robot.step();
+    assert_eq!(reads.asked.get(), 1, "the others have answered");
+    robot.disturb("thigh ok");
+    takes_all_for(&mut robot, 51, "a reply that did not come");
+}
+
+/// A reply to the command of an earlier cycle may come in any.
+#[test]
+fn a_bus_whose_motors_take_turns_is_read_in_full() {
+    let mut settings = robot::three_motors();
+    settings.buses[0].every = 2;
+    let (mut robot, reads) = counted(settings);
+    for _ in 0..100 {
+        robot.step();
+        assert_eq!(reads.asked.get(), Inbox::CAPACITY);
+    }
+}
+
+/// Goal: a frame in front of an awaited reply leaves the reply to this cycle, however late the cycle is woken.
+/// Method: each time the bus has been quiet for long enough that a read asks for no more than the replies.
+#[test]
+fn a_reply_behind_any_other_frame_is_read_in_its_cycle_however_late_the_cycle_is_woken() {
+    let (mut robot, reads) = counted(robot::three_motors());
+    let joints = robot.activate();
+    // From the beginning of a cycle to the sleep for its replies.
+    let lateness = Shared::new(Duration::ZERO);
+    let (late, next) = (robot.clock.late.clone(), lateness.clone());
+    robot.cycle.on_begin(move |_| late.set(next.take()));
+    let others: [(u16, &[u8]); 3] =
+        [(0x102, &[2, 0x80, 0, 0x80, 0x08, 0]), (0x102, &[1, 2, 3]), (0x77, &[0; 8])];
+    for (id, payload) in others {
+        for _ in 0..100 {
+            robot.follow(&joints);
+        }
+        assert!(reads.asked.get() <= 3, "the bus is quiet");
+        robot.hear(0, id, payload);
+        lateness.set(robot.settings.cycle.reply_deadline);
+        robot.follow(&joints);
+        let fresh = (0..3).filter(|&joint| robot.joint(joint).flags & JOINT_FRESH != 0).count();
+        assert_eq!(fresh, 3, "behind {payload:?} of {id:#x}");
+    }
+}
+
+/// Goal: a late answer of a motor that is lost leaves the replies of the others to their cycle.
+/// Method: it comes when the bus has been quiet for long enough.
+#[test]
+fn a_late_answer_of_a_lost_motor_hides_no_reply() {
+    let mut settings = robot::three_motors();
+    settings.motors[1].may_be_excluded = true;
+    let (mut robot, _) = counted(settings);
+    robot.disturb("thigh off");
+    robot.steps(200);
+    assert_eq!(robot.mode(1), MotorMode::Offline);
+    for after in 50..100 {
+        // From the first cycle in which it is asked again.
+        while robot.take_sent_to(2).is_empty() {
+            robot.step();
+        }
+        robot.steps(after);
+        robot.hear(0, 0x102, &[2, 0x80, 0, 0x80, 0x08, 0]);
+        robot.step();
+        let fresh = [0, 2].map(|joint| robot.joint(joint).flags & JOINT_FRESH != 0);
+        assert_eq!(fresh, [true; 2], "{after} cycles after the question");
+        robot.steps(100);
+    }
+}
+
+/// Goal: no traffic makes a cycle call the system more often than its budget says.
+/// Method: one fault after the other on one motor, and on one of each bus; sleeps, waits and reads are counted.
+#[test]
+fn no_traffic_takes_more_system_calls_than_the_budget() {
+    let faults = [
+        "off",
+        "garbage",
+        "short",
+        "duplicate",
+        "reorder",
+        "delayed 200us",
+        "delayed 1ms",
+        "delayed 60ms",
+        "ok",
+    ];
+    for settings in [robot::three_motors(), robot::quadruped()] {
+        let buses = settings.buses.len();
+        for disturbed in [1, buses] {
+            let (mut robot, reads) = counted(settings.clone());
+            let budget = 1 + (3 * buses + 2) + disturbed;
+            for fault in faults {
+                for bus in 0..disturbed {
+                    let motor =
+                        settings.motors.iter().find(|motor| motor.bus == bus).expect("each bus has one");
+                    robot.disturb(&format!("{} {fault}", motor.name));
+                }
+                let calls = (0..300).map(|_| {
+                    (reads.count.take(), robot.clock.waits.take());
+                    robot.step();
+                    reads.count.get() + robot.clock.waits.get() as usize
+                });
+                let most = calls.max().expect("cycles ran");
+                assert!(
+                    most <= budget,
+                    "{disturbed} of {buses} buses {fault}: {most} calls, budget {budget}"
+                );
+            }
+        }
+    }
+}
