@@ -172,6 +172,7 @@ impl Control {
     }
 
     /// The motor of `joint` answered at `at`. An answer that cannot be true is not used. Does not allocate; bounded by motors.
+    #[inline(always)]
     pub fn receive(&mut self, joint: usize, reported: &Reported, at: Instant) {
         let Place { group, place } = self.places[joint];
         let report = self.groups[group].receive(place, reported, at, &mut self.context);

@@ -30,7 +30,7 @@ pub(super) struct BusChannel {
     unsettled_until: Instant,
     /// The last read took as much as was awaited, and a reply was not among it: it may be behind.
     is_cut_short: bool,
-    /// A motor that had no frame in the last batch has not answered an earlier one.
+    /// A motor that has no frame in this batch may not have answered an earlier one.
     owes: bool,
     counters: BusState,
     condition: BusCondition,
@@ -111,6 +111,7 @@ impl BusChannel {
         if self.awaited > 0 {
             self.unsettle(now);
             self.awaited = 0;
+            self.owes = true;
         }
         self.batch = batch;
         self.frames.clear();
@@ -252,13 +253,13 @@ impl BusChannel {
     }
 
     /// Reads at most one inbox full, and gives every frame to the motor that it is from: its payload, or `None` for a request
-    /// that the motor refused. [`settle`](Self::settle) follows. Bounded by the inbox times the motors of the bus; at most one
-    /// system call.
+    /// that the motor refused. Returns whether these are the awaited replies and nothing else; if not, [`settle`](Self::settle)
+    /// follows. Bounded by the inbox times the motors of the bus; at most one system call.
     pub(super) fn receive(
         &mut self,
         now: Instant,
         mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
-    ) {
+    ) -> bool {
         self.inbox.clear_for(self.space());
         self.bus.receive(now, &mut self.inbox);
         self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
@@ -292,13 +293,18 @@ impl BusChannel {
                 Received::Malformed => count(&mut counters.malformed),
             }
         }
-        if answers < inbox.arrivals().len() {
+        let arrivals = inbox.arrivals().len();
+        if answers < arrivals {
             self.unsettle(now);
+        } else if answers == self.awaited && !self.owes {
+            (self.awaited, self.is_cut_short) = (0, false);
+            return true;
         }
+        false
     }
 
     /// Looks which requests of the last batch are still open after a read. Bounded by the motors of the bus.
-    #[inline]
+    #[cold]
     pub(super) fn settle(&mut self, drives: &[Drive]) {
         self.awaited = self.senders.iter().filter(|&&motor| drives[motor].is_open()).count();
         let is_full = self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY;

@@ -475,7 +475,7 @@ impl Cycle {
     fn read(&mut self, bus: usize, now: Instant) {
         let Self { channels, drives, control, .. } = self;
         let channel = &mut channels[bus];
-        channel.receive(now, |motor, payload, at| {
+        let is_complete = channel.receive(now, |motor, payload, at| {
             let drive = &mut drives[motor];
             let received = match payload {
                 Some(payload) => drive.receive(payload, at),
@@ -488,7 +488,9 @@ impl Cycle {
             }
             received
         });
-        channel.settle(drives);
+        if !is_complete {
+            channel.settle(drives);
+        }
         control.bus_changed(bus, channel.condition());
     }
 

@@ -156,6 +156,7 @@ impl Drive {
     }
 
     /// Judges `payload`, which arrived at `at` under this drive's reply id. Constant time.
+    #[inline(always)]
     pub fn receive(&mut self, payload: &[u8], at: Instant) -> Received {
         let Self { dialect, correlator, .. } = self;
         let kind = dialect.classify(payload, at, correlator.question());
