@@ -26,7 +26,7 @@ pub(super) struct BusChannel {
     inbox: Inbox,
     /// Requests of the last batch that are not answered.
     awaited: usize,
-    /// While requests are sent until then, a read takes all that there is.
+    /// Requests that are sent until then may have late replies before theirs.
     unsettled_until: Instant,
     /// The last read took as much as was awaited, and a reply was not among it: it may be behind.
     is_cut_short: bool,
@@ -238,12 +238,15 @@ impl BusChannel {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 
-    /// The most arrivals of the next read. While every request is answered and nothing else comes, they are the replies that are
-    /// awaited: to look for one more, in vain, costs the kernel as much as a third of a frame. What has come behind them is read
-    /// with the next replies.
+    /// For [`LATEST_REPLY`] every request was answered in its cycle, and nothing else came: no reply is late.
+    const fn is_settled(&self) -> bool {
+        self.sent_at.as_nanos() > self.unsettled_until.as_nanos()
+    }
+
+    /// The most arrivals of the next read. While the bus is settled, they are the replies that are awaited: to look for one more, in
+    /// vain, costs the kernel as much as a third of a frame. What has come behind them is read with the next replies.
     const fn space(&self) -> usize {
-        let is_settled = self.sent_at.as_nanos() > self.unsettled_until.as_nanos();
-        let takes_all = !is_settled || self.is_cut_short || !matches!(self.pace, Pace::EachCycle);
+        let takes_all = !self.is_settled() || self.is_cut_short || !matches!(self.pace, Pace::EachCycle);
         if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
     }
 
@@ -296,7 +299,7 @@ impl BusChannel {
         let arrivals = inbox.arrivals().len();
         if answers < arrivals {
             self.unsettle(now);
-        } else if answers == self.awaited && !self.owes {
+        } else if answers == self.awaited && !self.owes && self.is_settled() {
             (self.awaited, self.is_cut_short) = (0, false);
             return true;
         }
@@ -314,8 +317,7 @@ impl BusChannel {
             self.senders.len() < self.routes.len() && self.routes.iter().any(|(_, motor)| owes(motor));
     }
 
-    /// Something else than an answer came, or an answer did not, and a request at `now` follows: until no reply can be late any more,
-    /// each read takes all that there is.
+    /// Something else than an answer came by `now`, or a request is sent then and the one before has no answer.
     fn unsettle(&mut self, now: Instant) {
         self.unsettled_until = self.unsettled_until.max(now + LATEST_REPLY);
     }
