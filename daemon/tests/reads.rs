@@ -2,10 +2,11 @@
 
 mod robot;
 
-use motord_bus::{Bus, Duration, Frame, Inbox, Instant, Readiness, Sent};
+use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_core::settings::Settings;
-use motord_shared::MotorMode;
 use motord_shared::message::JOINT_FRESH;
+use motord_shared::{Cause, MotorMode};
+use motord_simulator::SharedBus;
 use robot::line::Wire;
 use robot::{Robot, Shared};
 
@@ -15,11 +16,13 @@ struct Reads {
     count: Shared<usize>,
     /// The arrivals that the last one asked for.
     asked: Shared<usize>,
+    /// After the next one a frame comes that nobody awaits.
+    is_followed_by_another: Shared<bool>,
 }
 
 /// A bus whose reads are counted.
 struct Counted {
-    bus: Box<dyn Bus>,
+    bus: SharedBus,
     reads: Reads,
 }
 
@@ -32,6 +35,10 @@ impl Bus for Counted {
         self.reads.count.set(self.reads.count.get() + 1);
         self.reads.asked.set(inbox.free());
         self.bus.receive(now, inbox);
+        if self.reads.is_followed_by_another.take() {
+            let frame = Frame::new(FrameId::new(0x77).expect("eleven bits"), &[0; 8]).expect("eight bytes");
+            self.bus.lock().deliver(now, Content::Frame(frame));
+        }
     }
 
     fn readiness(&self) -> Readiness<'_> {
@@ -48,7 +55,7 @@ fn counted(mut settings: Settings) -> (Robot, Reads) {
         simulated.buses.iter().map(|_| Reads { count: count.clone(), ..Reads::default() }).collect();
     let wires = simulated.buses.iter().zip(&reads).map(|(wire, reads)| {
         let Wire::Bus(bus) = wire else { unreachable!("the robot has no line") };
-        Box::new(Counted { bus: Box::new(bus.clone()), reads: reads.clone() }) as Box<dyn Bus>
+        Box::new(Counted { bus: bus.clone(), reads: reads.clone() }) as Box<dyn Bus>
     });
     let mut robot = Robot::on(wires.collect(), simulated.now(), settings);
     robot.buses = simulated.buses;
@@ -137,6 +144,39 @@ fn a_late_answer_of_a_lost_motor_hides_no_reply() {
         assert_eq!(fresh, [true; 2], "{after} cycles after the question");
         robot.steps(100);
     }
+}
+
+/// Goal: a reply that comes by the deadline is read, although a frame that nobody awaits is in front of it.
+/// Method: both come after the first read of the cycle.
+#[test]
+fn a_reply_at_the_deadline_is_read_behind_any_other_frame() {
+    let (mut robot, reads) = counted(robot::three_motors());
+    let joints = robot.activate();
+    for _ in 0..100 {
+        robot.follow(&joints);
+    }
+    robot.disturb("knee delayed 60us");
+    reads.is_followed_by_another.set(true);
+    reads.count.set(0);
+    robot.follow(&joints);
+    let fresh = (0..3).filter(|&joint| robot.joint(joint).flags & JOINT_FRESH != 0).count();
+    assert_eq!((fresh, reads.count.get(), robot.bus(0).unexpected_id), (3, 3, 1));
+}
+
+/// Late replies of others are read before the next decision, too, on the bus of a motor that is not there.
+#[test]
+fn on_the_bus_of_an_excluded_motor_one_that_always_answers_too_late_is_lost() {
+    let mut settings = robot::three_motors();
+    settings.motors[1].may_be_excluded = true;
+    settings.motors[1].excluded = true;
+    let (mut robot, _) = counted(settings);
+    robot.disturb("thigh off");
+    let joints = robot.activate();
+    let came = Duration::from_nanos(robot.joint(2).receive_ns - robot.state().tick_ns);
+    let delay = robot.settings.cycle.reply_deadline - came + Duration::from_micros(100);
+    robot.disturb(&format!("knee delayed {}us", delay.as_micros()));
+    robot.follow_until(&joints, 100, |robot| robot.cause().is_some());
+    assert_eq!(robot.cause(), Some(Cause::MotorLost));
 }
 
 /// Goal: no traffic makes a cycle call the system more often than its budget says.

@@ -108,14 +108,19 @@ impl BusChannel {
 
     /// Begins a batch without frames, to be sent at `now`. A reply to the last one that has not come may still do so.
     pub(super) fn begin(&mut self, batch: Batch, now: Instant) {
+        self.give_up(now);
+        self.batch = batch;
+        self.frames.clear();
+        self.senders.clear();
+    }
+
+    /// Waits no longer for the replies to the last batch, before another one is sent at `now` or later.
+    pub(super) fn give_up(&mut self, now: Instant) {
         if self.awaited > 0 {
             self.unsettle(now);
             self.awaited = 0;
             self.owes = true;
         }
-        self.batch = batch;
-        self.frames.clear();
-        self.senders.clear();
     }
 
     /// Begins a batch of commands with a frame for each motor that `command` has one for, to be sent at `now`.
@@ -248,6 +253,11 @@ impl BusChannel {
     const fn space(&self) -> usize {
         let takes_all = !self.is_settled() || self.is_cut_short || !matches!(self.pace, Pace::EachCycle);
         if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
+    }
+
+    /// The next read takes all that there is.
+    pub(super) const fn take_all(&mut self) {
+        self.is_cut_short = true;
     }
 
     /// A reply that is awaited may be unread, behind something else. The next read takes all.

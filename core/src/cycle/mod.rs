@@ -3,8 +3,8 @@
 //! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: that a motor is silent is data for a later phase. System
 //! calls of a cycle: one sleep, one send per bus, and for waiting and receiving at most three further calls per bus, and two. On
-//! top come a read of each bus with a lost motor, and busy polling, where configured: one sleep, and the reads that [`Polled`]
-//! counts.
+//! top come a read of each bus on which a request of an earlier cycle is open, and busy polling, where configured: one sleep, and
+//! the reads that [`Polled`] counts.
 
 mod assemble;
 mod channel;
@@ -229,6 +229,7 @@ impl Cycle {
         for bus in 0..self.channels.len() {
             if self.channels[bus].is_line() || self.channels[bus].owes() {
                 let now = self.clock.now();
+                self.channels[bus].take_all();
                 self.read(bus, now);
             }
         }
@@ -380,7 +381,8 @@ impl Cycle {
             now = self.clock.now();
             // A last sleep, and a read of each open bus after it.
             let last = 1 + open.count();
-            if self.is_cut_short(open) && calls >= open.count() + last {
+            let kept = if now < deadline { last } else { 0 };
+            if self.is_cut_short(open) && calls >= open.count() + kept {
                 ready = Some(open);
                 continue;
             }
@@ -529,6 +531,9 @@ impl Cycle {
             asked = true;
         }
         if asked {
+            // Those that are still open are overdue: only the replies to these questions are waited for.
+            let overdue = self.channels.iter_mut().enumerate().filter(|&(bus, _)| open.contains(bus));
+            overdue.for_each(|(_, channel)| channel.give_up(end));
             // Nobody waits for these replies.
             self.collect(now, end, false);
         }

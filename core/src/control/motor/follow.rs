@@ -112,11 +112,11 @@ impl Motor {
         self.turn.elapsed.unwrap_or(cx.elapsed)
     }
 
-    /// Age of its state, s. Where every cycle is a turn: beyond a cycle.
+    /// Age of its state, s. Where every cycle is a turn: beyond a cycle, and no less than the time of its silence.
     fn age(&self, cx: &Context) -> f32 {
         match self.turn.outlasts_cycle {
             true => cx.now.since(self.measured_at).as_secs_f32(),
-            false => self.replies.age_cycles as f32 * cx.elapsed,
+            false => self.replies.age_cycles.max(self.replies.silent) as f32 * cx.elapsed,
         }
     }
 }

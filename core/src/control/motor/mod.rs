@@ -150,6 +150,7 @@ impl Motor {
             self.faults.reported = Faults::NONE;
             self.applied = Applied::NEUTRAL;
             self.replies.silent = 0;
+            self.replies.forget(cx.publications);
             self.changed(cx);
         }
     }
@@ -418,6 +419,7 @@ impl Motor {
     pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
         self.plausibility.end_turn();
         if self.replies.answered() {
+            self.replies.hear();
             return false;
         }
         self.replies.age(cx.publications);
@@ -430,6 +432,7 @@ impl Motor {
             self.mode = Mode::OFFLINE;
             self.measured = None;
             self.replies.silent = 0;
+            self.replies.forget(cx.publications);
         }
         lost
     }

@@ -59,8 +59,15 @@ impl Replies {
         self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
         self.answered = true;
         self.publications = Some(publications);
-        self.silent = 0;
         self.age_cycles = 0;
+    }
+
+    /// The state that came last is not used any more, and is not published as new.
+    pub(super) const fn forget(&mut self, publications: u64) {
+        if self.is_new(publications) {
+            self.publications = None;
+            self.age_cycles = 1;
+        }
     }
 
     /// Another answer came: no state is awaited any more.
@@ -72,6 +79,11 @@ impl Replies {
     /// No state answered the command of this turn. One that is not published yet is not older for that.
     pub(super) const fn age(&mut self, publications: u64) {
         self.age_cycles = self.age_cycles.saturating_add(!self.is_new(publications) as u32);
+    }
+
+    /// The command of a turn that is over was answered with a state. One that came before the command does not end a silence.
+    pub(super) const fn hear(&mut self) {
+        self.silent = 0;
     }
 
     /// No answer came in a turn that is over in `cycle`. Returns the turns in a row without one; 0 where none was due.
