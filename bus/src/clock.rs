@@ -72,7 +72,7 @@ impl RealtimeOffset {
     /// blocks; reads the clocks at most once for every `now`.
     #[inline]
     pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
-        // A difference that cannot be leads far beyond `now`.
+        // A stamp that is smaller than the offset wraps around to an instant far beyond `now`.
         let at = Instant::from_nanos(stamp.0.wrapping_sub(self.offset.cast_unsigned()));
         if at >= earliest && at <= now {
             return at;

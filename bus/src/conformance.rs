@@ -1,7 +1,7 @@
 //! The properties that every [`Bus`] must have, as tests that any implementation can run.
 //!
 //! An implementation brings a [`Fixture`]: its bus, and the other end of the wire. [`conformance!`](crate::conformance!)
-//! makes one test per property in its list. A property that an implementation cannot show is left out of the list. It never
+//! makes one test per property in its list. A property that an implementation cannot show is left out of the list. No property
 //! passes silently: a fixture that cannot do a step of a property fails it.
 //!
 //! The bus under test expects [`HOST_IDS`] and nothing else.
@@ -287,7 +287,7 @@ pub fn a_stamp_is_the_time_of_arrival(fixture: &mut dyn Fixture) {
     assert!(at <= arrived_by, "stamped {:?} late", at.since(arrived_by));
 }
 
-/// The time at which something has arrived, however long the machine takes for it.
+/// A time by which something has arrived. Waits for it for about 5 s, then panics.
 fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
     for _ in 0..1000 {
         let now = fixture.now();

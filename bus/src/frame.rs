@@ -150,7 +150,7 @@ pub enum ControllerState {
     Active,
     /// An error counter passed 96.
     Warning,
-    /// An error counter passed 127: it may no longer interrupt others.
+    /// An error counter passed 127: the controller may no longer destroy the frames of others with error flags.
     Passive,
     /// The transmit error counter passed 255: it has left the bus.
     Off,
@@ -203,13 +203,13 @@ impl ErrorFrame {
     }
 }
 
-/// The place where [`Bus::receive`](crate::Bus::receive) puts arrivals. Its size is fixed: a flood fills an inbox, not
-/// the cycle.
+/// The place where [`Bus::receive`](crate::Bus::receive) puts arrivals. Its size is fixed, so
+/// that a flood of frames cannot use up the time of the cycle.
 #[derive(Debug, Clone)]
 pub struct Inbox {
     arrivals: [Arrival; Inbox::CAPACITY],
     len: usize,
-    /// It is full with so many.
+    /// The inbox is full when it holds so many arrivals.
     space: usize,
     /// Frames that the kernel dropped before they could be read (`SO_RXQ_OVFL`), since the last [`clear`](Self::clear).
     pub lost: u32,
@@ -232,7 +232,7 @@ impl Inbox {
         self.clear_for(Self::CAPACITY);
     }
 
-    /// Forgets everything. There is space for so many arrivals then, and for at most [`CAPACITY`](Self::CAPACITY).
+    /// Forgets everything. Then there is space for `arrivals`, but never for more than [`CAPACITY`](Self::CAPACITY).
     #[inline]
     pub fn clear_for(&mut self, arrivals: usize) {
         self.len = 0;

@@ -1,8 +1,9 @@
 //! `sendmmsg` and `recvmmsg`, and requests to serial ports. All `unsafe` of this crate is in this file.
 //!
-//! The safe wrappers of nix 0.31 do not serve: it has none for serial ports, `MultiHeaders` cannot be sent to another thread, and its `recvmmsg` does not
-//! restore the length of the control buffers that the call before has shortened, so receive stamps would be cut off. The C library's
-//! own functions are points at which a thread can be cancelled: to be one takes more instructions than the rest of the call.
+//! The safe wrappers of nix 0.31 do not serve: it has none for these requests to serial ports, its `MultiHeaders` cannot be sent to
+//! another thread, and its `recvmmsg` does not restore the length of the control buffers that the call before has shortened, so
+//! receive stamps would be cut off. The C library's own `sendmmsg` and `recvmmsg` are cancellation points of a thread, which takes
+//! more instructions than the rest of the call, so this file makes these two system calls itself.
 
 use core::cell::Cell;
 use core::ptr;
@@ -24,7 +25,7 @@ pub(crate) fn errno(error: &io::Error) -> Errno {
     Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
 }
 
-/// In words, as `cmsghdr` is aligned.
+/// Frames and control buffers are arrays of words, because `cmsghdr` has their alignment.
 type Frame = [u64; FRAME_BYTES / WORD];
 type Control = [u64; CONTROL_BYTES / WORD];
 
@@ -131,7 +132,7 @@ impl Batch {
     }
 }
 
-/// Without control bytes. The kernel changes their length, but not their place.
+/// A header without control bytes. The kernel changes the length of the control buffer, but not its address.
 fn header(vector: *mut libc::iovec, control: &Cell<Control>) -> libc::mmsghdr {
     let msg_hdr = libc::msghdr {
         msg_name: ptr::null_mut(),

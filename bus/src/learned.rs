@@ -2,8 +2,8 @@
 
 use crate::time::{Duration, Instant, nanos};
 
-/// The lateness that a thread should expect of its next wake-up, so that it can sleep shorter by as much. A quarter of the
-/// wake-ups or less are later, as long as they come from one distribution. Neither allocates nor blocks.
+/// The lateness that a thread should expect of its next wake-up, so that it can sleep shorter by as much. It settles above
+/// the mean lateness: of two equally large deviations, the later wake-up counts four times as much. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Lateness {
     /// ns.
@@ -11,10 +11,10 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// A later wake-up counts as one part of so many, an earlier one as one of so many more.
+    /// A later wake-up moves the expectation by 1/`RISE` of the difference, an earlier one by 1/`FALL`.
     const RISE: u64 = 16;
     const FALL: u64 = 64;
-    /// Against a stall no shorter sleep helps: it counts as this, ns.
+    /// A later wake-up counts as this, ns: against a stall, a shorter sleep does not help.
     const MAX: u64 = 100_000;
 
     /// The thread slept until `due`, and was awake at `now`.
@@ -44,11 +44,11 @@ pub struct ReplyTime {
 }
 
 impl ReplyTime {
-    /// A time that is followed slowly counts as one part of so many, one that is followed fast as one of so many.
+    /// A slow step takes 1/`SLOW` of the difference to the observed time, a fast step 1/`FAST`.
     const SLOW: u64 = 32;
     const FAST: u64 = 4;
 
-    /// Before the first reply it is thought to take `time`.
+    /// Until the first reply was observed, `time` is both the latest and the earliest time.
     #[must_use]
     pub const fn new(time: Duration) -> Self {
         Self { latest: nanos(time), earliest: nanos(time) }
@@ -64,21 +64,21 @@ impl ReplyTime {
         };
     }
 
-    /// By then the last reply has mostly come: follows a longer time at once, and a shorter one slowly.
+    /// The time by which the last reply has mostly come. It follows a longer time at once, and a shorter one slowly.
     #[must_use]
     pub const fn latest(self) -> Duration {
         Duration::from_nanos(self.latest)
     }
 
-    /// Before it the last reply seldom comes: follows a longer time slowly, and a shorter one fast.
+    /// The time before which the last reply seldom comes. It follows a longer time slowly, and a shorter one fast.
     #[must_use]
     pub const fn earliest(self) -> Duration {
         Duration::from_nanos(self.earliest)
     }
 }
 
-/// Attempts that may be in vain, such as polling for the reply of a motor that is off: after two in a row the next ones are left
-/// out, after each further one twice as many, up to 63. Neither allocates nor blocks.
+/// Attempts that may be in vain, such as polling for the reply of a motor that is off: after two in a row the next
+/// attempt is left out, after each further one about twice as many, up to 63. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Backoff {
     in_vain: u32,
@@ -86,7 +86,7 @@ pub struct Backoff {
 }
 
 impl Backoff {
-    /// Attempts in vain that are told apart.
+    /// The most attempts in vain that are counted.
     const IN_VAIN_MAX: u32 = 7;
 
     /// Whether to make the next attempt.

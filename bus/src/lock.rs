@@ -1,7 +1,7 @@
 //! One daemon per bus: two would command the same motors.
 //!
-//! A lock is a listening Unix socket with an abstract name: no file, which somebody could delete or replace, and gone with
-//! its process. Such names are those of a network namespace, as CAN interfaces are.
+//! A lock is a listening Unix socket with an abstract name: there is no file that somebody could delete or replace, and the name
+//! disappears with its process. Such names belong to a network namespace, as CAN interfaces do.
 
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::Path;
@@ -13,7 +13,7 @@ use nix::sys::socket::{
 
 use crate::socketcan::InterfaceName;
 
-/// Most bytes of a bus in the name of its lock, which has 107 at most. Of a longer path the end is used.
+/// The most bytes of a device's path in the name of its lock, which may have 107 bytes. Of a longer path, only the end is used.
 const NAME_BYTES_MAX: usize = 64;
 
 /// Exclusive use of a CAN interface or a serial device among the processes of a network namespace. Released when dropped, and
@@ -113,7 +113,7 @@ fn name_of_interface(interface: &str) -> Vec<u8> {
 }
 
 fn name_of_device(device: &str) -> Vec<u8> {
-    // A device that is missing is locked under the name that it is expected under.
+    // A missing device is locked under the path that the caller gave.
     let path = Path::new(device).canonicalize().unwrap_or_else(|_| device.into());
     let bytes = path.as_os_str().as_encoded_bytes();
     [b"motord/serial/", &bytes[bytes.len().saturating_sub(NAME_BYTES_MAX)..]].concat()
@@ -124,7 +124,7 @@ fn open() -> nix::Result<OwnedFd> {
     socket(AddressFamily::Unix, SockType::Stream, flags, None)
 }
 
-/// The kernel keeps who began to listen; the listener need not accept.
+/// The process that listens at `address`. The kernel keeps its credentials, so that it need not accept connections.
 fn holder(address: &UnixAddr) -> Option<Holder> {
     let socket = open().ok()?;
     match connect(socket.as_raw_fd(), address) {
@@ -132,7 +132,7 @@ fn holder(address: &UnixAddr) -> Option<Holder> {
             let pid = getsockopt(&socket, sockopt::PeerCredentials).map_or(0, |peer| peer.pid());
             Some(Holder(u32::try_from(pid).ok().filter(|pid| *pid != 0)))
         }
-        // Full of questions that nobody took.
+        // The backlog is full of such connections, which the holder never accepts.
         Err(Errno::EAGAIN) => Some(Holder(None)),
         Err(_) => None,
     }

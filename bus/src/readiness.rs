@@ -57,13 +57,14 @@ pub trait Clock {
     /// The present time.
     fn now(&self) -> Instant;
 
-    /// The present time, and the total time that the computer was suspended since it was started: never more than that. No
-    /// system call.
+    /// The present time, and the total time that the computer was suspended since it was started, never overestimated. On
+    /// most machines this takes no system call (vDSO).
     fn now_and_suspended(&self) -> (Instant, Duration);
 
-    /// Returns at `instant`, or at once when it has passed. At most one system call.
+    /// Returns at `instant`, or at once when it has passed. A signal may end the sleep earlier. At most one system call.
     fn sleep_until(&mut self, instant: Instant);
 
-    /// Returns when a bus has something, or at `until`; returns the buses that have. At most one system call.
+    /// Waits until a bus has something, at most until `until`, and returns the buses that have. A signal may end the wait earlier,
+    /// with no bus ready. At most one system call.
     fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready;
 }

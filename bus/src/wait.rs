@@ -50,7 +50,7 @@ fn ready(readiness: &[Readiness<'_>], reached: Instant, polled: &[PollFd<'_>]) -
     let mut polled = polled.iter();
     Ready::of(readiness.iter().map(|readiness| match *readiness {
         Readiness::At(instant) => instant <= reached,
-        // `None` is an event that has no name in nix.
+        // `None` means an event that nix has no name for: the bus counts as ready.
         Readiness::Readable(_) => polled.next().is_some_and(|polled| polled.any() != Some(false)),
         Readiness::Never => false,
     }))

@@ -169,8 +169,8 @@ impl Claim {
     /// Whether it was accepted shows in the counters and the `applied` of the next states.
     ///
     /// # Errors
-    /// [`Error::SetpointCount`]; [`Error::Restarted`], now and ever after a restart; [`Error::NotRunning`] or
-    /// [`Error::Silent`] when states have stopped. The setpoint may have been sent; another daemon does not use it.
+    /// [`Error::SetpointCount`]; [`Error::Restarted`] with every call after a restart; [`Error::NotRunning`] or
+    /// [`Error::Silent`] when states have stopped. The setpoints may have been sent even so; another daemon does not use them.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
         let (expected, received) = (self.members.joints.len(), setpoints.len());
         if expected != received {
@@ -188,7 +188,7 @@ impl Claim {
     /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`],
     /// [`Error::NoAnswer`].
     pub fn enable(&mut self) -> Result<(), Error> {
-        // The daemon reads requests and setpoints at different times of a cycle: without this the request could win.
+        // The daemon reads requests and setpoints at different times of a cycle: it could read the request first.
         let (begun, before) = (Instant::now(), self.message.sequence);
         while before > 0 && !self.is_heard(before)? && begun.elapsed() < ANSWER_TIMEOUT {
             self.transmit()?;
@@ -226,7 +226,7 @@ impl Claim {
         self.operate(Operation::Disable)
     }
 
-    /// Takes back the latched cause of a stop. The group must be [`Phase::Disarmed`]. A controller should leave this to a
+    /// Clears the latched cause of a stop. The group must be [`Phase::Disarmed`]. A controller should leave this to a
     /// person who has looked at the robot.
     ///
     /// # Errors
@@ -254,7 +254,7 @@ impl Claim {
         self.set |= 1 << place;
     }
 
-    /// Sends the message again, as a new one.
+    /// Sends the message with the next sequence number and the present time.
     fn transmit(&mut self) -> Result<(), Error> {
         self.message.sequence += 1;
         self.message.time_ns = clock::now_ns();

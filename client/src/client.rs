@@ -56,8 +56,8 @@ impl Client {
         Self::open(Instance::below(runtime, instance).map_err(Error::of_instance)?, ClientPorts::open)
     }
 
-    /// Connects to the daemon of `instance` for [`emergency_stop`](Self::emergency_stop): there is a place for it however
-    /// many others are connected. Whoever wants something else leaves this place free.
+    /// Connects to the daemon of `instance` for [`emergency_stop`](Self::emergency_stop): some places are kept for it, however
+    /// many others are connected. Use [`connect`](Self::connect) for everything else, so that these places stay free.
     ///
     /// # Errors
     /// Those of [`connect`](Self::connect).
@@ -116,8 +116,8 @@ impl Client {
     /// The newest state, unless it was returned before. Does not wait.
     ///
     /// # Errors
-    /// [`Error::Restarted`], once after each restart; else that the connection is damaged. That states stop is no error
-    /// here: see [`State::age`].
+    /// [`Error::Restarted`], once after each restart; [`Error::Service`] when the connection is damaged or every place is
+    /// taken. States that have stopped are no error here: see [`State::age`].
     pub fn newest(&self) -> Result<Option<State>, Error> {
         let mut view = self.link.poll()?;
         self.take(&mut view, 1)
@@ -127,8 +127,8 @@ impl Client {
     /// caller a wake-up, some 50 µs: see [`spin`](Self::spin).
     ///
     /// # Errors
-    /// [`Error::NotRunning`] or [`Error::Silent`] as soon as states have stopped for the silence time, again after
-    /// `timeout` when called again in spite of it; [`Error::Timeout`]; those of [`newest`](Self::newest).
+    /// [`Error::NotRunning`] or [`Error::Silent`] as soon as states have stopped for the silence time; the next call waits
+    /// for its whole `timeout` before it returns that error again. [`Error::Timeout`]; those of [`newest`](Self::newest).
     pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
         self.next_of(1, timeout, |link, view, patience| {
             drop(view);
@@ -136,10 +136,11 @@ impl Client {
         })
     }
 
-    /// Sleeps until the state of a cycle whose number divides by `n` was not returned before, or of the first one after it: for
-    /// a controller at an `n`th of the daemon's rate. The first call returns the next state. It sleeps by the clock, until the
-    /// state should be there: the cycles between wake nobody, and it costs the daemon nothing. A state is some 0.1 ms old when
-    /// it returns, against 0.05 ms with [`wait`](Self::wait). `timeout` must be longer than `n` cycles.
+    /// Sleeps until there is a new state of a cycle whose number is a multiple of `n`, or of the next cycle whose state comes
+    /// if that one was missed: for a controller at an `n`th of the daemon's rate. The first call returns the next state. The call
+    /// sleeps by the clock, until the state should be there: the cycles between wake nobody, and it costs the daemon nothing. A
+    /// state is some 0.1 ms old when the call returns, against 0.05 ms with [`wait`](Self::wait). `timeout` must be longer than
+    /// `n` cycles.
     ///
     /// # Errors
     /// Those of [`wait`](Self::wait).
@@ -178,8 +179,8 @@ impl Client {
     /// Receives every cycle from now on: for a process that records, since a state that was not read is replaced by the next.
     ///
     /// # Errors
-    /// [`Error::Service`] when two processes record already, or the daemon is older than this; those of
-    /// [`newest`](Self::newest).
+    /// [`Error::Service`] when two processes record already, or the connection is damaged; [`Error::NotRunning`] when the
+    /// daemon is gone, or too old to offer records; [`Error::Version`].
     pub fn records(&self) -> Result<Records, Error> {
         Records::new(Arc::clone(&self.link))
     }
@@ -230,7 +231,7 @@ impl Client {
         self.operate(Operation::Disable, group)
     }
 
-    /// Takes back the latched cause of a stop of `group`, and the emergency stop.
+    /// Clears the latched cause of a stop of `group`, also an emergency stop. Other groups keep theirs.
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
@@ -257,8 +258,9 @@ impl Client {
         self.operate(Operation::ForceRelease, group)
     }
 
-    /// Damps and stops every motor. It asks before it looks at anything else: first through the daemon's socket for emergency
-    /// stops, which waits behind nothing, then over this connection. [`emergency_stop`](crate::emergency_stop) needs none.
+    /// Damps and stops every motor. It asks before it reads any state: first through the daemon's socket for emergency stops,
+    /// where it waits behind no other request, then over this connection. The function
+    /// [`emergency_stop`](crate::emergency_stop) needs no connection.
     ///
     /// # Errors
     /// Nobody confirmed the stop: [`Error::NotRunning`], [`Error::Permission`], [`Error::NotStopped`].
@@ -384,7 +386,8 @@ impl Client {
         self.link.check_alive()
     }
 
-    /// The newest state, if nobody took it yet and it is due for one who takes every `n`th; a restart before it.
+    /// The newest state, if nobody took it yet and it is due for a caller who takes every `n`th. The first state after a restart
+    /// is preceded by [`Error::Restarted`].
     fn take(&self, view: &mut MutexGuard<'_, View>, n: u64) -> Result<Option<State>, Error> {
         if view.is_unseen() {
             let known = locked(&self.robot).boot_id;
@@ -395,8 +398,8 @@ impl Client {
         Ok(state)
     }
 
-    /// Reports a restart of the daemon with this boot id: an index from before may name another joint now. Other threads get the report
-    /// too if they still use the robot from before.
+    /// Fails with [`Error::Restarted`] unless the daemon still has this boot id: after a restart an index may mean another joint.
+    /// Other threads get this error, too, if they still use the robot from before.
     fn must_be(&self, boot_id: u64) -> Result<(), Error> {
         if self.link.boot_id() == boot_id {
             return Ok(());

@@ -40,7 +40,7 @@ pub enum Error {
         waited: Duration,
     },
     /// Another daemon runs this instance now. Every claim is void, and joints and groups may have changed: look names
-    /// up again, then claim again. Told once to each client and always to a void claim.
+    /// up again, then claim again. A client returns this error once per restart, a void claim always.
     #[error("motord was restarted: claim the group again")]
     Restarted,
     /// Client and daemon do not have the same layouts.
@@ -188,7 +188,7 @@ pub enum Error {
     Service(#[from] ServiceError),
 }
 
-/// The situation of who asked for `operation` in vain.
+/// Advice for a caller whose request for `operation` was not answered.
 fn without_answer(operation: Operation) -> &'static str {
     match operation {
         Operation::Describe | Operation::Telemetry | Operation::Histograms | Operation::ResetTelemetry => {
@@ -282,7 +282,7 @@ impl Error {
         }
     }
 
-    /// The same, with the position of its joint, rad, against that joint's limits.
+    /// Adds to a refusal that names a joint where that joint stands, `position`, rad, and its limits.
     pub(crate) fn at(mut self, position: Option<f32>, robot: &RobotDescription) -> Self {
         if let Self::Refused { about, .. } = &mut self
             && let (About::Joint(name), Some(position)) = (&*about, position)
@@ -297,7 +297,7 @@ impl Error {
 /// Why a group does not follow setpoints.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Stop {
-    /// It was never enabled, or somebody disabled it.
+    /// No cause is latched: nobody enabled the group since it was last stopped, or it is still starting.
     Disabled,
     /// It was stopped, and the cause is latched until a reset.
     Cause {

@@ -62,6 +62,8 @@ impl GroupView<'_> {
         self.group.latched.then(|| Stop::of(&self.group, self.group.cause_joint.and_then(name)))
     }
 
+    /// Checks that the group follows setpoints.
+    ///
     /// # Errors
     /// [`Error::Stopped`] with the cause when the group does not follow setpoints.
     pub fn must_be_active(&self) -> Result<(), Error> {

@@ -5,7 +5,7 @@ use motord_shared::Instance;
 use motord_shared::injection::{self, InjectionError};
 use std::io;
 
-/// Why a simulated motor or bus has no fault.
+/// Why no fault was injected into a simulated motor or bus.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FaultError {

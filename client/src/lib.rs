@@ -17,8 +17,9 @@
 //!
 //! # States and setpoints, by name
 //!
-//! [`State::of`] gives the joints of a claimed group. [`Claim::set`] gives a joint its setpoint, which stays until it is given
-//! again, and [`Claim::commit`] sends those of the whole group: do it in every turn, also when nothing changed.
+//! [`State::of`] gives the joints of a claimed group. [`Claim::set`] gives a joint its setpoint, which stays until the next
+//! call for that joint. [`Claim::commit`] sends those of the whole group: call it in every cycle of the controller, also when
+//! nothing changed.
 //!
 //! ```no_run
 //! # use motord_client::{Claim, Client, Error, Setpoint};
@@ -39,7 +40,7 @@
 //! A joint that was never heard has no position: [`Joint::position`] is `None`, and [`GroupView::position`] an error. The
 //! limits of a joint are [`Claim::limits`]; the limits that changed its last setpoint are [`Joint::limits`].
 //!
-//! A controller with an order of its own looks its joints up once, and uses [slots](Slot) instead of names:
+//! A controller that has its own order of joints looks each joint up once, and uses [slots](Slot) instead of names:
 //!
 //! ```no_run
 //! # use motord_client::{Claim, Error, Setpoint, State};
@@ -68,8 +69,8 @@
 //!    | commands, replies | <---- the controller's time ---> | lead   |
 //! ```
 //!
-//! A controller that wakes with [`Client::wait`] and has sent its setpoint before the lead begins is heard in the next
-//! tick: one cycle from measurement to command. A later one is heard one tick later, and counted in [`Group::late`].
+//! A controller wakes with [`Client::wait`]. If it sends its setpoint before the lead begins, the next cycle uses the setpoint:
+//! one cycle from measurement to command. The cycle after that uses a later setpoint, which is counted in [`Group::late`].
 //!
 //! | call | for | costs |
 //! |---|---|---|
@@ -84,11 +85,11 @@
 //!
 //! - The controller ends, crashes or hangs: the group is damped and stopped. Dropping a [`Claim`] releases the group.
 //! - The daemon ends or hangs: calls return [`Error::NotRunning`] or [`Error::Silent`] once states have stopped for
-//!   50 ms. Its motors are damped without the controller's help.
+//!   50 ms, or for five cycles if they take longer. Its motors are damped without the controller's help.
 //! - The daemon is back: the next call returns [`Error::Restarted`] once, then the [`Client`] works again, with the new
-//!   [`Client::description`]. Claims are void and must be made anew; nothing moves before someone enables.
+//!   [`Client::description`]. Claims are void and must be made anew; no joint moves before someone enables its group.
 //! - The group is stopped, for an emergency stop, a fault, a lost motor: [`GroupView::stop`] is the cause, with the joint and
-//!   what to do. The claim goes on. Leave the reset to a person who has looked at the robot.
+//!   what to do. The claim stays valid. Leave the reset to a person who has looked at the robot.
 //! - The controller was not heard for too long, or somebody took the group away: [`Error::ClaimLost`].
 //!
 //! [`Error::is_transient`] tells the errors after which the same program may try again from those that need a person:
@@ -109,8 +110,8 @@
 //! # Threads
 //!
 //! Threads may share a [`Client`], and a [`Claim`] may be handed to another thread. Each state is given to one of the threads
-//! that ask for it: two control loops need a client each. A thread that waits for a state keeps no other from sending setpoints or from an emergency stop. Ordinary
-//! requests of one client follow one another; an emergency stop waits for none of them.
+//! that ask for it: two control loops need a client each. A thread that waits for a state delays neither the setpoints nor the
+//! emergency stop of another thread. Ordinary requests of one client run one after the other; an emergency stop waits for none.
 
 #![forbid(unsafe_code)]
 

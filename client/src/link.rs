@@ -31,7 +31,7 @@ pub(crate) const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 /// How often a request looks for its answer: well below a cycle.
 const ANSWER_POLL: Duration = Duration::from_micros(200);
 
-/// States that are waited for to tell the position of a joint.
+/// How often a refusal looks for a first state, to tell the position of its joint.
 const POSITION_TRIES: u32 = 5;
 
 /// Shortest time without a state after which the daemon counts as silent, in cycles and as a time.
@@ -83,7 +83,7 @@ pub(crate) struct Link {
     cycle: AtomicU64,
     /// Number of the cycle whose state was last given to the caller.
     taken: AtomicU64,
-    /// When a state was last taken in, ns of `CLOCK_MONOTONIC`; at first when the first was looked for, 0 before.
+    /// When a state was last taken in, ns of `CLOCK_MONOTONIC`. Before the first state: when one was first looked for, or 0.
     heard_ns: AtomicU64,
     /// Longest time without a state that is no error, ns.
     silence_ns: AtomicU64,
@@ -137,12 +137,12 @@ impl View {
         Some((distance(due_ns, now_ns), distance(now_ns, due_ns)))
     }
 
-    /// The first cycle after the last one that was taken whose number divides by `n`.
+    /// Number of the first cycle after the last one that was taken whose number is a multiple of `n`.
     fn due(&self, n: u64) -> u64 {
         if self.taken == 0 { 0 } else { (self.taken / n + 1).saturating_mul(n) }
     }
 
-    /// In the place of what was known before.
+    /// Makes `state` the newest one. The state of another daemon begins everything anew.
     fn put(&mut self, state: State) {
         let same_daemon = self.newest.as_ref().is_some_and(|newest| newest.boot_id() == state.boot_id());
         let delay_ns = state.publish_ns().saturating_sub(state.tick_ns());
@@ -167,7 +167,7 @@ impl View {
 }
 
 impl Link {
-    /// `open` takes the ports.
+    /// Connects to the daemon of `instance`, over the ports that `open` gives.
     pub(crate) fn open(
         instance: Instance,
         open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
@@ -368,7 +368,7 @@ impl Link {
         self.check_alive_at(clock::now_ns())
     }
 
-    /// As [`check_alive`](Self::check_alive), at the present time.
+    /// As [`check_alive`](Self::check_alive), where the caller gives the present time.
     pub(crate) fn check_alive_at(&self, now_ns: u64) -> Result<(), Error> {
         if self.quiet_at(now_ns) >= self.silence() { Err(self.gone()) } else { Ok(()) }
     }
@@ -396,7 +396,7 @@ impl Link {
         self.gone_for(self.quiet())
     }
 
-    /// Why nothing came for so long.
+    /// The error for states that stopped `silent_for` ago: [`Error::Silent`] if the daemon's process exists.
     pub(crate) fn gone_for(&self, silent_for: Duration) -> Error {
         if process_exists(self.robot().pid) {
             Error::Silent { silent_for }
@@ -460,7 +460,8 @@ impl Link {
         None
     }
 
-    /// The turn to ask. `None` when another thread's request is under way until `deadline`.
+    /// The right to ask: one ordinary request and one emergency stop may be under way at a time. `None` when the requests of
+    /// other threads last until `deadline`.
     fn turn(&self, operation: Operation, deadline: Instant) -> Option<MutexGuard<'_, ()>> {
         let turns = if operation == Operation::EmergencyStop { &self.stop } else { &self.ordinary };
         loop {

@@ -49,7 +49,7 @@ impl JointKey for Slot {
 pub struct Members {
     pub(crate) boot_id: u64,
     pub(crate) lease: Lease,
-    /// The states of later cycles show the lease for as long as it holds.
+    /// Number of the newest cycle when the group was claimed. States of later cycles show the lease for as long as it holds.
     pub(crate) since: u64,
     /// Name of the group, and its index in the description.
     pub(crate) name: String,

@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 /// A daemon that gives nothing for so long is silent or gone.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Every cycle of one run of the daemon, with the setpoints that it used. It keeps those of half a second at 1 kHz: take them
-/// more often than that. It wakes nobody, and costs the daemon a microsecond or so per cycle.
+/// Every cycle of one run of the daemon, with the setpoints that it used. At most 512 cycles wait to be taken, half a second at
+/// 1 kHz: take them more often than that. A record wakes nobody, and costs the daemon a microsecond or so per cycle.
 #[derive(Debug)]
 pub struct Records {
     // Before the link: the attachment goes last.

@@ -16,8 +16,8 @@ pub struct Setpoint {
     pub kd: f32,
     /// N·m.
     pub torque: f32,
-    /// How it is meant. Everything but impedance is for motors with the native protocol; impedance is for all. For a native motor
-    /// the daemon computes it, from states that are a turn old: it rings at gains that an MIT motor holds.
+    /// How it is meant. Impedance is for all motors; the other modes are for motors with the native protocol. For a native motor
+    /// the daemon computes the impedance, from states that are a turn old: gains that suit an MIT motor may make it oscillate.
     pub mode: SetpointMode,
 }
 

@@ -215,7 +215,7 @@ pub struct Joint {
     pub mode: Option<MotorMode>,
     /// The faults that the motor reports.
     pub faults: Faults,
-    /// Position, velocity and torque came in this very cycle.
+    /// Position, velocity and torque came since the states before were published.
     pub fresh: bool,
     /// Position, velocity and torque came at least once since the motor is online.
     pub valid: bool,
@@ -337,7 +337,8 @@ impl fmt::Display for Faults {
     }
 }
 
-/// The indicators of one motor, motor side. The daemon asks for them one after the other, each about once a second.
+/// The indicators of one motor, motor side. The daemon asks for them one after the other, each about as often as `indicator-hz`
+/// of the configuration says, by default once a second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Indicators(JointIndicators);
 
@@ -404,7 +405,7 @@ pub struct Group {
     pub control_cycles: Option<u64>,
     /// Setpoint messages that were accepted, modulo 2³².
     pub accepted: u32,
-    /// Those of them that came too late for the first cycle after the one that they answer, modulo 2³².
+    /// Accepted messages that came too late for the first cycle after the one that they answer, modulo 2³².
     pub late: u32,
     rejected: [u32; Rejection::COUNT],
 }
@@ -432,7 +433,7 @@ pub struct Bus {
     pub unexpected_id: u32,
     /// Replies that nobody had asked for.
     pub duplicate: u32,
-    /// Frames that no SteadyWin motor sends.
+    /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
     pub malformed: u32,
     /// Error frames.
     pub errors: u32,

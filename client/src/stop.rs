@@ -56,7 +56,7 @@ pub(crate) struct FirstWay {
 }
 
 impl FirstWay {
-    /// Asks. Waits at most [`FIRST_WAY`] for a crowd of others.
+    /// Sends the request. Waits at most [`FIRST_WAY`] while the daemon has too many callers.
     pub(crate) fn send(instance: &Instance) -> Self {
         match AskedStop::send(instance, FIRST_WAY) {
             Ok(asked) => Self { asked: Some(asked), error: StopError::NoReply },

@@ -73,7 +73,7 @@ pub const FAULTS: [Fault; 16] = [
 impl Faults {
     /// No fault.
     pub const NONE: Self = Self(0);
-    /// See [`FAULTS`], as for all that follow.
+    /// The current loop could not keep its rate. [`FAULTS`] has a sentence for each named fault.
     pub const FOC_FREQUENCY: Self = Self(0x01);
     /// The bus voltage is above the driver's threshold: damping feeds energy back into it.
     pub const OVER_VOLTAGE: Self = Self(0x02);

@@ -19,13 +19,13 @@ pub struct Field {
     zero: f64,
     /// The largest code, as a number.
     code_max: f64,
-    /// Where zero lies, and a half, and [`TIE`]: what is rounded down from there is the nearest code.
+    /// The sum of `zero`, a half and [`TIE`]: a value in codes plus this, rounded down, is the nearest code.
     base: f64,
-    /// Where the largest code lies, and a half.
+    /// The largest code plus a half.
     top: f64,
 }
 
-/// In codes. The place of a value is at most 2⁻³⁵ too low by rounding, and half way between two codes it must not be.
+/// In codes. Rounding errors make a value in codes at most 2⁻³⁵ too low: without this, the exact middle could take the lower code.
 const TIE: f64 = 1.0 / (1_u64 << 30) as f64;
 
 impl Field {

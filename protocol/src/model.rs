@@ -118,7 +118,7 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// When the torque code is a current, and one of them is not a positive finite number.
+    /// When the torque code is a current, and the constants give no scale: see [`Scales::by_current`].
     pub fn scales_with(&self, torque_constant: f64, gear_ratio: f64) -> Result<Scales, ScaleError> {
         match self.ends {
             Some([position, velocity, torque]) => Ok(Scales::fixed(position, velocity, torque)),

@@ -38,12 +38,12 @@ pub struct Scales {
 }
 
 impl Scales {
-    /// Of a SteadyWin motor, from the rotor's torque constant, N·m/A, and the gear ratio (rotor turns per turn of the
-    /// output shaft): torques of ±225 A times both.
+    /// The scales of a SteadyWin motor, from the rotor's torque constant (N·m/A) and the gear ratio (rotor turns per turn of
+    /// the output shaft): the torque codes span ±225 A times both.
     ///
     /// # Errors
     ///
-    /// When one of them is not a positive finite number, or their product is beyond what a float can hold.
+    /// When one of them is not a positive finite number, or the full scale is too large or too small for a single-precision float.
     pub fn by_current(
         torque_constant: impl Into<f64>,
         gear_ratio: impl Into<f64>,

@@ -29,8 +29,8 @@ pub struct RobotDescription {
     pub buses: Vec<String>,
     /// CAN interface or serial device of each bus, in the order of `buses`; empty for a simulated bus.
     pub devices: Vec<String>,
-    /// Half the longest wire time of a command and its reply, stuffing bits included, s, in the order of `buses`: a frame
-    /// takes at most so long on average. 0 for a bus without motors.
+    /// Half the longest time of a command and its reply, s, in the order of `buses`: a frame takes at most so long on average.
+    /// It includes stuffing bits and, on a serial bus, the time until the motor answers. 0 for a CAN bus without motors.
     pub frame_times: Vec<f64>,
 }
 
@@ -62,7 +62,7 @@ pub struct JointDescription {
 }
 
 impl JointDescription {
-    /// That the joint stands at `position`, rad, where no setpoint of it may be.
+    /// Says for people that the joint stands at `position`, rad, outside its limits.
     #[must_use]
     pub fn outside(&self, position: f32) -> String {
         let [lower, upper] = self.limits.position;
@@ -126,9 +126,9 @@ pub struct Telemetry {
     pub overruns: u64,
     /// From the first cycle to the last, s.
     pub seconds: f64,
-    /// Replies that did not come in their cycle, over all motors that were online.
+    /// Replies that did not come in their turn, over all motors that were online.
     pub missed_replies: u64,
-    /// Cycles that polled for the last replies until their time for it was over.
+    /// Cycles that polled for the last replies, but stopped before all of them had come.
     pub polled_in_vain: u64,
     /// Reads of a bus by polling, each a system call.
     pub polled_reads: u64,

@@ -122,7 +122,7 @@ impl Instance {
         self.open_iox().map_or(0, |iox| self.read_round(&iox).unwrap_or(0))
     }
 
-    /// `None` for a file of somebody else than the owner of its directory: a client could lead others astray.
+    /// `None` unless root or the owner of its directory owns the file: a client could lead other clients to wrong services.
     fn read_round(&self, iox: &Directory) -> Option<u64> {
         let mut file = iox.open_file(&self.round_name()).ok()?;
         let is_trusted = [0, iox.stat().ok()?.st_uid].contains(&file.metadata().ok()?.uid());
@@ -311,7 +311,8 @@ fn choose(named: Option<PathBuf>, service: &Path, session: Option<PathBuf>) -> C
     Choice::Private(session.unwrap_or_else(temporary))
 }
 
-/// A private directory below one that everybody may write to can have been put there by anybody.
+/// Opens a runtime directory. A `private` one must be this user's alone: anybody may have made it below a directory to which
+/// everybody may write.
 fn open_runtime(path: &Path, private: bool) -> Result<Directory, InstanceError> {
     let uid = Uid::effective().as_raw();
     let not_private = || InstanceError::NotPrivate { path: path.to_owned(), uid };

@@ -6,7 +6,7 @@ pub const JOINTS_MAX: usize = 64;
 pub const GROUPS_MAX: usize = 8;
 /// Most buses.
 pub const BUSES_MAX: usize = 16;
-/// Most controller processes that may hold a group at one time, with one to spare for the next owner.
+/// Most ports for setpoints at one time: one for the owner of each group, and one to spare for its next owner.
 pub const CONTROLLERS_MAX: usize = 16;
 /// Most processes that may watch the states.
 pub const WATCHERS_MAX: usize = 32;
@@ -16,7 +16,7 @@ pub const RECORDERS_MAX: usize = 2;
 pub const RECORDS_KEPT: usize = 512;
 /// Most processes that may send administrative requests.
 pub const ADMINS_MAX: usize = 32;
-/// So many of these places are left to processes that only want an emergency stop.
+/// Places among `ADMINS_MAX` that are kept for processes that only want an emergency stop.
 pub const STOP_PLACES: usize = 4;
 /// Requests of one client that may be under way at a time: an ordinary one, and an emergency stop beside it.
 pub const REQUESTS_PER_CLIENT: usize = 2;

@@ -1,7 +1,7 @@
-//! The shared-memory layouts, version 1.
+//! The shared-memory layouts.
 //!
 //! Joints, groups and buses stand in the order of the configuration; entries past the count are zero. A message's
-//! type name carries its version, and the service is refused to a client whose layout differs.
+//! type name carries its version, and a client whose layout differs cannot open the service.
 
 use crate::codes::{Operation, Refusal, Rejection};
 use crate::limits::{
@@ -22,7 +22,7 @@ pub const FLAG_SHUTDOWN: u32 = 1 << 3;
 /// `StateMessage::flags`: the configuration's file is no longer the one that the daemon read at its start.
 pub const FLAG_CONFIG_CHANGED: u32 = 1 << 4;
 
-/// `JointState::flags`: position, velocity and torque were received in this very cycle.
+/// `JointState::flags`: position, velocity and torque were received since the states before were published.
 pub const JOINT_FRESH: u32 = 1 << 0;
 /// `JointState::flags`: position, velocity and torque have been received at least once since the motor came online.
 pub const JOINT_VALID: u32 = 1 << 1;
@@ -68,7 +68,7 @@ pub struct JointState {
     pub limits: u32,
     /// `MotorMode` code.
     pub mode: u32,
-    /// The motor's fault bits (GIM document, table 9), 0 for none.
+    /// `Fault` bits that the motor reports; 0 for none.
     pub fault: u32,
     /// `JOINT_*` flags.
     pub flags: u32,
@@ -112,7 +112,7 @@ pub struct GroupState {
     pub cause_pid: u32,
     /// Setpoint messages accepted, modulo 2³².
     pub accepted: u32,
-    /// Those of them that came too late for the first cycle after the one that they answer, modulo 2³².
+    /// Accepted messages that came too late for the first cycle after the one that they answer, modulo 2³².
     pub late: u32,
     /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
     pub rejected: [u32; Rejection::COUNT],
@@ -153,7 +153,7 @@ pub struct BusState {
     pub unexpected_id: u32,
     /// Replies that nobody had asked for, among them second answers to one request.
     pub duplicate: u32,
-    /// Frames with the id of a motor that motors of its vendor do not send, or that do not decode.
+    /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
     pub malformed: u32,
     /// Error frames.
     pub errors: u32,
@@ -224,8 +224,8 @@ impl Default for StateMessage {
 }
 
 impl StateMessage {
-    /// Takes over what is in use in `other`, and clears what was in use here and is not there. Of the 8 kB of a message a robot
-    /// of 12 joints uses one fifth; nothing else is read.
+    /// Copies the entries that are in use in `other`, and clears those that were in use here only. Of the 8 kB of a message a
+    /// robot of 12 joints uses one fifth; nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
         let Self { joints, groups, buses, indicators, .. } = self;
         replace(joints, self.joint_count, &other.joints, other.joint_count);
@@ -333,9 +333,9 @@ impl Default for SetpointMessage {
 }
 
 impl SetpointMessage {
-    /// Takes over what is in use in `other`, and clears what was in use here and is not there. Nothing else is read.
+    /// Copies the entries that are in use in `other`, and clears those that were in use here only. Nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
-        // Its sender may change the count meanwhile: what lies above the one that was copied is zero here.
+        // The sender may change the count meanwhile, so it is read once: entries past it are zero in this copy.
         let joint_count = other.joint_count;
         replace(&mut self.joints, self.joint_count, &other.joints, joint_count);
         self.lease = other.lease;
@@ -428,7 +428,7 @@ impl AdminRequest {
     }
 }
 
-/// The head of an answer; for `describe` and `telemetry` JSON text follows it.
+/// The head of an answer; for `describe`, `telemetry` and `histograms` JSON text follows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminReply.v1"))]
 #[repr(C)]

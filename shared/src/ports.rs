@@ -248,8 +248,8 @@ impl Housekeeper {
         Ok(Self { node: service::node(&instance, true)?, instance })
     }
 
-    /// Cleans. Returns the number of dead processes that were removed. Files of those that died before they were one stay for 10 s;
-    /// those that cannot be removed stay until the next start.
+    /// Cleans. Returns the number of dead processes that were removed. Files of processes that died while they registered stay
+    /// for 10 s; files that cannot be removed stay until the next start.
     #[must_use]
     pub fn clean(&self) -> u64 {
         let removed = self.node.try_cleanup_dead_nodes().cleanups;
@@ -293,7 +293,7 @@ impl ClientPorts {
         Ok(ports)
     }
 
-    /// Opens them for an emergency stop: there is a place for it however many others are there.
+    /// Opens the services for an emergency stop: some places are kept for it, however many others are connected.
     ///
     /// # Errors
     /// Those of [`open`](Self::open).
@@ -393,7 +393,8 @@ impl ClientPorts {
         slept
     }
 
-    /// After the wake-up no system call is left to do: its notification is taken before the next sleep.
+    /// Sleeps on `listener`, unless a state waits already. A notification that ends a sleep is taken before the next sleep, so
+    /// that a wake-up costs no further system call.
     ///
     /// The daemon notifies after it has published, so the state of a notification that is taken here is looked for after it. If that state
     /// was taken before, and its notification comes while this thread is held up between two of these calls, the next one may wake nobody.

@@ -9,10 +9,9 @@ use std::path::{Path, PathBuf};
 /// The device and the number of a file.
 type Identity = (u64, u64);
 
-/// The files of a daemon as they were: its lock, its directory and its services but that of recorders, without which only they are blind.
+/// The files of a daemon as they were: its lock, its directory and its services, except the service that only recorders need.
 ///
-/// Those of its clients, of a dead predecessor and of programs that nobody knows come and go in the same directory: they are
-/// none of them.
+/// Files of its clients, of a dead predecessor and of unknown programs come and go in the same directory, and do not count.
 #[derive(Debug)]
 pub struct Presence(Vec<(PathBuf, Option<Identity>)>);
 

@@ -328,7 +328,8 @@ fn service_name(instance: &Instance, part: Part) -> ServiceName {
     ServiceName::new(&name).expect("an instance name makes a short service name")
 }
 
-/// The files by which clients find the services of `instance`, but that of recorders. They stay the same while a daemon or a client has the services.
+/// The files by which clients find the services of `instance`, except the service of recorders. They stay the same while a
+/// daemon or a client has the services.
 pub(crate) fn files(instance: &Instance) -> [PathBuf; 4] {
     let config = config(instance);
     let suffix = &config.global.service.static_config_storage_suffix;
@@ -362,7 +363,8 @@ pub(crate) fn state(
         .max_nodes(NODES_MAX)
 }
 
-/// Of its own beside the states: its places hold half a second each, and those of the many watchers must not.
+/// A service beside the states: each of its few subscribers has room for half a second of cycles, which the many watchers do
+/// not need.
 pub(crate) fn record(
     node: &Node<Service>,
     instance: &Instance,

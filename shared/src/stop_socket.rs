@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 pub const REQUEST: &[u8] = b"motord emergency stop 1";
 /// The reply once the commands that damp the motors are on their way.
 pub const CONFIRMED: &[u8] = b"confirmed";
-/// The reply when no cycle carried the stop out in time. It still will, should it come.
+/// The reply when no cycle carried the stop out in time. The next cycle, if one comes, still carries it out.
 pub const NO_CYCLE: &[u8] = b"no cycle";
 /// The reply to a process that may not enter the runtime directory.
 pub const NOT_PERMITTED: &[u8] = b"not permitted";
@@ -90,7 +90,7 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
 #[derive(Debug)]
 pub struct AskedStop {
     socket: OwnedFd,
-    /// Whose confirmation it would be; an error when that is not to be believed.
+    /// Whether the process that listens may be the daemon; an error when its confirmation must not be believed.
     daemon: Result<(), StopError>,
 }
 
@@ -104,7 +104,7 @@ impl AskedStop {
         let end = Instant::now() + patience;
         loop {
             match Self::try_send(instance, &address, end) {
-                // Callers that say nothing make room for others, and this process may not have come to its word.
+                // A daemon with too many callers drops the first that have not asked yet: this process may be among them.
                 Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR)
                     if Instant::now() < end =>
                 {

@@ -20,7 +20,7 @@ pub struct SerialBus<S = Port> {
     port: S,
     line: Line,
     buffer: [u8; READ_BYTES],
-    /// The adapter was unplugged, or took a part of a frame: whatever follows would complete that one.
+    /// The adapter was unplugged, or took only a part of a frame, which the next bytes would complete.
     is_gone: bool,
 }
 
@@ -37,7 +37,7 @@ impl SerialBus {
 }
 
 impl<S: ByteStream> SerialBus<S> {
-    /// The line whose bytes `port` carries: one of a test, on virtual time. Allocates.
+    /// A bus over any byte stream `port`, such as one of a test on virtual time. Allocates.
     #[must_use]
     pub fn over(port: S, settings: &Settings) -> Self {
         Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_gone: false }
@@ -104,7 +104,7 @@ impl<S: ByteStream> Bus for SerialBus<S> {
 pub struct SerialSender(Port);
 
 impl SerialSender {
-    /// Opens the port as its owner does, but for the lock. Allocates, and takes milliseconds.
+    /// Opens the port as its owner does, but neither locks it nor discards waiting bytes. Allocates, and takes milliseconds.
     ///
     /// # Errors
     ///
@@ -128,7 +128,7 @@ impl SerialSender {
         write(&self.0, &request)
     }
 
-    /// Whether the adapter was unplugged. A port that stays open keeps its name from the adapter that is plugged in again.
+    /// Whether the adapter was unplugged. As long as this port stays open, an adapter that is plugged in again gets another device name.
     /// Never blocks; one system call.
     #[must_use]
     pub fn is_gone(&self) -> bool {
@@ -136,7 +136,8 @@ impl SerialSender {
     }
 }
 
-/// Writes a whole request. A part of one would be completed by whatever is sent next: the port has to be opened again.
+/// Writes a whole request. When the port takes only a part, the next bytes would complete it: the refusal is [`Refusal::Gone`],
+/// because the port has to be opened again.
 fn write(port: &impl ByteStream, request: &Request) -> Result<(), Refusal> {
     match port.write(request.bytes()) {
         Ok(count) if count == request.bytes().len() => Ok(()),

@@ -146,7 +146,7 @@ impl Header {
 /// Why bytes are not a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameError {
-    /// More or fewer bytes than the header, or than it says.
+    /// There are fewer bytes than a header has, or not as many as the header says.
     Length {
         /// Bytes of the frame, or of a header when there is not even one.
         expected: usize,
@@ -199,7 +199,7 @@ impl core::error::Error for FrameError {}
 /// Finds frames in a stream of bytes of which some are lost, damaged, not ours or glued together.
 ///
 /// The caller says which frame it waits for. What looks like a frame but is not that one is given up one byte at a time,
-/// so that nothing that came before can hide it.
+/// so that no earlier bytes can hide the frame that is waited for.
 #[derive(Debug, Clone, Default)]
 pub struct Decoder {
     buffer: [u8; FRAME_LEN_MAX],

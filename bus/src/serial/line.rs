@@ -4,11 +4,11 @@
 //!
 //! - *Echo*: an adapter may return the bytes that it sends. They are dropped when they are the first to come after sending.
 //!   On a line that has returned a whole request, a frame for the motor itself is a damaged echo, never a reply.
-//! - *Late replies*: where motors share a host id, the reply of a motor that was given up looks like that of the motor asked
-//!   next. The first such frame is dropped, and one turn is left out: a second frame proves that the first was late, and is the
-//!   reply. Without a second one the first motor is taken for silent, and costs its neighbours nothing more until it replies
-//!   again. A turn is left out once in a round: a motor whose replies are late for long takes no other's turns for long. A reply
-//!   that is two turns late is not told apart: a host id for each motor does that.
+//! - *Late replies*: where motors share a host id, a late reply to a request that was given up looks like the reply of the motor
+//!   asked next. The first such frame is dropped, and one turn is left out: a second frame proves that the first was late, and is
+//!   the reply. Without a second one the motor that was given up counts as silent, and costs its neighbours nothing more until it
+//!   replies again. A turn is left out at most once in a round, so that a motor that is always late does not take another's turns
+//!   for long. A reply that is two turns late is not detected: only a host id for each motor helps.
 //! - *ACK frames* refuse the request, unless a reply follows in the same read: four bytes are found in noise more easily than
 //!   twelve.
 
@@ -122,7 +122,7 @@ impl Line {
         self.open.is_some_and(|open| now.since(open.sent_at) < self.reply_timeout)
     }
 
-    /// Whether a turn must be left out, to tell whose frame was dropped. Once for each frame, and once while each motor has a turn.
+    /// Whether a turn must be left out, to tell whose frame was dropped: at most once for each such frame, and once in a round.
     pub(super) fn leaves_out_a_turn(&mut self) -> bool {
         let Doubt::Dropped(earlier) = self.doubt else { return false };
         if self.since_left_out < self.addresses.len() {
@@ -160,7 +160,7 @@ impl Line {
         if let Doubt::Of(earlier) | Doubt::Waited(earlier) = self.doubt {
             self.silent[usize::from(earlier)] = true;
         }
-        // The frame that was dropped was the reply to this request. Without a turn left out that is not known.
+        // A turn was left out and no second frame came: the frame that was dropped was the reply to this request.
         let has_replied = matches!(self.doubt, Doubt::Waited(_));
         let is_alike = next.address.host_id.is_none_or(|host| request.may_go_to(host, self.has_echo));
         let may_come = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];

@@ -51,7 +51,7 @@ pub struct Settings {
     pub baud: u32,
     /// The motors. The replies of one that is not listed may name any receiver.
     pub addresses: Vec<Address>,
-    /// A request that is older than this has no reply any more: the next one may be sent.
+    /// A request that is older than this no longer keeps the line busy: the next one may be sent.
     pub reply_timeout: Duration,
     /// Which reply answers which request.
     pub answers: Answers,

@@ -120,7 +120,7 @@ impl Port {
         if received.abs_diff(baud) > baud / BAUD_TOLERANCE {
             return Err(OpenError::Baud { device: device.to_owned(), expected: baud, received });
         }
-        // A driver without the mode delivers as it does.
+        // A driver without the low-latency mode delivers with its usual delay.
         let _unsupported = kernel::set_low_latency(file.as_fd());
         if usage == Use::Exclusive {
             tcflush(&file, QueueSelector::IOFlush)

@@ -1,7 +1,7 @@
 //! The interface below the socket: what it is set to, and setting it.
 //!
-//! With the right to (`CAP_NET_ADMIN`) an interface that does not fit is taken down, given its bit rate, restart time
-//! and queue length, and brought up. Without it, [`OpenError`] says what is wrong and which commands mend it. Nothing is
+//! With `CAP_NET_ADMIN`, this module sets the queue length, takes an interface that does not fit down, sets its bit rate and
+//! restart time, and brings it up. Without it, [`OpenError`] says what is wrong and which commands mend it. Nothing is
 //! put back on exit: an interface that stays up lets the dead man's switch and `candump` go on.
 
 use core::fmt;
@@ -299,7 +299,8 @@ fn netlink_errno(error: &socketcan::Error) -> Errno {
     Errno::from_raw(raw.unwrap_or(libc::EPROTO))
 }
 
-/// Sets the transmit queue length, which the socketcan crate does not offer. `false` when the kernel refused: without the right to, as a rule.
+/// Sets the transmit queue length, which the socketcan crate does not offer. `false` when the kernel refused, as a rule because
+/// the process lacks `CAP_NET_ADMIN`.
 fn set_queue_length(index: u32, frames: u32) -> bool {
     let acknowledged = || {
         let socket = NlSocketHandle::connect(NlFamily::Route, None, Groups::empty()).ok()?;

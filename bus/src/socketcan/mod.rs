@@ -47,7 +47,7 @@ pub struct Settings {
     pub interface: InterfaceName,
     /// Bit rate in bit/s.
     pub bitrate: u32,
-    /// The ids of the motors' replies, one each. Nothing else is received.
+    /// The ids of the motors' replies, one for each motor. No other data frame is received.
     pub host_ids: Vec<FrameId>,
 }
 
@@ -175,7 +175,7 @@ fn send_first(outgoing: &mut Batch, socket: BorrowedFd<'_>, count: usize) -> Sen
     }
 }
 
-/// Opens a raw socket and binds it when it is configured, so that nothing arrives which the filters exclude.
+/// Opens a raw socket, configures it and only then binds it, so that no frame arrives that the filters exclude.
 fn open_socket(
     interface: InterfaceName,
     index: u32,
@@ -227,7 +227,7 @@ fn limit_queue(socket: &CanSocket, frames: u32) -> io::Result<()> {
 
 impl Bus for SocketCanBus {
     /// One `sendmmsg`. When the kernel takes only a part, it does not say why: the refusal is [`Refusal::Full`] then, and
-    /// the next call meets the reason itself.
+    /// the next call returns the true reason.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
         send(&mut self.outgoing, self.socket.as_fd(), frames)
     }

@@ -11,9 +11,10 @@ use crate::kernel::{Batch, CLASSIC_BYTES};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Sent};
 
-/// Sends on whichever interface has a name. One that is missing, or was unplugged and plugged in again, refuses with [`Refusal::Gone`](crate::Refusal::Gone) until it is [found](Self::find).
+/// Sends on the interface that has a given name. Sending on one that is missing, or was unplugged and plugged in again, is refused
+/// with [`Refusal::Gone`](crate::Refusal::Gone) until the interface is [found](Self::find).
 ///
-/// It uses the interface as it is, and changes none of its settings. One that is down refuses with
+/// It uses the interface as it is, and changes none of its settings. Sending on one that is down is refused with
 /// [`Refusal::Down`](crate::Refusal::Down) until it is up.
 pub struct Sender {
     interface: InterfaceName,

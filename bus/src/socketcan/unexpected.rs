@@ -23,8 +23,8 @@ impl UnexpectedIds {
     /// The most batches that one [`count`](Self::count) reads: more than a receive buffer of the default 208 KiB holds.
     const BATCHES: usize = 8;
 
-    /// Counts on the interface of `link` every frame, of any kind but error reports, whose id is not in `expected`. That
-    /// holds the ids that motors reply with and those that commands to them have.
+    /// Counts on the interface of `link` every frame, of any kind but error reports, whose id is not in `expected`.
+    /// `expected` holds the ids of the motors' replies and the ids of the commands to them.
     ///
     /// # Errors
     ///
@@ -60,16 +60,16 @@ impl UnexpectedIds {
 /// The most filters that a socket takes (`CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;
 
-/// Filters for everything but data frames with the `expected` ids, of which a frame meets one or none. The kernel judges
-/// every frame of the bus by them within the send that puts it there, so they must be cheap: it compares each frame with
-/// each filter of several ids, but finds a single id in a table.
+/// Filters for everything but data frames with the `expected` ids. A frame matches one filter or none. The kernel applies them
+/// to every frame of the bus, on a virtual interface within the call that sends it, so they must be cheap: it compares each frame
+/// with each filter for several ids, but finds the filter for a single id in a table.
 fn others(expected: &[FrameId]) -> Vec<(u32, u32)> {
     let block = Block::around(expected);
-    // An inverted filter, and the ids of the block.
+    // The block takes one inverted filter, and at most one filter for each of its ids.
     if block.len() < FILTERS_MAX { block.filters_without(expected) } else { ranges_without(expected) }
 }
 
-/// The ids that are alike in all bits but these.
+/// The ids that equal `id` in all bits but those of `varying`.
 struct Block {
     id: u32,
     varying: u32,
@@ -99,8 +99,8 @@ impl Block {
     }
 }
 
-/// Filters for ranges of ids without the `expected` ones. As many ranges as a socket has filters for, the smallest first, are
-/// given id by id.
+/// Filters for ranges of ids without the `expected` ones. The smallest ranges get one filter for each id, as
+/// long as the socket has enough filters.
 fn ranges_without(expected: &[FrameId]) -> Vec<(u32, u32)> {
     let mut ranges = Vec::new();
     append_ranges(expected, 0, libc::CAN_SFF_MASK + 1, &mut ranges);
@@ -120,7 +120,7 @@ fn ranges_without(expected: &[FrameId]) -> Vec<(u32, u32)> {
     filters
 }
 
-/// Appends the ranges of ids from `start` that are not `expected`, as start and size; `size`, how many ids there are, is a
+/// Appends the ranges of ids that are not `expected` among the `size` ids from `start`, each as start and size. `size` is a
 /// power of two.
 fn append_ranges(expected: &[FrameId], start: u32, size: u32, ranges: &mut Vec<(u32, u32)>) {
     let range = start..start + size;

@@ -39,7 +39,7 @@ fn lay_out(word: u32, len: u8, data: [u8; 8]) -> [u8; CLASSIC_BYTES] {
     bytes
 }
 
-/// The content of a received message of so many bytes, by its first ones.
+/// The content of a received message of `len` bytes, whose first ones are `bytes`.
 #[inline]
 pub(super) fn decode(len: usize, bytes: [u8; CLASSIC_BYTES]) -> Content {
     data_frame(len, &bytes).map_or_else(|| other_content(len, &bytes), Content::Frame)

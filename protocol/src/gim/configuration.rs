@@ -7,7 +7,7 @@ use crate::gim::value::ValueType::{self, Float, Integer};
 /// Which item: integers and floats are numbered separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ConfigurationKey {
-    /// The ConfType byte, see [`ValueType`]. Kept as received, so that a refusal of it can be understood.
+    /// The ConfType byte, see [`ValueType`]. Kept as received, so that a reply that refuses an unknown type can be decoded.
     pub conf_type: u8,
     /// The ConfID byte.
     pub conf_id: u8,

@@ -1,5 +1,5 @@
-//! The native protocol: one frame of 8 bytes asks, one of 8 bytes answers. Over CAN as it is, over serial lines behind
-//! a header of four bytes that is no matter of this crate.
+//! The native protocol: one frame of 8 bytes asks, one of 8 bytes answers. CAN carries the frame as it is; on serial
+//! lines a header of four bytes precedes it, which this crate does not know.
 //!
 //! Readings of the GIM document, section 3.2 if not said otherwise:
 //! - Integers and floats are little endian. The formulas of 3.2.3 and 3.2.14 that use DATA2 twice are misprints.

@@ -1,6 +1,6 @@
 //! Motor to host. Source: GIM document 3.2.1 to 3.2.18.
 //!
-//! The result byte stands at 1, but at 2 where a number of the request is repeated, and at 3 where two are.
+//! The result byte has index 1, but index 2 where the reply repeats one number of the request, and 3 where it repeats two.
 
 use crate::error::DecodeError;
 use crate::fault::FaultBits;
@@ -130,7 +130,7 @@ impl State {
     }
 }
 
-/// Decodes a reply. `pending` settles the one byte that begins two kinds of reply.
+/// Decodes a reply. `pending` decides the meaning of the command byte 0xB4, which begins two kinds of reply.
 ///
 /// Real-time: does not allocate or block; takes constant time.
 ///

@@ -33,7 +33,7 @@ pub struct Impedance {
 }
 
 impl Impedance {
-    /// Of all but the torque. It is finite exactly when they are: single-precision numbers cannot overflow in double precision.
+    /// The sum of all values but the torque, finite exactly when they are: in double precision, single-precision values cannot overflow.
     #[inline]
     fn sum(&self) -> f64 {
         f64::from(self.position) + f64::from(self.velocity) + f64::from(self.kp) + f64::from(self.kd)
@@ -215,8 +215,8 @@ impl ControlCodes {
         Ok(Self::nearest_of_finite(impedance, torque, scales))
     }
 
-    /// The masks take nothing away: a field of 12 bits has no wider code. With them the compiler knows that `pack` has nothing to
-    /// saturate.
+    /// The nearest codes of finite values, with this torque code. The masks change nothing: a field of 12 bits has no wider code.
+    /// They tell the compiler that `pack` has nothing to saturate.
     #[inline]
     fn nearest_of_finite(impedance: &Impedance, torque: u16, scales: &Scales) -> Self {
         let Impedance { position, velocity, kp, kd, .. } = *impedance;

@@ -2,8 +2,8 @@
 //! (`motor_vendors/damiao`), openarm_can (`dm_motor_control.cpp`), and the Seeed wiki's table of the series.
 //!
 //! - A control frame goes to the motor's id; the same motor hears other modes at 0x100, 0x200 and 0x300 + id, and register
-//!   access at 0x7FF. The first byte of a reply is the error code and the lower four bits of the id, so ids end at 15 here:
-//!   the id is whole then. Replies bear MST_ID, which is 0 from the factory: give every motor its own, 0x10 + id.
+//!   access at 0x7FF. The first byte of a reply is the error code and the lower four bits of the id, so the largest id
+//!   here is 15: four bits hold it whole. Replies bear MST_ID, which is 0 from the factory: give every motor its own, 0x10 + id.
 //! - There is no question for the fault. SteadyWin's (six bytes 0xFF, 0x00, 0xFB) is a control frame to these motors.
 //! - PMAX, VMAX and TMAX are registers (21 to 23): a motor that was set otherwise needs its own numbers.
 

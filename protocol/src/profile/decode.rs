@@ -81,8 +81,8 @@ impl Profile {
         }
     }
 
-    /// The motor is enabled, by the status of `state`; `None` where states have none. A status that is in no document does not
-    /// say that it is off: it may be on.
+    /// Whether the motor is enabled, by the status of `state`; `None` where states have no status. A status that is in no document
+    /// counts as enabled, because the motor may be on.
     #[must_use]
     #[inline]
     pub fn is_on(&self, state: &State) -> Option<bool> {
@@ -127,7 +127,7 @@ impl Profile {
 }
 
 impl Temperature {
-    /// °C.
+    /// The temperature, °C; `None` when `payload` ends before it.
     fn read(&self, payload: &[u8]) -> Option<f32> {
         let bytes = payload.get(self.at..self.at + self.bytes)?;
         let code = bytes.iter().fold(0_u16, |code, byte| code << 8 | u16::from(*byte));
@@ -135,7 +135,7 @@ impl Temperature {
     }
 
     fn write(&self, celsius: Option<f32>, bytes: &mut [u8; 8]) {
-        // A cast saturates, and takes no number for zero.
+        // The cast saturates, and turns NaN into 0.
         let code = (celsius.unwrap_or_default() * self.per_celsius + 0.5) as u16;
         let code = if self.bytes == 1 { code.min(0xFF) << 8 } else { code };
         bytes[self.at..self.at + self.bytes].copy_from_slice(&code.to_be_bytes()[..self.bytes]);
@@ -228,7 +228,7 @@ mod tests {
     #[test]
     fn no_state_of_a_moving_motor_is_taken_for_a_fault_report() {
         for profile in PROFILES {
-            // Every byte of the codes but a velocity and a torque at their most negative ends.
+            // Every state but those whose velocity and torque are both at their most negative ends.
             for velocity in 0x020..=0xFFF {
                 let codes = StateCodes { position: 0, velocity, torque: 0 };
                 let [a, b, c, d, e] = codes.pack();

@@ -28,7 +28,7 @@ pub const PROFILES: &[&Profile] = &[&STEADYWIN, &DAMIAO, &ROBSTRIDE];
 pub struct Profile {
     /// Its name on command lines, in kebab-case.
     pub name: &'static str,
-    /// Which motors it is about, for a reader.
+    /// The motors that it describes, as a text for people.
     pub motors: &'static str,
     /// The motors speak the native GIM protocol, too.
     pub speaks_gim: bool,
@@ -50,14 +50,14 @@ pub struct Ids {
     pub largest: u8,
     /// The largest reply id it may have.
     pub largest_reply: u16,
-    /// Added to a motor's id it gives its reply id, unless the configuration says otherwise.
+    /// A motor's reply id is its id plus this, unless the configuration says otherwise.
     pub reply_offset: u16,
-    /// Added to a motor's id they give more ids at which it hears commands, of other modes: no reply may bear one.
+    /// A motor also hears commands, of other modes, at its id plus each of these: no reply may bear such an id.
     pub also_hears: &'static [u16],
 }
 
 impl Ids {
-    /// A motor with this `id` takes what bears `other` for a command to it.
+    /// Whether a motor with this `id` takes a frame with the id `other` for a command to it.
     #[must_use]
     pub fn hears(&self, id: u8, other: u16) -> bool {
         let id = u16::from(id);
@@ -65,7 +65,7 @@ impl Ids {
     }
 }
 
-/// Where a reply has what. Its second to sixth byte are the codes of the state.
+/// The layout of a reply. Its second to sixth byte are the codes of the state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReplyLayout {
     /// The fewest and the most bytes of a reply with a state. What follows the known bytes means nothing.
@@ -79,9 +79,9 @@ pub struct ReplyLayout {
 /// A temperature in a reply.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Temperature {
-    /// Whose, as a short name.
+    /// The part whose temperature it is, as a short name.
     pub of: &'static str,
-    /// Its first byte. It is unsigned and big endian.
+    /// The index of its first byte in the reply. The number is unsigned and big endian.
     pub at: usize,
     /// How many bytes it has, 1 or 2.
     pub bytes: usize,
@@ -116,7 +116,7 @@ pub struct FaultReply {
 /// The status code that shares the first byte of a reply with the motor's id.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Status {
-    /// How far it is shifted up.
+    /// The number of bits by which the code is shifted left in that byte.
     pub shift: u32,
     /// The code of a motor that is disabled.
     pub off: u8,
@@ -127,7 +127,7 @@ pub struct Status {
 }
 
 impl FaultReply {
-    /// The faults of this `number`. Bits without a word give their index.
+    /// The faults of this `number`. Of the bits without a word, the lowest is reported by its index.
     #[must_use]
     pub fn faults(&self, number: u32) -> Faults {
         let (faults, rest) = self
@@ -173,7 +173,7 @@ impl Profile {
         })
     }
 
-    /// Its motors answer the question for their faults. If not, every reply has them.
+    /// Whether its motors report faults only when they are asked. If not, every reply reports them.
     #[must_use]
     pub const fn is_asked_for_faults(&self) -> bool {
         matches!(self.faults, FaultReport::Asked(_))
@@ -189,7 +189,7 @@ impl Profile {
     }
 
     /// `payload` is a fault report beyond doubt: no state has its shape. Bytes that it lacks count as zero, but it has at
-    /// least six.
+    /// least as many as the shortest answer, [`FaultReply::lengths`].
     ///
     /// Real-time: does not allocate or block; takes constant time.
     #[must_use]
@@ -198,7 +198,7 @@ impl Profile {
         let FaultReport::Asked(FaultReply { zeros, lengths: [least, _], .. }) = self.faults else {
             return false;
         };
-        // Most states differ in their first four bytes.
+        // The first four bytes already rule out most states.
         let [a, b, c, d, ..] = zeros;
         let head =
             payload.first_chunk().map(|head| u32::from_ne_bytes(*head) & u32::from_ne_bytes([a, b, c, d]));

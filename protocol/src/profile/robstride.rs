@@ -5,7 +5,7 @@
 //! - A command goes to the motor's id, 1 to 127; position and speed mode hear 0x100 and 0x200 + id. Replies bear the master id
 //!   of eight bits, which is the same for all motors from the factory: give every motor its own, 0x40 + id.
 //! - Six bytes 0xFF begin commands that change mode (…FC), protocol (…FD), the motor's id (…FA) and the master id (FD …), where
-//!   the seventh byte is no 0xFF: no control frame may begin so, and the stop has seven of them.
+//!   the seventh byte is no 0xFF: no control frame may begin with six 0xFF, and the stop frame has seven.
 //! - A clear is answered with a state, a question for the fault with the id and 32 little-endian bits. The sample takes a reply
 //!   for a fault report when its last bytes are zero.
 

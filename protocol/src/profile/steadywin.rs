@@ -20,7 +20,7 @@ pub const STEADYWIN: Profile = Profile {
     faults: FaultReport::Asked(FaultReply {
         bytes: 1,
         lengths: [6, 8],
-        // "Meaningless": the vendor's drivers leave them zero, a document does not promise it.
+        // The document calls these bytes meaningless: the vendor's drivers leave them zero, but no document promises it.
         zeros: [0, 0, 0, 0xFF, 0xFF, 0xFF, 0, 0],
         words: &[
             (0x01, Faults::FOC_FREQUENCY),
