@@ -1,8 +1,8 @@
 //! The bus plan: how much of a cycle each bus needs for the motors on it.
 //!
-//! On CAN every motor is asked once in `every` cycles, and at most one motor of a bus is asked for its faults besides. A
-//! frame's length depends on its bits: the worst case says what must fit, the length without stuffing bits what a reply
-//! cannot be faster than.
+//! On CAN every motor is asked once in `every` cycles, and at most one motor of a bus is asked for its faults or an indicator
+//! besides. A frame's length depends on its bits: the worst case says what must fit, and the length without stuffing bits the
+//! least time until a reply.
 //!
 //! On a serial line one request is open at a time. A turn lasts for a request, the turnaround and the reply, in whole
 //! cycles: the reply is read when a cycle begins.

@@ -125,7 +125,7 @@ pub struct SafetySettings {
     pub damp: Duration,
     /// A damped joint slower than this, rad/s, is at rest.
     pub rest_velocity: f32,
-    /// A motor that missed this many cycles in a row is lost.
+    /// A motor that gave no answer in this many turns in a row is lost.
     pub lost_cycles: u32,
     /// Largest distance between a joint and its position setpoint when it is enabled, rad.
     pub start_jump: f32,
@@ -247,7 +247,8 @@ pub struct Capabilities {
     pub answers_fault_question: bool,
     /// It can be asked for so many indicators, by their numbers from 0.
     pub indicators: u8,
-    /// A state that answers a stop confirms the stop, unless it says that the motor runs. Else the motor confirms a stop by a message of its own.
+    /// A state that answers a stop confirms the stop, unless it says that the motor runs. Else the motor confirms a stop by a
+    /// message of its own.
     pub state_confirms_stop: bool,
 }
 
@@ -290,7 +291,7 @@ pub struct MotorSettings {
     pub scales: Scales,
     /// The constants that its scales come of; `None` for a motor whose codes are torques.
     pub constants: Option<DriveConstants>,
-    /// It says something else of itself than its configuration does: its group is never enabled.
+    /// The motor reports other data of itself than the configuration has: its group is never enabled.
     pub mismatch: bool,
     /// The torque the motor can give for good, output side, N·m.
     pub rated_torque: f32,
@@ -304,7 +305,7 @@ pub struct MotorSettings {
     pub transmission: Transmission,
     /// The abilities of the motor that decisions depend on.
     pub capabilities: Capabilities,
-    /// How long each control command lasts, of a motor that is told so; 0 says nothing, or for ever.
+    /// How long each control command lasts, for a motor whose commands carry a duration. What 0 means is not documented.
     pub duration: ExecutionTime,
     /// Damping of a safe stop, N·m·s/rad. Of a motor without impedance mode it is not used: its drive brakes it.
     pub damping_kd: f32,
@@ -347,7 +348,7 @@ impl MotorSettings {
 pub struct LimitSettings {
     /// Lowest and highest position, rad.
     pub position: [f32; 2],
-    /// Largest speed, rad/s: of setpoints, of the position setpoint's motion, and times 1.2 of the joint.
+    /// Largest speed, rad/s, of setpoints and of the position setpoint's motion. 1.2 times this is too fast for the joint.
     pub velocity: f32,
     /// Largest torque, N·m: of setpoints, and of kp·Δp + kd·Δv + torque.
     pub torque: f32,

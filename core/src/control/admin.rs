@@ -243,7 +243,7 @@ impl Control {
             (MotorMode::Offline, _) => Err((Refusal::MotorOffline, joint)),
             (MotorMode::Excluded, _) => Err((Refusal::Excluded, joint)),
             (MotorMode::Fault, Kind::SetZero) => Err((Refusal::MotorFault, joint)),
-            // Nobody means to make zero the place where a turning joint just is, and its next state does not confirm it.
+            // Nobody wants the momentary position of a moving joint as its zero, and its next state would not confirm it.
             (_, Kind::SetZero) if !motor.is_at_rest(self.context.safety.rest_velocity) => {
                 Err((Refusal::Moving, joint))
             }

@@ -14,7 +14,7 @@ pub(super) struct BusHealth {
     pub(super) joints: Vec<usize>,
     /// Place in `joints` of the one whose turn it is to be asked for its faults.
     pub(super) poll_next: usize,
-    /// On a line: when it is their turn.
+    /// The turn of questions for faults and indicators; only on a line that has one.
     pub(super) question_turn: Option<Turn>,
 }
 

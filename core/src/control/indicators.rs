@@ -10,7 +10,7 @@ use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
 /// No indicator is asked for less often.
 const SLOWEST_HZ: f64 = 0.01;
 
-/// Of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of none when none is asked for.
+/// The indicators of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of no motor where none is asked for.
 #[derive(Debug)]
 pub(super) struct Indicators {
     motors: Vec<Asked>,
@@ -83,7 +83,7 @@ impl Indicators {
         }
     }
 
-    /// By joint; unknown where the joint is not `known` now.
+    /// The values by joint; NaN where the state of the joint is not `known` now.
     pub(super) fn report(&self, known: impl Fn(usize) -> bool) -> impl Iterator<Item = JointIndicators> {
         self.motors.iter().map(move |motor| JointIndicators {
             joint: motor.joint as u32,

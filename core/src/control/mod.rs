@@ -48,7 +48,7 @@ const SILENT_START: Duration = Duration::from_secs(2);
 pub struct Wake {
     /// Its number, from 1.
     pub cycle: u64,
-    /// When the cycle should begin.
+    /// When the cycle should begin: the tick that its thread slept until. Missed ticks come after it.
     pub scheduled: Instant,
     /// When it began.
     pub begun: Instant,
@@ -208,7 +208,7 @@ impl Control {
         self.context.publications += 1;
     }
 
-    /// A cycle of the line `bus` begins at `now`. Returns whether it is the turn of the questions.
+    /// A cycle of the line `bus` begins. Returns whether it is the turn of the questions.
     pub fn begin_questions(&mut self, bus: usize) -> bool {
         let Self { buses, context, .. } = self;
         let turn = buses[bus].question_turn.as_mut();

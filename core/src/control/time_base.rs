@@ -11,7 +11,7 @@ use crate::settings::CycleSettings;
 use motord_bus::Duration;
 use motord_shared::Cause;
 
-/// A missed tick is remembered for this time.
+/// The time constant of the mean share of missed ticks.
 const MEMORY: Duration = Duration::from_secs(1);
 /// A computer takes longer than this to be suspended and woken; the readings of two clocks differ by less.
 const SUSPENDED_LEAST: Duration = Duration::from_millis(10);

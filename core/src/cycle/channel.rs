@@ -26,9 +26,9 @@ pub(super) struct BusChannel {
     inbox: Inbox,
     /// Requests of the last batch that are not answered.
     awaited: usize,
-    /// Requests that are sent until then may have late replies before theirs.
+    /// A late reply may come before the reply to a request that is sent until then.
     unsettled_until: Instant,
-    /// The last read took as much as was awaited, and a reply was not among it: it may be behind.
+    /// The last read took as many arrivals as replies were awaited, but not every one was a reply: the others may be unread.
     is_cut_short: bool,
     /// A motor that has no frame in this batch may not have answered an earlier one.
     owes: bool,
@@ -59,7 +59,7 @@ enum Pace {
 pub(super) enum Batch {
     /// One command per motor. Most are answered with a state.
     Commands,
-    /// A fault request to one motor.
+    /// A question to one motor, for its faults or an indicator.
     FaultRequest,
 }
 

@@ -53,7 +53,7 @@ pub struct Record {
     pub publication_ns: Option<u64>,
     /// Its polling for the last replies.
     pub polled: Polled,
-    /// Cycles without a reply, over all motors, since the start.
+    /// Turns without a reply, over all motors, since the start.
     pub missed: u64,
     /// Ticks missed just before this cycle.
     pub missed_ticks: u64,
@@ -188,7 +188,7 @@ impl Alarms {
         self.stop.store(cause.code(), Ordering::Release);
     }
 
-    /// Stops every group for `cause` in every cycle until it is `None` again, so that none can be enabled. Wait-free.
+    /// Stops every group for `cause` in every cycle until it is `None` again, so that no group becomes active. Wait-free.
     pub fn stand(&self, cause: Option<Cause>) {
         self.standing.store(cause.map_or(0, Cause::code), Ordering::Release);
     }

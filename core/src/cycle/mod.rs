@@ -3,8 +3,8 @@
 //! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
 //! bounded by motors, buses or an inbox, and none returns early: that a motor is silent is data for a later phase. System
 //! calls of a cycle: one sleep, one send per bus, and for waiting and receiving at most three further calls per bus, and two. On
-//! top come a read of each bus on which a request of an earlier cycle is open, and busy polling, where configured: one sleep, and
-//! the reads that [`Polled`] counts.
+//! top come a read of each line and of each bus on which a request of an earlier cycle is open; busy polling, where configured:
+//! one sleep, and the reads that [`Polled`] counts; and questions: one send per bus that is asked, and the calls for its reply.
 
 mod assemble;
 mod channel;
@@ -154,7 +154,8 @@ impl Cycle {
         &self.control
     }
 
-    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) is true when it has. An alarm is its cause.
+    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) is true when it has. An alarm that waits is
+    /// latched as the cause instead of the shutdown.
     pub fn shut_down(&mut self) {
         self.heed_alarms();
         self.control.shut_down();
@@ -223,8 +224,8 @@ impl Cycle {
         }
     }
 
-    /// Reads each serial line, and each bus on which a lost motor may have answered since the last read: a reply must be judged before
-    /// the next command to its motor is decided. One system call for each of them; bounded by motors and inboxes.
+    /// Reads each serial line, and each bus on which a request of an earlier cycle is open: a reply must be judged before the next
+    /// command to its motor is decided. One system call for each of them; bounded by motors and inboxes.
     fn read_early(&mut self) {
         for bus in 0..self.channels.len() {
             if self.channels[bus].is_line() || self.channels[bus].owes() {
@@ -262,15 +263,15 @@ impl Cycle {
                 link.answer(ticket, reply);
             }
         }
-        // The last word of a cycle: no reset that came with it takes it back.
+        // An emergency stop is heeded after the requests, so that no reset in the same cycle takes it back.
         if let Some(pid) = link.next_stop() {
             control.emergency_stop(pid);
         }
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    /// Decides, and sends one frame to each motor whose turn it is. Returns when the last frames were handed over whose replies
-    /// this cycle awaits. Bounded by motors; one system call per bus.
+    /// Decides, and sends one frame to each motor whose turn it is. Returns the time just before the last frames are handed over
+    /// whose replies this cycle awaits. Bounded by motors; one system call per bus.
     fn transmit(&mut self, wake: &Wake) -> Instant {
         self.control.decide(*wake);
         let mut sent = wake.begun;
@@ -286,8 +287,8 @@ impl Cycle {
         sent
     }
 
-    /// Sends one frame to each motor of a bus whose turn it is. Returns when they were handed over. Bounded by the motors of
-    /// the bus; one system call.
+    /// Sends one frame to each motor of a bus whose turn it is. Returns the time just before they are handed over. Bounded by
+    /// the motors of the bus; one system call.
     fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
         let now = self.clock.now();
         let Self { control, drives, channels, .. } = self;
@@ -321,8 +322,8 @@ impl Cycle {
         self.channels[bus].queue(motor, frame);
     }
 
-    /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all come.
-    /// System calls as in [`gather`](Self::gather), beside those of [`busy_poll`](Self::busy_poll), which it only does when told so.
+    /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all
+    /// come. System calls as in [`gather`](Self::gather), and if it `polls`, those of [`busy_poll`](Self::busy_poll), too.
     fn collect(&mut self, now: Instant, deadline: Instant, polls: bool) -> Ready {
         let mut open = self.open_buses();
         if !open.any() {
@@ -382,28 +383,21 @@ impl Cycle {
             // A last sleep, and a read of each open bus after it.
             let last = 1 + open.count();
             let kept = if now < deadline { last } else { 0 };
+            ready = Some(open);
             if self.is_cut_short(open) && calls >= open.count() + kept {
-                ready = Some(open);
                 continue;
             }
             if now >= deadline {
                 return open;
             }
-            // Enough is left for a wait that ends with a read of each open bus.
-            ready = Some(if calls >= 2 * last {
-                self.wait(open, deadline)
-            } else {
-                self.sleep_for(open, deadline)
-            });
+            // Enough is left for a wait that ends with a read of each open bus, or only for the last sleep.
+            match calls >= 2 * last {
+                true => ready = Some(self.wait(open, deadline)),
+                false => self.clock.sleep_until(deadline),
+            }
             calls = calls.saturating_sub(1);
             now = self.clock.now();
         }
-    }
-
-    /// Sleeps until `deadline`. Returns the `open` buses, which are to be read then. One system call.
-    fn sleep_for(&mut self, open: Ready, deadline: Instant) -> Ready {
-        self.clock.sleep_until(deadline);
-        open
     }
 
     /// Replies may have been left unread on an `open` bus, behind something else. No system call; the next read takes them.
@@ -412,7 +406,7 @@ impl Cycle {
         channels.any(|(bus, channel)| open.contains(bus) && channel.is_cut_short())
     }
 
-    /// Sleeps from `now` until `time`, less the time by which this thread is usually woken late, and less by `shorter` at most.
+    /// Sleeps from `now` until `time`, less the time by which this thread is usually woken late, but less at most `shorter`.
     /// Returns the time after it. At most one system call.
     fn sleep_towards(&mut self, now: Instant, time: Instant, shorter: Duration) -> Instant {
         let due = time - self.lateness.expected().min(shorter);
@@ -459,8 +453,8 @@ impl Cycle {
         Ready::of(self.channels.iter().map(BusChannel::is_open))
     }
 
-    /// Reads the buses that are `ready` at `now`, or all when that is not known; no line. Returns how many were read. One system call for each of
-    /// them; bounded by their inboxes.
+    /// Reads the buses that are `ready` at `now`, or all when that is not known, but never a line. Returns how many were read. One
+    /// system call for each of them; bounded by their inboxes.
     fn receive(&mut self, ready: Option<Ready>, now: Instant) -> usize {
         let mut read = 0;
         for bus in 0..self.channels.len() {
@@ -512,9 +506,9 @@ impl Cycle {
         link.lose(control.clear_events());
     }
 
-    /// Asks at most one motor of each bus but lines for its faults or an indicator, where none of its replies is `open`, and
-    /// request and reply still fit before `end`, the next tick; waits for the replies at most until then. One system call per
-    /// bus that is asked, and those of [`collect`](Self::collect).
+    /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is not `open`, and if request
+    /// and reply still fit before `end`, the next tick. Waits for the replies at most until `end`. One system call per bus that
+    /// is asked, and those of [`collect`](Self::collect).
     fn ask(&mut self, open: Ready, end: Instant) {
         let now = self.clock.now();
         let mut asked = false;
@@ -534,7 +528,7 @@ impl Cycle {
             // Those that are still open are overdue: only the replies to these questions are waited for.
             let overdue = self.channels.iter_mut().enumerate().filter(|&(bus, _)| open.contains(bus));
             overdue.for_each(|(_, channel)| channel.give_up(end));
-            // Nobody waits for these replies.
+            // No client waits for these replies, so the buses are not polled for them.
             self.collect(now, end, false);
         }
     }

@@ -4,8 +4,8 @@
 //! one (docs/adr/0005). So a motor has at most one open request, and a reply is judged by what is open, by its shape as the
 //! [decoder](super::Decoder) reads it, and by its time.
 //!
-//! Pure: a transition changes nothing but its state, and depends on nothing else. Constant time; no allocation, no call of
-//! the system.
+//! Pure: a transition depends on the state, the payload and the time only, and changes the state only. Constant time; no
+//! allocation, no call of the system.
 
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
@@ -14,7 +14,8 @@ use motord_bus::{Duration, Instant};
 pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
 /// After so many fault requests without a report, a payload that continues the motion may be a report.
 const UNREPORTED_MAX: u32 = 3;
-/// After so many, a motor that sent a report beyond doubt may send others, too: its fault may set bits that no document names.
+/// After so many fault requests without a report, even a motor that sent a report beyond doubt may answer with another kind of
+/// report: its fault may set bits that no document names.
 const DOUBTED_AFTER: u32 = 10;
 
 /// The content that a request asks for.
@@ -24,7 +25,7 @@ pub(super) enum Question {
     State,
     /// The fault bits.
     Fault,
-    /// That the fault is forgotten.
+    /// The confirmation that the motor received the request to clear its fault.
     Clear,
 }
 
@@ -70,10 +71,10 @@ struct Request {
 /// How well the fault reports of this motor are known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reports {
-    /// None beyond doubt has come; so many fault requests in a row had no answer in their cycle.
+    /// No report beyond doubt has come, or none for long; so many fault requests in a row had no answer in their cycle.
     Unseen(u32),
-    /// One beyond doubt has come, and after it so many fault requests in a row had no answer in their cycle. This motor
-    /// sends no others, unless that goes on.
+    /// A report beyond doubt has come, and after it so many fault requests in a row had no answer in their cycle. No other
+    /// payload is taken for a report of this motor, until the number reaches [`DOUBTED_AFTER`].
     Seen(u32),
 }
 
@@ -134,7 +135,7 @@ pub(super) struct Correlator {
     /// Requests that were not answered before the next, and whose replies may still come.
     owed: u32,
     owed_since: Instant,
-    /// Until then the next reply is dropped, unless it is a fault report beyond doubt.
+    /// Until then the next reply is dropped, but for a fault report beyond doubt while no fault request is open.
     distrusted_until: Instant,
     reports: Reports,
 }
@@ -222,7 +223,7 @@ impl Correlator {
         }
     }
 
-    /// The payload can be an answer to the open request, and is if the last replies came in order.
+    /// Takes the payload as the answer to the open request, unless the next reply is distrusted.
     fn answer(&mut self, open: Request, at: Instant) -> Verdict {
         let is_fault = open.question == Question::Fault;
         if at < self.distrusted_until {

@@ -36,7 +36,7 @@ pub(super) struct Gim {
     state: Measured<Motor>,
     /// When it told its velocity last.
     velocity_at: Instant,
-    /// Its velocity is older than [`VELOCITY_MAX_AGE`]: as after a silence, in which it may have become another.
+    /// Its velocity is older than [`VELOCITY_MAX_AGE`], as after a silence: it may have changed meanwhile.
     is_velocity_old: bool,
 }
 
@@ -156,7 +156,7 @@ impl Gim {
             }
             Reply::Indicator { ind_id: Indicator::SHAFT_SPEED, outcome: Ok(speed) } => {
                 let velocity = speed.get() / RPM;
-                // One that no state could tell is damage: no checksum covers a payload on a line.
+                // A velocity that no state can hold is a damaged payload: no checksum covers a payload on a line.
                 if f64::from(velocity.abs()) <= self.scales.velocity.max() {
                     self.tell_velocity(velocity, at);
                 }

@@ -114,7 +114,7 @@ impl Mit {
         command.encode(&self.scales).ok()
     }
 
-    /// If not, its faults come with its states.
+    /// The motor answers a question for its faults. If not, its faults come with its states.
     pub(super) const fn answers_fault_question(&self) -> bool {
         self.profile.is_asked_for_faults()
     }
@@ -126,7 +126,7 @@ impl Mit {
         }
     }
 
-    /// The impedance of a command that has one; any other has none of it.
+    /// The impedance of a command that has one; neutral for any other command.
     fn wanted(&self, command: &Command) -> Impedance<Motor> {
         match command {
             Command::Control(setpoint) => self.transmission.to_motor(&setpoint.values),

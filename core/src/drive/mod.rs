@@ -72,8 +72,8 @@ pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
     motord_protocol::gim::repeats(request, reply)
 }
 
-/// The frames that damp and stop a motor when nobody controls it any more. A native motor is braked by
-/// speed commands, which may be full torque in MIT mode, and nobody knows the mode then: such a motor is stopped at once.
+/// The frames that damp and stop a motor when nobody controls it any more. A native motor is stopped at once: the speed
+/// commands that would brake it may mean full torque in MIT mode, and nobody knows its mode then.
 #[must_use]
 pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
     let make = |command| Drive::new(motor, Duration::ZERO, false).request(&command, Instant::ZERO);

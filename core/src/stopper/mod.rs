@@ -135,7 +135,7 @@ impl Stopper {
         owed.map(|(index, _)| index)
     }
 
-    /// Whether every bus that is not served has refused frames for longer than its motors would have been damped.
+    /// Whether every bus that is not served refused its last round, after the damping of its motors would have been over.
     #[must_use]
     pub fn is_stalled(&self) -> bool {
         self.buses.iter().filter_map(|bus| bus.schedule).all(|it| it.due().is_none() || it.is_slow())
@@ -172,7 +172,8 @@ impl Stopper {
         self.stop_owed(clock.now(), outlets);
     }
 
-    /// A bus that takes a part of every round never comes to its stops, but that part of its motors can be stopped.
+    /// Sends one round of stops to every bus that is not served. A bus that takes only a part of every round never comes to
+    /// its stops, but that part of its motors can be stopped.
     fn stop_owed(&self, now: Instant, outlets: &mut [impl Outlet]) {
         let owed = self.buses.iter().zip(outlets).filter(|(bus, _)| bus.due().is_some());
         for (bus, outlet) in owed {

@@ -64,7 +64,7 @@ impl Schedule {
         (self.phase != Phase::Served).then_some(self.due)
     }
 
-    /// Whether the bus still refused when the damping would have been over, and has taken nothing since.
+    /// Whether the bus refused its last round, after the damping would have been over.
     #[must_use]
     pub fn is_slow(&self) -> bool {
         self.interval == RETRY

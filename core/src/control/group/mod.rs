@@ -9,7 +9,7 @@
 //!       └───────────────────────── Damping ◀─────────────────┴─── or a cause, latched ───┘
 //! ```
 //!
-//! A latched cause is left by a reset and by nothing else.
+//! Only a reset clears a latched cause; an emergency stop replaces it.
 
 mod phase;
 mod setpoints;
@@ -198,7 +198,7 @@ impl Group {
             let wanted = self.setpoints.get(place)?;
             let position = motor.measured()?.position;
             let [low, high] = motor.settings.limits.position;
-            // The applied position, not the wanted one: outside its limits a joint would be pulled back into them.
+            // The target is the applied position, not the wanted one: a joint outside its limits would be pulled back into them.
             let target = wanted.values.position.clamp(low, high);
             (wanted.pulls() && (target - position).abs() > cx.safety.start_jump).then_some(motor)
         })

@@ -69,8 +69,8 @@ impl Group {
         self.enter(Phase::Disarmed, cx);
     }
 
-    /// Latches `cause` and leaves setpoints behind in this very cycle. Silence of a disarmed group's motor is no cause.
-    /// Nor is anything about an excluded motor.
+    /// Latches `cause`, and follows no setpoint from now on. A disarmed group latches only a shutdown and a lost directory.
+    /// Nothing about an excluded motor is a cause.
     pub(in crate::control) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
         if !self.motors.iter().any(|motor| motor.is_excluded() && Some(motor.joint) == joint) {
             self.stop_as(Latched { cause, joint, pid: None }, cx);
@@ -104,8 +104,8 @@ impl Group {
         latches
     }
 
-    /// Damps the group if it is not damped or disarmed yet, after holding it where that is its way to stop and the reason
-    /// allows it. A later reason that does not allow it ends the holding.
+    /// Begins the safe stop of a group that is starting or active: stops its motors at once, damps them, or first holds them
+    /// if the reason `may_hold`. A later reason that may not hold ends a hold.
     pub(in crate::control) fn begin_damping(&mut self, may_hold: bool, cx: &mut Context) {
         if !matches!(self.phase, Phase::Starting | Phase::Active) {
             return self.let_go(cx.now, !may_hold);

@@ -98,7 +98,7 @@ impl Group {
         }
         let mut joints = self.motors.iter().zip(&message.joints);
         joints.try_for_each(|(motor, joint)| match check_joint(joint, &motor.settings) {
-            // Nobody can know where a joint stands that is not there.
+            // The owner cannot know the position of a joint whose motor is excluded.
             Err(_) if motor.is_excluded() => Ok(()),
             outcome => outcome,
         })
@@ -118,7 +118,7 @@ fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejec
     }
 }
 
-/// Of a joint that passed [`check_joint`]: its mode is one.
+/// The setpoint of a joint that passed [`check_joint`]. An excluded joint may have failed it, but nothing uses its setpoint.
 fn setpoint(joint: &JointSetpoint) -> Setpoint {
     let mode = SetpointMode::try_from(joint.mode).unwrap_or(SetpointMode::Impedance);
     Setpoint { values: values(joint), mode }

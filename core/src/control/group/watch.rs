@@ -10,7 +10,7 @@ use motord_bus::{Duration, Instant};
 use motord_protocol::Faults;
 use motord_shared::{Cause, Lease, Phase};
 
-/// The owner of a disarmed group that says nothing for this long has gone.
+/// The owner of a disarmed or damped group has gone after this silence, or after the setpoint timeout where that is longer.
 const OWNER_SILENCE: Duration = Duration::from_secs(1);
 
 /// The consequence of a report for the other groups.
@@ -25,7 +25,8 @@ pub(in crate::control) enum Report {
 }
 
 impl Group {
-    /// In the modes of a drive that leave the torque to it, nothing can be derated: the group is stopped instead.
+    /// Follows the heat of all windings, and stops the group when one is overheated: in the modes in which the drive itself
+    /// decides on the torque, no limit can derate it.
     pub(super) fn watch_heat(&mut self, elapsed: Duration, cx: &mut Context) {
         let elapsed = elapsed.as_secs_f64();
         let mut hottest = None;

@@ -55,8 +55,8 @@ impl Motor {
         Setpoint { values: torque, mode: SetpointMode::Torque }
     }
 
-    /// A control loop over a state that is late becomes unstable at lower gains: stiffness and damping fall with the age of the
-    /// state, so that gain times age is never more than with a state of the last turn. 1 down to 0.
+    /// The share of stiffness and damping that is left at the age of the state, 1 down to 0. A control loop over a late state
+    /// becomes unstable at lower gains, so gain times age is never more than with a state of the last turn.
     fn share_of_gains(&self, cx: &Context) -> f32 {
         let turn = self.turn_time(cx);
         let age = cx.now.since(self.measured_at).as_secs_f32();
@@ -112,7 +112,7 @@ impl Motor {
         self.turn.elapsed.unwrap_or(cx.elapsed)
     }
 
-    /// Age of its state, s. Where every cycle is a turn: beyond a cycle, and no less than the time of its silence.
+    /// Age of its state, s. Where every cycle is a turn, it counts the cycles without a state, and at least those of its silence.
     fn age(&self, cx: &Context) -> f32 {
         match self.turn.outlasts_cycle {
             true => cx.now.since(self.measured_at).as_secs_f32(),

@@ -1,7 +1,8 @@
 //! Limits: the last thing before the wire.
 //!
 //! Order: clamp (position, velocity, kp, kd, torque), start ramp, slew (position, kp, kd, torque), a bound on
-//! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to the applied command.
+//! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to
+//! the applied command.
 
 use crate::joint::{Impedance, Joint, Measured, Setpoint};
 use crate::settings::LimitSettings;
@@ -30,7 +31,7 @@ pub struct Circumstances<'a> {
     pub previous: &'a Impedance<Joint>,
     /// The last state of the joint.
     pub measured: &'a Measured<Joint>,
-    /// Age of the state, s. Widens the torque bound by kp·abs(v)·age.
+    /// Age of the state, s. Adds kp·abs(v)·age to the predicted torque that is bounded.
     pub age: f32,
     /// Time since the turn before, s.
     pub elapsed: f32,
@@ -70,8 +71,8 @@ pub fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>)
 
 /// Takes the motion out of a joint whose drive has a speed loop of its own: a speed that falls from that of the joint to zero.
 ///
-/// It is never more than the joint is known to turn, nor against it, and without a new state it falls on: each such command
-/// brakes. Nothing bounds the torque of the drive but the slope, of which `share` is given.
+/// The commanded speed is never higher than the joint's last known speed, nor against it, and falls on without a new state: each
+/// such command brakes. Only the slope bounds the torque of the drive; `share` is the part of the slope that is used.
 #[must_use]
 pub(super) fn brake(
     previous: &Setpoint,
@@ -83,7 +84,7 @@ pub(super) fn brake(
     let turns = measured.map_or(0.0, |measured| measured.velocity);
     let begun = if previous.mode == SetpointMode::Speed { previous.values.velocity } else { turns };
     let slower = (begun.abs() - share * limits.velocity / SPEED_RISE * elapsed).max(0.0).copysign(begun);
-    // Of comparisons with what is no number, the number remains.
+    // Where one of the two values is NaN, `min` and `max` give the other.
     let [low, high] = [turns.min(0.0).max(-limits.velocity), turns.max(0.0).min(limits.velocity)];
     let speed = slower.max(low).min(high);
     let setpoint = Setpoint { values: Impedance::new(0.0, speed, 0.0, 0.0, 0.0), mode: SetpointMode::Speed };
@@ -192,7 +193,7 @@ impl Limiter {
         self.bound_to(Limit::TotalTorque, torque_max, measured);
     }
 
-    /// Scales stiffness, damping and torque together, so that the torque keeps its sign and its cause.
+    /// Scales stiffness, damping and torque together, so that their total keeps its sign and the shares of its parts.
     fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<Joint>) {
         let Measured { position, velocity, .. } = *measured;
         let gone = velocity.abs() * self.age;

@@ -122,7 +122,7 @@ impl Motor {
         self.is_fresh() && self.measured.is_some_and(rests)
     }
 
-    /// A damped joint that bears a load sinks; one that its drive brakes stands still, and falls when it is let go.
+    /// Its drive brakes it against a load: it stands still, and falls when it is let go. A damped joint under a load sinks.
     fn is_held_by_brake(&self, state: &Measured<Joint>) -> bool {
         !self.settings.capabilities.impedance && state.torque.abs() > LOAD_SHARE * self.settings.rated_torque
     }
@@ -142,7 +142,8 @@ impl Motor {
         matches!(self.mode, Mode::Excluded(_))
     }
 
-    /// From now on nothing that it reports is used; or it is looked for again. Only while its group is disarmed.
+    /// Excludes it: only its confirmation of a stop is used from now on. Or includes it: it is looked for again. Only while
+    /// its group is disarmed.
     pub(super) fn exclude(&mut self, excluded: bool, cx: &mut Context) {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
@@ -160,7 +161,7 @@ impl Motor {
         self.plausibility.is_doubled()
     }
 
-    /// It has never answered since the daemon started.
+    /// It has reported no state since the daemon started, and is not excluded.
     pub(super) fn was_never_heard(&self) -> bool {
         self.measured_at == Instant::ZERO && !self.is_excluded()
     }
@@ -204,8 +205,8 @@ impl Motor {
         }
     }
 
-    /// Its winding gave torque for `elapsed`, s: the reported one, or the commanded one when that is more. A motor that
-    /// reports falsely is not trusted with more heat for it.
+    /// Its winding gave torque for `elapsed`, s: the reported one, or the commanded one when that is more. So a motor that
+    /// reports too little torque is not allowed more heat.
     pub(super) fn warm(&mut self, elapsed: f64) {
         let fresh = self.measured.filter(|_| self.is_fresh());
         let reported = fresh.map_or(0.0, |state| state.torque.abs());
@@ -254,7 +255,8 @@ impl Motor {
         doubts && self.settings.capabilities.answers_fault_question
     }
 
-    /// Its state came, `latency` after the command; it says that it `runs`, or nothing of it. One that cannot be true is counted, and not used.
+    /// Its state came, `latency` after the command, and says whether the motor `runs`, or nothing of it. A state that cannot be
+    /// true is counted, and not used.
     ///
     /// # Errors
     /// The cause for which its group must be stopped.
@@ -321,7 +323,8 @@ impl Motor {
         self.confirm_zero(cx);
     }
 
-    /// A state came that says whether it `runs`, or nothing of it: the answer to a stop confirms the stop.
+    /// A state came that says whether the motor `runs`, or nothing of it. As the answer to a stop, it confirms the stop unless it
+    /// says that the motor runs.
     fn confirm_stop(&mut self, runs: Option<bool>) {
         let confirms = self.settings.capabilities.state_confirms_stop && runs != Some(true);
         self.may_run &= !(self.replies.asked_stop && confirms);
@@ -419,7 +422,8 @@ impl Motor {
     pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
         self.plausibility.end_turn();
         if self.replies.answered() {
-            self.replies.hear();
+            // A state that came before the command does not end a silence.
+            self.replies.silent = 0;
             return false;
         }
         self.replies.age(cx.publications);
@@ -437,8 +441,8 @@ impl Motor {
         lost
     }
 
-    /// When it should be asked for its faults next, if it may be asked now: nobody else asks it, its state has arrived, and
-    /// nothing that it answered late can be mistaken for the answer.
+    /// When it should be asked for its faults next, if it may be asked now: no service request is under way, its state has
+    /// arrived, and no late reply can be mistaken for the answer.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
         let answers = self.settings.capabilities.answers_fault_question;
         (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.faults.poll_at)

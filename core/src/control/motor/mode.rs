@@ -31,7 +31,7 @@ const PROBES_PER_FAULT: u32 = 5;
 pub(super) enum Mode {
     /// It does not answer.
     Offline(Probe),
-    /// It is not there, or broken, an operator says. It gets stops only: it may still run, or come back.
+    /// An operator or the configuration says that it is missing or broken. It gets stops only: it may still run, or come back.
     Excluded(Probe),
     /// It is stopped.
     Idle,
@@ -72,7 +72,7 @@ pub(super) enum Start {
 }
 
 impl Mode {
-    /// Offline; the first probe, in the next cycle, is a stop: the motor may receive and only not be received.
+    /// Offline; the first probe, in the next cycle, is a stop: the motor may receive it even where its replies are lost.
     pub(super) const OFFLINE: Self = Self::Offline(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const EXCLUDED: Self = Self::Excluded(Probe { next: Instant::ZERO, count: 0 });
     pub(super) const STARTING: Self = Self::Starting(Start::Neutral(0));

@@ -168,8 +168,8 @@ impl Plausibility {
         (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
     }
 
-    /// One step is garbage; a row of them is the truth. A value that no motor can have never is: frost, read without a sign,
-    /// is extreme heat.
+    /// A single step of the temperature is garbage; many in a row are the truth. A temperature that no motor can have is never
+    /// believed: frost, read without a sign, looks like extreme heat.
     fn believable_temperature(
         &mut self,
         reported: &Measured<Joint>,

@@ -81,11 +81,6 @@ impl Replies {
         self.age_cycles = self.age_cycles.saturating_add(!self.is_new(publications) as u32);
     }
 
-    /// The command of a turn that is over was answered with a state. One that came before the command does not end a silence.
-    pub(super) const fn hear(&mut self) {
-        self.silent = 0;
-    }
-
     /// No answer came in a turn that is over in `cycle`. Returns the turns in a row without one; 0 where none was due.
     pub(super) const fn miss(&mut self, cycle: u64) -> u32 {
         if !self.asked && self.silent == 0 {
