@@ -2,7 +2,7 @@
 //!
 //! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
 //! motor that differs is never enabled ([`MotorSettings::mismatch`](motord_core::settings::MotorSettings::mismatch)).
-//! A motor that does not answer yet is not judged: it is offline, and by the lock file only.
+//! A motor that does not answer yet is offline, and is judged by the lock file only.
 
 use motord_bus::{Bus, Duration};
 use motord_commissioning::{Error, Link, MachineTime, Question, Survey, Wire, constants, survey};
@@ -13,9 +13,9 @@ use std::path::Path;
 /// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.
 const PATIENCE: Duration = Duration::from_millis(10);
 
-/// Marks the motors that the lock beside the configuration `file`, or they themselves, say are others than configured. Logs each
-/// difference with its cure. Returns the buses. Blocks for some milliseconds per motor; sends stop frames, and reads to native
-/// motors.
+/// Marks the motors that differ from the configuration, by the lock beside its `file` or by what they report. Logs each
+/// difference with its cure. Returns the buses. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
+/// read requests to native ones.
 ///
 /// # Errors
 ///

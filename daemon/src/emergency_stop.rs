@@ -8,7 +8,8 @@
 //!
 //! A stop waits behind no other request, and needs nothing that clients can use up: no place, no file, no descriptor that the
 //! other threads share. Before the cycle has it, nothing is allocated or logged for it, and nothing opened but its connection.
-//! Who may enter the runtime directory may stop the robot, by the same rule: its permissions, without lists of access control.
+//! Whoever may read, write and enter the runtime directory may stop the robot: its permission bits decide, access control lists
+//! do not count.
 
 use crate::telemetry::askers::Askers;
 use motord_bus::{Duration, Instant, clock};
@@ -41,7 +42,7 @@ const TURN: Duration = Duration::from_millis(1);
 const IDLE: Duration = Duration::from_millis(50);
 /// A cycle has so long to carry a stop out.
 const CYCLE_PATIENCE: Duration = Duration::from_millis(500);
-/// Between two looks whether it has.
+/// The pause between two looks whether the cycle has done so.
 const POLL: Duration = Duration::from_micros(200);
 /// Between two lines of the log about stops, and between two tries to get the socket's name.
 const SECOND: Duration = Duration::from_secs(1);
@@ -96,7 +97,8 @@ fn listen_for(instance: &MotordInstance) -> Result<OwnedFd, Errno> {
     let socket = stop_socket::open(SockFlag::SOCK_NONBLOCK)?;
     bind(socket.as_raw_fd(), &stop_socket::address(instance)?)?;
     listen(&socket, Backlog::new(BACKLOG)?)?;
-    // A descriptor for a caller is there however many the other threads use. Where the kernel refuses, they are shared.
+    // With a table of its own, this thread has descriptors for callers however many the other threads use. Where the kernel
+    // refuses, all threads share one.
     let _shared = keep_only(socket.as_fd());
     Ok(socket)
 }

@@ -71,14 +71,14 @@ impl Orders {
         self.order.fetch_max(order, Ordering::Relaxed);
     }
 
-    /// Every thread asks this in every turn of its loop.
+    /// Whether `order` or a stronger one was given. Each thread that orders can end asks this in every turn of its loop.
     fn are(&self, order: u32) -> bool {
         #[cfg(feature = "panic-on-request")]
         crate::host::panics::panic_if_asked();
         self.order.load(Ordering::Relaxed) >= order
     }
 
-    /// The order as the cycle understands it: the end of the daemon is none of its own.
+    /// The order for the cycle, for which the end of the daemon is the same as to stop now.
     fn cycle_order(&self) -> Order {
         match (self.are(Self::STOP_NOW), self.are(Self::STOP)) {
             (true, _) => Order::StopNow,
@@ -183,7 +183,8 @@ impl Daemon {
         self.counters.cycle.load(Ordering::Acquire)
     }
 
-    /// The motors are stopped, by request, because a thread panicked, or because nobody can reach the daemon any more.
+    /// Whether the last cycle is over, by request or because a thread panicked. Orders the stop itself when no new client can
+    /// reach the daemon any more.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         if self.lost.get().is_some() {
@@ -235,8 +236,8 @@ impl Daemon {
     }
 }
 
-/// Runs `body` of `thread`. When it panics, the robot is stopped at once, and this returns after the last cycle: what `body` uses lives on
-/// until then.
+/// Runs `body` of `thread`. When it panics, the order to stop the robot is given at once, and this returns after the last
+/// cycle: what `body` uses lives on until then.
 fn outlive_the_cycle(thread: &'static str, orders: &Orders, body: impl FnOnce()) {
     if catch_unwind(AssertUnwindSafe(body)).is_err() {
         orders.stop_without(thread);
@@ -287,14 +288,15 @@ fn start_ipc(
         let mut steps = prepare_thread(SchedulingRequest { cpu: ipc.cpu, priority: None });
         steps.push(tighten_timers());
         let scheduled = prepare_thread(SchedulingRequest { cpu: None, priority: ipc.priority });
-        // Refused like the cycle's, which tells it.
+        // This thread is refused real-time priority for the same reason as the cycle; the cycle's log line says so.
         steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
         steps.iter().for_each(|step| step.log("ipc"));
         report(&opened, Ok(()));
         let mut thread =
             IpcThread::new(ports, end, questions, description, ipc.mode, schedule, Records::new(joints));
         thread.watch(owners);
-        // Its files go last: to give back their memory takes longer than the robot may be without damping.
+        // The files of the ports are closed after the last cycle: to give back their memory takes longer than the robot may be
+        // without damping.
         outlive_the_cycle("ipc", &given, || thread.run(|| given.are(Orders::END)));
     })?;
     await_report(&ready, "ipc")??;
@@ -413,11 +415,12 @@ fn start_registrar(
         registrar = registrar.reports(move |lost| counters.alarms.stand(lost.then_some(Cause::SwitchLost)));
     }
     let given = Arc::clone(orders);
-    // It sleeps, but for its end: a killed daemon's connection is closed by this thread, and until then no motor is damped.
+    // This thread sleeps most of the time. But when the daemon is killed, its connection closes with this thread, and no motor
+    // is damped before.
     let request = below_the_cycle(settings);
     let run = move || {
         let _refused_like_the_cycle = prepare_thread(request);
-        // Its connection closed before the last cycle would set the switch on motors that are driven.
+        // If the connection closed before the last cycle, the switch would act on motors that the cycle still drives.
         outlive_the_cycle("registrar", &given, || registrar.run(|| given.are(Orders::END)));
     };
     let _detached = start("registrar", orders, run)?;
@@ -433,7 +436,7 @@ fn start_stop(
     askers: Askers,
 ) -> Result<(), RunError> {
     let (instance, given) = (instance.clone(), Arc::clone(orders));
-    // It sleeps, but for a stop, which no other load of the computer may delay.
+    // This thread sleeps until a stop comes. No other load of the computer may delay that stop.
     let request = below_the_cycle(settings);
     let _detached = start("stop", orders, move || {
         let _refused_like_the_cycle = prepare_thread(request);

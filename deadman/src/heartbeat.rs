@@ -1,7 +1,7 @@
 //! The heartbeat: a number in shared memory that shows another process that the cycle runs.
 //!
-//! Each cycle stores its number when it begins; the last one stores [`AT_REST`] at its end. The other process only checks
-//! that the number changes. It reads the file instead of mapping it, so a change of the file cannot kill it.
+//! Each cycle stores its number when it begins. After the last one [`AT_REST`] is stored, if every motor is stopped. The other
+//! process only checks that the number changes. It reads the file instead of mapping it, so a change of the file cannot kill it.
 
 use crate::kernel;
 use nix::errno::Errno;

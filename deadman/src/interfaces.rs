@@ -50,7 +50,8 @@ pub struct Interfaces {
 }
 
 impl Interfaces {
-    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; nothing after it does, but [`owed`](Self::owed).
+    /// Motors will be damped for `damp`. Nothing is due yet. Allocates; after it only [`owed`](Self::owed) and
+    /// [`leave_driven`](Self::leave_driven) do.
     #[must_use]
     pub fn new(opened: impl IntoIterator<Item = Interface>, damp: Duration) -> Self {
         let (mut names, mut holders, mut outlets, mut frames) =
@@ -76,7 +77,8 @@ impl Interfaces {
     }
 
     /// From now on leaves the interfaces alone that another process than `pid` drives: its motors are not those of a dead daemon.
-    /// Returns that process, if there is one. Three system calls per interface, none of which blocks; allocates where there is one.
+    /// Returns that process, if there is one. Allocates. Three system calls per interface, and a search for the path of a serial
+    /// port. Blocks only where it closes a serial port of ours: at most 50 ms for each.
     pub fn leave_driven(&mut self, pid: i32) -> Option<u32> {
         let mut other = None;
         for ((name, holder), outlet) in self.names.iter().zip(&self.holders).zip(&mut self.outlets) {

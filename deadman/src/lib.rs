@@ -7,9 +7,9 @@
 //! ```
 //!
 //! The daemon registers its [safe frames](safe_frames::SafeFrames), made beforehand for every motor, and the file of its
-//! [heartbeat]. The switch knows no protocol, and no configuration but its instance and its priority. It acts when the
-//! connection closes or the heartbeat stands still, unless the heartbeat is at rest: then the motors are stopped already.
-//! The switch outlives the daemon, and the next daemon registers again.
+//! [heartbeat]. The switch knows no protocol, and uses three values of the configuration: instance, priority, and the time of
+//! damping, by which it bounds its own end. It acts when the connection closes or the heartbeat stands still, unless the
+//! heartbeat is at rest: then the motors are stopped already. The switch outlives the daemon, and the next daemon registers again.
 //!
 //! - [`switch`]: when to act, pure. [`server`]: supervises a daemon, and acts.
 //! - [`safe_frames`]: the frames. [`interfaces`]: where they leave, by the [`Stopper`](motord_core::stopper::Stopper).

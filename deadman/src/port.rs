@@ -43,7 +43,7 @@ impl Round {
 /// The near end of the thread.
 pub(super) struct Port {
     rounds: Option<SyncSender<Round>>,
-    /// The port is open, and took all frames of the last round.
+    /// The port took all frames of the last round, or there was no round yet.
     is_sound: Arc<AtomicBool>,
     ended: Receiver<()>,
 }

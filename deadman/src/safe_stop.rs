@@ -62,8 +62,8 @@ impl SafeStopError {
     }
 }
 
-/// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds. Uses interfaces as
-/// they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
+/// Damps and stops the motors on every CAN interface and serial port of a configuration, which takes at most two seconds. Uses
+/// interfaces as they are. Leaves the work to a dead man's switch that already acts, and waits for its end, at most [`PATIENCE`]
 /// longer than its damping: two senders would end each other's damping, and so would the daemon that systemd starts next.
 /// `open` opens an interface to send.
 ///

@@ -31,13 +31,14 @@ pub struct Server<O> {
 /// Callers that asked for nothing that the switch knows. However many they are, the log has a line a second.
 #[derive(Default)]
 struct Refused {
-    /// The next line, and those that it will count.
+    /// When the next line may be written.
     due: Instant,
+    /// The callers that it will count.
     count: u64,
 }
 
 impl Refused {
-    /// One more. How many there were since the last line, when another is due.
+    /// Counts one more caller. Returns how many there were since the last line, if another line is due.
     fn next_line(&mut self, now: Instant) -> Option<u64> {
         self.count += 1;
         if now < self.due {
@@ -108,8 +109,9 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
     }
 
     /// Waits until something is due, at most until `until`, and does it. While a daemon is supervised and nobody calls, that
-    /// is two system calls and those of one [round](Interfaces::round), which looks for at most one interface: only that
-    /// can block, while another process configures interfaces. Allocates when somebody calls, and when it logs.
+    /// is two system calls, a third for a sign of life, and while it acts those of one [round](Interfaces::round), which looks for
+    /// at most one interface: that can block while another process configures interfaces. Allocates when somebody calls, when it
+    /// begins to act or is late, and when it logs.
     pub fn turn(&mut self, until: Instant) {
         let wake = self.supervised.as_ref().map_or(until, |daemon| daemon.watch.due().min(until));
         let ready = wait(&self.readiness(), clock::monotonic(), wake);
@@ -217,9 +219,9 @@ impl Watch {
         round.unwrap_or(self.switch.due())
     }
 
-    /// Real-time: allocates only where another process drives an interface. One system call; when the switch begins to act, and
-    /// when it is late, those of [`leave_driven`](Interfaces::leave_driven); and while it acts those of a
-    /// [round](Interfaces::round), which can block when an interface is missing.
+    /// Real-time, but for the calls below. One system call; when the switch begins to act, and when it is late, those of
+    /// [`leave_driven`](Interfaces::leave_driven), which allocates; and while it acts those of a [round](Interfaces::round),
+    /// which can block when an interface is missing.
     fn step(&mut self, connected: bool, pid: i32) -> Option<News> {
         let acted = self.switch.acts();
         let now = clock::monotonic();

@@ -31,9 +31,9 @@ pub fn deaths(places: usize) -> Result<(Watched, Deaths), Errno> {
 }
 
 impl Watched {
-    /// Watches the process `pid` of this process namespace, whose death will be told as `key`, in place of the one before in
-    /// `place`. Returns whether there is no such process. Where the kernel gives no watch, nothing will be told: `pid` is no
-    /// process id, Linux is older than 5.3, or no descriptors are left. Three system calls, none of which blocks.
+    /// Watches the process `pid` of this process namespace instead of the one that was watched in `place`. Its death will be
+    /// reported as `key`. Returns whether there is no such process. Nothing will be reported where there can be no watch: `pid` is
+    /// no process id, Linux is older than 5.3, or no descriptors are left. Three system calls, none of which blocks.
     pub fn watch(&mut self, place: usize, pid: u32, key: u64) -> bool {
         self.forget(place);
         let (Some(place), Some(pid)) =

@@ -1,4 +1,4 @@
-//! File descriptors: as many as all clients together need, and none for a thread that waits for one only.
+//! File descriptors: as many as all clients together need, and a table of its own for a thread that needs only one.
 
 pub use crate::kernel::keep_only;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};

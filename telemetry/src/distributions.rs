@@ -4,7 +4,7 @@
 //! costs the same whatever came before.
 //!
 //! A late wake-up is one event for the cycle thread, but it delays every tick that passes meanwhile (coordinated omission).
-//! So each missed tick leaves a sample of its own, where one exists that is not made up:
+//! So each missed tick leaves a sample of its own for each quantity that had a real value at that tick:
 //!
 //! | quantity | sample of a missed tick |
 //! |---|---|
@@ -148,7 +148,7 @@ impl Distributions {
     fn record_wake(&mut self, record: &Record) {
         let period = nanos(self.period);
         let late_by = |ticks: u64| record.wake_latency_ns.saturating_sub(ticks.saturating_mul(period));
-        // Each of the first is late by more than the range: one call records them all.
+        // The first `beyond` of these ticks are late by more than the range: one call records them all.
         let beyond = record.wake_latency_ns.saturating_sub(LATENCY_MAX_NS) / period.max(1);
         let beyond = beyond.min(record.missed_ticks);
         record_beyond(&mut self.wake, beyond);
@@ -263,7 +263,7 @@ fn begun(record: &Record) -> Instant {
     record.scheduled + Duration::from_nanos(record.wake_latency_ns)
 }
 
-/// Records so many values beyond the range. The library takes a value that came zero times for the largest, too.
+/// Records `count` values beyond the range; none for zero, with which the library would still raise its largest value.
 fn record_beyond(values: &mut Histogram<u64>, count: u64) {
     if count > 0 {
         values.saturating_record_n(LATENCY_MAX_NS, count);

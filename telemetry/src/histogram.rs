@@ -10,7 +10,7 @@ pub(crate) fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, LATENCY_MAX_NS, 3).expect("1 and 10 s are bounds of a histogram")
 }
 
-/// An empty histogram with two significant digits: an eighth of the size.
+/// An empty histogram with two significant digits: about a seventh of the size.
 pub(crate) fn coarse_histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, LATENCY_MAX_NS, 2).expect("1 and 10 s are bounds of a histogram")
 }

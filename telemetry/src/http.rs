@@ -25,7 +25,7 @@ pub(crate) fn run(listener: &TcpListener, latest: &Latest) {
             Ok((stream, _)) => {
                 let _client_is_gone_or_slow = serve(stream, latest);
             }
-            // No descriptor may be left: the next attempt would fail at once, too.
+            // Perhaps no descriptors are left: then the next attempt would fail at once, too.
             Err(_) => std::thread::sleep(CONNECTION),
         }
     }
@@ -57,7 +57,7 @@ enum Target {
     Malformed,
 }
 
-/// Reads the head of a request. A body is not read: no request that is answered has one.
+/// Reads the head of a request. A body is not read: no answer depends on it.
 fn target(stream: &mut impl Read) -> io::Result<Target> {
     let (mut head, mut length) = ([0; HEAD_BYTES_MAX], 0);
     while length < head.len() {

@@ -132,7 +132,7 @@ impl Metrics {
                 "From the publication of states until all waiting clients are woken.",
             ),
             "polled" => ("motord_polled_seconds", "How long cycles polled for their last replies."),
-            // Those of all motors and groups are sums of the families below.
+            // The reply and control latencies of the whole robot are left out: they are the sums of the families below.
             _ => ("", ""),
         };
         let robot = distributions.robot();

@@ -239,7 +239,7 @@ fn tell(line: &Line) {
     }
 }
 
-/// Whoever stopped listening still has motors.
+/// Prints a line. When nobody reads it any more, the motors are simulated all the same.
 fn say(line: &str) {
     let _unread = writeln!(std::io::stdout(), "{line}");
 }

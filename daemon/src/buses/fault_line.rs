@@ -82,7 +82,7 @@ fn check_target(target: &str, settings: &Settings) -> Result<(), FaultLineError>
     Err(FaultLineError::Target { target: target.to_owned(), suggestion })
 }
 
-/// The number that the vendor of `motor` gives the fault `name`. For a bus, which has no such fault, any number.
+/// The number that the vendor of `motor` gives the fault `name`. For a bus, which has no such fault, it is 0.
 fn vendor_number(motor: &str, name: &str, settings: &Settings) -> Result<u32, FaultLineError> {
     let Some(found) = settings.motors.iter().find(|other| other.name == motor) else { return Ok(0) };
     let mut known = Vec::new();

@@ -44,7 +44,8 @@ impl InjectedBus {
         let _has_a_place = self.outcomes.push((verb, outcome));
     }
 
-    /// The cycle sends nothing to a bus that is gone, until its controller reports. A real one is opened again instead.
+    /// The cycle sends nothing to a bus that is gone until its controller reports a restart: the verb that ends the fault makes
+    /// that report. A real bus is opened again instead.
     fn plug(&mut self, now: Instant, fault: Fault) {
         if fault == Fault::Ok && std::mem::take(&mut self.unplugged) {
             let restarted = ErrorFrame { class: ErrorFrame::RESTARTED, data: [0; 8] };
@@ -86,7 +87,7 @@ impl Injector {
     }
 
     fn inject(&mut self, verb: FaultVerb) -> Result<(), FaultLineError> {
-        // That of a verb which the cycle took too late.
+        // The outcome of an earlier verb, which the cycle took too late.
         let _late = self.outcomes.pop();
         self.verbs.push(verb).map_err(|_| FaultLineError::Unanswered(PATIENCE))?;
         let begun = clock::monotonic();

@@ -30,7 +30,8 @@ pub fn simulate(settings: &Settings, bus: usize, seed: u64) -> SimulatedBus {
     SimulatedBus::new(bus, motors, seed)
 }
 
-/// Of the rotor, N·m/A: what the codes of a SteadyWin motor say, which the configuration may have changed; else its model's.
+/// Torque constant of the rotor, N·m/A. That of a SteadyWin motor follows from its torque codes, which the configuration may
+/// have changed; that of any other motor is its model's.
 fn torque_constant(motor: &MotorSettings, model: Option<&Model>, gear_ratio: f64) -> f64 {
     match model {
         Some(Model { torque_constant, ends: Some(_), .. }) => f64::from(*torque_constant),
@@ -62,9 +63,10 @@ impl Mechanics {
 
 /// The model that the simulator's defaults are.
 const REFERENCE: &str = "GIM8108-8";
-/// Torque of the rotor, N·m, to the power with which similar rotors grow heavier.
+/// The inertia of similar rotors grows with this power of their torque.
 const SIMILARITY: f64 = 5.0 / 3.0;
-/// Height times diameter to the fourth power of the rotor that gives 1 N·m, mm⁵: from the reference, so that rotors of either kind compare.
+/// Height times diameter to the fourth power of a rotor that gives 1 N·m, mm⁵. It comes from the reference, so that the sizes
+/// from names and from torques compare.
 const SIZE_PER_TORQUE: f64 = 6.4e7;
 
 /// Proportional to the rotor's inertia, mm⁵. Diameter and height are in most names, GIM8108: 81 mm and 8 mm; else the peak

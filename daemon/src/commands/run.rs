@@ -72,7 +72,7 @@ fn log_start(
 /// `damp` is how long the motors may have to be damped.
 fn heed(daemon: &Daemon, origin: &Origin, damp: Duration) {
     let signal = signal_hook::low_level::signal_name(origin.signal).unwrap_or("a signal");
-    // The kernel tells no process where the terminal sent it.
+    // A signal from the terminal (Ctrl-C) names no process.
     let pid = origin.process.as_ref().and_then(|process| u32::try_from(process.pid).ok());
     let program = pid.and_then(program);
     match origin.signal {

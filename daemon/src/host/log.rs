@@ -104,7 +104,7 @@ impl Log {
         }
     }
 
-    /// Waits until every line is written, at most `FLUSH_TIME`.
+    /// Waits until every line is written, at most `FLUSH_TIME`; not at all when the queue is full.
     pub fn finish(&self) {
         let (written, answer) = channel();
         if self.messages.try_send(Message::Flush(written)).is_ok() {

@@ -78,7 +78,7 @@ pub struct IpcThread {
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
     schedule: Schedule,
-    /// `None` before they are watched: then the silence of an owner tells.
+    /// `None` until the owners are watched: until then only an owner's silence shows that it has ended.
     owners: Option<Owners>,
     records: Records,
 }
@@ -138,7 +138,7 @@ impl IpcThread {
         self.give_answers();
     }
 
-    /// Controllers wait for the states, and the next cycle waits for the setpoints.
+    /// Does what is urgent: publishes the states for the waiting controllers, and fetches the setpoints for the next cycle.
     fn relay(&mut self) {
         self.publish_states();
         self.fetch_setpoints();
@@ -212,8 +212,8 @@ impl IpcThread {
         self.count(failed);
     }
 
-    /// Requests whose asker gave up are dropped: iceoryx2 takes no further request of a client while so many are kept. Each
-    /// counts until its answer comes.
+    /// Takes new requests. Drops those whose asker gave up: a client can send no further request while too many of its requests
+    /// are kept. A dropped one counts until its answer comes.
     fn take_requests(&mut self) {
         self.requested.drop_unless(Request::is_awaited);
         self.questioned.drop_unless(Request::is_awaited);

@@ -1,8 +1,8 @@
 //! The processes of the owners. The kernel tells at once when one has ended, long before its setpoints grow old.
 //!
-//! An owner in another process namespace, such as a container's, is not watched: its process id means another process here. Its
-//! silence ends its lease, as before. The process that claims is the one that counts: a child that goes on with the lease of its
-//! parent loses it with the parent.
+//! An owner in another process namespace, such as a container's, is not watched: its process id means another process here. Only
+//! its silence shows that it has ended. The process that claims is the one that is watched: a child that uses the lease of its
+//! parent loses it when the parent ends.
 
 use core::time::Duration;
 use motord_realtime::deaths::{self, deaths};

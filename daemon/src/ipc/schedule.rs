@@ -22,8 +22,8 @@ pub struct Schedule {
 /// The next time for which this thread wakes by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wake {
-    /// The sleep is shorter than `at` by the time that wake-ups are usually late; the rest is waited for awake. So no setpoint
-    /// misses its cycle because this thread was woken sooner than it learned to expect.
+    /// The end of the sleep. It is earlier than the expected fetch or states by the time that wake-ups are usually late; the rest is
+    /// waited for awake. So no setpoint misses its cycle because a wake-up was less late than usual.
     pub sleeps_until: Instant,
     /// The end of the waiting.
     pub at: Instant,
@@ -83,8 +83,8 @@ impl Schedule {
         }
     }
 
-    /// `lead` before a cycle, so that a setpoint sent by then is used in it. While nobody may send setpoints and nothing moves,
-    /// the thread does not wake before a cycle: only one that does not come ends the sleep.
+    /// The next fetch: `lead` before a cycle, so that a setpoint sent by then is used in it. While nobody may send setpoints and
+    /// nothing moves, there is no such fetch: the thread wakes for new states, or when a cycle does not come.
     fn fetch_after(&self, now: Instant) -> Instant {
         let fetch = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
         // Where the cycle stands still, this thread goes on once in a period.

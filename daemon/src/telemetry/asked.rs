@@ -3,7 +3,7 @@
 use motord_shared::{AdminReply, AdminRequest};
 use rtrb::{Consumer, Producer, RingBuffer};
 
-/// Most requests on their way. The rest is not logged: whoever asks without pause keeps nobody from the log.
+/// Most requests on their way. Further ones are not logged: a process that asks without pause fills neither memory nor log.
 const ASKED_MAX: usize = 64;
 
 /// A request that was answered.

@@ -147,7 +147,7 @@ impl Log {
         }
     }
 
-    /// A motor that goes while its group moves stops it, and that is a line of its own.
+    /// A motor that goes silent while its group moves stops the group. That stop has a line of its own, so this one is debug.
     fn log_mode(&mut self, cycle: u64, motor: usize, mode: MotorMode) {
         let is_moving =
             matches!(self.groups[self.motors[motor].group].phase, Phase::Starting | Phase::Active);
@@ -372,7 +372,7 @@ impl Log {
     }
 }
 
-/// The words for a request that was granted; `None` where an event of the cycle tells the same.
+/// The words for a request that was granted; `None` where an event of the cycle tells the same, or nothing was changed.
 const fn done(operation: Operation) -> Option<&'static str> {
     match operation {
         Operation::Enable => Some("enabled"),

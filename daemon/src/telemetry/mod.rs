@@ -118,7 +118,7 @@ impl Recorder {
         self.outputs = outputs;
     }
 
-    /// Runs until `stop` says so. `housekeeper` is missing when it could not be opened: then the dead keep their places.
+    /// Runs until `stop` returns true. Without a `housekeeper`, which could not be opened then, dead clients keep their places.
     pub fn run(&mut self, housekeeper: Option<&Housekeeper>, stop: impl Fn() -> bool) {
         self.unexpected_ids.open();
         let begun = motord_bus::clock::monotonic();
@@ -182,7 +182,7 @@ impl Recorder {
     /// Some system calls that do not block. A daemon that ends, as `ends` tells, removes its files itself.
     fn guard_presence(&mut self, ends: impl Fn() -> bool) {
         let Some(path) = self.presence.as_ref().and_then(Presence::lost).map(Path::to_owned) else { return };
-        // Asked after the look: whoever removes them was told to end before.
+        // Asked after the look at the files: a daemon that ends has its order before it removes them.
         if ends() {
             return;
         }
@@ -191,7 +191,7 @@ impl Recorder {
             "{} was removed or replaced: no new client can reach this daemon",
             path.display()
         );
-        // Before the order to leave, which would be the cause else.
+        // Given first: `lost` makes the main thread order a stop, and then that order would be the cause.
         self.cycle.counters.alarms.stop(Cause::DirectoryLost);
         let _not_the_first = self.lost.set(path);
         self.presence = None;
@@ -267,7 +267,7 @@ impl Recorder {
         }
     }
 
-    /// A controller that left its bus comes back by itself where `restart-ms` is set; else it is set up again.
+    /// A controller that left its bus comes back by itself where `restart-ms` is set. A bus that is still off is reported.
     fn report_off(&mut self) {
         let off = std::mem::take(&mut self.off);
         off.into_iter().for_each(|bus| self.report_broken(bus));

@@ -77,7 +77,8 @@ struct Report<'a> {
     joints: Option<Vec<JointReport<'a>>>,
 }
 
-/// One bus. Utilisations are fractions of its fullest cycle, those of a serial line of the time for one turn of each motor.
+/// One bus. Utilisations of a CAN bus are fractions of its fullest cycle. Those of a serial line are fractions of the time in
+/// which each motor has one turn.
 #[derive(Serialize)]
 struct BusReport<'a> {
     name: &'a str,
@@ -102,7 +103,7 @@ struct LineReport {
     wire_us: f64,
     /// The longest time that is planned between the two.
     turnaround_us: f64,
-    /// Turns until each motor has had one, with that of the questions.
+    /// Turns until each motor has had one, with the one for questions about faults and indicators.
     turns: usize,
     /// The least `every` with which the turns do not overlap.
     every_least: u32,

@@ -57,7 +57,8 @@ impl Draft {
         self.buses().iter().any(Bus::is_serial)
     }
 
-    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every` cycles. Whether motord can run it is for the configuration's own checks to say.
+    /// The TOML text at this cycle rate. Motors of serial buses get a command once in `every` cycles. Does not judge whether
+    /// motord can run it: `config::parse` does.
     ///
     /// # Errors
     ///
@@ -200,7 +201,7 @@ impl Motor<'_> {
         if profile.name == "steadywin" && !bus.is_serial() {
             let _infallible = writeln!(text, "host-id = {:#x}", 0x100 + id);
         }
-        // A tenth is the least step, and at least one is left.
+        // Half of the rated torque, rounded down to 0.1 N·m, and 0.1 N·m at least.
         let torque = (model.rated_torque * 5.0).floor().max(1.0) / 10.0;
         let velocity = model.max_velocity.min(5.0);
         let _infallible = writeln!(

@@ -41,7 +41,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// Asks on a terminal if an option is missing.
+    /// The options and defaults. Asks on a terminal, unless legs, model and buses are given, or `--yes`.
     fn draft(&self) -> Result<Draft, InitError> {
         let legs = self.legs.unwrap_or(4);
         let names = ["hip", "thigh", "knee"].map(str::to_owned).to_vec();
