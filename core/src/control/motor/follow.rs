@@ -116,7 +116,7 @@ impl Motor {
     fn age(&self, cx: &Context) -> f32 {
         match self.turn.outlasts_cycle {
             true => cx.now.since(self.measured_at).as_secs_f32(),
-            false => self.replies.age_cycles.max(self.replies.silent) as f32 * cx.elapsed,
+            false => self.replies.age_cycles.max(self.replies.unanswered) as f32 * cx.elapsed,
         }
     }
 }

@@ -150,7 +150,7 @@ impl Motor {
             self.measured = None;
             self.faults.reported = Faults::NONE;
             self.applied = Applied::NEUTRAL;
-            self.replies.silent = 0;
+            (self.replies.silent, self.replies.unanswered) = (0, 0);
             self.replies.forget(cx.publications);
             self.changed(cx);
         }
@@ -374,7 +374,7 @@ impl Motor {
             self.replies.silent = if was_in_fault { 0 } else { self.replies.silent };
             return self.confirm_cleared(cx);
         }
-        self.replies.silent = 0;
+        (self.replies.silent, self.replies.unanswered) = (0, 0);
         if let Some(request) = &mut self.request {
             request.repeat_clear();
         }
@@ -422,8 +422,7 @@ impl Motor {
     pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
         self.plausibility.end_turn();
         if self.replies.answered() {
-            // A state that came before the command does not end a silence.
-            self.replies.silent = 0;
+            self.replies.unanswered = 0;
             return false;
         }
         self.replies.age(cx.publications);
@@ -435,7 +434,7 @@ impl Motor {
         if lost {
             self.mode = Mode::OFFLINE;
             self.measured = None;
-            self.replies.silent = 0;
+            (self.replies.silent, self.replies.unanswered) = (0, 0);
             self.replies.forget(cx.publications);
         }
         lost

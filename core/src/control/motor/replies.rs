@@ -21,6 +21,8 @@ pub(super) struct Replies {
     publications: Option<u64>,
     /// Turns in a row without any answer.
     pub(super) silent: u32,
+    /// Turns in a row whose own command had no answer. A late state ends a silence, but not this.
+    pub(super) unanswered: u32,
     /// Turns since its last state; 0 when that came in the last one.
     pub(super) age_cycles: u32,
     /// Turns without a reply since the start, modulo 2³².
@@ -59,7 +61,7 @@ impl Replies {
         self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
         self.answered = true;
         self.publications = Some(publications);
-        self.age_cycles = 0;
+        (self.silent, self.age_cycles) = (0, 0);
     }
 
     /// The state that came last is not used any more, and is not published as new.
@@ -73,7 +75,7 @@ impl Replies {
     /// Another answer came: no state is awaited any more.
     pub(super) const fn alive(&mut self) {
         self.asked = false;
-        self.silent = 0;
+        (self.silent, self.unanswered) = (0, 0);
     }
 
     /// No state answered the command of this turn. One that is not published yet is not older for that.
@@ -81,17 +83,17 @@ impl Replies {
         self.age_cycles = self.age_cycles.saturating_add(!self.is_new(publications) as u32);
     }
 
-    /// No answer came in a turn that is over in `cycle`. Returns the turns in a row without one; 0 where none was due.
+    /// No answer came in a turn that is over in `cycle`. Returns the unanswered turns in a row; 0 where no answer was due.
     pub(super) const fn miss(&mut self, cycle: u64) -> u32 {
         if !self.asked && self.silent == 0 {
             return 0;
         }
-        self.silent += 1;
+        (self.silent, self.unanswered) = (self.silent + 1, self.unanswered + 1);
         self.last_missed = cycle;
         if self.asked {
             self.missed = self.missed.wrapping_add(1);
         }
-        self.silent
+        self.unanswered
     }
 
     /// The state of this turn has arrived by `cycle`, and no late reply is to be expected.
