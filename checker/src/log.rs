@@ -1,7 +1,7 @@
 //! Logs of candump, judged by the marks that whoever disturbed the robot has written beside them.
 //!
-//! A mark is a line `seconds word...`, with the time as candump tells it. A line of the log that is none, such as
-//! candump's report of frames it lost, is wrong in itself.
+//! A mark is a line `seconds word...`, with the time as candump tells it. A line of the log that is not a frame of a motor,
+//! such as candump's report of frames it lost, counts as wrong.
 
 pub mod deaths;
 pub mod disturbances;
@@ -23,7 +23,7 @@ const COMPLAINTS_MAX: usize = 20;
 pub enum Kind {
     /// A start, a zero, a stiffness, a torque or a velocity; or bytes that mean nothing.
     Motion,
-    /// Neither, but braking.
+    /// None of these, but damping.
     Damping,
     /// A stop.
     Stop,
@@ -175,7 +175,7 @@ pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str)
     verdict
 }
 
-/// A position that is followed lies within the limits, to a code.
+/// Whether a position that is followed lies within the limits, or beyond them by one code at most.
 fn is_within(command: &Command, limits: Option<[f64; 2]>) -> bool {
     let (Some([low, high]), Some(Meaning::Control { position, kp, .. })) = (limits, command.meaning) else {
         return true;
@@ -188,7 +188,7 @@ fn is_within(command: &Command, limits: Option<[f64; 2]>) -> bool {
 ///
 /// # Errors
 ///
-/// The line that is none.
+/// The first line that is not a mark.
 pub fn marks(text: &str) -> Result<Vec<Mark>, String> {
     let mark = |line: &str| {
         let mut words = line.split_whitespace();
@@ -202,7 +202,7 @@ pub fn marks(text: &str) -> Result<Vec<Mark>, String> {
     text.lines().map(mark).collect()
 }
 
-/// The frames of a log by their times. Those that go to no motor are the replies of one, or wrong.
+/// The frames of a log by their times. A frame that goes to no motor must be the reply of one.
 fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
     let mut frames = Vec::new();
     for line in log.lines() {

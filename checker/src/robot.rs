@@ -23,7 +23,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Every motor of the bus gets a command in so many cycles.
+    /// The number of cycles in which every motor of the bus gets a command.
     #[must_use]
     pub fn turn(&self, bus: usize) -> u32 {
         self.motors.iter().filter(|motor| motor.bus == bus).map(|motor| motor.turn).max().unwrap_or(1)
@@ -49,7 +49,7 @@ pub struct Motor {
     pub direction: f64,
     /// Position of the joint when the motor is at zero, rad.
     pub offset: f64,
-    /// Damping while the motor is stopped, N·m·s/rad.
+    /// Damping of the motor in a safe stop, N·m·s/rad.
     pub damping_kd: f64,
     /// The limits of the commands to the joint.
     pub limits: Limits,

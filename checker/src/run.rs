@@ -17,8 +17,8 @@
 //!
 //! A frame is judged by the cycle that handed it over, however late it leaves.
 //!
-//! Whoever runs the robot tells what it does to it, and after every cycle shows what came of it. A rule that is broken
-//! panics, and says which.
+//! The program that runs the robot tells the [`Checker`] what it does to the robot, and shows it the result of every cycle.
+//! When a rule is broken, the checker panics, and the message names the rule.
 
 mod cycle;
 mod heard;
@@ -39,13 +39,13 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use stop::{Injections, Target};
 
-/// The velocity, rad/s, that only messages without the owner's lease ask for (I7): the one value that reaches the wire
-/// in the cycle that uses it.
+/// The velocity, rad/s, that only messages without the owner's lease ask for (I7). No slew delays the velocity of an
+/// impedance, so it reaches the wire in the cycle that uses it.
 pub const WRONG_LEASE_VELOCITY: f32 = 18.0;
 
-/// A fault that was not cleared by then is not cleared any more: a second, and a late cycle.
+/// After this time a request to clear a fault causes no more frames: a second, and a late cycle.
 const CLEAR_TIME: Duration = Duration::from_millis(1020);
-/// No frame is held back for longer by a jammed bus.
+/// The number of cycles that are remembered. A jammed bus holds no frame back for longer.
 const MEMORY_CYCLES: usize = 8192;
 
 /// The largest distance from a value to its nearest code, in codes: half a code, and a margin for single precision.
@@ -127,9 +127,9 @@ pub struct Checker {
     begun: Instant,
     groups: Vec<Watched>,
     slopes: Vec<Slopes>,
-    /// Of native motors.
+    /// By motor: the last control command, of native motors.
     last: Vec<native::Last>,
-    /// Of native motors.
+    /// By motor: the reported velocities, of native motors.
     velocities: Vec<Velocities>,
     /// Set zero commands that each motor may still hear.
     zeros: Vec<u32>,
@@ -142,12 +142,12 @@ pub struct Checker {
     cut: Vec<bool>,
     injections: Injections,
     lossy: bool,
-    /// Those that were on the wire since the cycle before, and in it.
+    /// The replies since the cycle before, and those that were shown with that cycle.
     replies: [Vec<Reply>; 2],
 }
 
 impl Checker {
-    /// Nothing was seen of `robot` yet; it is `now`.
+    /// A checker that has seen nothing of `robot` until `now`.
     #[must_use]
     pub fn new(robot: Robot, now: Instant) -> Self {
         let (motors, groups, buses) = (robot.motors.len(), robot.groups.len(), robot.buses);
@@ -193,7 +193,7 @@ impl Checker {
         }
     }
 
-    /// A fault that must be noticed by the groups that are active. Before the first cycle none is.
+    /// A fault begins, which must stop the active groups that it hits. Before the first cycle no group is active.
     fn begin(&mut self, target: Target) {
         if let Some(last) = self.cycles.back() {
             self.injections.begin(target, &self.robot, &last.state);
@@ -279,12 +279,12 @@ impl Checker {
         }
     }
 
-    /// Nothing keeps frames from the wire, and the cycle knows it. It may not give up a bus that was never cut off.
+    /// Nothing keeps frames from the wire, and the cycle has not given up the bus, which it may do after a cut only.
     fn is_well(&mut self, bus: usize, states: [&State; 2]) -> bool {
         let [before, now] = states.map(|state| &state.buses[bus]);
         let given_up = before.given_up || now.given_up;
         assert!(self.cut[bus] || !given_up, "I10: bus {bus} was given up");
-        // Where motors take turns, the host learns of it with its next frame: all may be well again by then.
+        // Where motors take turns, the host learns of a cut with its next frame only: the bus may be well again by then.
         let uses = self.robot.turn(bus) == 1 || now.sent != before.sent;
         self.cut[bus] &= given_up || self.blocked[bus] || !uses;
         !given_up && !self.blocked[bus]
@@ -321,7 +321,7 @@ impl Checker {
         self.judge_order(cycle, motor, heard);
     }
 
-    /// A motor that begins to follow setpoints begins with nothing, and from where it stands.
+    /// A motor begins to follow setpoints with no gains and no torque, and at the position where it stands.
     fn judge_activation(&mut self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
         if before.mode == Mode::Starting {
@@ -402,7 +402,7 @@ impl Checker {
         }
     }
 
-    /// The time of a command, as far as slews may count it, s: a motor that takes turns counts all of it.
+    /// The time of a command for slews, s. A late cycle counts as two periods at most, except for a motor that takes turns.
     fn time(&self, motor: usize, cycle: &Cycle) -> f64 {
         if self.robot.motors[motor].takes_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
     }
@@ -437,7 +437,7 @@ impl Checker {
 
     fn judge_joint(&self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
-        // A motor that takes turns is no older while it waits for its turn.
+        // The state of a motor that takes turns does not age while it waits for its turn.
         let takes_turns = self.robot.motors[motor].takes_turns();
         let is_new = now.age_cycles == 0 && now.receive_ns > 0;
         assert!(now.fresh == is_new || takes_turns && is_new, "I6: {now:?}");
@@ -469,7 +469,7 @@ fn judge_bytes(motor: &Motor, bytes: [u8; 8]) {
             let asks = codec::Meaning::of(bytes, &ranges) == codec::Meaning::GetFault;
             assert!(reply.report.is_some() || !asks, "I1: a question that is a command to the motor");
         }
-        // A control command cannot be neutral in MIT; the motor has answered in native mode before.
+        // No native control command is neutral in MIT mode. It may be sent: the motor has answered in native mode before.
         Protocol::Native if matches!(bytes[0], 0x93..=0x95) => {}
         Protocol::Native => {
             let in_mit = codec::Meaning::of(bytes, &Ranges::steadywin(1.0));
@@ -516,7 +516,7 @@ fn judge_motion(timeout: Duration, cycle: &Cycle, group: usize) {
     assert!(age <= timeout, "I3: motion on a setpoint that is {age:?} old");
 }
 
-/// Where a motor stands that may be held from now on, or where it has been since it is damped, rad.
+/// The positions where a motor may be held, rad: where it stands in this cycle, or stood when its damping began.
 fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f64; 2] {
     match last {
         Some(last) if before.joints[motor].mode == Mode::Damping => last.held[motor],

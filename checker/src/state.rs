@@ -36,7 +36,7 @@ pub struct Joint {
     pub fresh: bool,
     /// Position and velocity are known.
     pub valid: bool,
-    /// Where the motor is on its way.
+    /// The mode of its motor.
     pub mode: Mode,
     /// Cycles since the last reply.
     pub age_cycles: u32,
@@ -104,6 +104,6 @@ pub struct Bus {
     pub given_up: bool,
     /// Frames that the bus accepted, modulo 2³².
     pub sent: u32,
-    /// This and all other counters, which never fall.
+    /// All counters of the bus, `sent` among them. They never fall.
     pub counters: [u32; 8],
 }

@@ -50,8 +50,8 @@ pub fn changes(
     changes
 }
 
-/// The host id first, so that the motor can be told from others; then its id; then its protocol and its bit rate, which end the
-/// conversation over CAN.
+/// The place of an item in the order. The items of the link come last: the host id, by which the motor can be told from others;
+/// then its id; then its protocol and its bit rate, which end the conversation over CAN.
 fn rank(item: &ConfigurationItem) -> usize {
     const LINK: [&str; 4] = ["host-id", "can-id", "can-protocol", "can-baud-rate"];
     LINK.iter().position(|name| *name == item.name).map_or(0, |place| place + 1)
@@ -82,7 +82,7 @@ pub struct Apply<'c> {
     pub changes: &'c [Change],
 }
 
-/// Checks that a value can be written at all: with another one of these, a motor would be lost.
+/// Checks that a value can be written at all: with a wrong id, host id or protocol nobody would reach the motor any more.
 ///
 /// # Errors
 ///
@@ -97,7 +97,7 @@ pub fn check_value(item: &ConfigurationItem, value: Value) -> Result<(), &'stati
     if matches!(value, Value::Integer(value) if allowed.contains(&value)) { Ok(()) } else { Err(expected) }
 }
 
-/// Bit/s of a unit of `can-baud-rate`, which no document gives, as far as the number tells.
+/// The unit of `can-baud-rate`, bit/s, inferred from the stored number: no document gives it.
 #[must_use]
 pub fn bitrate_unit(stored: i32) -> Option<u32> {
     match stored {
@@ -109,8 +109,8 @@ pub fn bitrate_unit(stored: i32) -> Option<u32> {
 }
 
 impl Apply<'_> {
-    /// Checks that the changes lose no motor: each value is one that its item may have, no other motor of the bus has a new id,
-    /// and the bit rate keeps its unit. Asks on the bus; writes nothing.
+    /// Checks that the changes lose no motor: each value is one that its item may have, no other motor of the bus answers to the
+    /// new id or host id, and the bit rate keeps its unit. Asks on the bus; writes nothing.
     ///
     /// # Errors
     ///

@@ -5,9 +5,9 @@
 //!
 //! Rules of every transaction:
 //! - One request is open. Frames that arrived before it are dropped.
-//! - An answer repeats the command and the number of the request ([`Reply::answers`](motord_protocol::gim::Reply::answers)),
+//! - A native answer repeats the command and the number of the request ([`Reply::answers`](motord_protocol::gim::Reply::answers)),
 //!   and bears the motor's host id where that is known. A frame that equals the request is its echo, never an answer.
-//! - A request is repeated only where repeating does no harm: reads, and stops. Each time its answer has twice as long.
+//! - A request is repeated only where repeating does no harm: reads, stops, and storing. Each native retry waits twice as long as before.
 //! - A write is always read back, also when its answer was lost.
 //! - A refusal keeps the vendor's word and number; numbers without a word are kept.
 //!

@@ -368,7 +368,7 @@ impl<'l> Native<'l> {
     }
 
     /// Sends `command` until an answer comes, up to three times where that does no harm. Each try waits twice as long as the one
-    /// before: a busy computer may hold an answer back. What is sent once only waits as the second of them.
+    /// before: a busy computer may hold an answer back. A command that is sent only once waits as long as the second try.
     fn transact(&mut self, command: &Command) -> Result<Reply, Error> {
         let attempts = if may_repeat(command) { 0..ATTEMPTS } else { 1..2 };
         let mut failure = self.silent(command);
@@ -441,7 +441,7 @@ enum Answer {
     NotRead,
 }
 
-/// Reads change nothing. A stop, a refresh or the same value once more has no further effect.
+/// Whether `command` may be sent again: reads change nothing, and a second stop or refresh has no further effect.
 fn may_repeat(command: &Command) -> bool {
     match command {
         Command::RetrieveConfiguration(_)
@@ -466,7 +466,7 @@ fn may_repeat(command: &Command) -> bool {
     }
 }
 
-/// Floats bit by bit; of a position within a turn the 16 bits that mean something.
+/// Whether two values are the same: floats bit by bit, positions within a turn by their lower 16 bits.
 pub(crate) fn same(key: ConfigurationKey, a: Value, b: Value) -> bool {
     match (a, b) {
         (Value::Integer(a), Value::Integer(b)) if key.is_position() => a & 0xFFFF == b & 0xFFFF,

@@ -147,11 +147,11 @@ pub struct Report {
     pub skipped: Vec<u8>,
 }
 
-/// Asks every id. `progress` hears after each, and ends the scan by returning `false`.
+/// Asks every id. `progress` is called after each id that was asked, and ends the scan by returning `false`.
 ///
 /// # Errors
 ///
-/// [`Error::InUse`] before anything is sent, when frames arrive that nobody asked for; [`Error::Bus`]; [`Error::Interrupted`].
+/// [`Error::InUse`] before anything is sent, when other frames than [`Unprompted`] arrive; [`Error::Bus`]; [`Error::Interrupted`].
 pub fn scan(
     link: &mut Link,
     scan: &Scan,
@@ -182,8 +182,8 @@ pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     only(link, id, 2, |link, window| ask(link, id, &Scan { window, ..Scan::default() }))
 }
 
-/// Whether a motor answers to this id. More patient than [`identify`]: two motors would have one id after a wrong no. An answer that
-/// another motor still owes is heard out first.
+/// Whether a motor answers to this id. It asks more often than [`identify`]: a wrong no would give two motors one id. Before that it
+/// listens until late answers of other motors have come.
 ///
 /// # Errors
 ///
@@ -204,7 +204,7 @@ pub(crate) fn identify_in_mit(link: &mut Link, id: u8) -> Result<Option<Found>, 
 type Answers = Result<(Vec<Found>, bool), Error>;
 
 /// The only motor that answers. A silent one is asked again, each time for twice as long: a busy computer may hold an answer back.
-/// Before that the bus is heard out, since two answers to one question are those of two motors.
+/// Before each further question it listens for late answers: two answers to one question would count as two motors.
 fn only(
     link: &mut Link,
     id: u8,
@@ -307,7 +307,7 @@ fn judge(link: &mut Link, id: u8, answer: Frame) -> Found {
     Found { host_id, ..found }
 }
 
-/// Who answers so.
+/// The kind of driver that gives this answer, and its refusal.
 fn classify(id: u8, answer: &Frame) -> (Family, Option<Refusal>) {
     let payload = answer.payload();
     let native = |outcome: Outcome<()>| (Family::Native, outcome.err());

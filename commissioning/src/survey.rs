@@ -55,7 +55,7 @@ impl Survey {
 }
 
 /// Asks motor `id` for its protocol, and in native mode for its version and `items`. `None` when nobody answers. Items that the
-/// motor refuses are left out.
+/// motor refuses, or does not answer, are left out.
 ///
 /// # Errors
 ///

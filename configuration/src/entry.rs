@@ -46,7 +46,7 @@ pub(super) struct Rule<T> {
     pub(super) default: T,
     /// The default in words; `None`: `default` itself.
     default_words: Option<&'static str>,
-    /// The key must be written: a hint for the reader of the error.
+    /// The advice in the error when the key is missing; `None` where the key may be missing.
     pub(super) required: Option<&'static str>,
     /// Both ends are allowed.
     min: f64,
@@ -89,7 +89,7 @@ impl<T: Value> Rule<T> {
         Self { min, ..self }
     }
 
-    /// The range, in words that no two numbers can say.
+    /// Describes the range in words, where two numbers cannot.
     pub(super) fn words(self, words: &'static str) -> Self {
         Self { range_words: Some(words), ..self }
     }

@@ -1,8 +1,8 @@
 //! The configuration: from a file that anyone may have damaged to [`Settings`] that the rest of the daemon can rely on.
 //!
 //! Text stops here. A file is opened ([`load`]), read key by key (`table`, by the table in `keys`), and validated as a
-//! whole (`validate`). One run reports every problem ([`Problem`]), not only the first. Only errors of the TOML syntax
-//! are alone. Nothing is opened but the file: a configuration is judged without a bus.
+//! whole (`validate`). One run reports every problem ([`Problem`]), not only the first. Only a file that cannot be read, or is
+//! no TOML, has one problem alone. Nothing is opened but the file: a configuration is judged without a bus.
 //!
 //! `keys` is the one table of all keys. `docs/configuration.md` is written from it ([`reference()`]).
 
@@ -65,7 +65,7 @@ pub struct TelemetrySettings {
     pub prometheus_listen: Option<SocketAddr>,
 }
 
-/// Why a configuration is refused: every problem found, in the order of the file's sections. At least one.
+/// Why a configuration is refused: every error found, in the order of the file's lines. At least one.
 #[derive(Debug)]
 pub struct ConfigError {
     /// The problems, each with its place in the file.

@@ -12,7 +12,7 @@ const PRIORITY_MAX: u8 = 98;
 /// `CAP_SYS_NICE` in the capability sets of `/proc`, `capabilities(7)`: it lifts the limit of the priority.
 const CAP_SYS_NICE: u64 = 1 << 23;
 
-/// The resources that a process gets which starts on this machine now.
+/// The resources that this machine gives to a process that starts now.
 #[derive(Debug, Clone)]
 pub struct Machine {
     /// The processors that are online and that the process may use, rising.
@@ -29,8 +29,8 @@ impl Machine {
     }
 }
 
-/// Tries each, in a thread of its own that ends afterwards. The affinity of this process does not tell: the processors that the
-/// kernel isolates (`isolcpus`) are not in it, and may be used all the same.
+/// Tries to run on each processor, in one extra thread that ends afterwards. The affinity of this process is not enough: the
+/// processors that the kernel isolates (`isolcpus`) are not in it, but may be used.
 fn processors() -> Vec<usize> {
     let is_allowed = |&cpu: &usize| {
         let mut one = CpuSet::new();

@@ -116,7 +116,7 @@ impl Value for String {
 impl Value for PathBuf {
     const KIND: &'static str = "a text";
 
-    /// Of metrics: Prometheus' node exporter reads no other names.
+    /// The path of a file of metrics, with the ending `.prom`: Prometheus' node exporter reads no other names.
     fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
         let text = String::read(written)?;
         let path = Self::from(&text);
@@ -128,7 +128,7 @@ impl Value for PathBuf {
 impl Value for SocketAddr {
     const KIND: &'static str = "a text";
 
-    /// Of this computer only: whoever reaches the address reads the metrics.
+    /// An address of this computer only (loopback): whoever reaches the address reads the metrics.
     fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
         let text = String::read(written)?;
         let loopback = text.parse().ok().filter(|address: &Self| address.ip().is_loopback());

@@ -32,7 +32,7 @@ impl Tree {
         self.root.join(path.trim_start_matches('/'))
     }
 
-    /// The text of a file without its last line's end.
+    /// The text of a file without the white space at its end.
     pub(crate) fn text(&self, path: &str) -> Option<String> {
         let bytes = fs::read(self.path(path)).ok()?;
         Some(String::from_utf8_lossy(&bytes).trim_end().to_owned())

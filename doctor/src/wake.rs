@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{Builder, JoinHandle};
 
-/// The longest latency that is told from a longer one, ns: a minute.
+/// A longer latency counts as this one, ns: a minute.
 const LATENCY_MAX_NS: u64 = 60_000_000_000;
 /// A thousandth of a value.
 const DIGITS: u8 = 3;

@@ -15,8 +15,8 @@ pub(crate) struct Point {
 }
 
 /// The steps of a distribution, each with the number of values up to it, as HdrHistogram's `PercentileIterator` takes them: `ticks`
-/// steps until the distance to 100 % has halved, and the last one at 100 %. In percent, as there, so that ties fall alike;
-/// the library's own `iter_quantiles` rounds some of them to the next value. Of values in ns.
+/// steps until the distance to 100 % has halved, and the last one at 100 %. `values` are in ns. The shares are computed in percent,
+/// as there, so that ties give the same value; the library's own `iter_quantiles` rounds some of them to the next value.
 pub(crate) fn steps(values: &Histogram<u64>, ticks: u32) -> Vec<(Point, u64)> {
     let (mut steps, mut percent, mut count, total) = (Vec::new(), 0.0, 0, values.len());
     for recorded in values.iter_recorded() {

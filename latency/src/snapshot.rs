@@ -43,7 +43,7 @@ impl Snapshot {
         Ok(Self { taken, boot_id, telemetry, histograms: decoded.collect::<Result<_, _>>()? })
     }
 
-    /// The samples that came after `before`. Totals that began anew since are all new.
+    /// The samples that came after `before`. When the totals began anew since then, all of them count.
     pub(crate) fn since(&self, before: &Self) -> Interval {
         let is_same = (self.boot_id, self.telemetry.resets) == (before.boot_id, before.telemetry.resets);
         let earlier = |name| before.histograms.get(name).filter(|_| is_same);

@@ -4,7 +4,8 @@ use motord_client::Error;
 use motord_terminal::exit_status::NOT_STOPPED;
 pub(crate) use motord_terminal::exit_status::{INTERRUPTED, IO, UNAVAILABLE, USAGE};
 
-/// The exit status of an emergency stop that nobody confirmed. Where a daemon may run it has one of its own.
+/// The exit status of an emergency stop that nobody confirmed. A missing daemon, a missing permission and a wrong instance name
+/// keep their own; every other error gives `NOT_STOPPED`.
 pub(crate) fn of_stop(error: &Error) -> u8 {
     match error {
         Error::NotRunning { .. } | Error::Permission { .. } | Error::Instance(_) => error.exit_status(),

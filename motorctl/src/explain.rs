@@ -54,7 +54,7 @@ fn list(pages: &[Page], out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// No name is broken.
+/// Lines of [`WIDTH`]. No name is broken at its hyphens.
 fn lines() -> textwrap::Options<'static> {
     textwrap::Options::new(WIDTH).word_splitter(textwrap::WordSplitter::NoHyphenation)
 }
@@ -83,7 +83,7 @@ fn sections(file: &'static str) -> impl Iterator<Item = Page> {
     })
 }
 
-/// Markdown as text for a terminal: without marks for bold, of a link its words, in lines of [`WIDTH`].
+/// Markdown as text for a terminal: without marks for bold, each link as its words and its file, in lines of [`WIDTH`].
 fn plain(markdown: &str) -> String {
     let paragraphs = markdown.replace("**", "");
     let paragraphs = paragraphs.split("\n\n").map(|paragraph| {

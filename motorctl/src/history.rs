@@ -13,7 +13,7 @@ pub(crate) struct History {
     asked: Option<(Instant, u64, Vec<GroupKey>)>,
 }
 
-/// Telemetry tells the owner and the beginnings of these.
+/// Lease, phase and cause of a group: when one changes, the telemetry's owner and start cycles of the group are out of date.
 type GroupKey = (Option<Lease>, Option<Phase>, Option<Cause>);
 
 impl History {

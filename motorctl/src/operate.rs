@@ -138,8 +138,8 @@ fn effect_of_zero(joint: &JointDescription, position: Option<f32>) -> String {
     )
 }
 
-/// Without a name the request goes to every group. A refusal does not keep it from the others: a robot that is to be
-/// stopped is stopped as far as possible. The first refusal is the outcome.
+/// Sends `request` for `group`, or for every group without a name. After a refusal the other groups are still asked: a robot
+/// that is to be stopped is stopped as far as possible. The first refusal is the outcome.
 fn for_groups(
     instance: &str,
     group: Option<&str>,
@@ -160,8 +160,8 @@ fn for_groups(
     Ok(outcome?)
 }
 
-/// The robot has done what was asked for, whether or not anybody can read of it: no error of the output is one of the command,
-/// and none keeps a request from the other groups.
+/// Says what the robot has done. When nobody can read it, the robot has done it all the same: an error of the output is no error
+/// of the command, and the other groups are still asked.
 fn say(sentence: &str) {
     if let Err(error) = writeln!(io::stdout(), "{}", printable(sentence)) {
         let _nobody_reads =

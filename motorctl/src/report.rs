@@ -126,7 +126,7 @@ pub(crate) struct JointReport {
     pub(crate) limits: Vec<&'static str>,
     /// The motor has reported position, velocity and torque since it came online.
     pub(crate) valid: bool,
-    /// It stands where no setpoint of it may be: its group cannot be enabled.
+    /// It stands outside the positions that its setpoints may have: its group cannot be enabled.
     pub(crate) outside_limits: bool,
     /// The obstacle to its motion, and what helps; `null` when there is none.
     pub(crate) advice: Option<String>,

@@ -105,7 +105,7 @@ impl Disk {
         (recorded, self.taken.saturating_sub(recorded))
     }
 
-    /// Lets the thread write what waits, and end the file with `counts`; it fills in those of its own. Ask for the end by
+    /// Lets the thread write what waits, and end the file with `counts`, of which it sets `recorded` and `dropped`. Ask for the end by
     /// [`has_ended`](Self::has_ended).
     pub(crate) fn finish(&mut self, counts: Counts) {
         let _ended = self.finish.try_send(Counts { dropped: self.taken, ..counts });

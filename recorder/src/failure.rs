@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderFailure {
-    /// The daemon cannot be reached, or has gone. The file is whole.
+    /// The daemon cannot be reached, or has gone. A file that was begun is whole.
     #[error(transparent)]
     Client(#[from] Error),
     /// Standard output cannot be written.

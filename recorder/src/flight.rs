@@ -118,7 +118,7 @@ impl Flight {
 
     fn take(&mut self, record: &CycleRecord, files: &mut Files) {
         let tick_ns = record.state.tick_ns;
-        // Its file would have a gap, which the numbers of the cycles show.
+        // Cycles that cannot be encoded are missing in the file: the numbers of the other cycles show the gap.
         let _encoded = self.memory.take(record);
         if let Some(cause) = self.stops.of(record) {
             self.stop.get_or_insert((cause.to_string(), tick_ns.saturating_add(self.after_ns)));
@@ -182,7 +182,7 @@ impl Place {
         }
     }
 
-    /// A file that is not whole never bears the name of one.
+    /// Writes a file under another name, and renames it once it is whole. Then removes the oldest files.
     fn write(&self, remembered: &Remembered, why: &str) -> io::Result<(PathBuf, u64)> {
         let unfinished = self.directory.join(format!("{}.unfinished", self.instance));
         let path = self.directory.join(self.name(OffsetDateTime::now_utc(), why));
@@ -225,7 +225,7 @@ impl Place {
         name.ends_with(".mcap") && form.is_some_and(is_time)
     }
 
-    /// Until so many are left as may be. The names sort by time.
+    /// Removes the oldest files of the instance until at most `files_max` are left. The names sort by time.
     fn remove_oldest(&self) {
         let Ok(entries) = fs::read_dir(&self.directory) else { return };
         let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());

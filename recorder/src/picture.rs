@@ -24,8 +24,8 @@ struct Step {
     high: f32,
 }
 
-/// A curve. It keeps the extremes of each of its steps, so that no peak is lost, and doubles the length of its steps rather than
-/// their number.
+/// A curve. Each of its steps keeps the lowest and the highest value, so that no peak is lost. When there are too many steps, each
+/// pair of them becomes one.
 #[derive(Debug)]
 pub(crate) struct Curve {
     name: &'static str,

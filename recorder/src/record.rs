@@ -67,7 +67,7 @@ struct Report {
 pub fn run(instance: &str, arguments: &RecordArguments) -> Result<(), RecorderFailure> {
     let interrupt = Interrupt::register();
     let client = Client::connect(instance)?;
-    // Before the file: where there is no place to record, none is left behind.
+    // The place of a recorder is taken before the file is created: where none is free, no file is left behind.
     let records = client.records()?;
     let path = &arguments.file;
     match path.as_os_str() == "-" {

@@ -9,9 +9,9 @@ use motord_shared::{BusCondition, Cause, Fault, GroupState, JointState, MotorMod
 /// How much an event matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// Every change of a motor.
+    /// Every change of a motor's mode.
     Debug,
-    /// The phases and owners of a group.
+    /// Phases, owners and resets of a group, a fault that is gone, a daemon that shuts down.
     Info,
     /// Missed ticks, a bus that has changed.
     Warning,

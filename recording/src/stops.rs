@@ -25,7 +25,7 @@ impl Stops {
         changed.and_then(|(cause, _)| Cause::try_from(*cause).ok())
     }
 
-    /// The last cycle was one of a daemon that leaves: it does not die when no other follows.
+    /// Whether the daemon was shutting down in the last cycle: then it has not died when no cycle follows.
     #[must_use]
     pub fn is_leaving(&self) -> bool {
         self.is_leaving

@@ -7,7 +7,7 @@ use crate::shaft::Shaft;
 /// the calls.
 pub(crate) const STEP_NS: u64 = 50_000;
 const STEP_SECONDS: f64 = STEP_NS as f64 / 1e9;
-/// Heat in W per Ω from line to line and A² of q current: 3/2 of a phase's resistance, which is half of that.
+/// Heat in W per Ω from line to line and A² of q current: 3/2 of a phase's resistance, which is half of the one from line to line.
 pub(crate) const COPPER_LOSS: f64 = 0.75;
 
 /// The torque that a drive commands: `torque + kp·(reference - position) + kd·(velocity - shaft velocity)`.
@@ -131,8 +131,8 @@ impl Body {
         self.position += self.velocity * seconds;
     }
 
-    /// The implicit midpoint rule, which neither takes energy from a spring nor gives it some. Backward Euler where that is not
-    /// safe: in steps longer than the grid's, which it damps at any gain, and where dry friction may hold the shaft.
+    /// Integrates by the implicit midpoint rule, which neither takes energy from a spring nor adds any. Uses backward Euler, which
+    /// damps at any gain, where that rule is not safe: in steps longer than the grid's, and where dry friction may hold the shaft.
     fn integrate(&mut self, law: &Law, seconds: f64) {
         if (self.velocity != 0.0 || self.coulomb == 0.0) && seconds <= STEP_SECONDS {
             let middle = self.velocity_under(law, seconds / 2.0);

@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 
 /// Frames that one call moves at most; a longer backlog of a flood is dropped.
 const TRANSFERS_MAX: usize = 4096;
-/// A native answer has 8 bytes, an MIT answer 6, a shortened answer 4.
+/// The shortest answer: the fault `short` leaves 4 of the 6 bytes of a SteadyWin MIT answer.
 const ANSWER_BYTES_MIN: u32 = 4;
 /// The frames of a flood have ids from here to 0x7FF, which no motor should have.
 const UNEXPECTED_ID: u16 = 0x7F0;
@@ -30,9 +30,9 @@ const DESTROYED: Content =
 ///
 /// - The host's frames wait in a queue, first in first out. Whenever the wire is idle, the frame with the lowest id
 ///   that waits anywhere goes next, and takes its exact length. It is delivered when it is complete.
-/// - Every motor hears every frame, so a motor whose id is another's host id obeys its answers.
-/// - Two motors that begin one id at once: equal bytes merge into one frame; different ones destroy each other:
-///   the wire is taken for the length of the frame, the host sees an error frame, and they try again one by one.
+/// - Every motor hears every frame, so a motor whose id is the host id of another obeys the answers of that other.
+/// - Two motors may send the same id at once. Equal bytes merge into one frame. Different bytes destroy each other: the wire
+///   is taken for the length of the frame, the host sees an error frame, and the motors try again one by one.
 /// - A serial line carries the host's frames as they come, also while a motor is still to answer. Answers that overlap destroy
 ///   each other, whatever they say, and are not sent again.
 ///
@@ -176,8 +176,8 @@ impl SimulatedBus {
         shafts.extend(self.motors.iter_mut().map(Motor::couple));
     }
 
-    /// Torque times time that each shaft was given until `end`, since the last call, N·m·s. Takes one of `impulses` for each
-    /// motor.
+    /// Writes into one of `impulses` for each motor: torque times time that its shaft was given since the last call, until `end`,
+    /// N·m·s.
     pub(crate) fn impulses_until<'a>(
         &mut self,
         end: Instant,
@@ -324,7 +324,7 @@ impl SimulatedBus {
             .chain(self.flood.map(|flood| flood.contender))
     }
 
-    /// The winner has what it wanted; a flood wants the wire again one period later.
+    /// Removes the winner from the frames that wait. A flood contends again one period later.
     fn withdraw(&mut self, winner: &Contender, start: Instant) {
         match winner.sender {
             Sender::Host => {
@@ -381,7 +381,7 @@ impl SimulatedBus {
         others.fold(false, |disturbed, (_, motor)| motor.disturbs() || disturbed)
     }
 
-    /// The frame was destroyed: the host learns of it, and the sender tries again.
+    /// The frame was destroyed: the host learns of it, and a host or motor that sent it tries again.
     fn repeat(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
         let contender = Contender { sender, frame, ready, duration: self.duration(&frame) };
         match sender {
@@ -433,7 +433,7 @@ impl SimulatedBus {
         self.wire.map_or(self.now, |transfer| transfer.ends)
     }
 
-    /// The wire is free for it after the host's frames that have priority.
+    /// When the wire is free for `contender`: after the host's frames that have priority.
     fn wire_free_for(&self, contender: &Contender) -> Instant {
         let blocked = self.settings.kind == BusKind::Serial || self.link == Link::Unacknowledged;
         let urgent = self.queue.iter().take_while(|queued| queued.frame.id() < contender.frame.id());

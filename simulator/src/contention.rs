@@ -80,7 +80,7 @@ impl Answers {
         }
     }
 
-    /// `sender` has lost its power.
+    /// Drops the answers of `sender`, which has lost its power.
     pub(crate) fn forget(&mut self, sender: Sender) {
         self.waiting.retain(|answer| answer.contender.sender != sender);
     }

@@ -7,7 +7,7 @@ use motord_bus::{Duration, Unsupported};
 /// One fault. The faults of a motor add up until [`Fault::Ok`] ends all of them. A bus has one link state at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
-    /// `ok`, `on`: ends every fault. Its effects (a vendor fault, heat, a power cycle) stay. A motor without power boots.
+    /// `ok`, `on`: ends every fault. Lasting effects (a vendor fault, heat, a power cycle) stay. A motor without power boots.
     Ok,
     /// `off`: the motor is unplugged from the bus. It neither hears nor answers, and goes on executing its last command.
     Off,
@@ -141,7 +141,7 @@ enum Form {
     Bare(Fault),
     /// An argument.
     With { example: &'static str, read: fn(&str) -> Option<Fault> },
-    /// An argument, or this instead.
+    /// An optional argument; without one the fault is `otherwise`.
     Either { otherwise: Fault, example: &'static str, read: fn(&str) -> Option<Fault> },
 }
 

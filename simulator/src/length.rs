@@ -59,9 +59,9 @@ mod tests {
 
     #[test]
     fn the_crc_is_that_of_a_frame_worked_by_hand() {
-        // Id 0, no data: 19 zero bits leave the register at zero; DLC 1 with data 0x01 does not.
+        // Id 0, no data: 19 zero bits leave the register at zero.
         assert_eq!(crc(0, 19), 0);
-        // A single one is the polynomial itself, then shifted and reduced as long division says.
+        // The CRC of a single 1 is the polynomial itself. A 0 behind it shifts and reduces that, as in long division.
         assert_eq!(crc(1, 1), 0x4599);
         assert_eq!(crc(0b10, 2), ((0x4599 << 1) ^ 0x4599) & 0x7FFF);
     }

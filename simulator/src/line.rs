@@ -99,7 +99,7 @@ impl Line {
         }
     }
 
-    /// When the host can read, as far as the adapter knows.
+    /// When the adapter hands over the bytes that it has; [`Instant::FAR_FUTURE`] when it has none.
     pub(crate) fn handover(&self) -> Instant {
         self.handover
     }

@@ -20,7 +20,7 @@ const STEPS_MAX: u64 = 4_000;
 /// The shaft turns this fast while it is calibrated, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
-/// Error frames until a controller is error passive: each adds 8 to a counter that ends at 127.
+/// Error frames until a controller is error passive: each adds 8 to a counter, which must exceed 127.
 const DISTURBANCES: u8 = 16;
 
 /// The mode of a drive.
@@ -240,7 +240,7 @@ impl Motor {
         &self.impairment
     }
 
-    /// Nothing has happened before `at`.
+    /// The time of this motor begins at `at`.
     pub(crate) fn begin(&mut self, at: Instant) {
         self.time = at;
     }
@@ -260,7 +260,7 @@ impl Motor {
         self.integrate(to);
     }
 
-    /// The mechanics up to the last point of the grid by `to`.
+    /// Moves the mechanics to the last point of the grid that is not after `to`.
     fn integrate(&mut self, to: Instant) {
         let grid = to.as_nanos() / STEP_NS * STEP_NS;
         let next = self.time.as_nanos().next_multiple_of(STEP_NS);
@@ -277,7 +277,7 @@ impl Motor {
         self.time = Instant::from_nanos(grid);
     }
 
-    /// The mechanics up to `to` itself, which must be no later than the next point of the grid: something happens there.
+    /// Moves the mechanics to `to` itself, ns, where something happens. It must be no later than the next point of the grid.
     fn reach(&mut self, to: u64) {
         let nanos = to.saturating_sub(self.time.as_nanos());
         if nanos > 0 {
@@ -306,7 +306,7 @@ impl Motor {
         self.end_control();
     }
 
-    /// Limp, whatever was under way.
+    /// Ends the control command or calibration that is under way: the motor is limp.
     fn end_control(&mut self) {
         self.law = Law::LIMP;
         self.control_until = Instant::FAR_FUTURE;
@@ -420,7 +420,7 @@ impl Motor {
         }
     }
 
-    /// The present position becomes zero. The law keeps its numbers: they now mean another place.
+    /// The present position becomes zero. The law keeps its numbers on the motor's scale: they now mean another position.
     fn set_zero(&mut self) {
         self.configuration.keep_int(int::ZERO_POSITION, i32::from(self.encoder()));
         self.move_origin(self.body.position);
@@ -489,7 +489,7 @@ impl Motor {
         }
     }
 
-    /// The state as codes, with what the impairments make of it.
+    /// The state as codes, changed by the injected faults.
     fn state(&mut self, at: Instant) -> State {
         let behaviour = self.settings.behaviour;
         State::encode(self.report(at), self.scales(), behaviour.truncates, behaviour.beyond_range)

@@ -21,20 +21,20 @@ const _: () =
 pub trait Plant: Send {
     /// Moves every shaft on by `seconds`, which is 0.00025 in every call.
     ///
-    /// `torques` are means over the step, N·m: of the drive, and what a load verb adds. `shafts` hold the state at the beginning
-    /// of the step, and at its end what the plant makes of it. Both are in the order of the buses, and of the motors of each bus.
+    /// `torques` are means over the step, N·m, of the sum of drive and load. `shafts` hold the state at the beginning of the step;
+    /// the plant replaces it by the state at the end. Both are in the order of the buses, and of the motors of each bus.
     ///
-    /// The plant has the whole of the mechanics: of a motor's settings, the inertias and the friction count for nothing here. The
-    /// rotor's inertia times the square of the gear ratio is the plant's to add.
+    /// The plant has the whole of the mechanics: the inertias and the friction in a motor's settings do not act on the shaft. The
+    /// plant must add the rotor's inertia times the square of the gear ratio.
     fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [Shaft]);
 }
 
 /// Lets `plant` turn the motors of `buses`. Returns the buses that the cycle must use from now on, in the same order; the clones
 /// of `buses` still serve to inject faults and to read the truth.
 ///
-/// Whatever the cycle does on one bus at a time first brings every bus and the plant to that time, in steps of 250 µs. So one
+/// A send or a receive on one bus first brings every bus and the plant to the time of the call, in steps of 250 µs. So one
 /// sequence of calls is one run, whichever clock they follow. The time between two calls is made up for in full. Between two
-/// steps a shaft turns at the velocity of the last. The first shafts are the motors' initial positions, at rest.
+/// steps a shaft turns at the velocity of the last step. The first shafts are the motors' initial positions, at rest.
 ///
 /// # Panics
 ///
@@ -54,7 +54,7 @@ pub fn couple(buses: &[SharedBus], plant: impl Plant + 'static) -> Vec<PlantBus>
     buses.iter().map(|bus| PlantBus { bus: bus.clone(), coupling: Arc::clone(&coupling) }).collect()
 }
 
-/// A bus whose motors a [`Plant`] turns. Its [`Bus`] waits while another of its plant is used: for tests and simulations.
+/// A bus whose motors a [`Plant`] turns. A call waits while another bus of the same plant is in use: for tests and simulations.
 pub struct PlantBus {
     bus: SharedBus,
     coupling: Arc<Mutex<Coupling>>,
@@ -94,7 +94,7 @@ impl Coupling {
 }
 
 impl PlantBus {
-    /// Everything coupled, at `now`.
+    /// Brings all buses of the plant to `now`, and locks this one.
     fn at(&self, now: Instant) -> MutexGuard<'_, crate::SimulatedBus> {
         self.coupling.lock().unwrap_or_else(PoisonError::into_inner).advance(now);
         self.bus.lock()

@@ -16,7 +16,7 @@ const BYTES_MAX: usize = 4096;
 /// motors stay.
 ///
 /// Faults of the port, on top of those of the line: [`Fault::Gone`] unplugs it, so that the host's descriptor hangs up, and
-/// [`Fault::Blocked`] lets it take no bytes. [`Fault::Ok`] ends both; the pseudo terminal may have another name then.
+/// [`Fault::Blocked`] makes it refuse the host's bytes. [`Fault::Ok`] ends both; the pseudo terminal may have another name then.
 #[derive(Debug)]
 pub struct SerialPort {
     slave: SerialSlave,
@@ -101,7 +101,7 @@ impl SerialPort {
     ///
     /// # Errors
     ///
-    /// As [`SimulatedBus::inject`]; and the kernel may refuse.
+    /// As [`SimulatedBus::inject`], and when the kernel refuses what the fault needs.
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         if verb.target != self.name() {
             return self.slave.inject(now, verb);

@@ -14,7 +14,7 @@ const ACK: u8 = 1;
 /// The motors of a serial [`SimulatedBus`] behind a port: for a pseudo terminal, or for tests of a framer.
 ///
 /// A request with a damaged header, or with a length other than 8, is answered with an ACK frame by the motor whose
-/// id it bears. The document sends ACK frames only for faults, and leaves their payload open (here: none). The bytes that
+/// id it bears. The document has ACK frames only for faults, and does not say what their payload is (here: none). The bytes that
 /// follow are searched for the next valid header, without a further ACK.
 ///
 /// The line between port and motors can have faults: [`Fault::Echo`], [`Fault::Glue`], [`Fault::Loss`],
@@ -109,7 +109,7 @@ impl SerialSlave {
         self.line.hand_over(now, answers);
     }
 
-    /// Leaves room for at least one byte in the window.
+    /// Sends the requests in the window to the bus, and drops damaged bytes. The window then has room for at least one byte.
     fn parse(&mut self, now: Instant) {
         loop {
             match self.start() {
@@ -163,7 +163,7 @@ mod tests {
     use crate::{BusKind, BusSettings, MotorSettings};
 
     const GET_VERSION: [u8; 12] = [0x01, 0x00, 0x08, 0x09, 0xB1, 0, 0, 0, 0, 0, 0, 0];
-    /// Golden vector rs485_host0_r_version but for the version's bytes, which are the default's.
+    /// Golden vector rs485_host0_r_version, except for the bytes of the version: they are those of the default settings.
     const VERSION: [u8; 12] = [0x00, 0x00, 0x08, 0x08, 0xB1, 0, 0, 0, 0x03, 0x02, 0x01, 0x00];
 
     fn slave() -> SerialSlave {
@@ -214,7 +214,7 @@ mod tests {
         for _ in 0..2_000 {
             let noise = random.next().to_le_bytes();
             let len = (random.next() % 9) as usize;
-            // A quiet line cannot end noise that looks like the start of a frame: a request may be its payload.
+            // Noise can look like the start of a frame, and a pause does not end it. The first request may then be its payload.
             let out = answers(&mut slave(), &[&noise[..len], &GET_VERSION, &GET_VERSION].concat());
             assert!(out.windows(12).any(|window| window == VERSION), "{noise:02X?} {len}");
         }

@@ -11,7 +11,7 @@ pub struct BusSettings {
     pub kind: BusKind,
     /// Bit/s of the host's controller. A motor that is configured for another rate does not hear it.
     pub bitrate: u32,
-    /// Bit/s that frames take on the wire, if it is not `bitrate`: for a host on a slow machine.
+    /// Bit/s of the wire itself, if it is not `bitrate`. A high rate makes up for the time that a slow machine adds.
     pub wire_bitrate: Option<u32>,
     /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
     pub tx_queue: usize,
@@ -40,8 +40,8 @@ impl Default for BusSettings {
 pub enum BusKind {
     /// The lowest id goes first whenever the wire is idle.
     Can,
-    /// RS485 or RS232 at 10 bits a byte. One request is open at a time. The next one is sent after the answer, or after 2 ms
-    /// without one. A frame's id is the address byte of its header.
+    /// RS485 or RS232 at 10 bits a byte. Answers that overlap destroy each other, so the host must keep only one request open at a
+    /// time. A frame's id is the address byte of its header.
     Serial,
 }
 
@@ -54,8 +54,9 @@ pub enum Dialect {
     Gim,
 }
 
-/// One motor. Inertias, constants, ratios, peaks and time constants must be above zero, friction and the winding's
-/// properties zero or above, and everything finite. The default is a GIM8108-8 on a light leg, by its published figures where there are any.
+/// One motor. Every value must be finite. The rotor's inertia, constants, ratios, peaks and time constants must be above zero; the
+/// load's inertia, friction and the winding's properties zero or above. The default is a GIM8108-8 on a light leg, by its published
+/// figures where there are any.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotorSettings {
     /// The name that fault verbs and tests address it by.
@@ -113,7 +114,7 @@ pub struct MotorSettings {
     pub version: u32,
     /// From the end of a command to the moment its answer contends for the wire.
     pub reply_latency: Duration,
-    /// The latency is uniform between this much less and this much more.
+    /// The latency of each answer is random: uniform from `reply_latency` minus this to `reply_latency` plus this.
     pub reply_jitter: Duration,
     /// A calibration turns the shaft for this time. The answer comes after it, even if the calibration was stopped before.
     pub calibration_time: Duration,
@@ -164,7 +165,7 @@ impl Default for MotorSettings {
 impl MotorSettings {
     /// # Panics
     ///
-    /// When no motor can have these properties: who wrote them must know before a robot of them is judged.
+    /// When no motor can have these properties: the author of the settings must learn it before a robot with them is judged.
     pub(crate) fn assert_physical(&self) {
         let positive = [
             self.torque_constant,
@@ -202,7 +203,7 @@ pub struct Behaviour {
     pub host_loss: HostLoss,
     /// The refusal of a motor in fault.
     pub in_fault: InFault,
-    /// The position that is reported beyond ±12.5 rad.
+    /// The position that is reported beyond the range of its code.
     pub beyond_range: BeyondRange,
     /// An MIT motor that is stopped remembers control frames, and the start command executes the last.
     pub remembers_control: bool,

@@ -1,7 +1,7 @@
 //! Vendor bytes, seen from the motor: what a command means and how an answer is laid out.
 //!
-//! Written from the documents on its own, with nothing from the host's codec, so that a common mistake cannot hide.
-//! Both are held against the same golden frames.
+//! Written from the documents on its own, with nothing from the host's codec, so that one mistake cannot hide in both.
+//! Both are tested against the same golden frames.
 
 use crate::settings::BeyondRange;
 

@@ -1,4 +1,4 @@
-//! The journal of an application: what was written to a motor, on disk before the write is.
+//! The journal of `motorctl config apply`: each write to a motor is in it, on disk, before it is sent.
 
 use crate::failure::WireFailure;
 use motord_commissioning::{Change, Confirmation, Event};
@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// One JSON object a line, appended: `begin`, then `writing` and `written` of each item, then `end`.
+/// One JSON object a line, appended: `begin`, `writing` and `written` of each item with `refreshing` between, then `end`.
 pub(crate) struct Journal {
     path: PathBuf,
     file: File,

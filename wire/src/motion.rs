@@ -1,7 +1,7 @@
 //! `motorctl torque`, `speed`, `position` and `jog`: a motor moves, for a bounded time, within bounds.
 //!
-//! A torque or speed has a duration of a few periods, which the vendor's sample calls the time that the control lasts, and is sent
-//! again in every period. So a motor may end it by itself when this process dies; no document promises that. At the end, at
+//! A command of torque or speed has a duration of ten periods, which the vendor's sample calls the time that the control lasts, and
+//! is sent again in every period. So the motor may end it by itself when this process dies; no document promises that. At the end, at
 //! Ctrl-C, and beyond a bound the motor is stopped.
 
 use crate::confirm::Confirm;
@@ -177,8 +177,8 @@ fn follow(
     if interrupt.came() { Err(Error::Interrupted.into()) } else { Ok(state) }
 }
 
-/// Position, rad, velocity, rad/s, and torque, N·m, from the answer. A position is to be reached in half of the time: whether its
-/// duration means that, or how long it is held, is in no document.
+/// Sends the goal. Returns position, rad, velocity, rad/s, and torque, N·m, from the answer. The duration of a position command is
+/// half of the time: no document says whether the motor reaches the position in it, or holds it for so long.
 fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3], WireFailure> {
     let finite = |value: f64| {
         Finite::new(value as f32)
@@ -212,8 +212,8 @@ impl<'s> Jogged<'s> {
         Self { session, kd }
     }
 
-    /// Starts the motor, at rest. Returns its position, rad. Neutral frames come before the start of a motor in MIT, which may
-    /// remember one. After an error it may be started all the same.
+    /// Starts the motor, at rest. Returns its position, rad. A motor in MIT may remember a control frame, so it gets a neutral one
+    /// before the start. After an error the motor may be started nevertheless.
     pub(crate) fn start(&mut self) -> Result<f64, Error> {
         let position = match self.session.protocol {
             Protocol::Mit => {

@@ -73,7 +73,7 @@ struct Asked<'s> {
 }
 
 impl Asked<'_> {
-    /// Differences, and a motor that does not answer.
+    /// The differences; of a motor that does not answer, all findings.
     fn open_findings(&self) -> impl Iterator<Item = &Finding> {
         let is_silent = self.reported.is_none();
         self.findings.iter().filter(move |finding| is_silent || finding.verdict == Verdict::Differs)

@@ -77,8 +77,8 @@ pub fn say_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> Re
     }
 }
 
-/// Other firmware takes the question of SteadyWin's MIT for full stiffness: a motor is stopped first. One with a fault may be
-/// silent to that.
+/// Reads the faults. A motor in MIT is stopped first: other firmware takes the question for a control frame of full stiffness. A
+/// motor with a fault may not answer to the stop.
 fn read_faults(session: &mut Session) -> Result<Faults, Error> {
     match session.protocol {
         Protocol::Mit => {

@@ -56,7 +56,7 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     say(&format!("{name}: reports {after:.3} rad now"))
 }
 
-/// The position that the motor reports, rad. A motor in MIT is stopped by the question.
+/// Stops the motor. Returns the position that it reports, rad.
 fn position(session: &mut Session) -> Result<f64, WireFailure> {
     let position = match session.protocol {
         Protocol::Mit => session.mit().stop()?.position,
@@ -69,7 +69,7 @@ fn position(session: &mut Session) -> Result<f64, WireFailure> {
     Ok(f64::from(position))
 }
 
-/// The range that the joint has from then on, as a sentence.
+/// Refuses a position outside of the joint's limits, unless `force`. Returns a sentence about the position and the limits.
 fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, WireFailure> {
     let Some(settings) = &session.settings else { return Ok(String::new()) };
     let joint = settings.transmission.position_to_joint(at as f32);

@@ -11,7 +11,7 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 use std::collections::BTreeMap;
 
-/// A robot that trots hears something on every bus in this time, up to a death.
+/// When a death happens to a robot that trots, the last command that moves, on every bus, is no older than this.
 const TROT: Duration = Duration::from_millis(30);
 
 /// The commands that one motor has heard.

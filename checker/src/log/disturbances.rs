@@ -9,7 +9,7 @@ use motord_bus::Duration;
 /// Demands on the stops of a log.
 #[derive(Debug, Clone)]
 pub struct Demand {
-    /// Time from a stop to the first command that must be harmless: until it is noticed, and what is under way.
+    /// Time from a stop to the first command that must be harmless: the daemon must notice the stop, and frames are under way.
     pub notice: Duration,
     /// Stops in the log.
     pub stops: usize,
@@ -35,11 +35,11 @@ pub struct Disturbances<'a> {
     wiring: &'a Wiring,
     demand: Demand,
     stop: Option<Stop>,
-    /// Motors of the log.
+    /// By motor: it heard a command in the log.
     seen: Vec<bool>,
     stops: usize,
     judged: usize,
-    /// Motors that heard nothing, by stop: known before all of them were seen.
+    /// The motors that heard nothing after a stop, with the time of the stop.
     silent: Vec<(Duration, usize)>,
 }
 
@@ -51,7 +51,7 @@ impl<'a> Disturbances<'a> {
         Self { wiring, demand, stop: None, seen, stops: 0, judged: 0, silent: Vec::new() }
     }
 
-    /// Its motor is another's, and the command is one.
+    /// Whether the command may move its motor: the motor is one of `others`, and the frame has the eight bytes of a command.
     fn may_move(&self, command: &Command) -> bool {
         let is_others = self.demand.others.contains(&self.wiring.motors[command.motor].interface);
         is_others && command.meaning.is_some()

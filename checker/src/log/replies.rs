@@ -1,4 +1,4 @@
-//! The replies of the motors while something beside their buses suffers: as soon as while it is well, and all of them but a
+//! While something beside their buses suffers, the motors must reply as soon as while all is well. No reply may be missing but a
 //! few that the computer itself delays.
 //!
 //! Marks: `well` and `ill WORDS` begin a part that is judged, `rest` one that is not.
@@ -8,7 +8,7 @@ use crate::codec::Meaning;
 use crate::robot::Wiring;
 use motord_bus::Duration;
 
-/// The parts of the replies, and of the cycles, that must come as soon: 50 and 99 of 100.
+/// The shares of the replies, and of the cycles, that must come as soon as while all is well: 50 and 99 of 100.
 const SHARES: [f64; 2] = [0.5, 0.99];
 /// The computer that runs the motors, the daemon and candump on one processor may miss this share of the replies by itself.
 const MISSED_SHARE: f64 = 1e-4;
@@ -235,7 +235,7 @@ impl Comparison {
         Self { shares: SHARES.map(at), maxima: at(1.0), counts: sorted.each_ref().map(Vec::len) }
     }
 
-    /// There are times, and none of the shares is longer by `ratio`. A clock of microseconds adds one to either.
+    /// Whether there are times, and no share takes more than `ratio` times as long. A clock of microseconds adds 1 µs to either time.
     fn is_alike(&self, ratio: f64) -> bool {
         let soon = |[well, ill]: &[u32; 2]| f64::from(*ill) <= ratio * f64::from(well + 1) + 1.0;
         !self.counts.contains(&0) && self.shares.iter().all(soon)

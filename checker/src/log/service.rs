@@ -57,7 +57,7 @@ impl<'a> Service<'a> {
     }
 }
 
-/// The word that a mark asks for. A mark that is not named here, as before the first one, asks for nothing.
+/// Whether `mark` asks for `word`. A mark that is not named here permits every word; so does the time before the first mark.
 fn is_asked(mark: &str, word: &str) -> bool {
     let end = word.strip_prefix('T').unwrap_or(word);
     match mark {

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 /// Most milliseconds that the median of each death's times may be.
 #[derive(Debug, Clone)]
 pub struct Limits {
-    /// By death, or by the word before the first dash of several.
+    /// By death, or by the word before the first dash that several deaths share.
     pub medians: BTreeMap<String, f64>,
-    /// The maximum may be so many times that.
+    /// The maximum may be so many times the limit of the median.
     pub maximum_per_median: f64,
 }
 

@@ -25,7 +25,7 @@ pub(super) struct Cycle {
     pub(super) held: Vec<[f64; 2]>,
     /// By bus: nothing keeps frames from the wire.
     pub(super) well: Vec<bool>,
-    /// By motor: its command. A question for faults is one when nothing else was said.
+    /// By motor: its command in this cycle. A question for faults counts as one when the motor heard nothing else.
     pub(super) heard: Vec<Option<Heard>>,
     /// Frames by bus.
     pub(super) frames: Vec<usize>,

@@ -5,8 +5,7 @@ use crate::gim;
 use crate::robot::{Motor, Protocol};
 use crate::state::{Joint, State};
 
-/// A speed that brakes may be more than that of the joint by this share, and a torque may be none by so many N·m: single
-/// precision.
+/// A braking speed may exceed that of the joint by this share, and a torque of at most so many N·m is none: single precision.
 const MARGIN: f64 = 1e-3;
 
 /// The command, values on the side of the joint.
@@ -122,8 +121,8 @@ impl Heard {
     }
 }
 
-/// Whether the drive of a joint that follows this speed, rad/s, takes motion out of it: it does not turn faster, nor back. It is zero
-/// where the velocity is not known.
+/// Whether a drive that follows this speed, rad/s, brakes its joint: the joint turns neither faster nor back. Where the velocity
+/// is not known, only a speed of zero brakes.
 fn brakes(speed: f64, joint: &Joint) -> bool {
     let velocity = f64::from(joint.velocity);
     speed == 0.0 || speed * velocity > 0.0 && speed.abs() <= velocity.abs() * (1.0 + MARGIN)

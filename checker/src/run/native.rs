@@ -8,8 +8,8 @@ use crate::state::Joint;
 const PRECISION: f64 = 1e-5;
 /// A speed rises from zero to the joint's limit in this time at least, s. It begins at the speed of the joint.
 const SPEED_RISE: f64 = 0.5;
-/// A speed that brakes falls at this share of that slope at least. At over-voltage a quarter of the slope is left. A question for
-/// faults may replace each second command, and the cycle of that question may be longer than the other.
+/// A braking speed falls with at least this share of the slope of `SPEED_RISE`. At over-voltage a quarter of that slope is
+/// left. A question for faults may replace each second command, and the cycle of that question may be longer than the other.
 const LEAST_SLOPE: f64 = 0.05;
 
 /// The last control command to one native motor.
@@ -22,8 +22,9 @@ pub(super) struct Last {
 }
 
 impl Last {
-    /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle. One
-    /// that takes a `turn`, s, may have been given commands that its bus did not take, and may begin to follow within its turn.
+    /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle. For a
+    /// motor that takes turns, `turn` is the length of one, s: its bus may have refused commands, and it may begin to follow within
+    /// its turn.
     pub(super) fn judge(
         &mut self,
         order: Order,
@@ -52,7 +53,7 @@ impl Last {
                 judge_step("the speed", step, limits.velocity / SPEED_RISE * elapsed, limits.velocity);
             }
             (Order::Torque(torque), Some(Order::Torque(before))) if is_free(joint) && is_free(now) => {
-                // Its bounds may take any part of it away at once.
+                // The limits may reduce a torque by any amount at once.
                 let step = if falls(before, torque) { 0.0 } else { torque - before };
                 judge_step("the torque", step, limits.torque_slew * elapsed, limits.torque);
             }

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 
 /// A state may differ from the reply by this much, rad and rad/s, or by this share of it: single precision.
 const TOLERANCE: f64 = 1e-3;
-/// Different velocities that are remembered: a native motor that is stopped tells its velocity now and then only, and a late reply
-/// is not used.
+/// How many different velocities are remembered: a native motor that is stopped tells its velocity now and then only, and the
+/// daemon does not use a late reply.
 const REMEMBERED: usize = 64;
 
 /// The velocities that a native motor has reported, rad/s, motor side, the newest last.
@@ -33,7 +33,7 @@ impl Velocities {
         self.0.drain(..self.0.len().saturating_sub(REMEMBERED));
     }
 
-    /// One of them is `velocity`. Before the first, zero is taken for it.
+    /// Whether one of them is `velocity`. Zero stands for the velocity before the first; it counts until `REMEMBERED` are known.
     fn has(&self, velocity: f64) -> bool {
         let is = |reported: &f64| is_close(*reported, velocity);
         self.0.iter().any(is) || self.0.len() < REMEMBERED && is(&0.0)

@@ -74,7 +74,8 @@ const DELAY_CYCLES: usize = 3;
 /// follows a late one too soon takes another.
 const TURNS: u32 = 4;
 
-/// Judges what motors heard in the newest cycle whose frames have left: those of a bus that was well all the while.
+/// Judges what motors heard in the newest cycle whose frames have all left. Only motors of a bus that was well all the while are
+/// judged.
 pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
     let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
         return;
@@ -99,7 +100,7 @@ pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
     }
 }
 
-/// `past`: the cycles before `cycle` in which the motor has heard a command.
+/// `past`: the cycles before `cycle`. Unless it is offline, a motor that takes turns hears a command in one of them or in `cycle`.
 fn judge_motor<'a>(
     settings: &Motor,
     [group, motor]: [usize; 2],

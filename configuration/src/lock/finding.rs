@@ -1,4 +1,4 @@
-//! A motor's own words against its configuration.
+//! Compares what a motor says of itself with its configuration.
 
 use super::{Lock, ReportedMotor, ReportedProtocol};
 use motord_core::settings::{DriveConstants, MotorProtocol, MotorSettings, Settings};

@@ -94,8 +94,8 @@ fn refuse_keys_of_other_types(kind: BusType, keys: &Bus, findings: &mut Findings
     }
 }
 
-/// A name that Linux would accept. An adapter may be plugged in later, so a missing interface is only a warning. It is looked for in the
-/// network namespace of this process, which `/sys` may not be of.
+/// A name that Linux would accept. An adapter may be plugged in later, so a missing interface is only a warning. The interface is
+/// looked up in the network namespace of this process; `/sys` may show another namespace.
 fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<String> {
     let is_allowed = |c: char| c.is_ascii_graphic() && c != '/' && c != ':';
     if !(1..=INTERFACE_BYTES_MAX).contains(&name.len())

@@ -14,7 +14,7 @@ use crate::problem::Wrong;
 /// Limits keep this fraction of the protocol's scale away from its end. A control frame whose position, velocity and kp
 /// are all at their ends can be a special frame (MIT document 1.1), and a reply at its end may be one that was clamped.
 const MARGIN: f64 = 0.005;
-/// A limit this fraction beyond what is usable is taken for a sum that was rounded: offset and limit become `f32`.
+/// A limit may be beyond what is usable by this fraction: the sum of a position limit and its offset is rounded to `f32`.
 const ROUNDING: f64 = 1e-5;
 /// Largest position of a motor whose position code wraps round, rad.
 const UNWRAPPED_POSITION: f64 = 1000.0;
@@ -77,7 +77,7 @@ pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Find
     velocity_scale.check(&keys.velocity_rad_s, velocity, findings);
     let (kp, kd) = (keys.kp_max.value, keys.kd_max.value);
     Scale::with_margin(capability.end(|scales| scales.kp)).check(&keys.kp_max, kp, findings);
-    // Usable as a whole: no frame is special by its kd while velocity and kp keep away from their ends.
+    // The whole scale of kd is usable: no frame is a special one while velocity and kp keep away from their ends.
     let kd_end = capability.end(|scales| scales.kd);
     Scale { end: kd_end, usable: kd_end }.check(&keys.kd_max, kd, findings);
     let [derate, temperature] = temperatures(keys, findings);
@@ -245,7 +245,7 @@ impl Explained<'_> {
         if written.is_written { self.fact(written, "") } else { self.rated_torque() }
     }
 
-    /// That of the model, unless the file allows a smaller peak.
+    /// The default is the rated torque of the model, unless the file gives a smaller peak torque.
     fn rated_torque(&self) -> Origin {
         let peak = &self.keys.keys.peak_torque_nm;
         match self.motor.rated_torque < self.motor.peak_torque {

@@ -44,7 +44,7 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     Some(settings)
 }
 
-/// Its rule is stricter than that of the other names: it becomes a part of paths and service names.
+/// The name of the instance. Its rule is stricter than that of other names: it becomes a part of paths and service names.
 fn instance(keys: &keys::Daemon, findings: &mut Findings<'_>) -> String {
     let name = findings.name(&keys.instance).unwrap_or_else(|| DEFAULT_INSTANCE.to_owned());
     if name.bytes().any(|byte| byte.is_ascii_uppercase() || byte == b'_') {
@@ -61,7 +61,7 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
     let busy_poll_us = keys.busy_poll_us.value.unwrap_or(if cpu.is_some() { BUSY_POLL_US } else { 0.0 });
     findings.within_cycle(keys.busy_poll_us.at, busy_poll_us, period);
     let (require_realtime, priority) = (keys.require_realtime.value, keys.priority.value as u8);
-    // Nobody asked for a priority that is only the default, unless real time is required.
+    // A priority that is only the default is judged where real time is required: else nobody asked for it.
     if keys.priority.is_written || require_realtime {
         let at = if keys.priority.is_written { keys.priority.at } else { keys.require_realtime.at };
         findings.judge_priority(at, priority, require_realtime);

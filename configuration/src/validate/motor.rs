@@ -53,7 +53,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
     let (profile, model) = model(&keys.model, findings).unzip();
     judge_constants(keys, model, findings);
     let constants = constants(keys, model);
-    // The ranges of both leave only products that a float holds.
+    // Both keys have ranges, so a float holds every product of the two.
     let scales = constants
         .and_then(|constants| model?.scales_with(constants.torque_constant, constants.gear_ratio).ok());
     let capability = capability(keys, model, scales, findings);
@@ -154,7 +154,7 @@ fn model(
     model
 }
 
-/// The constants of a current that are written for a motor whose codes are torques: they would do nothing.
+/// Reports constants of a current that are written for a motor whose codes are torques: they would have no effect.
 fn judge_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Findings<'_>) {
     let Some(Model { name, ends: Some(_), .. }) = model else { return };
     for entry in [&keys.torque_constant_nm_per_a, &keys.gear_ratio] {
@@ -224,9 +224,9 @@ fn simulation(
     }
 }
 
-/// The ids of a bus: a command id names one motor, and on CAN a reply id does too, because the arbitration needs every
-/// id to have one sender and a native reply says its sender by nothing else. On a serial bus one request is open at a
-/// time, so every reply may go to the same host; but then a late one may be another motor's, which is worth a warning.
+/// The ids of a bus. A command id names one motor. On CAN a reply id does too: the arbitration needs one sender for every id, and
+/// nothing else in a native reply names its sender. On a serial bus one request is open at a time, so all replies may have one host
+/// id; but then a late reply may be taken for that of another motor, which is worth a warning.
 fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findings<'_>) {
     let named = |index: usize| items[index].keys.keys.name.value.clone().unwrap_or_default();
     let on_bus = |bus| {
@@ -244,7 +244,7 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
         }
         if motor.is_serial {
             let mut alike = before.filter(|(_, other)| other.host_id == motor.host_id);
-            // Once for each id, where its second motor is.
+            // One warning for each id, at the second motor that has it.
             if let (Some((other, _)), None) = (alike.next(), alike.next()) {
                 let host_id = motor.host_id.raw();
                 findings.warn(keys.host_id.at, Wrong::SharedHostId { host_id, other: named(other) });
@@ -264,7 +264,7 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
     }
 }
 
-/// A group never starts without a joint that it may not run without: worth a warning.
+/// A group cannot start while a joint that may not be excluded is excluded: worth a warning.
 fn excluded(keys: &keys::Motor, findings: &mut Findings<'_>) -> bool {
     let excluded = keys.excluded.value;
     if excluded && !keys.may_be_excluded.value {

@@ -180,8 +180,8 @@ pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
     Finding::warn(CHECK, measured, why).tuned_by(changes).of(name)
 }
 
-/// Whether the threads to which a busy kernel leaves received frames are above the controllers, on the processors that serve the
-/// interfaces of `robot`. A kernel with `PREEMPT_RT` handles the frames in the interrupt's thread.
+/// Whether `ksoftirqd`, to which a busy kernel leaves received frames, has a real-time priority on the processors that serve the
+/// interfaces of `robot`: else controllers delay it. A kernel with `PREEMPT_RT` handles the frames in the interrupt's thread.
 pub(super) fn ksoftirqd(tree: &Tree, robot: &Robot) -> Finding {
     const CHECK: &str = "ksoftirqd";
     if system::is_realtime(tree) {

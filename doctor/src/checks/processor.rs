@@ -121,8 +121,8 @@ fn states(tree: &Tree, cpu: usize) -> Vec<(i64, String)> {
     tree.names(&directory).iter().filter_map(state).collect()
 }
 
-/// Whether the daemon that runs, else this user, may write `/dev/cpu_dma_latency`; or the members of a group other than
-/// root's, which the service's user is one of.
+/// Whether the daemon that runs may write `/dev/cpu_dma_latency`. When none runs: whether this user may, or a group other than
+/// root's may, of which the user of the service is a member.
 fn may_write(tree: &Tree, daemon: Option<Daemon>) -> bool {
     const OF_USER: u32 = 0o200;
     const OF_GROUP: u32 = 0o020;

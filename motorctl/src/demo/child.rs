@@ -25,7 +25,7 @@ impl Child {
     /// Starts `command` through `motorctl child-guard`, in a process group of its own: Ctrl-C reaches the demo alone, which
     /// then ends its children in order.
     ///
-    /// Must be called on the main thread, whose end is what the kernel takes for the parent's death.
+    /// Must be called on the main thread: the kernel ends the child when the thread that started it ends.
     ///
     /// # Errors
     ///

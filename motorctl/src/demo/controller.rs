@@ -115,7 +115,7 @@ impl Controller {
             if seconds_since(*begun.get_or_insert(state.tick_ns()), &state) > CHANGE_MAX {
                 return Err(DemoError::Slow { change, seconds: CHANGE_MAX }.into());
             }
-            // Once the motors hold the robot, it stays where they took it over.
+            // From the start on the setpoints stay: the motors hold the robot where they took it over.
             if self.phase(&state) == Some(Phase::Disarmed) {
                 self.measure_origins(&state);
             }

@@ -5,7 +5,7 @@
 //!                └─ motorctl demo-controller    answers every state with setpoints
 //! ```
 //!
-//! However the demo ends, both processes and the directory go with it.
+//! However the demo ends, both processes end with it. The directory is removed, unless the demo was killed.
 
 mod child;
 mod controller;

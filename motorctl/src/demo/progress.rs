@@ -56,7 +56,7 @@ impl Display {
         }
     }
 
-    /// How long to wait for the next message of those `at_most` that a turn of the monitor takes.
+    /// How long to wait for the next message: `at_most`, but with the monitor no time, since its turn waits for so long.
     pub(crate) fn patience(&self, at_most: Duration) -> Duration {
         match self {
             Self::Line(_) => at_most,

@@ -25,7 +25,7 @@ pub(super) enum News {
     Ended(String),
 }
 
-/// Starts a thread that is missed when it panics.
+/// Starts a thread whose panic is reported to `news`.
 ///
 /// # Errors
 ///

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 /// Readings that the sparklines remember.
 const SAMPLES_MAX: usize = 120;
-/// Readings closer together make no load: a frame more or less would count too much.
+/// The load of a bus is counted over at least so many cycles: over fewer, one frame more or less would change it too much.
 const LOAD_CYCLES_MIN: u64 = 20;
 
 /// The robot after one cycle, with names.
@@ -75,7 +75,7 @@ impl Sample {
 /// The daemon does not answer at present.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Loss {
-    /// Since when.
+    /// How long it has not answered.
     pub(super) lasting: Duration,
     /// The reason that the client gives.
     pub(super) reason: String,

@@ -18,7 +18,7 @@ pub(super) fn read(client: &Client, period: Duration, news: &Sender<News>) {
                 let telemetry = history.telemetry(client, &state);
                 Some(News::Reading(Box::new(Reading::new(&client.description(), &state, telemetry))))
             }
-            // Slower than the patience, but not overdue.
+            // No new state came in this time, but the last one is not old enough to count as silence.
             Err(Error::Timeout { .. }) => None,
             Err(error) => Some(News::Lost(error.to_string())),
         };

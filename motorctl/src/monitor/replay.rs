@@ -126,7 +126,7 @@ impl Replay {
         FRAME
     }
 
-    /// Reads until `is_due` of the first tick and that of a cycle, and shows the last that was read.
+    /// Reads until `is_due` is true of the first tick and the tick of a cycle, and shows the last cycle that was read.
     fn show(&mut self, is_due: impl Fn(u64, u64) -> bool) {
         let mut shown = None;
         while let Some(record) = self.recording.next_cycle() {

@@ -53,18 +53,18 @@ impl Requests {
         Ok(Self { stop, others })
     }
 
-    /// Asks for the emergency stop. While one is under way another one is of no use.
+    /// Asks for the emergency stop. One more may wait behind the one under way; further ones are dropped.
     pub(super) fn stop(&self) {
         let _under_way = self.stop.try_send(());
     }
 
-    /// Asks for `action` on `groups`. Returns whether it is under way: not while another one is.
+    /// Asks for `action` on `groups`. Returns whether it was taken: one request may wait behind the one under way.
     pub(super) fn ask(&self, action: Action, groups: Vec<String>) -> bool {
         self.others.try_send((action, groups)).is_ok()
     }
 }
 
-/// By the daemon's socket or the open connection; else once more, over a connection to the reserved place.
+/// Stops the robot over the daemon's socket or the open connection. After a failure it tries again with a new connection.
 fn stop_robot(client: &Client, instance: Option<&str>) -> Result<(), Error> {
     let first = client.emergency_stop();
     match (first, instance) {

@@ -28,7 +28,7 @@ pub(super) struct Screen {
 
 impl Screen {
     /// Takes the terminal; a panic gives it back before it is reported. From now on keys go to `news`. The key of the
-    /// emergency stop calls `stop` at once: it does not wait until a slow line has taken the next picture.
+    /// emergency stop calls `stop` at once: it does not wait until a slow terminal has taken the next picture.
     ///
     /// # Errors
     ///
@@ -66,8 +66,8 @@ fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Resul
     Ok(())
 }
 
-/// Tells of an event. The outcome of a stop must not be sent before its key: the screen would wait for another one. Does not block.
-/// Returns whether somebody listens.
+/// Sends an event to the thread that draws, without blocking. Returns whether that thread listens. The key of a stop is sent
+/// before its outcome can be: the other way round the screen would wait for a second outcome.
 fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
     match event {
         Event::Key(key) => {
@@ -128,7 +128,7 @@ mod tests {
         let Some(tmux) = Tmux::start(&[]) else { return };
         let program = std::env::current_exe().unwrap();
         let line = "--ignored --exact --nocapture monitor::terminal::tests::counting_process";
-        // A shell would take the terminal from a program that is held.
+        // Without `exec` the shell would take the terminal while the test holds the program with SIGSTOP.
         tmux.enter(&format!("exec {} {line}", program.display()));
         let screen = tmux.until("the program", |screen| screen.contains("keys 0 sizes 0 ."));
         let pid = screen.split_whitespace().skip_while(|word| *word != "pid").nth(1).unwrap();

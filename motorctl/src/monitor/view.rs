@@ -79,7 +79,7 @@ impl Order {
     }
 }
 
-/// A request to the daemon.
+/// A request to the daemon, or to leave the monitor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Action {
     /// Damp and stop the motors of the chosen groups.
@@ -114,7 +114,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// Takes in a key. Returns what it asks of the daemon.
+    /// Takes in a key. Returns the action that it asks for.
     pub(super) fn press(&mut self, key: &KeyEvent) -> Option<Action> {
         if key.kind == KeyEventKind::Release {
             return None;

@@ -5,7 +5,7 @@ use crate::wire::result;
 use core::fmt::Write;
 use core::ops::RangeInclusive;
 
-/// Integer items that do something here, by ConfID.
+/// ConfIDs of the integer items that the simulator uses.
 pub(super) mod int {
     pub(crate) const SPEED_MAX_RPM: u8 = 0x02;
     pub(crate) const PWM_FREQUENCY: u8 = 0x07;
@@ -55,7 +55,8 @@ pub(crate) struct Configuration {
 }
 
 impl Configuration {
-    /// A motor as it was commissioned, for a CAN bus of `bitrate` bit/s, or for a serial line, which has a rate of its own.
+    /// The configuration of a commissioned motor, or the vendor's for a new one. `bitrate` is that of the CAN bus, bit/s; `None` on
+    /// a serial line, which has a rate of its own.
     pub(super) fn new(settings: &MotorSettings, bitrate: Option<u32>) -> Self {
         let mut items = Items::factory(settings);
         if !settings.is_new {
@@ -154,7 +155,7 @@ impl Configuration {
         Ok(())
     }
 
-    /// A default gain takes effect immediately (table 7): the gain of the running loop becomes it.
+    /// A default gain takes effect immediately (table 7): the parameter of the running loop gets its value.
     fn apply_gain(&mut self, id: u8) {
         if let Some(place) = DEFAULT_GAINS.iter().position(|gain| *gain == id) {
             self.parameters[place] = self.int(id).cast_unsigned();
@@ -190,8 +191,8 @@ impl Configuration {
         text
     }
 
-    /// The opposite of [`memory`](Self::memory); items that are not in `text` stay. `None` when a line is not one of it: nothing
-    /// has changed then.
+    /// Reads what [`memory`](Self::memory) wrote. Items that are not in `text` stay. `None` when a line is not an item: nothing has
+    /// changed then.
     pub(super) fn remember(&mut self, text: &str) -> Option<()> {
         let mut stored = self.stored;
         text.lines().try_for_each(|line| stored.read(line))?;
@@ -270,7 +271,7 @@ impl Items {
     }
 }
 
-/// The values of an integer item: as table 7 and 3.2.3 say, and none that no motor can mean.
+/// The values that an integer item may have: by table 7 and 3.2.3, and without those that make no sense for any motor.
 fn range(id: u8) -> RangeInclusive<i32> {
     match id {
         int::CAN_ID | int::HOST_ID => 0..=0x7FF,

@@ -118,7 +118,7 @@ impl Motor {
         state.gim(bytes[0], self.temperature_byte())
     }
 
-    /// The driver divides N·m by what it is configured for, and the motor multiplies by what it is.
+    /// The drive turns N·m into a current by its configured constants; the motor turns the current into torque by its real ones.
     fn torque_law(&self, torque: f64) -> Law {
         let real = self.settings.torque_constant * self.settings.gear_ratio;
         let configured =
@@ -131,8 +131,8 @@ impl Motor {
         Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
     }
 
-    /// Arrives after `duration`. Without a duration it moves at the highest speed. A target that comes while another is on its way
-    /// leads on from there: a reference that began anew at the shaft would slow each controller down that streams its targets.
+    /// The reference arrives after `duration`, or moves at the highest speed when that takes longer. It goes on from the reference
+    /// of the target before: if it began anew at the shaft, it would slow down each controller that streams its targets.
     fn position_law(&self, position: f64, duration: Duration) -> Law {
         let target = position + self.origin;
         let reference = if self.law.kp > 0.0 { self.law.reference } else { self.body.position };
@@ -167,7 +167,7 @@ impl Motor {
         (self.plain(bytes, result::SUCCESS), duration)
     }
 
-    /// The winding is the hottest place, °C.
+    /// The temperature in an answer, °C: that of the winding, the hottest place.
     fn temperature_byte(&self) -> i8 {
         self.body.winding.floor() as i8
     }

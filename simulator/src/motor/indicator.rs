@@ -9,7 +9,7 @@ use core::f64::consts::TAU;
 const BOARD_RISE: f64 = 0.3;
 
 impl Motor {
-    /// In the table's units; `None` for an id that it does not have. The d axis carries no current.
+    /// An indicator in the units of the table; `None` for an id that the table does not have. The d axis carries no current.
     pub(super) fn indicator(&self, id: u8) -> Option<f32> {
         let iq = self.q_current();
         let (sin, cos) = self.electrical_angle().sin_cos();

@@ -1,4 +1,5 @@
-//! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2). The [`Twin`](crate::twin::Twin) knows its vendor.
+//! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2). The [`Twin`](crate::twin::Twin) holds what differs between
+//! vendors.
 
 use super::configuration::int;
 use super::{Mode, Motor};

@@ -1,7 +1,8 @@
 //! Damiao's DM-J drives, by DM_CAN.py, motorbridge and openarm_can.
 //!
-//! The first byte of every answer is a status above four bits of the id: 0 disabled, 1 enabled, 8 and more a fault. The last
-//! two are the temperatures of transistors and rotor. A drive in fault is disabled and keeps answering.
+//! The first byte of every answer holds a status (0 disabled, 1 enabled, 8 and more a fault) in its upper four bits, and four
+//! bits of the id below. The last two bytes are the temperatures of transistors and rotor. A drive in fault is disabled and
+//! keeps answering.
 
 use super::{Answer, Status, Twin};
 use crate::wire::{Control, MitCommand};
@@ -9,7 +10,7 @@ use crate::wire::{Control, MitCommand};
 pub(super) const TWIN: Twin =
     Twin { name: "damiao", hear, answer, answers_in_fault: true, conditions: [0x8, 0x9, 0xC], raise };
 
-/// Seven bytes 0xFF begin what is special. SteadyWin's question for the fault is a control frame.
+/// Every special command begins with seven bytes 0xFF. SteadyWin's question for the fault is a control frame here.
 fn hear(bytes: [u8; 8]) -> MitCommand {
     match (bytes[..7] == [0xFF; 7], bytes[7]) {
         (true, 0xFB) => MitCommand::ClearFault,
@@ -31,7 +32,7 @@ fn answer(answer: &Answer) -> ([u8; 8], usize) {
     ([status << 4 | answer.id & 0x0F, a, b, c, d, e, transistors, rotor], 8)
 }
 
-/// One fault at a time, the first; 0 and 1 are none.
+/// The drive keeps the first fault until it is cleared; the numbers 0 and 1 are no faults.
 fn raise(known: u32, raised: u32) -> u32 {
     match raised & 0x0F {
         raised if known == 0 && raised > 1 => raised,

@@ -1,8 +1,8 @@
 //! Vendors' MIT drives, from the motor's side of the wire.
 //!
-//! Each is written from its vendor's sources, with nothing of the host's codec or of its profiles, so that a common mistake
-//! cannot hide: both are held against the same golden frames. To add one: a file like [`steadywin`]'s, and a line in
-//! [`TWINS`].
+//! Each is written from its vendor's sources, with nothing of the host's codec or of its profiles, so that one mistake cannot
+//! hide in both. Both are tested against the same golden frames. To add a vendor, write a file like [`steadywin`]'s, and a line
+//! in [`TWINS`].
 
 mod damiao;
 mod robstride;
@@ -63,7 +63,7 @@ pub(crate) enum Asked {
 impl Twin {
     /// # Panics
     ///
-    /// When there is no such vendor: who wrote it must know before a robot of it is judged.
+    /// When there is no such vendor: the author of the settings must learn it before a robot with them is judged.
     pub(crate) fn of(vendor: &str) -> &'static Self {
         let twin = TWINS.iter().find(|twin| twin.name == vendor);
         twin.unwrap_or_else(|| panic!("no twin of {vendor}'s motors"))

@@ -1,7 +1,7 @@
 //! RobStride's drives in MIT mode, by the vendor's SampleProgram and the RS00 manual.
 //!
-//! An answer is the id, the state, and the winding's temperature in tenths. To the question for the fault it is the id, 32
-//! bits, low byte first, and zeros. A clear is answered with the state.
+//! An answer is the id, the state, and the winding's temperature in tenths of a °C. The answer to the question for the fault is
+//! the id, 32 bits of faults with the low byte first, and zeros. The drive answers a clear with its state.
 
 use super::{Answer, Asked, Twin, bits};
 use crate::wire::MitCommand;

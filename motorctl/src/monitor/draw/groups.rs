@@ -64,7 +64,7 @@ fn owner(group: &GroupReport, history: &GroupHistory) -> Vec<Span<'static>> {
     }
 }
 
-/// Groups that stopped for one cause.
+/// Groups that stopped for the same cause and joint.
 struct Stopped<'a> {
     groups: Vec<&'a str>,
     stop: &'a Stop,
@@ -115,7 +115,7 @@ impl Stopped<'_> {
     }
 }
 
-/// `wrapped` takes the spaces at the beginning: every line of a remedy is indented.
+/// A line of a remedy with its indent, which `wrapped` drops from the first line.
 fn line_of(text: &str, style: Style) -> Line<'static> {
     Line::styled(format!("  {}", text.trim_start()), style)
 }

@@ -21,7 +21,7 @@ pub(super) fn table(reading: &Reading, view: &View, width: usize) -> (Line<'stat
     let mut shown: Vec<&JointReport> = joints.iter().filter(|joint| passes(joint, &view.filter)).collect();
     sort(&mut shown, view.order);
     let mut heading = columns.heading();
-    // The rows of a long table are told here, and a narrow one has no place for both.
+    // The heading of a long table also gets the row numbers: a narrow heading has no place for both.
     if columns.is_wide {
         heading.push_span(bold(" notes"));
     }
@@ -58,7 +58,7 @@ fn sort(joints: &mut [&JointReport], order: Order) {
     }
 }
 
-/// Only what lasts: a limit that acts now and then would make the rows dance.
+/// The rank of a joint by its mode alone: a limit that acts now and then would make the rows jump.
 fn trouble(joint: &JointReport) -> u8 {
     match joint.mode {
         mode if mode == MotorMode::Fault.name() => 0,
