@@ -259,35 +259,43 @@ impl<'l> Native<'l> {
     }
 
     /// Calibrates; the shaft turns (3.2.18). Waits for the answer up to [`CALIBRATION_MAX`]. `progress` is given the time so far,
-    /// and breaks it off by returning `false`: the motor is stopped then.
+    /// and breaks it off by returning `false`. A motor whose answer does not come, or cannot be read, is stopped.
     ///
     /// # Errors
     ///
-    /// As the others; [`Error::Interrupted`].
+    /// As the others; [`Error::Interrupted`]. [`Error::Silent`] names `stop motor` when the motor did not confirm its stop: the shaft may
+    /// still turn.
     pub fn calibrate(
         &mut self,
         calibration: Calibration,
         progress: &mut dyn FnMut(Duration) -> bool,
     ) -> Result<(), Error> {
         let command = Command::Calibration(calibration);
+        let failure = match self.await_calibration(&command, progress) {
+            Ok(Answer::Reply(Reply::Calibrated { outcome, .. })) => return self.checked(&command, outcome),
+            Ok(Answer::NotRead) => self.not_read(&command),
+            Ok(Answer::Reply(_)) => self.silent(&command),
+            Err(error) => error,
+        };
+        self.stop()?;
+        Err(failure)
+    }
+
+    fn await_calibration(
+        &mut self,
+        command: &Command,
+        progress: &mut dyn FnMut(Duration) -> bool,
+    ) -> Result<Answer, Error> {
         let begun = self.link.now();
-        let mut answer = self.attempt(&command, PROGRESS)?;
-        while answer.is_none() {
+        let mut answer = self.attempt(command, PROGRESS)?;
+        loop {
             let elapsed = self.link.now().since(begun);
-            if !progress(elapsed) {
-                self.stop()?;
-                return Err(Error::Interrupted);
+            match answer {
+                Some(answer) => return Ok(answer),
+                None if elapsed >= CALIBRATION_MAX => return Err(self.silent(command)),
+                None if !progress(elapsed) => return Err(Error::Interrupted),
+                None => answer = self.link.hear(PROGRESS, self.reader(command))?,
             }
-            if elapsed >= CALIBRATION_MAX {
-                return Err(self.silent(&command));
-            }
-            let reader = self.reader(&command);
-            answer = self.link.hear(PROGRESS, reader)?;
-        }
-        match answer {
-            Some(Answer::Reply(Reply::Calibrated { outcome, .. })) => self.checked(&command, outcome),
-            Some(Answer::NotRead) => Err(self.not_read(&command)),
-            _ => Err(self.silent(&command)),
         }
     }
 

@@ -5,8 +5,8 @@
 use motord_bus::{Duration, Instant};
 use motord_checker::codec::{Meaning, Ranges};
 use motord_commissioning::{
-    Apply, Confirmation, Error, Event, Failed, Family, Link, Mit, Native, Progress, Scan, VirtualTime,
-    changes, identify, is_taken, scan,
+    Apply, CALIBRATION_MAX, Confirmation, Error, Event, Failed, Family, Link, Mit, Native, Progress, Scan,
+    VirtualTime, changes, identify, is_taken, scan,
 };
 use motord_protocol::gim::{
     Access, CONFIGURATION, Calibration, ConfigurationItem, ExecutionTime, Finite, INDICATORS, PARAMETERS,
@@ -238,6 +238,19 @@ fn a_calibration_is_waited_for_with_progress_and_can_be_broken_off() {
         assert_eq!(broken_off, Err(Error::Interrupted));
         assert_eq!(mode(bus), Mode::Stopped);
     });
+}
+
+#[test]
+fn a_calibration_without_an_answer_in_time_is_stopped() {
+    for kind in [BusKind::Can, BusKind::Serial] {
+        let calibration_time = CALIBRATION_MAX + Duration::from_secs(60);
+        let knee = MotorSettings { calibration_time, ..motor("knee", 3, Dialect::Gim) };
+        let bus = bus(kind, vec![knee]);
+        let mut link = link(&bus, kind);
+        let unanswered = Native::new(&mut link, 3, None).calibrate(Calibration::ENCODER, &mut |_| true);
+        assert_eq!(unanswered, Err(Error::Silent { id: 3, request: "calibration" }));
+        assert_eq!(mode(&bus), Mode::Stopped, "{kind:?}");
+    }
 }
 
 #[test]
