@@ -57,8 +57,9 @@ fn observe(instance: &Instance, stop: &AtomicBool) {
     let attachment = instance.attach().expect("the directory is ours").expect("the daemon is there");
     let ports = ClientPorts::open(attachment).expect("there are places");
     while !stop.load(Ordering::Relaxed) {
+        let seen = ports.published();
         ports.take_states(|_| ControlFlow::Continue(())).expect("there are places");
-        ports.sleep_until_cycle(10 * PERIOD).expect("there are places");
+        ports.sleep(seen, 10 * PERIOD).expect("the daemon's file is there");
     }
 }
 

@@ -123,16 +123,15 @@ impl Client {
         self.take(&mut view, 1)
     }
 
-    /// Sleeps until there is a state that was not returned before. Costs the daemon a system call per cycle, and the
-    /// caller a wake-up, some 50 µs: see [`spin`](Self::spin).
+    /// Sleeps until there is a state that was not returned before. Costs the caller a wake-up, 5 to 60 µs: see [`spin`](Self::spin).
     ///
     /// # Errors
     /// [`Error::NotRunning`] or [`Error::Silent`] as soon as states have stopped for the silence time; the next call waits
     /// for its whole `timeout` before it returns that error again. [`Error::Timeout`]; those of [`newest`](Self::newest).
     pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
-        self.next_of(1, timeout, |link, view, patience| {
+        self.next_of(1, timeout, |link, view, seen, patience| {
             drop(view);
-            link.sleep_until_cycle(patience)
+            link.sleep(seen, patience)
         })
     }
 
@@ -146,7 +145,7 @@ impl Client {
     /// Those of [`wait`](Self::wait).
     pub fn wait_cycles(&self, n: u32, timeout: Duration) -> Result<State, Error> {
         let (n, period) = (u64::from(n.max(1)), self.description().period());
-        self.next_of(n, timeout, |_, view, patience| {
+        self.next_of(n, timeout, |_, view, _, patience| {
             let (due_in, late) = view.due_in(n, period).unwrap_or_default();
             drop(view);
             let again = (late / LATE_SHARE).clamp(LATE_SLEEP_MIN, LATE_SLEEP_MAX);
@@ -185,21 +184,23 @@ impl Client {
         Records::new(Arc::clone(&self.link))
     }
 
-    /// The state of the next `n`th cycle. `pause` gives the view back, and sleeps at most as long as it is told.
+    /// The state of the next `n`th cycle. `pause` gives the view back, and sleeps at most as long as it is told, and not at all
+    /// when a state came since so many were published.
     fn next_of(
         &self,
         n: u64,
         timeout: Duration,
-        pause: impl Fn(&Link, MutexGuard<'_, View>, Duration) -> Result<(), Error>,
+        pause: impl Fn(&Link, MutexGuard<'_, View>, Option<u32>, Duration) -> Result<(), Error>,
     ) -> Result<State, Error> {
         let begun = Instant::now();
         loop {
+            let seen = self.link.published();
             let mut view = self.link.poll()?;
             if let Some(state) = self.take(&mut view, n)? {
                 return Ok(state);
             }
             let patience = self.link.patience(&mut view, begun.elapsed(), timeout)?;
-            pause(&self.link, view, patience)?;
+            pause(&self.link, view, seen, patience)?;
         }
     }
 

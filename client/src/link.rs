@@ -38,10 +38,6 @@ const POSITION_TRIES: u32 = 5;
 const SILENCE_CYCLES: f64 = 5.0;
 const SILENCE_MIN: Duration = Duration::from_millis(50);
 
-/// Longest sleep on the cycle event, in cycles and at least as a time: it bounds what a lost wake-up costs.
-const SLEEP_CYCLES: u32 = 2;
-const SLEEP_MIN: Duration = Duration::from_millis(1);
-
 /// The lease, group, joint and argument of a request.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Subject {
@@ -250,11 +246,14 @@ impl Link {
         Ok(view)
     }
 
-    /// Sleeps until the daemon has published, at most for `at_most` or for [`SLEEP_CYCLES`]. May end early.
-    pub(crate) fn sleep_until_cycle(&self, at_most: Duration) -> Result<(), Error> {
-        let cycles = self.robot().period().saturating_mul(SLEEP_CYCLES);
-        let slept = self.ports.sleep_until_cycle(at_most.min(cycles.max(SLEEP_MIN)));
-        slept.map_err(|error| Error::of_service(error, &self.instance))
+    /// The number of states so far, for [`sleep`](Self::sleep). To be asked for before the look for a state.
+    pub(crate) fn published(&self) -> Option<u32> {
+        self.ports.published()
+    }
+
+    /// Sleeps until the daemon has published more than `seen` states, at most for `at_most`. May end early.
+    pub(crate) fn sleep(&self, seen: Option<u32>, at_most: Duration) -> Result<(), Error> {
+        self.ports.sleep(seen, at_most).map_err(|error| Error::of_service(error, &self.instance))
     }
 
     /// How long a caller that has waited for `waited` of `timeout` may go on. A silence is an error as soon as it lasts too

@@ -569,7 +569,7 @@ fn a_daemon_that_is_ready_has_descriptors_for_every_client() {
     for _ in 0..ADMINS_MAX - STOP_PLACES {
         let mut operator = Operator::of(&daemon);
         operator.refresh();
-        operator.ports.sleep_until_cycle(Duration::from_millis(1)).unwrap();
+        operator.ports.sleep(None, Duration::ZERO).unwrap();
         let port = (operators.len() < CONTROLLERS_MAX).then(|| operator.ports.setpoint_port().unwrap());
         assert_eq!(operator.ask(Operation::Reset).refusal, 0);
         operators.push((operator, port));

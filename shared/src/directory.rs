@@ -100,6 +100,33 @@ impl Directory {
         file.map(File::from).map_err(|errno| refused(&self.path.join(name), errno))
     }
 
+    /// As [`make_file`](Self::make_file), where this user owns the file. One of somebody else is removed.
+    ///
+    /// # Errors
+    /// As [`make_file`](Self::make_file); [`InstanceError::NotOurs`].
+    pub(crate) fn make_ours(&self, name: &str) -> Result<File, InstanceError> {
+        if let Some(file) = self.make_file(name).ok().filter(is_ours) {
+            return Ok(file);
+        }
+        self.remove(name.as_ref())?;
+        let file = self.make_file(name)?;
+        if is_ours(&file) { Ok(file) } else { Err(self.not_ours(name, &file)) }
+    }
+
+    /// As [`open_file`](Self::open_file), where root or the owner of this directory owns the file.
+    ///
+    /// # Errors
+    /// As [`open_file`](Self::open_file); [`InstanceError::NotOurs`].
+    pub(crate) fn open_daemons(&self, name: &str) -> Result<File, InstanceError> {
+        let file = self.open_file(name)?;
+        let is_trusted = [0, self.stat()?.st_uid].contains(&owner(&file));
+        if is_trusted { Ok(file) } else { Err(self.not_ours(name, &file)) }
+    }
+
+    fn not_ours(&self, name: &str, file: &File) -> InstanceError {
+        InstanceError::NotOurs { path: self.path.join(name), owner: owner(file) }
+    }
+
     pub(crate) fn stat(&self) -> Result<FileStat, InstanceError> {
         fstat(&self.descriptor).map_err(|errno| refused(&self.path, errno))
     }
@@ -171,4 +198,13 @@ impl Directory {
             Err(errno) => Err(failed(errno)),
         }
     }
+}
+
+/// The owner of `file`; nobody's number when it cannot be looked at.
+fn owner(file: &File) -> u32 {
+    fstat(file).map_or(u32::MAX, |found| found.st_uid)
+}
+
+fn is_ours(file: &File) -> bool {
+    owner(file) == Uid::effective().as_raw()
 }

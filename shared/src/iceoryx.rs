@@ -1,24 +1,18 @@
-//! All `unsafe` of this crate, which iceoryx2 asks for: a lock for ports, samples of which a part is written, a descriptor.
+//! All `unsafe` of this crate, which iceoryx2 asks for: a lock for ports, and samples of which a part is written.
 
 use crate::message::{SetpointMessage, StateMessage};
 use core::fmt::Debug;
 use core::mem::MaybeUninit;
 use core::ops::Deref;
 use core::ptr::{NonNull, drop_in_place};
-use iceoryx2::port::listener::Listener;
-use iceoryx2::prelude::{FileDescriptorBased, ZeroCopySend};
+use iceoryx2::prelude::ZeroCopySend;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::Service;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_cal::arc_sync_policy::{ArcSyncPolicy, ArcSyncPolicyCreationError, LockGuard};
-use nix::errno::Errno;
-use nix::poll::{PollFd, PollFlags, ppoll};
-use nix::sys::time::TimeSpec;
 use parking_lot::{ReentrantMutex, ReentrantMutexGuard};
-use std::os::fd::BorrowedFd;
 use std::sync::Arc;
-use std::time::Duration;
 
 /// A lock around each port, and around each sample that is lent. Its thread may take it again, as iceoryx2 does.
 ///
@@ -96,27 +90,4 @@ pub(crate) fn change<S: Service, T: AnyBytes>(
     write(unsafe { sample.payload_mut().assume_init_mut() });
     // SAFETY: as above.
     unsafe { sample.assume_init() }
-}
-
-/// Longest sleep: the kernel refuses one of more than 2⁶³ s.
-const SLEEP_MAX: Duration = Duration::from_secs(3600);
-
-/// Sleeps until `listener` has a notification, at most `timeout` or [`SLEEP_MAX`], or until a signal comes. One system call. It leaves
-/// the notification where it is.
-///
-/// # Errors
-/// Those of `ppoll`, except `EINTR`.
-pub(crate) fn sleep_until_notified<S: Service>(listener: &Listener<S>, timeout: Duration) -> Result<(), Errno>
-where
-    Listener<S>: FileDescriptorBased,
-{
-    // SAFETY: the number is not kept beyond this call, and nothing closes it.
-    let number = unsafe { listener.file_descriptor().native_handle() };
-    // SAFETY: the descriptor is open as long as `listener` lives, which outlives the call.
-    let descriptor = unsafe { BorrowedFd::borrow_raw(number) };
-    let mut awaited = [PollFd::new(descriptor, PollFlags::POLLIN)];
-    match ppoll(&mut awaited, Some(TimeSpec::from_duration(timeout.min(SLEEP_MAX))), None) {
-        Ok(_) | Err(Errno::EINTR) => Ok(()),
-        Err(error) => Err(error),
-    }
 }

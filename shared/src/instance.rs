@@ -3,6 +3,7 @@
 //! ```text
 //! <runtime>/<instance>.lock     locked by the daemon, holds its process id
 //! <runtime>/iox/<instance>/     everything of iceoryx2; locked (shared) by every client
+//! <runtime>/iox/<instance>.cycle  the number that wakes clients; only the daemon may write it
 //! <runtime>/iox/<instance>.round  how often a daemon began anew below attached clients; missing at first
 //! ```
 //!
@@ -21,7 +22,7 @@ use nix::unistd::{AccessFlags, Pid, Uid, access};
 use std::fs::{DirBuilder, File, Permissions};
 use std::io::{self, Read, Write};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -122,15 +123,29 @@ impl Instance {
         self.open_iox().map_or(0, |iox| self.read_round(&iox).unwrap_or(0))
     }
 
-    /// `None` unless root or the owner of its directory owns the file: a client could lead other clients to wrong services.
+    /// `None` without a file of the daemon's: a client could lead other clients to wrong services.
     fn read_round(&self, iox: &Directory) -> Option<u64> {
-        let mut file = iox.open_file(&self.round_name()).ok()?;
-        let is_trusted = [0, iox.stat().ok()?.st_uid].contains(&file.metadata().ok()?.uid());
-        is_trusted.then(|| read_number(&mut file))
+        Some(read_number(&mut iox.open_daemons(&self.round_name()).ok()?))
     }
 
     fn round_name(&self) -> String {
         format!("{}.round", self.name)
+    }
+
+    /// The file of the number that clients sleep on, to read.
+    ///
+    /// # Errors
+    /// As [`Directory::open_daemons`].
+    pub(crate) fn open_futex(&self) -> Result<File, InstanceError> {
+        self.open_iox()?.open_daemons(&self.futex_name())
+    }
+
+    pub(crate) fn futex_path(&self) -> PathBuf {
+        self.runtime.join("iox").join(self.futex_name())
+    }
+
+    fn futex_name(&self) -> String {
+        format!("{}.cycle", self.name)
     }
 
     /// Begins the next round with an empty directory, as far as it may: attached clients lose their daemon, and connect again.
@@ -245,6 +260,14 @@ impl InstanceLock {
     /// connect again.
     pub(crate) fn clear(&self) {
         let _unusable = self.instance.begin_anew();
+    }
+
+    /// The file of the number that clients sleep on, to write. It is made when there is none, or when it is somebody else's.
+    ///
+    /// # Errors
+    /// As [`Directory::make_ours`].
+    pub(crate) fn make_futex(&self) -> Result<File, InstanceError> {
+        self.instance.open_iox()?.make_ours(&self.instance.futex_name())
     }
 
     /// The file whose lock is held.
@@ -372,7 +395,7 @@ fn errno(error: &io::Error) -> Errno {
 mod tests {
     use super::*;
     use std::fs;
-    use std::os::unix::fs::symlink;
+    use std::os::unix::fs::{MetadataExt, symlink};
 
     fn place() -> tempfile::TempDir {
         tempfile::tempdir_in("/tmp").unwrap()

@@ -156,8 +156,9 @@ mod tests {
         let lock = instance.lock().unwrap();
         let ports = DaemonPorts::open(&lock).unwrap();
         let housekeeper = Housekeeper::open(&lock).unwrap();
-        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
-        client.sleep_until_cycle(Duration::from_millis(1)).unwrap();
+        let node = crate::service::node(&instance, false).unwrap();
+        let service = crate::service::cycle(&node, &instance).open().unwrap();
+        let listener = service.listener_builder().create().unwrap();
         let living = events(&instance);
         assert_eq!(living.len(), 2, "{living:?}");
         for (file, is_old) in
@@ -181,7 +182,7 @@ mod tests {
                     std::thread::sleep(Duration::from_millis(1));
                 }
             });
-            client.sleep_until_cycle(WAIT).unwrap();
+            assert!(listener.timed_wait(|_| (), WAIT).unwrap() > 0);
             awake.store(true, Ordering::Relaxed);
         });
         assert!(begun.elapsed() < WAIT, "the living are woken");

@@ -25,6 +25,9 @@ pub mod codes;
 pub mod description;
 #[cfg(feature = "ports")]
 mod directory;
+#[allow(unsafe_code, reason = "no safe crate maps a number that other processes write")]
+#[cfg(feature = "ports")]
+mod futex;
 #[allow(unsafe_code, reason = "iceoryx2 has no other way")]
 #[cfg(feature = "ports")]
 mod iceoryx;

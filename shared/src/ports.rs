@@ -3,8 +3,10 @@
 //! Threads may share every end. None of the methods belongs into a real-time thread: iceoryx2 allocates with every message,
 //! and maps files when the other side comes or goes.
 
+use crate::futex::{Slept, Waiter, Waker};
 use crate::iceoryx;
 use crate::instance::{Attachment, Instance, InstanceLock};
+use crate::instance_error::InstanceError;
 use crate::leftovers;
 use crate::limits::{
     ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES,
@@ -16,25 +18,22 @@ use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
 use iceoryx2::port::ReceiveError;
 use iceoryx2::port::client::Client;
-use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
-use iceoryx2_cal::event::ListenerWaitError;
+use iceoryx2::service::port_factory::{publish_subscribe, request_response};
 use nix::errno::Errno;
 use std::ops::ControlFlow;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// How long a starting daemon waits for others that are removing its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Most rounds in which a thread that goes to sleep takes the notifications of earlier cycles. One is the rule, and one more sees that
-/// there is none.
-const DRAIN_ROUNDS: u32 = 4;
+/// Longest sleep of a client. The next daemon may have another file: whoever slept for so long opens it again.
+const SLEEP_MAX: Duration = Duration::from_millis(50);
 
 /// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
 const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
@@ -46,6 +45,7 @@ pub struct DaemonPorts {
     record: Publisher<Service, CycleRecord, ()>,
     records: publish_subscribe::PortFactory<Service, CycleRecord, ()>,
     setpoint: Subscriber<Service, SetpointMessage, ()>,
+    waker: Waker,
     cycle: Notifier<Service>,
     admin: Server<Service, AdminRequest, (), AdminAnswer, ()>,
     damage: Option<ServiceError>,
@@ -63,11 +63,11 @@ impl DaemonPorts {
         let instance = lock.instance();
         reserved_space::check(&instance.root()).map_err(no_space)?;
         let _opening = lock.opening();
-        let ports = match Self::open_services(instance) {
+        let ports = match Self::open_services(lock) {
             // Places that nobody can free are taken by processes whose files are damaged.
             Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
                 lock.clear();
-                Self { damage: Some(damage), ..Self::open_services(instance)? }
+                Self { damage: Some(damage), ..Self::open_services(lock)? }
             }
             opened => opened?,
         };
@@ -75,7 +75,8 @@ impl DaemonPorts {
         Ok(ports)
     }
 
-    fn open_services(instance: &Instance) -> Result<Self, ServiceError> {
+    fn open_services(lock: &InstanceLock) -> Result<Self, ServiceError> {
+        let instance = lock.instance();
         let node = service::node(instance, true)?;
         node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
         let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
@@ -99,6 +100,7 @@ impl DaemonPorts {
                 .map_err(Part::Record.failed())?,
             records,
             setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
+            waker: Waker::open(lock).map_err(of_futex)?,
             cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
             admin: admin
                 .server_builder()
@@ -147,11 +149,13 @@ impl DaemonPorts {
         Ok(())
     }
 
-    /// Wakes every client that sleeps until the next cycle. One system call for each of them.
+    /// Wakes every client that sleeps until the next cycle: one system call for all of them. Whoever listens to the event `cycle` of
+    /// iceoryx2 costs another one. Never blocks.
     ///
     /// # Errors
-    /// When a connection is damaged; the other clients are awake.
+    /// When a connection of a listener is damaged; all others are awake.
     pub fn notify(&self) -> Result<(), ServiceError> {
+        self.waker.wake();
         self.cycle.notify().map_err(Part::Cycle.failed())?;
         Ok(())
     }
@@ -187,12 +191,23 @@ impl DaemonPorts {
 }
 
 fn no_space(errno: Errno) -> ServiceError {
-    let obstacle = match errno {
+    ServiceError { part: Part::Node, obstacle: obstacle(errno) }
+}
+
+fn of_futex(error: InstanceError) -> ServiceError {
+    let obstacle = match error {
+        InstanceError::System { errno, .. } => obstacle(errno),
+        _ => Obstacle::Permission,
+    };
+    ServiceError { part: Part::Cycle, obstacle }
+}
+
+const fn obstacle(errno: Errno) -> Obstacle {
+    match errno {
         Errno::ENOSPC | Errno::EDQUOT => Obstacle::NoSpace,
         Errno::EACCES | Errno::EPERM => Obstacle::Permission,
         _ => Obstacle::Damaged,
-    };
-    ServiceError { part: Part::Node, obstacle }
+    }
 }
 
 /// A request that waits for its answer. When it is dropped, the asker learns that no answer will come.
@@ -258,21 +273,20 @@ impl Housekeeper {
     }
 }
 
-/// A client's ends of the services. The ports of states and events take their place when they are first used: a
-/// process that only sends requests takes none, so that an emergency stop finds a place on a crowded robot.
+/// A client's ends of the services. The port of states takes its place when it is first used: a process that only sends requests
+/// takes none, so that an emergency stop finds a place on a crowded robot.
 ///
 /// Each port has a lock of its own, which is held for microseconds; only a daemon that comes or goes makes it a millisecond.
 /// A thread that sleeps until the next cycle holds none.
 #[derive(Debug)]
 pub struct ClientPorts {
     watcher: Mutex<Option<Subscriber<Service, StateMessage, ()>>>,
-    sleeper: Mutex<Sleeper>,
-    woken: Condvar,
+    /// `None` before the first sleep, and after one that nobody ended.
+    waiter: Mutex<Option<Arc<Waiter>>>,
     admin: Client<Service, AdminRequest, (), AdminAnswer, ()>,
     admins: request_response::PortFactory<Service, AdminRequest, (), AdminAnswer, ()>,
     state: publish_subscribe::PortFactory<Service, StateMessage, ()>,
     setpoint: publish_subscribe::PortFactory<Service, SetpointMessage, ()>,
-    cycle: event::PortFactory<Service>,
     node: Mutex<Node<Service>>,
     // The last to go: a daemon that starts may wipe every file once nobody is attached.
     attachment: Attachment,
@@ -302,7 +316,6 @@ impl ClientPorts {
         let node = service::node(instance, false)?;
         let state = service::state(&node, instance).open().map_err(Part::State.failed())?;
         let setpoint = service::setpoint(&node, instance).open().map_err(Part::Setpoint.failed())?;
-        let cycle = service::cycle(&node, instance).open().map_err(Part::Cycle.failed())?;
         let admins = service::admin(&node, instance).open().map_err(Part::Admin.failed())?;
         let admin = admins
             .client_builder()
@@ -311,13 +324,11 @@ impl ClientPorts {
             .map_err(Part::Admin.failed())?;
         Ok(Self {
             watcher: Mutex::default(),
-            sleeper: Mutex::default(),
-            woken: Condvar::new(),
+            waiter: Mutex::default(),
             admin,
             admins,
             state,
             setpoint,
-            cycle,
             node: Mutex::new(node),
             attachment,
         })
@@ -363,60 +374,33 @@ impl ClientPorts {
         Ok(())
     }
 
-    /// Sleeps until the daemon has published a state that [`take_states`](Self::take_states) has not given yet, at most `timeout`. It may
-    /// return early without reason, and it may miss a state in rare cases: `timeout` bounds what that costs. One thread listens; others
-    /// that sleep at the same time wake up with it.
+    /// The number of states so far, for [`sleep`](Self::sleep). Ask for it before you look for a state: no state comes unnoticed between
+    /// the two. `None` before the first sleep. Never blocks.
+    #[must_use]
+    pub fn published(&self) -> Option<u32> {
+        locked(&self.waiter).as_ref().map(|waiter| waiter.count())
+    }
+
+    /// Sleeps until the daemon has published a state after `seen` was [asked for](Self::published), at most `timeout` or 50 ms. It
+    /// may return early without reason, and without `seen` it does. Any number of threads may sleep.
     ///
     /// # Errors
-    /// When there is no place, or the connection is damaged.
-    pub fn sleep_until_cycle(&self, timeout: Duration) -> Result<(), ServiceError> {
-        let mut sleeper = locked(&self.sleeper);
-        if sleeper.is_listening {
-            sleeper.waiting += 1;
-            let waited = self.woken.wait_timeout(sleeper, timeout);
-            waited.unwrap_or_else(PoisonError::into_inner).0.waiting -= 1;
-            return Ok(());
-        }
-        let listener = match sleeper.listener.take() {
-            Some(listener) => listener,
-            None => self.cycle.listener_builder().create().map_err(Part::Cycle.failed())?,
+    /// [`Obstacle::Version`] when the daemon is too old to wake clients like this; when its file cannot be used.
+    pub fn sleep(&self, seen: Option<u32>, timeout: Duration) -> Result<(), ServiceError> {
+        let (Some(waiter), Some(seen)) = (locked(&self.waiter).clone(), seen) else {
+            return self.open_waiter();
         };
-        sleeper.is_listening = true;
-        drop(sleeper);
-        let slept = self.sleep_on(&listener, timeout);
-        let mut sleeper = locked(&self.sleeper);
-        (sleeper.listener, sleeper.is_listening) = (Some(listener), false);
-        // Without somebody who waits it would be a system call for nothing.
-        if sleeper.waiting > 0 {
-            self.woken.notify_all();
+        let slept = waiter.sleep(seen, timeout.min(SLEEP_MAX)).map_err(of_waiter)?;
+        if slept == Slept::TimedOut {
+            *locked(&self.waiter) = None;
         }
-        slept
+        Ok(())
     }
 
-    /// Sleeps on `listener`, unless a state waits already. A notification that ends a sleep is taken before the next sleep, so
-    /// that a wake-up costs no further system call.
-    ///
-    /// The daemon notifies after it has published, so the state of a notification that is taken here is looked for after it. If that state
-    /// was taken before, and its notification comes while this thread is held up between two of these calls, the next one may wake nobody.
-    fn sleep_on(&self, listener: &Listener<Service>, timeout: Duration) -> Result<(), ServiceError> {
-        for _ in 0..DRAIN_ROUNDS {
-            match listener.try_wait(|_| ()) {
-                Ok(0) => break,
-                Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
-                Err(error) => return Err(Part::Cycle.failed()(error)),
-            }
-        }
-        if self.has_state()? {
-            return Ok(());
-        }
-        iceoryx::sleep_until_notified(listener, timeout)
-            .map_err(|_| ServiceError { part: Part::Cycle, obstacle: Obstacle::Damaged })
-    }
-
-    /// Whether there is a state that was not taken yet. `false` before the first call of [`take_states`](Self::take_states).
-    fn has_state(&self) -> Result<bool, ServiceError> {
-        let watcher = locked(&self.watcher);
-        watcher.as_ref().map_or(Ok(false), |watcher| watcher.has_samples().map_err(Part::State.failed()))
+    fn open_waiter(&self) -> Result<(), ServiceError> {
+        let waiter = Waiter::open(self.attachment.instance()).map_err(of_waiter)?;
+        *locked(&self.waiter) = Some(Arc::new(waiter));
+        Ok(())
     }
 
     /// Takes the place of a recorder: it gets every cycle from now on.
@@ -453,16 +437,6 @@ impl ClientPorts {
     }
 }
 
-/// The listener of a process. One thread at a time takes it, and sleeps on it without a lock.
-#[derive(Debug, Default)]
-struct Sleeper {
-    /// `None` before the first sleep, and while a thread has it.
-    listener: Option<Listener<Service>>,
-    is_listening: bool,
-    /// Threads that wait for the one that listens.
-    waiting: u32,
-}
-
 /// The value behind `mutex`. A thread that panicked while it held the lock left a valid value: every write is one
 /// assignment.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -484,6 +458,11 @@ impl RecordPort {
         let received = self.port.receive().map_err(Part::Record.failed())?;
         Ok(received.map(|sample| *record = *sample.payload()).is_some())
     }
+}
+
+fn of_waiter(errno: Errno) -> ServiceError {
+    let obstacle = if errno == Errno::ENOENT { Obstacle::Version } else { obstacle(errno) };
+    ServiceError { part: Part::Cycle, obstacle }
 }
 
 /// There are fewer places for recorders than for watchers.
@@ -544,7 +523,6 @@ mod tests {
     use crate::limits::JOINTS_MAX;
     use crate::message::JointState;
     use std::sync::atomic::{AtomicU64, Ordering};
-    use std::time::Instant;
 
     /// Both ends, in a directory of their own. The fields are dropped in this order.
     struct Ends {
@@ -552,6 +530,16 @@ mod tests {
         client: ClientPorts,
         _lock: InstanceLock,
         _place: tempfile::TempDir,
+    }
+
+    /// Longer than any stall.
+    const LONG: Duration = Duration::from_secs(60);
+
+    impl ClientPorts {
+        fn waiter(&self) -> Arc<Waiter> {
+            self.sleep(None, Duration::ZERO).unwrap();
+            locked(&self.waiter).clone().unwrap()
+        }
     }
 
     impl Ends {
@@ -568,38 +556,42 @@ mod tests {
     /// A controller waits so shortly at the end of its patience, whose daemon has died.
     #[test]
     fn a_sleep_of_less_than_a_microsecond_ends() {
-        let ends = Ends::open();
-        let (slept, sleeps) = std::sync::mpsc::channel();
-        std::thread::spawn(move || {
-            for timeout in [Duration::ZERO, Duration::from_nanos(999)] {
-                ends.client.sleep_until_cycle(timeout).unwrap();
-                slept.send(timeout).unwrap();
-            }
-        });
+        let Ends { client, .. } = &Ends::open();
+        client.sleep(None, Duration::ZERO).unwrap();
         for timeout in [Duration::ZERO, Duration::from_nanos(999)] {
-            assert_eq!(sleeps.recv_timeout(Duration::from_secs(10)), Ok(timeout));
+            client.sleep(client.published(), timeout).unwrap();
+            client.sleep(client.published(), timeout).unwrap();
         }
     }
 
     #[test]
-    fn a_state_that_nobody_took_yet_lets_nobody_sleep_and_an_old_notification_wakes_nobody() {
-        const LONG: Duration = Duration::from_secs(10);
-        const SHORT: Duration = Duration::from_millis(20);
-        let ends = Ends::open();
-        let Ends { ports, client, .. } = &ends;
+    fn a_state_that_came_after_the_look_lets_nobody_sleep_and_an_older_one_wakes_nobody() {
+        let Ends { ports, client, .. } = &Ends::open();
         assert_eq!(client.newest_state().unwrap(), None);
-        client.sleep_until_cycle(Duration::ZERO).unwrap();
-        for cycle in 1..=3 {
-            ports.publish(&StateMessage { cycle, ..StateMessage::default() }).unwrap();
-            let begun = Instant::now();
-            client.sleep_until_cycle(LONG).unwrap();
-            assert!(begun.elapsed() < LONG, "there was a state");
+        let waiter = client.waiter();
+        for cycle in 1..=3_u32 {
+            let seen = waiter.count();
+            assert_eq!(seen, cycle - 1, "states so far");
+            ports.publish(&StateMessage { cycle: cycle.into(), ..StateMessage::default() }).unwrap();
             ports.notify().unwrap();
-            assert_eq!(client.newest_state().unwrap().map(|state| state.cycle), Some(cycle));
-            let begun = Instant::now();
-            client.sleep_until_cycle(SHORT).unwrap();
-            assert!(begun.elapsed() >= SHORT, "its state was taken");
+            assert_eq!(waiter.sleep(seen, LONG), Ok(Slept::Woken));
+            assert_eq!(client.newest_state().unwrap().map(|state| state.cycle), Some(cycle.into()));
+            assert_eq!(waiter.sleep(waiter.count(), Duration::from_millis(1)), Ok(Slept::TimedOut));
         }
+    }
+
+    /// Its file is another one when another user starts it, or when somebody removed the file.
+    #[test]
+    fn a_client_whose_daemon_has_another_file_is_woken_by_it_after_one_sleep() {
+        let ends = Ends::open();
+        ends.client.sleep(None, Duration::ZERO).unwrap();
+        std::fs::remove_file(ends._lock.instance().futex_path()).unwrap();
+        let waker = Waker::open(&ends._lock).unwrap();
+        ends.client.sleep(ends.client.published(), Duration::from_millis(1)).unwrap();
+        ends.client.sleep(ends.client.published(), Duration::ZERO).unwrap();
+        let seen = ends.client.published();
+        waker.wake();
+        assert_ne!(ends.client.published(), seen);
     }
 
     /// Each message is written over an earlier one.
@@ -620,12 +612,9 @@ mod tests {
     #[test]
     fn no_state_is_slept_through() {
         const STATES: u64 = 20_000;
-        const LONG: Duration = Duration::from_secs(10);
-        let ends = Ends::open();
-        let Ends { ports, client, .. } = &ends;
+        let Ends { ports, client, .. } = &Ends::open();
         assert_eq!(client.newest_state().unwrap(), None);
-        client.sleep_until_cycle(Duration::ZERO).unwrap();
-        let taken = AtomicU64::new(0);
+        let (waiter, taken) = (client.waiter(), AtomicU64::new(0));
         std::thread::scope(|threads| {
             threads.spawn(|| {
                 for cycle in 1..=STATES {
@@ -638,10 +627,12 @@ mod tests {
                 }
             });
             for cycle in 1..=STATES {
-                while client.newest_state().unwrap().is_none_or(|state| state.cycle < cycle) {
-                    let begun = Instant::now();
-                    client.sleep_until_cycle(LONG).unwrap();
-                    assert!(begun.elapsed() < LONG, "state {cycle}");
+                loop {
+                    let seen = waiter.count();
+                    if client.newest_state().unwrap().is_some_and(|state| state.cycle == cycle) {
+                        break;
+                    }
+                    assert_eq!(waiter.sleep(seen, LONG), Ok(Slept::Woken), "state {cycle}");
                 }
                 taken.store(cycle, Ordering::Release);
             }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// The device and the number of a file.
 type Identity = (u64, u64);
 
-/// The files of a daemon as they were: its lock, its directory and its services, except the service that only recorders need.
+/// The files of a daemon as they were: its lock, its directory, the number that wakes clients and its services, except the service that only recorders need.
 ///
 /// Files of its clients, of a dead predecessor and of unknown programs come and go in the same directory, and do not count.
 #[derive(Debug)]
@@ -20,12 +20,13 @@ impl Presence {
     #[must_use]
     pub fn of(lock: &InstanceLock) -> Self {
         let instance = lock.instance();
-        let files = [lock.path(), instance.root()].into_iter().chain(service::files(instance));
+        let files =
+            [lock.path(), instance.root(), instance.futex_path()].into_iter().chain(service::files(instance));
         Self(files.map(|path| (path.clone(), identity(&path).ok())).collect())
     }
 
     /// The first of them that was removed, or is another file now. A file that the system cannot look at just now, for lack of
-    /// memory or of permission, is not lost: that is no reason to stop a robot. Six system calls, which do not block on a file
+    /// memory or of permission, is not lost: that is no reason to stop a robot. Seven system calls, which do not block on a file
     /// system in memory.
     #[must_use]
     pub fn lost(&self) -> Option<&Path> {
@@ -59,7 +60,7 @@ mod tests {
 
     #[test]
     fn a_daemon_whose_files_are_removed_or_replaced_has_lost_them() {
-        for place in 0..6 {
+        for place in 0..7 {
             with_daemon(|instance, presence| {
                 let path = presence.0[place].0.clone();
                 let aside = instance.runtime().join("aside");

@@ -5,7 +5,7 @@
 //! | `motord/<instance>/state` | publish-subscribe | publishes each cycle | reads the newest |
 //! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while somebody records | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
-//! | `motord/<instance>/cycle` | event | notifies after each state | may sleep on it |
+//! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ports::ClientPorts::sleep) |
 //! | `motord/<instance>/admin` | request-response | answers | asks |
 //!
 //! Everything is a file below the instance's directory, nothing is in `/dev/shm`: who may enter the directory may

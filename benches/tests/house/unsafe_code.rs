@@ -10,6 +10,7 @@ const UNSAFE: &[&str] = &[
     "bus/tests/socketcan/counting.rs",
     "deadman/src/kernel.rs",
     "realtime/src/kernel.rs",
+    "shared/src/futex.rs",
     "shared/src/iceoryx.rs",
 ];
 

@@ -1,0 +1,214 @@
+//! A number in a file that counts the published states. Clients sleep on it (`futex(2)`), and may only read it.
+//!
+//! The mapping is the only `unsafe` of this file.
+
+use crate::instance::{Instance, InstanceLock};
+use crate::instance_error::{InstanceError, refused};
+use nix::errno::Errno;
+use nix::fcntl::posix_fallocate;
+use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
+use nix::sys::stat::fstat;
+use rustix::thread::Timespec;
+use rustix::thread::futex::{Flags, wait, wake};
+use std::fs::{File, Permissions};
+use std::num::NonZeroUsize;
+use std::os::fd::AsFd;
+use std::os::unix::fs::PermissionsExt;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, Ordering, fence};
+use std::time::Duration;
+
+const BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU32>()).expect("a number has bytes");
+
+/// Who may enter the directory may read it. Only its owner writes.
+const MODE: u32 = 0o644;
+
+/// The daemon's end.
+#[derive(Debug)]
+pub(crate) struct Waker(Mapping);
+
+impl Waker {
+    /// Opens the file of the instance that is held by `lock`, or makes it. The clients of a dead predecessor sleep on it, too.
+    ///
+    /// # Errors
+    /// When the file cannot be made.
+    pub(crate) fn open(lock: &InstanceLock) -> Result<Self, InstanceError> {
+        let file = lock.make_futex()?;
+        let prepare = || {
+            file.set_permissions(Permissions::from_mode(MODE)).map_err(|error| errno(&error))?;
+            // A page without space kills whoever touches it.
+            posix_fallocate(&file, 0, BYTES.get() as i64)?;
+            Mapping::of(&file, ProtFlags::PROT_READ | ProtFlags::PROT_WRITE)
+        };
+        prepare().map(Self).map_err(|errno| refused(&lock.instance().futex_path(), errno))
+    }
+
+    /// Wakes every client that sleeps. One system call; never blocks.
+    pub(crate) fn wake(&self) {
+        let word = self.0.word();
+        // Whoever sees the new number sees what was published before it.
+        word.fetch_add(1, Ordering::AcqRel);
+        let _awake = wake(word, Flags::empty(), i32::MAX.cast_unsigned());
+    }
+}
+
+/// A client's end.
+#[derive(Debug)]
+pub(crate) struct Waiter(Mapping);
+
+/// How a sleep ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Slept {
+    /// A state was published; or without reason.
+    Woken,
+    /// The time is over.
+    TimedOut,
+}
+
+impl Waiter {
+    /// Opens the file of `instance`.
+    ///
+    /// # Errors
+    /// `ENOENT` when the daemon is older than this file; `EPERM` when a client made it; what else the kernel refused.
+    pub(crate) fn open(instance: &Instance) -> Result<Self, Errno> {
+        let file = instance.open_futex().map_err(|error| match error {
+            InstanceError::System { errno, .. } => errno,
+            _ => Errno::EPERM,
+        })?;
+        Mapping::of(&file, ProtFlags::PROT_READ).map(Self)
+    }
+
+    /// The number of states so far, modulo 2³². What was published before it counted is there.
+    pub(crate) fn count(&self) -> u32 {
+        // Memory that may only be read takes relaxed loads only; the fence makes it an acquiring one.
+        let count = self.0.word().load(Ordering::Relaxed);
+        fence(Ordering::Acquire);
+        count
+    }
+
+    /// Sleeps until more than `seen` states were published, at most `timeout`. One system call.
+    ///
+    /// # Errors
+    /// The refusal of the kernel.
+    pub(crate) fn sleep(&self, seen: u32, timeout: Duration) -> Result<Slept, Errno> {
+        let timeout =
+            Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
+        match wait(self.0.word(), Flags::empty(), seen, Some(&timeout)) {
+            Ok(()) | Err(rustix::io::Errno::AGAIN | rustix::io::Errno::INTR) => Ok(Slept::Woken),
+            Err(rustix::io::Errno::TIMEDOUT) => Ok(Slept::TimedOut),
+            Err(error) => Err(Errno::from_raw(error.raw_os_error())),
+        }
+    }
+}
+
+/// The first four bytes of a file, shared with everybody who has it.
+#[derive(Debug)]
+struct Mapping(NonNull<AtomicU32>);
+
+// SAFETY: threads share atomic numbers, and the mapping belongs to no thread.
+unsafe impl Send for Mapping {}
+// SAFETY: as above.
+unsafe impl Sync for Mapping {}
+
+impl Mapping {
+    /// `EINVAL` when the file is shorter.
+    fn of(file: &File, protection: ProtFlags) -> Result<Self, Errno> {
+        if usize::try_from(fstat(file)?.st_size).is_ok_and(|bytes| bytes < BYTES.get()) {
+            return Err(Errno::EINVAL);
+        }
+        // SAFETY: the kernel chooses the address, so nothing of ours is mapped over.
+        let address = unsafe { mmap(None, BYTES, protection, MapFlags::MAP_SHARED, file.as_fd(), 0) }?;
+        Ok(Self(address.cast()))
+    }
+
+    fn word(&self) -> &AtomicU32 {
+        // SAFETY: a mapping is aligned to a page and lives as long as `self`; any bits are a number. The file's owner is trusted not to
+        // shorten it.
+        unsafe { self.0.as_ref() }
+    }
+}
+
+impl Drop for Mapping {
+    fn drop(&mut self) {
+        // SAFETY: nobody borrows the number any more, and the whole mapping goes.
+        let _never_refused = unsafe { munmap(self.0.cast(), BYTES.get()) };
+    }
+}
+
+fn errno(error: &std::io::Error) -> Errno {
+    Errno::from_raw(error.raw_os_error().unwrap_or(nix::libc::EIO))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::os::unix::fs::symlink;
+
+    fn with_lock(test: impl FnOnce(&InstanceLock)) {
+        let place = tempfile::tempdir_in("/tmp").unwrap();
+        test(&Instance::below(place.path(), "robot").unwrap().lock().unwrap());
+    }
+
+    fn is_woken(waiter: &Waiter, waker: &Waker) -> bool {
+        let seen = waiter.count();
+        waker.wake();
+        waiter.count() == seen.wrapping_add(1)
+            && waiter.sleep(seen, Duration::from_secs(60)) == Ok(Slept::Woken)
+    }
+
+    #[test]
+    fn a_client_of_a_dead_daemon_is_woken_by_its_successor() {
+        with_lock(|lock| {
+            let first = Waker::open(lock).unwrap();
+            let waiter = Waiter::open(lock.instance()).unwrap();
+            assert!(is_woken(&waiter, &first));
+            drop(first);
+            assert!(is_woken(&waiter, &Waker::open(lock).unwrap()));
+        });
+    }
+
+    #[test]
+    fn a_file_without_a_number_is_refused_by_clients_and_completed_by_a_daemon() {
+        with_lock(|lock| {
+            let path = lock.instance().futex_path();
+            assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::ENOENT);
+            fs::write(&path, "abc").unwrap();
+            assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::EINVAL);
+            let waker = Waker::open(lock).unwrap();
+            assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &waker));
+        });
+    }
+
+    /// Every member may make files beside it.
+    #[test]
+    fn a_file_or_link_that_a_client_prepared_is_neither_used_by_clients_nor_written_by_a_daemon() {
+        const NOBODY: u32 = 65_534;
+        with_lock(|lock| {
+            let path = lock.instance().futex_path();
+            let elsewhere = lock.instance().runtime().join("elsewhere");
+            fs::write(&elsewhere, "kept").unwrap();
+            symlink(&elsewhere, &path).unwrap();
+            assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::ELOOP);
+            let waker = Waker::open(lock).unwrap();
+            assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &waker));
+            assert_eq!(fs::read(elsewhere).unwrap(), b"kept");
+            // Only root can make a file that is somebody else's.
+            if std::os::unix::fs::chown(&path, Some(NOBODY), None).is_ok() {
+                assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::EPERM);
+                let waker = Waker::open(lock).unwrap();
+                assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &waker));
+            }
+        });
+    }
+
+    /// Those who could write would keep others asleep.
+    #[test]
+    fn a_group_may_read_the_number_and_only_its_owner_may_write_it() {
+        with_lock(|lock| {
+            let _waker = Waker::open(lock).unwrap();
+            let mode = fs::metadata(lock.instance().futex_path()).unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o644);
+        });
+    }
+}
