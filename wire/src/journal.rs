@@ -13,6 +13,8 @@ pub(crate) struct Journal {
     path: PathBuf,
     file: File,
     last: Option<Json>,
+    /// A power cut took the end of the last line.
+    is_cut: bool,
 }
 
 impl Journal {
@@ -27,13 +29,14 @@ impl Journal {
             Path::to_owned,
         );
         let failed = |source| WireFailure::File { path: path.clone(), source };
-        let last = std::fs::read_to_string(&path).ok().and_then(|text| {
-            text.lines()
-                .last()
-                .map(|line| serde_json::from_str(line).unwrap_or_else(|_| json!({ "event": "cut line" })))
-        });
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let last = text
+            .lines()
+            .last()
+            .map(|line| serde_json::from_str(line).unwrap_or_else(|_| json!({ "event": "cut line" })));
+        let is_cut = !text.is_empty() && !text.ends_with('\n');
         let file = OpenOptions::new().append(true).create(true).open(&path).map_err(failed)?;
-        Ok(Self { path, file, last })
+        Ok(Self { path, file, last, is_cut })
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -85,9 +88,27 @@ impl Journal {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         line["unix_s"] = since.as_secs().into();
         // A line that was cut off by a power cut ends here.
-        let start = if self.last.take().is_some_and(|last| last["event"] == "cut line") { "\n" } else { "" };
+        let start = if std::mem::take(&mut self.is_cut) { "\n" } else { "" };
         let text = format!("{start}{line}\n");
         let written = self.file.write_all(text.as_bytes()).and_then(|()| self.file.sync_data());
         written.map_err(|source| WireFailure::File { path: self.path.clone(), source })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_that_lost_only_its_end_gets_it_before_the_next_line() {
+        let path = std::env::temp_dir().join(format!("motord-journal-{}", std::process::id()));
+        std::fs::write(&path, r#"{"event":"refreshing"}"#).unwrap();
+        let mut journal = Journal::open(&path, Some(&path)).unwrap();
+        assert!(journal.unfinished().is_some());
+        journal.begin("knee", &[]).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let events: Vec<Json> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        assert_eq!(events.iter().map(|event| &event["event"]).collect::<Vec<_>>(), ["refreshing", "begin"]);
     }
 }
