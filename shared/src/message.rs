@@ -72,8 +72,8 @@ pub struct JointState {
     pub fault: u32,
     /// `JOINT_*` flags.
     pub flags: u32,
-    /// Turns of the motor since the last reply; 0 when it came in this one. On most buses a turn is a cycle; with `every = N` it
-    /// is N cycles.
+    /// Turns of the motor since the last reply; 0 when it came since the states before were published. On most buses a turn is a
+    /// cycle; with `every = N` it is N cycles.
     pub age_cycles: u32,
     /// Turns without a reply since the daemon started.
     pub missed: u32,
