@@ -281,7 +281,7 @@ impl Housekeeper {
 #[derive(Debug)]
 pub struct ClientPorts {
     watcher: Mutex<Option<Subscriber<Service, StateMessage, ()>>>,
-    /// `None` before the first sleep, and after one that nobody ended.
+    /// `None` before the first sleep.
     waiter: Mutex<Option<Arc<Waiter>>>,
     admin: Client<Service, AdminRequest, (), AdminAnswer, ()>,
     admins: request_response::PortFactory<Service, AdminRequest, (), AdminAnswer, ()>,
@@ -392,7 +392,8 @@ impl ClientPorts {
         };
         let slept = waiter.sleep(seen, timeout.min(SLEEP_MAX)).map_err(of_waiter)?;
         if slept == Slept::TimedOut {
-            *locked(&self.waiter) = None;
+            // Without a file there is no daemon, and the old one is as good.
+            let _none = self.open_waiter();
         }
         Ok(())
     }
@@ -586,9 +587,9 @@ mod tests {
         let ends = Ends::open();
         ends.client.sleep(None, Duration::ZERO).unwrap();
         std::fs::remove_file(ends._lock.instance().futex_path()).unwrap();
+        ends.client.sleep(ends.client.published(), Duration::ZERO).unwrap();
         let waker = Waker::open(&ends._lock).unwrap();
         ends.client.sleep(ends.client.published(), Duration::from_millis(1)).unwrap();
-        ends.client.sleep(ends.client.published(), Duration::ZERO).unwrap();
         let seen = ends.client.published();
         waker.wake();
         assert_ne!(ends.client.published(), seen);

@@ -112,7 +112,7 @@ impl Motor {
         self.turn.elapsed.unwrap_or(cx.elapsed)
     }
 
-    /// Age of its state, s. Where every cycle is a turn, it counts the cycles without a state, and at least those of its silence.
+    /// Age of its state, s. Where every cycle is a turn, it counts the cycles without a state, and at least the unanswered ones.
     fn age(&self, cx: &Context) -> f32 {
         match self.turn.outlasts_cycle {
             true => cx.now.since(self.measured_at).as_secs_f32(),
