@@ -17,6 +17,7 @@ use motord_shared::instance::{Attachment, pid_namespace, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
 use motord_shared::ports::{ClientPorts, RecordPort, SetpointPort};
+use motord_shared::service::Obstacle;
 use motord_shared::service::ServiceError;
 use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, Refusal, clock};
 use serde::de::DeserializeOwned;
@@ -253,7 +254,11 @@ impl Link {
 
     /// Sleeps until the daemon has published more than `seen` states, at most for `at_most`. May end early.
     pub(crate) fn sleep(&self, seen: Option<u32>, at_most: Duration) -> Result<(), Error> {
-        self.ports.sleep(seen, at_most).map_err(|error| Error::of_service(error, &self.instance))
+        self.ports.sleep(seen, at_most).map_err(|error| match error.obstacle {
+            // The file went with its daemon.
+            Obstacle::Version if !process_exists(self.robot().pid) => self.gone(),
+            _ => Error::of_service(error, &self.instance),
+        })
     }
 
     /// How long a caller that has waited for `waited` of `timeout` may go on. A silence is an error as soon as it lasts too

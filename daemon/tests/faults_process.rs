@@ -419,7 +419,7 @@ fn may_mount() -> bool {
 /// Method: each of the files is removed while a controller has a stiff joint; it hears the stop, as it is connected.
 #[test]
 fn a_daemon_whose_files_are_removed_stops_its_robot_and_tells_the_cause() {
-    for removed in ["", "test.lock", "iox", "iox/test", "iox/test/services"] {
+    for removed in ["", "test.lock", "iox", "iox/test.cycle", "iox/test", "iox/test/services"] {
         let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
         daemon.must_say(READY);
         let mut operator = Operator::of(&daemon);

@@ -4,7 +4,7 @@ use crate::instance_error::{InstanceError, refused};
 use nix::dir::Dir;
 use nix::errno::Errno;
 use nix::fcntl::{AtFlags, OFlag, openat};
-use nix::sys::stat::{FileStat, Mode, fchmod, fstat, fstatat, mkdirat};
+use nix::sys::stat::{FileStat, Mode, SFlag, fchmod, fstat, fstatat, mkdirat};
 use nix::unistd::{Uid, UnlinkatFlags, unlinkat};
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
@@ -100,26 +100,27 @@ impl Directory {
         file.map(File::from).map_err(|errno| refused(&self.path.join(name), errno))
     }
 
-    /// As [`make_file`](Self::make_file), where this user owns the file. One of somebody else is removed.
+    /// As [`make_file`](Self::make_file), where only this user may write the file. Another one is removed.
     ///
     /// # Errors
     /// As [`make_file`](Self::make_file); [`InstanceError::NotOurs`].
     pub(crate) fn make_ours(&self, name: &str) -> Result<File, InstanceError> {
-        if let Some(file) = self.make_file(name).ok().filter(is_ours) {
-            return Ok(file);
+        match self.make_file(name) {
+            Ok(file) if is_ours(&file) => return Ok(file),
+            Err(InstanceError::System { errno: Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM, .. }) => {}
+            Ok(_) | Err(_) => self.remove(name.as_ref())?,
         }
-        self.remove(name.as_ref())?;
         let file = self.make_file(name)?;
         if is_ours(&file) { Ok(file) } else { Err(self.not_ours(name, &file)) }
     }
 
-    /// As [`open_file`](Self::open_file), where root or the owner of this directory owns the file.
+    /// As [`open_file`](Self::open_file), where root, the owner of this directory or `daemon` owns the file.
     ///
     /// # Errors
     /// As [`open_file`](Self::open_file); [`InstanceError::NotOurs`].
-    pub(crate) fn open_daemons(&self, name: &str) -> Result<File, InstanceError> {
+    pub(crate) fn open_daemons(&self, name: &str, daemon: Option<u32>) -> Result<File, InstanceError> {
         let file = self.open_file(name)?;
-        let is_trusted = [0, self.stat()?.st_uid].contains(&owner(&file));
+        let is_trusted = [Some(0), Some(self.stat()?.st_uid), daemon].contains(&Some(owner(&file)));
         if is_trusted { Ok(file) } else { Err(self.not_ours(name, &file)) }
     }
 
@@ -205,6 +206,14 @@ fn owner(file: &File) -> u32 {
     fstat(file).map_or(u32::MAX, |found| found.st_uid)
 }
 
+/// Only this user may write `file`, and it has no other name: a link to a file of this user is none of this directory's.
 fn is_ours(file: &File) -> bool {
-    owner(file) == Uid::effective().as_raw()
+    fstat(file).is_ok_and(|found| {
+        let is_regular = found.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFREG.bits();
+        let is_writable_for_others = found.st_mode & 0o022 != 0;
+        found.st_uid == Uid::effective().as_raw()
+            && found.st_nlink == 1
+            && is_regular
+            && !is_writable_for_others
+    })
 }

@@ -143,7 +143,7 @@ fn errno(error: &std::io::Error) -> Errno {
 mod tests {
     use super::*;
     use std::fs;
-    use std::os::unix::fs::symlink;
+    use std::os::unix::fs::{MetadataExt, symlink};
 
     fn with_lock(test: impl FnOnce(&InstanceLock)) {
         let place = tempfile::tempdir_in("/tmp").unwrap();
@@ -180,6 +180,20 @@ mod tests {
         });
     }
 
+    /// A runtime directory belongs to a group; any of its members may run a second instance there.
+    #[test]
+    fn a_client_trusts_the_owner_of_the_directory_of_its_instance() {
+        const OWNER: u32 = 65_534;
+        with_lock(|lock| {
+            let waker = Waker::open(lock).unwrap();
+            // Only root can make a file that is somebody else's.
+            if std::os::unix::fs::chown(lock.instance().futex_path(), Some(OWNER), None).is_ok() {
+                std::os::unix::fs::chown(lock.instance().root(), Some(OWNER), None).unwrap();
+                assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &waker));
+            }
+        });
+    }
+
     /// Every member may make files beside it.
     #[test]
     fn a_file_or_link_that_a_client_prepared_is_neither_used_by_clients_nor_written_by_a_daemon() {
@@ -193,6 +207,11 @@ mod tests {
             let waker = Waker::open(lock).unwrap();
             assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &waker));
             assert_eq!(fs::read(elsewhere).unwrap(), b"kept");
+            let other = path.with_extension("other");
+            fs::hard_link(&path, &other).unwrap();
+            let linked = Waker::open(lock).unwrap();
+            assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &linked));
+            assert_eq!(fs::metadata(other).unwrap().nlink(), 1, "the daemon has a file of its own");
             // Only root can make a file that is somebody else's.
             if std::os::unix::fs::chown(&path, Some(NOBODY), None).is_ok() {
                 assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::EPERM);
@@ -202,7 +221,7 @@ mod tests {
         });
     }
 
-    /// Those who could write would keep others asleep.
+    /// Those who could write could keep others asleep.
     #[test]
     fn a_group_may_read_the_number_and_only_its_owner_may_write_it() {
         with_lock(|lock| {

@@ -125,19 +125,22 @@ impl Instance {
 
     /// `None` without a file of the daemon's: a client could lead other clients to wrong services.
     fn read_round(&self, iox: &Directory) -> Option<u64> {
-        Some(read_number(&mut iox.open_daemons(&self.round_name()).ok()?))
+        Some(read_number(&mut iox.open_daemons(&self.round_name(), None).ok()?))
     }
 
     fn round_name(&self) -> String {
         format!("{}.round", self.name)
     }
 
-    /// The file of the number that clients sleep on, to read.
+    /// The file of the number that clients sleep on, to read. The owner of the instance's directory may run its daemon in a runtime
+    /// directory of another user.
     ///
     /// # Errors
     /// As [`Directory::open_daemons`].
     pub(crate) fn open_futex(&self) -> Result<File, InstanceError> {
-        self.open_iox()?.open_daemons(&self.futex_name())
+        let iox = self.open_iox()?;
+        let daemon = iox.open_below(&self.name)?.stat()?.st_uid;
+        iox.open_daemons(&self.futex_name(), Some(daemon))
     }
 
     pub(crate) fn futex_path(&self) -> PathBuf {

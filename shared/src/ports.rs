@@ -32,8 +32,9 @@ use std::time::Duration;
 /// How long a starting daemon waits for others that are removing its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Longest sleep of a client. The next daemon may have another file: whoever slept for so long opens it again.
-const SLEEP_MAX: Duration = Duration::from_millis(50);
+/// Longest sleep of a client: it bounds what a member can do who moves sleepers to a number of his own (`FUTEX_REQUEUE`). The next daemon may
+/// have another file: whoever slept for so long opens it again.
+const SLEEP_MAX: Duration = Duration::from_millis(10);
 
 /// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
 const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
@@ -45,7 +46,7 @@ pub struct DaemonPorts {
     record: Publisher<Service, CycleRecord, ()>,
     records: publish_subscribe::PortFactory<Service, CycleRecord, ()>,
     setpoint: Subscriber<Service, SetpointMessage, ()>,
-    waker: Waker,
+    waker: Arc<Waker>,
     cycle: Notifier<Service>,
     admin: Server<Service, AdminRequest, (), AdminAnswer, ()>,
     damage: Option<ServiceError>,
@@ -62,12 +63,13 @@ impl DaemonPorts {
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
         reserved_space::check(&instance.root()).map_err(no_space)?;
+        let waker = Arc::new(Waker::open(lock).map_err(of_futex)?);
         let _opening = lock.opening();
-        let ports = match Self::open_services(lock) {
+        let ports = match Self::open_services(instance, &waker) {
             // Places that nobody can free are taken by processes whose files are damaged.
             Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
                 lock.clear();
-                Self { damage: Some(damage), ..Self::open_services(lock)? }
+                Self { damage: Some(damage), ..Self::open_services(instance, &waker)? }
             }
             opened => opened?,
         };
@@ -75,8 +77,7 @@ impl DaemonPorts {
         Ok(ports)
     }
 
-    fn open_services(lock: &InstanceLock) -> Result<Self, ServiceError> {
-        let instance = lock.instance();
+    fn open_services(instance: &Instance, waker: &Arc<Waker>) -> Result<Self, ServiceError> {
         let node = service::node(instance, true)?;
         node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
         let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
@@ -100,7 +101,7 @@ impl DaemonPorts {
                 .map_err(Part::Record.failed())?,
             records,
             setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
-            waker: Waker::open(lock).map_err(of_futex)?,
+            waker: Arc::clone(waker),
             cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
             admin: admin
                 .server_builder()
@@ -149,8 +150,8 @@ impl DaemonPorts {
         Ok(())
     }
 
-    /// Wakes every client that sleeps until the next cycle: one system call for all of them. Whoever listens to the event `cycle` of
-    /// iceoryx2 costs another one. Never blocks.
+    /// Wakes every client that sleeps until the next cycle: one system call for all of them, and one for each listener of the event `cycle`
+    /// of iceoryx2. Never blocks.
     ///
     /// # Errors
     /// When a connection of a listener is damaged; all others are awake.
@@ -381,7 +382,7 @@ impl ClientPorts {
         locked(&self.waiter).as_ref().map(|waiter| waiter.count())
     }
 
-    /// Sleeps until the daemon has published a state after `seen` was [asked for](Self::published), at most `timeout` or 50 ms. It
+    /// Sleeps until the daemon has published a state after `seen` was [asked for](Self::published), at most `timeout` or 10 ms. It
     /// may return early without reason, and without `seen` it does. Any number of threads may sleep.
     ///
     /// # Errors

@@ -193,7 +193,8 @@ impl IpcThread {
         for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
             *lease = Lease::from_raw(group.lease);
         }
-        let published = self.ports.publish(state).and_then(|()| self.ports.notify());
+        // One damaged connection keeps nobody else asleep.
+        let published = self.ports.publish(state).and(self.ports.notify());
         if published.is_ok() && !self.questions.delivered(state, clock::monotonic()) {
             self.cycle.counters.dropped.fetch_add(1, Ordering::Relaxed);
         }
