@@ -74,7 +74,7 @@
 //!
 //! | call | for | costs |
 //! |---|---|---|
-//! | [`Client::wait`] | a turn in every cycle | a wake-up: 5 to 60 µs, as the processor sleeps |
+//! | [`Client::wait`] | a turn in every cycle | a wake-up: 5 to 60 µs, the more the deeper the processor sleeps |
 //! | [`Client::wait_cycles`] | a turn in every `n`th cycle; the others wake nobody | a wake-up of some 100 µs |
 //! | [`Client::spin`] | a turn in every cycle, at once | a core of its own |
 //!

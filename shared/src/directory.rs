@@ -100,18 +100,29 @@ impl Directory {
         file.map(File::from).map_err(|errno| refused(&self.path.join(name), errno))
     }
 
-    /// As [`make_file`](Self::make_file), where only this user may write the file. Another one is removed.
+    /// As [`make_file`](Self::make_file), where whoever may enter this directory may read the file, and only this user may write it. Another
+    /// one is removed.
     ///
     /// # Errors
     /// As [`make_file`](Self::make_file); [`InstanceError::NotOurs`].
     pub(crate) fn make_ours(&self, name: &str) -> Result<File, InstanceError> {
-        match self.make_file(name) {
-            Ok(file) if is_ours(&file) => return Ok(file),
-            Err(InstanceError::System { errno: Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM, .. }) => {}
-            Ok(_) | Err(_) => self.remove(name.as_ref())?,
+        const MODE: Mode = Mode::from_bits_truncate(0o644);
+        let file = match self.make_file(name) {
+            Ok(file) if is_ours(&file) => file,
+            // The file is not to blame.
+            Err(
+                error @ InstanceError::System { errno: Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM, .. },
+            ) => return Err(error),
+            Ok(_) | Err(_) => {
+                self.remove(name.as_ref())?;
+                self.make_file(name)?
+            }
+        };
+        if !is_ours(&file) {
+            return Err(self.not_ours(name, &file));
         }
-        let file = self.make_file(name)?;
-        if is_ours(&file) { Ok(file) } else { Err(self.not_ours(name, &file)) }
+        fchmod(&file, MODE).map_err(|errno| refused(&self.path.join(name), errno))?;
+        Ok(file)
     }
 
     /// As [`open_file`](Self::open_file), where root, the owner of this directory or `daemon` owns the file.

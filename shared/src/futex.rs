@@ -10,18 +10,14 @@ use nix::sys::mman::{MapFlags, ProtFlags, mmap, munmap};
 use nix::sys::stat::fstat;
 use rustix::thread::Timespec;
 use rustix::thread::futex::{Flags, wait, wake};
-use std::fs::{File, Permissions};
+use std::fs::File;
 use std::num::NonZeroUsize;
 use std::os::fd::AsFd;
-use std::os::unix::fs::PermissionsExt;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, Ordering, fence};
 use std::time::Duration;
 
 const BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU32>()).expect("a number has bytes");
-
-/// Who may enter the directory may read it. Only its owner writes.
-const MODE: u32 = 0o644;
 
 /// The daemon's end.
 #[derive(Debug)]
@@ -34,13 +30,10 @@ impl Waker {
     /// When the file cannot be made.
     pub(crate) fn open(lock: &InstanceLock) -> Result<Self, InstanceError> {
         let file = lock.make_futex()?;
-        let prepare = || {
-            file.set_permissions(Permissions::from_mode(MODE)).map_err(|error| errno(&error))?;
-            // A page without space kills whoever touches it.
-            posix_fallocate(&file, 0, BYTES.get() as i64)?;
-            Mapping::of(&file, ProtFlags::PROT_READ | ProtFlags::PROT_WRITE)
-        };
-        prepare().map(Self).map_err(|errno| refused(&lock.instance().futex_path(), errno))
+        // A page without space kills whoever touches it.
+        let mapped = posix_fallocate(&file, 0, BYTES.get() as i64)
+            .and_then(|()| Mapping::of(&file, ProtFlags::PROT_READ | ProtFlags::PROT_WRITE));
+        mapped.map(Self).map_err(|errno| refused(&lock.instance().futex_path(), errno))
     }
 
     /// Wakes every client that sleeps. One system call; never blocks.
@@ -135,15 +128,11 @@ impl Drop for Mapping {
     }
 }
 
-fn errno(error: &std::io::Error) -> Errno {
-    Errno::from_raw(error.raw_os_error().unwrap_or(nix::libc::EIO))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use std::fs;
-    use std::os::unix::fs::{MetadataExt, symlink};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
     fn with_lock(test: impl FnOnce(&InstanceLock)) {
         let place = tempfile::tempdir_in("/tmp").unwrap();

@@ -19,10 +19,10 @@ use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::signal::kill;
 use nix::unistd::{AccessFlags, Pid, Uid, access};
-use std::fs::{DirBuilder, File, Permissions};
+use std::fs::{DirBuilder, File};
 use std::io::{self, Read, Write};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -31,9 +31,6 @@ const SERVICE_RUNTIME: &str = "/run/motord";
 
 /// Below the instance's directory while its daemon opens the services.
 const OPENING: &str = "opening";
-
-/// Who may enter the directory may read it.
-const ROUND_MODE: u32 = 0o644;
 
 /// In the mode of a directory: others than its owner may write to it.
 const GROUP_WRITES: u32 = 0o022;
@@ -162,10 +159,7 @@ impl Instance {
     fn count_round(&self, iox: &Directory) -> Result<(), InstanceError> {
         let (name, next) = (self.round_name(), self.round().wrapping_add(1));
         iox.remove(name.as_ref())?;
-        let mut file = iox.make_file(&name)?;
-        let readable = file.set_permissions(Permissions::from_mode(ROUND_MODE));
-        let written = readable.and_then(|()| write!(file, "{next}"));
-        written.map_err(|error| refused(&iox.path.join(&name), errno(&error)))
+        write!(iox.make_ours(&name)?, "{next}").map_err(|error| refused(&iox.path.join(&name), errno(&error)))
     }
 
     /// Becomes the one daemon of this instance, until the lock is dropped or the process dies. Files that dead
@@ -397,8 +391,8 @@ fn errno(error: &io::Error) -> Errno {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
-    use std::os::unix::fs::{MetadataExt, symlink};
+    use std::fs::{self, Permissions};
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 
     fn place() -> tempfile::TempDir {
         tempfile::tempdir_in("/tmp").unwrap()

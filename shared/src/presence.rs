@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 /// The device and the number of a file.
 type Identity = (u64, u64);
 
-/// The files of a daemon as they were: its lock, its directory, the number that wakes clients and its services, except the service that only recorders need.
+/// The files of a daemon as they were: its lock, its directory, the number that wakes clients and its services, except the service that
+/// only recorders need.
 ///
 /// Files of its clients, of a dead predecessor and of unknown programs come and go in the same directory, and do not count.
 #[derive(Debug)]
