@@ -195,7 +195,7 @@ impl Client {
         let begun = Instant::now();
         loop {
             let seen = self.link.published();
-            let mut view = self.link.poll()?;
+            let mut view = self.link.glance()?;
             if let Some(state) = self.take(&mut view, n)? {
                 return Ok(state);
             }
