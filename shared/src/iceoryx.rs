@@ -80,14 +80,30 @@ unsafe impl AnyBytes for SetpointMessage {}
 // SAFETY: as above.
 unsafe impl AnyBytes for StateMessage {}
 
-/// Lets `write` change the message that `sample` holds: an earlier one of the same port, or zeros.
-pub(crate) fn change<S: Service, T: AnyBytes>(
-    mut sample: SampleMutUninit<S, MaybeUninit<T>, ()>,
-    write: impl FnOnce(&mut T),
-) -> SampleMut<S, T, ()> {
-    // SAFETY: the memory of a port is a file, which is zeros when it is made, and in which samples of this type alone are written: its
-    // bytes are initialised. All bytes are a `T`. Nobody else has a sample that is lent and not sent.
-    write(unsafe { sample.payload_mut().assume_init_mut() });
-    // SAFETY: as above.
-    unsafe { sample.assume_init() }
+/// A message that a port lent, and that is not sent yet.
+pub(crate) struct Lent<S: Service, T: AnyBytes>(SampleMutUninit<S, MaybeUninit<T>, ()>);
+
+impl<S: Service, T: AnyBytes> Debug for Lent<S, T> {
+    fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        formatter.write_str("Lent")
+    }
+}
+
+impl<S: Service, T: AnyBytes> Lent<S, T> {
+    pub(crate) fn new(sample: SampleMutUninit<S, MaybeUninit<T>, ()>) -> Self {
+        Self(sample)
+    }
+
+    /// To be changed: an earlier message of the same port, or zeros.
+    pub(crate) fn message(&mut self) -> &mut T {
+        // SAFETY: the memory of a port is a file, which is zeros when it is made, and in which samples of this type alone are written: its
+        // bytes are initialised. All bytes are a `T`. Nobody else has a sample that is lent and not sent.
+        unsafe { self.0.payload_mut().assume_init_mut() }
+    }
+
+    /// To be sent.
+    pub(crate) fn sample(self) -> SampleMut<S, T, ()> {
+        // SAFETY: as above.
+        unsafe { self.0.assume_init() }
+    }
 }

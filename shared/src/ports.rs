@@ -4,7 +4,7 @@
 //! and maps files when the other side comes or goes.
 
 use crate::futex::{Slept, Waiter, Waker};
-use crate::iceoryx;
+use crate::iceoryx::Lent;
 use crate::instance::{Attachment, Instance, InstanceLock};
 use crate::instance_error::InstanceError;
 use crate::leftovers;
@@ -42,6 +42,8 @@ const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
 /// The daemon's ends of the services.
 #[derive(Debug)]
 pub struct DaemonPorts {
+    /// The message of the next state.
+    next: Mutex<Option<Lent<Service, StateMessage>>>,
     state: Publisher<Service, StateMessage, ()>,
     record: Publisher<Service, CycleRecord, ()>,
     records: publish_subscribe::PortFactory<Service, CycleRecord, ()>,
@@ -87,6 +89,7 @@ impl DaemonPorts {
         let cycle = service::cycle(&node, instance).open_or_create().map_err(Part::Cycle.failed())?;
         let admin = service::admin(&node, instance).open_or_create().map_err(Part::Admin.failed())?;
         Ok(Self {
+            next: Mutex::default(),
             state: state
                 .publisher_builder()
                 .max_loaned_samples(1)
@@ -126,11 +129,29 @@ impl DaemonPorts {
     /// # Errors
     /// When a connection is damaged; the other watchers have it.
     pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
-        let sample = self.state.loan_uninit().map_err(Part::State.failed())?;
+        let ready = locked(&self.next).take();
+        let mut lent = ready.map_or_else(|| self.lend_state(), Ok)?;
         // Most of a message is not in use. To write that, too, would take longer for nothing.
-        let sample = iceoryx::change(sample, |message| message.copy_from(state));
-        sample.send().map_err(Part::State.failed())?;
+        lent.message().copy_from(state);
+        lent.sample().send().map_err(Part::State.failed())?;
         Ok(())
+    }
+
+    /// Makes the message of the next state ready, filled with `state`: its memory is this processor's then, and no longer that of the client
+    /// who read it last, so that [`publish`](Self::publish) is faster. It works without, too. Never blocks.
+    pub fn prepare(&self, state: &StateMessage) {
+        let mut next = locked(&self.next);
+        if next.is_none() {
+            // `publish` tries again, and tells why not.
+            *next = self.lend_state().ok();
+        }
+        if let Some(lent) = &mut *next {
+            lent.message().copy_from(state);
+        }
+    }
+
+    fn lend_state(&self) -> Result<Lent<Service, StateMessage>, ServiceError> {
+        self.state.loan_uninit().map(Lent::new).map_err(Part::State.failed())
     }
 
     /// Somebody records.
@@ -490,9 +511,9 @@ impl SetpointPort {
     /// # Errors
     /// When the connection is damaged.
     pub fn send(&self, setpoint: &SetpointMessage) -> Result<(), ServiceError> {
-        let sample = self.port.loan_uninit().map_err(Part::Setpoint.failed())?;
-        let sample = iceoryx::change(sample, |message| message.copy_from(setpoint));
-        sample.send().map_err(Part::Setpoint.failed())?;
+        let mut lent = self.port.loan_uninit().map(Lent::new).map_err(Part::Setpoint.failed())?;
+        lent.message().copy_from(setpoint);
+        lent.sample().send().map_err(Part::Setpoint.failed())?;
         Ok(())
     }
 }
@@ -607,6 +628,9 @@ mod tests {
             state.joints[..count].fill(JointState { missed: 7, ..JointState::default() });
             ports.publish(&state).unwrap();
             assert!(client.newest_state().unwrap() == Some(state), "{count}");
+            for prepared in 0..count % 3 {
+                ports.prepare(&StateMessage { cycle: prepared as u64, ..state });
+            }
         }
     }
 

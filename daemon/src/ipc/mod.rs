@@ -140,8 +140,11 @@ impl IpcThread {
 
     /// Does what is urgent: publishes the states for the waiting controllers, and fetches the setpoints for the next cycle.
     fn relay(&mut self) {
-        self.publish_states();
+        let has_published = self.publish_states();
         self.fetch_setpoints();
+        if has_published {
+            self.ports.prepare(self.cycle.states.output_buffer());
+        }
     }
 
     /// Sleeps until the cycle has published its states, or [`Schedule::next`] says so.
@@ -184,21 +187,23 @@ impl IpcThread {
         self.count(taken.is_err());
     }
 
-    fn publish_states(&mut self) {
+    /// Returns whether there were new ones.
+    fn publish_states(&mut self) -> bool {
         if !self.cycle.states.update() {
-            return;
+            return false;
         }
         let state = self.cycle.states.output_buffer();
-        self.schedule.observe(state);
-        for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
-            *lease = Lease::from_raw(group.lease);
-        }
         // One damaged connection keeps nobody else asleep.
         let published = self.ports.publish(state).and(self.ports.notify());
         if published.is_ok() && !self.questions.delivered(state, clock::monotonic()) {
             self.cycle.counters.dropped.fetch_add(1, Ordering::Relaxed);
         }
+        self.schedule.observe(state);
+        for (lease, group) in self.leases.iter_mut().zip(&state.groups) {
+            *lease = Lease::from_raw(group.lease);
+        }
         self.count(published.is_err());
+        true
     }
 
     /// Gives every state to the recorders, if there are any.
