@@ -46,6 +46,8 @@ struct FakeDaemon {
     phase: Phase,
     /// Requests that get no answer.
     held: Vec<Request>,
+    /// As described: it cycles at 1 kHz all the same.
+    rate_hz: f64,
 }
 
 impl FakeDaemon {
@@ -145,7 +147,7 @@ impl FakeDaemon {
         RobotDescription {
             pid: std::process::id(),
             boot_id: self.boot_id,
-            rate_hz: 1000.0,
+            rate_hz: self.rate_hz,
             joints: vec![joint("hip"), joint("knee")],
             groups: vec![GroupDescription { name: "leg".into(), joints: vec![0, 1] }],
             ..RobotDescription::default()
@@ -174,10 +176,10 @@ struct Running {
 
 impl Running {
     fn start(runtime: &Path, boot_id: u64) -> Self {
-        Self::start_with(runtime, boot_id, 2)
+        Self::start_with(runtime, boot_id, 2, 1000.0)
     }
 
-    fn start_with(runtime: &Path, boot_id: u64, joint_count: u32) -> Self {
+    fn start_with(runtime: &Path, boot_id: u64, joint_count: u32, rate_hz: f64) -> Self {
         let stop = Arc::new(AtomicBool::new(false));
         let (seen, silent) = (Arc::default(), Arc::<AtomicBool>::default());
         let (mute, excluded) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
@@ -205,6 +207,7 @@ impl Running {
                     cause,
                     phase: Phase::Disarmed,
                     held: vec![],
+                    rate_hz,
                 };
                 let mut tick = Instant::now();
                 while !stop.load(Ordering::Relaxed) {
@@ -666,6 +669,22 @@ fn a_restart_is_told_once_and_survived() {
     });
 }
 
+/// Five cycles of the successor take longer than the silence that the caller has set.
+#[test]
+fn the_silence_that_was_set_stays_when_a_slower_daemon_comes() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = Client::connect_in(place.path(), INSTANCE).unwrap();
+    client.set_silence(Duration::from_millis(200));
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let daemon = Running::start_with(place.path(), 2, 2, 0.1);
+    until("the restart", || matches!(client.wait(PATIENCE), Err(Error::Restarted)).then_some(()));
+    client.wait(PATIENCE).unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    assert!(matches!(until("an error", || client.wait(PATIENCE).err()), Error::Silent { .. }));
+}
+
 #[test]
 fn a_request_after_a_restart_tells_it_instead_of_acting() {
     let place = place();
@@ -778,7 +797,7 @@ fn ten_thousand_cycles_with_a_watcher_that_never_reads_lose_no_memory() {
 #[test]
 fn a_lying_joint_count_reaches_nobody() {
     let place = place();
-    let _daemon = Running::start_with(place.path(), 1, u32::MAX);
+    let _daemon = Running::start_with(place.path(), 1, u32::MAX, 1000.0);
     let client = connect(&place);
     assert_eq!(client.wait(PATIENCE).unwrap().joints().count(), 64);
 }
