@@ -233,6 +233,7 @@ impl Error {
             | Self::NoAnswer { .. }
             | Self::NotStopped { .. } => true,
             Self::Refused { refusal, .. } => refusal.is_transient(),
+            Self::Stopped { stop, .. } => matches!(stop, Stop::Starting),
             // A daemon that starts removes what is damaged, and a client may come in the midst of that.
             Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::Damaged),
             Self::Version { .. }
@@ -243,7 +244,6 @@ impl Error {
             | Self::NotSet { .. }
             | Self::BadSetpoint { .. }
             | Self::OtherClaim
-            | Self::Stopped { .. }
             | Self::NotUnderstood { .. }
             | Self::Instance(_) => false,
         }
@@ -297,8 +297,10 @@ impl Error {
 /// Why a group does not follow setpoints.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Stop {
-    /// No cause is latched: nobody enabled the group since it was last stopped, or it is still starting.
+    /// No cause is latched: nobody enabled the group since it was last stopped.
     Disabled,
+    /// It was enabled, and is still starting.
+    Starting,
     /// It was stopped, and the cause is latched until a reset.
     Cause {
         /// The cause.
@@ -324,6 +326,7 @@ impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Disabled => write!(f, "does not follow setpoints: enable it"),
+            Self::Starting => write!(f, "does not follow setpoints yet: it is starting"),
             Self::Cause { cause, joint, pid } => {
                 let at = match (joint, pid) {
                     (Some(joint), _) => format!(" (joint {joint})"),

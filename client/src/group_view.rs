@@ -70,7 +70,9 @@ impl GroupView<'_> {
         if self.is_active() {
             return Ok(());
         }
-        Err(Error::Stopped { group: self.members.name.clone(), stop: self.stop().unwrap_or(Stop::Disabled) })
+        let starting = self.phase() == Some(Phase::Starting);
+        let stop = self.stop().unwrap_or(if starting { Stop::Starting } else { Stop::Disabled });
+        Err(Error::Stopped { group: self.members.name.clone(), stop })
     }
 
     /// A joint, by its name or slot.

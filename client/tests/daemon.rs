@@ -526,6 +526,23 @@ fn the_group_is_waited_for_and_the_setpoints_go_on_meanwhile() {
 }
 
 #[test]
+fn a_group_that_is_starting_asks_for_patience_and_not_to_be_enabled() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    let error = until("a start", || {
+        claim.enable().unwrap();
+        let state = client.wait(PATIENCE).unwrap();
+        let group = state.of(&claim).unwrap();
+        group.must_be_active().err().filter(|_| group.phase() == Some(Phase::Starting))
+    });
+    assert_eq!(error.to_string(), "group leg does not follow setpoints yet: it is starting");
+    assert!(error.is_transient());
+}
+
+#[test]
 fn a_stop_while_a_group_should_start_is_told_at_once_with_its_cause_and_joint() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
