@@ -179,7 +179,7 @@ impl Client {
     ///
     /// # Errors
     /// [`Error::Service`] when two processes record already, or the connection is damaged; [`Error::NotRunning`] when the
-    /// daemon is gone, or too old to offer records; [`Error::Version`].
+    /// daemon is gone; [`Error::Version`], also when it is too old to offer records.
     pub fn records(&self) -> Result<Records, Error> {
         Records::new(Arc::clone(&self.link))
     }

@@ -269,7 +269,7 @@ impl Error {
         }
     }
 
-    fn version(part: Part, instance: &Instance) -> Self {
+    pub(crate) fn version(part: Part, instance: &Instance) -> Self {
         let daemon = service::layout(instance, part).unwrap_or_else(|| "another version".to_owned());
         Self::Version { service: part.name(), client: env!("CARGO_PKG_VERSION"), daemon }
     }

@@ -497,7 +497,13 @@ impl Link {
     }
 
     pub(crate) fn record_port(&self) -> Result<RecordPort, Error> {
-        self.ports.record_port().map_err(|error| Error::of_service(error, &self.instance))
+        self.ports.record_port().map_err(|error| match error.obstacle {
+            // The daemon is older than this service.
+            Obstacle::Missing if process_exists(self.robot().pid) => {
+                Error::version(error.part, &self.instance)
+            }
+            _ => Error::of_service(error, &self.instance),
+        })
     }
 
     pub(crate) fn setpoint_port(&self) -> Result<SetpointPort, Error> {

@@ -819,6 +819,30 @@ fn a_lying_joint_count_reaches_nobody() {
     assert_eq!(client.wait(PATIENCE).unwrap().joints().count(), 64);
 }
 
+/// Removes the file of the service `record`: a daemon that is older than that service has none.
+fn forget_records(directory: &Path) {
+    for entry in std::fs::read_dir(directory).unwrap().map(Result::unwrap) {
+        let path = entry.path();
+        if path.is_dir() {
+            forget_records(&path);
+        } else if std::fs::read(&path)
+            .is_ok_and(|text| String::from_utf8_lossy(&text).contains("robot/record"))
+        {
+            std::fs::remove_file(&path).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_daemon_that_is_too_old_for_records_is_told_as_another_version() {
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    forget_records(&place.path().join("iox"));
+    let error = client.records().unwrap_err();
+    assert!(matches!(error, Error::Version { service: "record", .. }), "{error}");
+}
+
 #[test]
 fn another_layout_is_told_as_another_version() {
     #[derive(Debug, Clone, Copy, ZeroCopySend)]
