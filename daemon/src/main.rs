@@ -44,7 +44,8 @@ enum Command {
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
         config: PathBuf,
     },
-    /// Damp and stop every motor on a CAN interface once, when no daemon runs. Waits for a dead man's switch that is at it.
+    /// Damp and stop every motor on a CAN interface or serial port once, when no daemon runs. Waits for a dead man's switch that is
+    /// at it.
     SafeStop {
         /// The configuration.
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
