@@ -483,6 +483,23 @@ fn a_daemon_finds_a_switch_that_starts_after_it() {
     registrar.join().unwrap();
 }
 
+#[test]
+fn a_registrar_whose_heartbeat_never_begins_ends_when_it_is_told_to() {
+    let (_directory, instance) = runtime();
+    let (_heartbeat, pulse) = Heartbeat::create().unwrap();
+    let end = Arc::new(AtomicBool::new(false));
+    let ended = Arc::clone(&end);
+    let mut registrar = Registrar::new(instance, safe_frames(), pulse);
+    let registrar = spawn(move || registrar.run(|| ended.load(Ordering::Relaxed)));
+    sleep(Duration::from_millis(100));
+    end.store(true, Ordering::Relaxed);
+    let due = clock::monotonic() + Duration::from_secs(10);
+    while !registrar.is_finished() {
+        assert!(clock::monotonic() < due, "it waits for the heartbeat");
+        sleep(Duration::from_millis(1));
+    }
+}
+
 /// Goal: a robot that requires its switch is told when it is away, when it hangs, and when it is back.
 /// Method: the switch is this thread, which answers the registration, and gives signs of life when it likes.
 #[test]

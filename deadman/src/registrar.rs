@@ -66,6 +66,11 @@ impl Registrar {
         let _refused = keep_only(self.pulse.as_fd());
         (self.lost)(true);
         while !stop() {
+            // The switch refuses a heartbeat that is at rest, and the first cycle begins within a period.
+            if self.pulse.read() == Some(AT_REST) {
+                std::thread::sleep(TURN);
+                continue;
+            }
             match self.register() {
                 Ok(switch) => {
                     tracing::info!("dead man's switch: yes");
@@ -93,10 +98,6 @@ impl Registrar {
     }
 
     fn register(&self) -> Result<Channel, RegistrarError> {
-        // The switch refuses a heartbeat that is at rest, and the first cycle begins within a period.
-        while self.pulse.read() == Some(AT_REST) {
-            std::thread::sleep(TURN);
-        }
         let switch = Channel::connect(&self.instance, PATIENCE).map_err(RegistrarError::NotThere)?;
         switch.send(&Request::Register(self.frames.clone()), Some(&self.pulse))?;
         match switch.receive()?.0 {
