@@ -87,15 +87,14 @@ impl Injector {
     }
 
     fn inject(&mut self, verb: FaultVerb) -> Result<(), FaultLineError> {
-        // The outcome of an earlier verb, which the cycle took too late.
-        let _late = self.outcomes.pop();
-        self.verbs.push(verb).map_err(|_| FaultLineError::Unanswered(PATIENCE))?;
+        self.verbs.push(verb.clone()).map_err(|_| FaultLineError::Unanswered(PATIENCE))?;
         let begun = clock::monotonic();
         while clock::monotonic().since(begun) < PATIENCE {
-            if let Ok((_, outcome)) = self.outcomes.pop() {
-                return Ok(outcome?);
+            match self.outcomes.pop() {
+                Ok((obeyed, outcome)) if obeyed == verb => return Ok(outcome?),
+                // Also the outcome of an earlier verb, which the cycle took too late.
+                Ok(_) | Err(_) => std::thread::sleep(TURN),
             }
-            std::thread::sleep(TURN);
         }
         Err(FaultLineError::Unanswered(PATIENCE))
     }

@@ -46,6 +46,24 @@ fn a_fault_is_obeyed_by_the_bus_of_its_motor_and_a_refusal_comes_back() {
 }
 
 #[test]
+fn the_late_outcome_of_an_earlier_verb_is_not_taken_for_that_of_the_next_one() {
+    let (mut bus, mut injector) = Injector::of(&settings("quadruped-simulated.toml"), 0, 0);
+    std::thread::scope(|scope| {
+        let injects = scope.spawn(move || injector.inject("fl-knee off".parse().unwrap()));
+        while bus.verbs.is_empty() {
+            std::thread::sleep(TURN);
+        }
+        let earlier = ("fl-knee down".parse().unwrap(), Err(InjectError::NotForMotors));
+        assert!(bus.outcomes.push(earlier).is_ok());
+        while !injects.is_finished() {
+            bus.receive(clock::monotonic(), &mut Inbox::new());
+            std::thread::sleep(TURN);
+        }
+        assert_eq!(injects.join().unwrap(), Ok(()));
+    });
+}
+
+#[test]
 fn an_adapter_that_is_plugged_in_again_reports() {
     let (mut buses, mut injectors) = Injectors::open(&settings("quadruped-simulated.toml")).unwrap();
     let mut bus = with_cycle(buses.swap_remove(0), || injectors.obey("front-left gone").unwrap());
