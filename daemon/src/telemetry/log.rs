@@ -130,8 +130,8 @@ impl Log {
                     cycle,
                     motor = self.motors[motor].subject.name,
                     see = "motor-silent",
-                    "has never answered: check its power and wiring, its id and host id, the bit rate, and that it speaks the \
-                     configured protocol"
+                    "has never reported a state: check its power and wiring, its id and host id, the bit rate, that it speaks \
+                     the configured protocol, and its faults"
                 );
             }
             Event::Fault { motor, bits } => self.log_fault(cycle, motor, Faults(bits)),
