@@ -81,9 +81,9 @@ pub(crate) struct Link {
     taken: AtomicU64,
     /// When a state was last taken in, ns of `CLOCK_MONOTONIC`. Before the first state: when one was first looked for, or 0.
     heard_ns: AtomicU64,
-    /// Longest time without a state that is no error, ns: as the caller set it, or 0 for the usual one.
+    /// Longest time without a state that is no error, ns: as the caller set it, or 0 for the default one.
     silence_ns: AtomicU64,
-    usual_silence_ns: AtomicU64,
+    default_silence_ns: AtomicU64,
 }
 
 /// The states that a thread takes in at a time.
@@ -184,7 +184,7 @@ impl Link {
             taken: AtomicU64::new(0),
             heard_ns: AtomicU64::new(0),
             silence_ns: AtomicU64::new(0),
-            usual_silence_ns: AtomicU64::new(nanos(SILENCE_MIN)),
+            default_silence_ns: AtomicU64::new(nanos(SILENCE_MIN)),
         };
         link.read_description()?;
         Ok(link)
@@ -384,7 +384,7 @@ impl Link {
 
     fn silence(&self) -> Duration {
         Duration::from_nanos(match self.silence_ns.load(Ordering::Relaxed) {
-            0 => self.usual_silence_ns.load(Ordering::Relaxed),
+            0 => self.default_silence_ns.load(Ordering::Relaxed),
             set => set,
         })
     }
@@ -523,7 +523,7 @@ impl Link {
             return Err(Error::NotUnderstood { operation: Operation::Describe });
         }
         let cycles = Duration::try_from_secs_f64(SILENCE_CYCLES / robot.rate_hz).unwrap_or(SILENCE_MIN);
-        self.usual_silence_ns.store(nanos(cycles.max(SILENCE_MIN)), Ordering::Relaxed);
+        self.default_silence_ns.store(nanos(cycles.max(SILENCE_MIN)), Ordering::Relaxed);
         let mut known = locked(&self.robot);
         self.boot_id.store(robot.boot_id, Ordering::Release);
         *known = Arc::new(robot);
