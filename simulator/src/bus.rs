@@ -29,7 +29,8 @@ const DESTROYED: Content =
 /// So the same calls give the same bytes, on virtual and on real time.
 ///
 /// - The host's frames wait in a queue, first in first out. Whenever the wire is idle, the frame with the lowest id
-///   that waits anywhere goes next, and takes its exact length. It is delivered when it is complete.
+///   that waits anywhere goes next (on a serial line: the one that waits longest), and takes its exact length. It is delivered
+///   when it is complete.
 /// - Every motor hears every frame, so a motor whose id is the host id of another obeys the answers of that other.
 /// - Two motors may send the same id at once. Equal bytes merge into one frame. Different bytes destroy each other: the wire
 ///   is taken for the length of the frame, the host sees an error frame, and the motors try again one by one.
@@ -286,7 +287,7 @@ impl SimulatedBus {
         self.now = self.now.max(to);
     }
 
-    /// Gives the idle wire to the frame that is ready first by `to`; of several, to the lowest id.
+    /// Gives the idle wire to the frame that is ready first by `to`; of several on CAN, to the lowest id.
     fn arbitrate(&mut self, to: Instant) {
         let Some(first) = self.contenders().map(|contender| contender.ready).min() else { return };
         let start = self.now.max(first);
@@ -294,7 +295,8 @@ impl SimulatedBus {
             return;
         }
         let ready = self.contenders().filter(|contender| contender.ready <= start);
-        let Some(winner) = ready.min_by_key(|contender| (contender.frame.id(), contender.ready)) else {
+        let priority = |frame: Frame| (self.settings.kind == BusKind::Can).then(|| frame.id());
+        let Some(winner) = ready.min_by_key(|contender| (priority(contender.frame), contender.ready)) else {
             return;
         };
         let ends = start + winner.duration;

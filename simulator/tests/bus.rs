@@ -166,6 +166,18 @@ fn a_request_that_nobody_answers_holds_no_other_back_on_a_serial_line() {
     assert_eq!(ids, [1, 0x01, 9, 2, 0x02], "answers bear the low byte of the host id");
 }
 
+#[test]
+fn a_serial_line_knows_no_priority() {
+    let settings =
+        BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
+    let mut bus = SimulatedBus::new(settings, vec![motor(1)], 0);
+    // Nobody has the address 9. The answer becomes ready during the second request, when the third waits already.
+    bus.send(at(0), &[1, 9, 9].map(|id| to(id, [0xB2, 0, 0, 0, 0, 0, 0, 0])));
+    received(&mut bus, at(2000));
+    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    assert_eq!(ids, [1, 9, 9, 0x01], "answers bear the low byte of the host id");
+}
+
 /// 300 cycles of three motors with every kind of fault, read every `interval` microseconds.
 fn life(seed: u64, interval: usize) -> Vec<String> {
     let jitter = Duration::from_micros(20);
