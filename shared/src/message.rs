@@ -246,6 +246,18 @@ impl StateMessage {
         self.reserved = other.reserved;
     }
 
+    /// Writes to the memory in use, which makes it this processor's, before a message is [copied](Self::copy_from) into it.
+    #[cfg(feature = "ports")]
+    pub(crate) fn fetch(&mut self) {
+        let used = (self.joint_count as usize).min(JOINTS_MAX);
+        // Lines of a cache have 64 bytes, a joint has 80.
+        for joint in &mut self.joints[..used] {
+            (joint.position, joint.flags) = (0.0, 0);
+        }
+        (self.cycle, self.groups[0].lease, self.groups[0].late, self.buses[0]) =
+            (0, 0, 0, BusState::default());
+    }
+
     /// The joints in use. A hostile count is cut to the array.
     #[must_use]
     pub fn joints(&self) -> &[JointState] {

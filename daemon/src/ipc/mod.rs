@@ -143,7 +143,7 @@ impl IpcThread {
         let has_published = self.publish_states();
         self.fetch_setpoints();
         if has_published {
-            self.ports.prepare(self.cycle.states.output_buffer());
+            self.ports.prepare();
         }
     }
 
