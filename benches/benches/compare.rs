@@ -56,7 +56,7 @@ enum What {
     Sizes,
     /// So many frames each way, and a checksum of the bytes and values.
     Codec { frames: usize },
-    /// So many round trips of each kind, and wake-ups; or of one kind.
+    /// So many round trips of each kind, or of one; and as many wake-ups beside the deliveries.
     Trips { count: usize, kind: Option<Trip> },
     /// So many cycles of a robot with so many motors.
     Cycles { motors: usize, count: u64 },

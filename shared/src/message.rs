@@ -246,11 +246,12 @@ impl StateMessage {
         self.reserved = other.reserved;
     }
 
-    /// Writes to the memory in use, which makes it this processor's, before a message is [copied](Self::copy_from) into it.
+    /// Writes to most of the cache lines in use, so that this processor holds them before a message is [copied](Self::copy_from) into
+    /// them. The values are lost.
     #[cfg(feature = "ports")]
     pub(crate) fn fetch(&mut self) {
         let used = (self.joint_count as usize).min(JOINTS_MAX);
-        // Lines of a cache have 64 bytes, a joint has 80.
+        // A line has 64 bytes and a joint 80: two writes to each joint reach every line.
         for joint in &mut self.joints[..used] {
             (joint.position, joint.flags) = (0.0, 0);
         }

@@ -137,8 +137,8 @@ impl DaemonPorts {
         Ok(())
     }
 
-    /// Makes the message of the next state ready: its memory is this processor's then, and no longer that of the client who read it last, so that
-    /// [`publish`](Self::publish) is faster. That works without, too. Never blocks.
+    /// Makes the message of the next state ready: the caches of this processor hold it then, and [`publish`](Self::publish) does not wait
+    /// for that of the client who read it last. Publishing works without it, and takes longer. Never blocks.
     pub fn prepare(&self) {
         // `publish` tries again, and tells why not.
         if let Ok(mut lent) = self.lend_state() {

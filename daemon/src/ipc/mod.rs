@@ -138,7 +138,8 @@ impl IpcThread {
         self.give_answers();
     }
 
-    /// Does what is urgent: publishes the states for the waiting controllers, and fetches the setpoints for the next cycle.
+    /// Does what is urgent: publishes the states for the waiting controllers, and fetches the setpoints for the next cycle. After new
+    /// states it makes the message of the next ones ready.
     fn relay(&mut self) {
         let has_published = self.publish_states();
         self.fetch_setpoints();
