@@ -1,6 +1,7 @@
-//! The settings of `motord-core` and the joints they speak of. Core re-exports both modules: most programs import them from there.
+//! The settings of `motord-core` and the joints they speak of. Core re-exports the modules: most programs import them from there.
 //!
 //! - [`settings`]: everything that was configured, checked.
+//! - [`plan`]: the part of each cycle that the buses need.
 //! - [`joint`]: the two sides of a joint, and the one transmission between them.
 //!
 //! Values only: no socket, no thread, no file and no clock.
@@ -8,4 +9,5 @@
 #![forbid(unsafe_code)]
 
 pub mod joint;
+pub mod plan;
 pub mod settings;

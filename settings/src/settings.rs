@@ -233,7 +233,7 @@ impl MotorProtocol {
     }
 }
 
-/// The abilities of a motor that decisions depend on. Its protocol and its vendor stay behind the drive.
+/// The abilities of a motor that decisions and the plan of its bus depend on. Its protocol and its vendor stay behind the drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capabilities {
     /// The motor computes stiffness, damping and torque itself, and takes setpoints in impedance mode only. Else it takes torque,
@@ -250,6 +250,8 @@ pub struct Capabilities {
     /// A state that answers a stop confirms the stop, unless it says that the motor runs. Else the motor confirms a stop by a
     /// message of its own.
     pub state_confirms_stop: bool,
+    /// The fewest bytes of a reply with a state, for the plan of its bus.
+    pub reply_bytes: u32,
 }
 
 impl Capabilities {

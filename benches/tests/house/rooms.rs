@@ -12,9 +12,8 @@ type Rows = &'static [(&'static str, &'static [&'static str])];
 const CORE: Rows = &[
     ("clock", &[]),
     ("control", &[]),
-    ("cycle", &["clock", "control", "drive", "plan", "stopper"]),
+    ("cycle", &["clock", "control", "drive", "stopper"]),
     ("drive", &["control"]),
-    ("plan", &["drive"]),
     ("stopper", &["clock", "drive"]),
 ];
 

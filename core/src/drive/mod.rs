@@ -14,7 +14,6 @@ use crate::joint::{Impedance, Setpoint};
 use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Payload, Question, Verdict};
-use motord_bus::arithmetic::Transaction;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::gim::INDICATORS;
 use motord_protocol::{Profile, Scales};
@@ -32,8 +31,8 @@ pub enum Received {
     Malformed,
 }
 
-/// The abilities of a motor of this vendor that speaks `protocol` with these codes (GIM document 3.2.12: a stop is answered
-/// by a message of its own).
+/// The abilities of a motor of this vendor that speaks `protocol` with these codes. Source: the vendor's profile; GIM document
+/// 3.2.12 (a stop is answered by a message of its own) and table 2 (the bytes of a reply).
 #[must_use]
 pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &Scales) -> Capabilities {
     match protocol {
@@ -44,6 +43,7 @@ pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &S
             answers_fault_question: profile.is_asked_for_faults(),
             indicators: 0,
             state_confirms_stop: true,
+            reply_bytes: profile.reply.lengths[0] as u32,
         },
         MotorProtocol::Gim => Capabilities {
             impedance: false,
@@ -52,16 +52,8 @@ pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &S
             answers_fault_question: true,
             indicators: INDICATORS.len() as u8,
             state_confirms_stop: false,
+            reply_bytes: 8,
         },
-    }
-}
-
-/// The payloads of a command to this motor and of its reply, bytes. Source: MIT document 1.1 and 1.2, GIM document table 2; the
-/// length of a vendor's MIT reply is a fact of its profile.
-pub(crate) const fn transaction(motor: &MotorSettings) -> Transaction {
-    match motor.protocol {
-        MotorProtocol::Mit => Transaction { command: 8, reply: motor.profile.reply.lengths[0] as u32 },
-        MotorProtocol::Gim => Transaction { command: 8, reply: 8 },
     }
 }
 

@@ -8,10 +8,12 @@
 //! cycles: the reply is read when a cycle begins.
 
 use motord_bus::Duration;
-use motord_bus::arithmetic::{SERIAL_FRAME_BITS, utilisation, wire_time};
+use motord_bus::arithmetic::{SERIAL_FRAME_BITS, Transaction, utilisation, wire_time};
 
-use crate::drive;
 use crate::settings::{BusKind, MotorSettings, Settings};
+
+/// The payload of a command (MIT document 1.1, GIM document table 2).
+const COMMAND_BYTES: u32 = 8;
 
 /// Above this fraction of the worst case a bus has too little left for retransmissions and faults: worth a warning.
 pub const WORST_CASE_SOUND: f64 = 0.8;
@@ -112,7 +114,7 @@ struct TransactionBits {
 
 impl TransactionBits {
     fn of(motor: &MotorSettings) -> Self {
-        let transaction = drive::transaction(motor);
+        let transaction = Transaction { command: COMMAND_BYTES, reply: motor.capabilities.reply_bytes };
         Self { worst_case: transaction.worst_case_bits(), unstuffed: transaction.unstuffed_bits() }
     }
 }
