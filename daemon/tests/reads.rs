@@ -16,6 +16,8 @@ struct Reads {
     count: Shared<usize>,
     /// The arrivals that the last one asked for.
     asked: Shared<usize>,
+    /// When the last one was.
+    at: Shared<Instant>,
     /// After the next one a frame comes that nobody awaits.
     is_followed_by_another: Shared<bool>,
 }
@@ -34,6 +36,7 @@ impl Bus for Counted {
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
         self.reads.count.set(self.reads.count.get() + 1);
         self.reads.asked.set(inbox.free());
+        self.reads.at.set(now);
         self.bus.receive(now, inbox);
         if self.reads.is_followed_by_another.take() {
             let frame = Frame::new(FrameId::new(0x77).expect("eleven bits"), &[0; 8]).expect("eight bytes");
@@ -46,8 +49,14 @@ impl Bus for Counted {
     }
 }
 
-/// A robot that is never asked for its faults, and the reads of its first bus; `reads` counts those of all.
-fn counted(mut settings: Settings) -> (Robot, Reads) {
+/// A robot that is never asked for its faults, and the reads of its first bus.
+fn counted(settings: Settings) -> (Robot, Reads) {
+    let (robot, reads) = counted_by_bus(settings);
+    (robot, reads[0].clone())
+}
+
+/// A robot that is never asked for its faults, and the reads of each bus; `count` is that of all.
+fn counted_by_bus(mut settings: Settings) -> (Robot, Vec<Reads>) {
     settings.safety.fault_poll_hz = 0.0;
     let simulated = Robot::new(settings.clone(), 1);
     let count = Shared::default();
@@ -60,7 +69,7 @@ fn counted(mut settings: Settings) -> (Robot, Reads) {
     let mut robot = Robot::on(wires.collect(), simulated.now(), settings);
     robot.buses = simulated.buses;
     robot.steps(100);
-    (robot, reads[0].clone())
+    (robot, reads)
 }
 
 /// The search for a frame that is not there costs the kernel time in every cycle; replies that are late are few.
@@ -83,6 +92,38 @@ fn a_read_asks_for_the_awaited_replies_and_for_all_there_is_while_others_may_com
     assert_eq!(reads.asked.get(), 1, "the others have answered");
     robot.disturb("thigh ok");
     takes_all_for(&mut robot, 51, "a reply that did not come");
+}
+
+/// From the read of the first bus to those of the others, µs, in a cycle that is woken 30 µs before the last replies are expected.
+/// The knee of the last bus answers later than the others by `delay`.
+fn after_the_first_read(delay: &str) -> [u64; 3] {
+    let (mut robot, reads) = counted_by_bus(robot::quadruped());
+    robot.disturb(&format!("rear-right-knee delayed {delay}"));
+    robot.clock.reading.set(Duration::from_micros(1));
+    robot.clock.always_late.set(Duration::from_micros(40));
+    robot.steps(100);
+    robot.clock.always_late.set(Duration::ZERO);
+    reads[0].count.set(0);
+    robot.step();
+    let fresh = (0..12).filter(|&joint| robot.joint(joint).flags & JOINT_FRESH != 0).count();
+    assert_eq!((fresh, reads[0].count.get()), (12, 4), "each bus is read once");
+    [1, 2, 3].map(|bus: usize| reads[bus].at.get().since(reads[0].at.get()).as_micros() as u64)
+}
+
+/// A cycle that is woken too soon for the last replies reads the other buses meanwhile.
+#[test]
+fn a_bus_whose_replies_are_overdue_is_read_while_those_of_another_are_awaited() {
+    // The last reply comes 54 µs after those of the other buses.
+    let [second, third, last] = after_the_first_read("210us");
+    assert!(second <= third && third < 5 && last > 20, "{second}, {third}, {last}");
+}
+
+/// Replies may come a little later than expected, and a read in vain leaves no calls in the budget but a sleep until the deadline.
+#[test]
+fn a_bus_is_not_read_at_the_time_at_which_its_replies_have_mostly_come() {
+    // The last reply comes 19 µs after those of the other buses.
+    let [second, third, last] = after_the_first_read("175us");
+    assert!(second <= third && third <= last && last < 5, "{second}, {third}, {last}");
 }
 
 /// A reply to the command of an earlier cycle may come in any.

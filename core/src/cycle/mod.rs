@@ -41,10 +41,12 @@ const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 /// System calls for waiting and receiving in a cycle, beside those of busy polling: so many per bus, and so many more.
 const CALLS_PER_BUS: usize = 3;
 const CALLS_MORE: usize = 2;
-/// Most reads of the open buses, or of the clock, instead of one sleep, should the clock not move.
+/// Most reads of the open buses, or of the clock for one bus, should the clock not move.
 const READS_MAX: usize = 1000;
-/// The longest time for which a cycle that does not poll is awake before its first read.
+/// The longest time for which a cycle that does not poll is awake for expected replies.
 const AWAKE_MAX: Duration = Duration::from_micros(30);
+/// So long after the expected reply time of a bus its replies have come, jitter included: to look for them costs no read in vain.
+const OVERDUE: Duration = Duration::from_micros(20);
 
 /// Everything the real-time thread owns.
 pub struct Cycle {
@@ -372,32 +374,50 @@ impl Cycle {
         let expected = self.last_of(open, BusChannel::expected).min(deadline);
         let woken = self.sleep_towards(now, expected, AWAKE_MAX);
         let mut calls = CALLS_PER_BUS * buses + CALLS_MORE - 1;
-        let (mut ready, mut now) = (None, self.stay_awake(woken, expected));
+        let mut read = self.receive_expected(open, woken, expected);
         loop {
-            calls = calls.saturating_sub(self.receive(ready, now));
+            calls = calls.saturating_sub(read);
             open = self.open_buses();
             if !open.any() || calls == 0 {
                 return open;
             }
-            now = self.clock.now();
+            let (mut ready, mut now) = (open, self.clock.now());
             // A last sleep, and a read of each open bus after it.
             let last = 1 + open.count();
             let kept = if now < deadline { last } else { 0 };
-            ready = Some(open);
-            if self.is_cut_short(open) && calls >= open.count() + kept {
+            if !self.is_cut_short(open) || calls < open.count() + kept {
+                if now >= deadline {
+                    return open;
+                }
+                // Enough is left for a wait that ends with a read of each open bus, or only for the last sleep.
+                match calls >= 2 * last {
+                    true => ready = self.wait(open, deadline),
+                    false => self.clock.sleep_until(deadline),
+                }
+                calls = calls.saturating_sub(1);
+                now = self.clock.now();
+            }
+            read = self.receive(Some(ready), now);
+        }
+    }
+
+    /// Reads each bus but the lines, in the order of the configuration, from `now` on: an `open` one when the last replies of all are
+    /// `expected`, or [`OVERDUE`] after its own: reads that find replies missing leave too few calls to wait for them. Until then it stays awake. Returns how many were read. One system call for each of
+    /// them; bounded by their inboxes, and by [`READS_MAX`] readings of the clock for each.
+    fn receive_expected(&mut self, open: Ready, mut now: Instant, expected: Instant) -> usize {
+        let mut read = 0;
+        for bus in 0..self.channels.len() {
+            let channel = &self.channels[bus];
+            if channel.is_line() {
                 continue;
             }
-            if now >= deadline {
-                return open;
+            if open.contains(bus) {
+                now = self.stay_awake(now, expected.min(channel.expected() + OVERDUE));
             }
-            // Enough is left for a wait that ends with a read of each open bus, or only for the last sleep.
-            match calls >= 2 * last {
-                true => ready = Some(self.wait(open, deadline)),
-                false => self.clock.sleep_until(deadline),
-            }
-            calls = calls.saturating_sub(1);
-            now = self.clock.now();
+            read += 1;
+            self.read(bus, now);
         }
+        read
     }
 
     /// Replies may have been left unread on an `open` bus, behind something else. No system call; the next read takes them.
@@ -419,8 +439,7 @@ impl Cycle {
         woken
     }
 
-    /// Reads the clock from `now` until `time`, at most [`READS_MAX`] times: a read of the buses that finds replies missing costs
-    /// more calls than the budget has for a second one. Returns the last reading.
+    /// Reads the clock from `now` until `time`, at most [`READS_MAX`] times. Returns the last reading.
     fn stay_awake(&self, mut now: Instant, time: Instant) -> Instant {
         for _ in 0..READS_MAX {
             if now >= time {
