@@ -191,6 +191,7 @@ impl Correlator {
     }
 
     /// A payload arrived at `at`.
+    #[inline(always)]
     pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Verdict {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match payload {
@@ -209,6 +210,7 @@ impl Correlator {
     }
 
     /// The payload may answer the open request.
+    #[inline(always)]
     fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Verdict {
         match (open.question, payload) {
             (_, Payload::Unreadable) | (Question::State, Payload::Report) => Verdict::Malformed,

@@ -89,6 +89,7 @@ impl Mit {
     }
 
     /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
+    #[inline(always)]
     pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
         let command = match command {
             Command::Nothing => {
@@ -135,6 +136,7 @@ impl Mit {
     }
 
     /// The control frame for an impedance, clamped to the ranges of the codes.
+    #[inline(always)]
     fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
         // Without stiffness the position means nothing, so it is sent as zero: 0x80, the first byte of zero, is no
         // native command, should this motor have left MIT mode unseen (protocol note 1.3).
@@ -171,6 +173,7 @@ impl Mit {
     }
 
     /// Takes `state` as the newest, and gives it for the joint.
+    #[inline(always)]
     fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
         self.last = Some(Last { position: state.position, velocity: state.velocity, at });
         let position = self.unwrap.as_mut().map_or(state.position, |unwrap| unwrap.position(state.position));
@@ -179,6 +182,7 @@ impl Mit {
         Reported::State(self.transmission.to_joint(&motor), latency, status)
     }
 
+    #[inline(always)]
     pub(super) fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
         if !payload.is_empty() && !self.profile.is_from(self.id, payload) {
             return Payload::OtherId;
@@ -195,6 +199,7 @@ impl Mit {
         }
     }
 
+    #[inline(always)]
     pub(super) fn accept(
         &mut self,
         payload: &[u8],

@@ -168,6 +168,7 @@ impl Dialect {
     /// The kind of a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
     /// out to be late. A continuation of the motion is told apart from a plain reply only where it matters: to a fault
     /// request.
+    #[inline(always)]
     fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
         match self {
             Self::Mit(mit) => mit.classify(payload, at, open),
@@ -176,6 +177,7 @@ impl Dialect {
     }
 
     /// Takes a payload of a known kind as the answer to `question`, `latency` after that was sent.
+    #[inline(always)]
     fn accept(&mut self, payload: &[u8], question: Question, at: Instant, latency: Duration) -> Reported {
         match self {
             Self::Mit(mit) => mit.accept(payload, question, at, latency),

@@ -72,7 +72,7 @@ impl Motor {
         if !previous.pulls() {
             previous.values.position = measured.position;
         }
-        if previous.mode != SetpointMode::Speed {
+        if wanted.mode == SetpointMode::Speed && previous.mode != SetpointMode::Speed {
             let most = self.settings.limits.velocity;
             previous.values.velocity = measured.velocity.clamp(-most, most);
         }

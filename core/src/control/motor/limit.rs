@@ -125,15 +125,16 @@ impl Limiter {
         Applied { setpoint: Setpoint { values: self.value, mode: self.mode }, limits: self.acted }
     }
 
+    #[inline(always)]
     fn clamp(&mut self, limits: &LimitSettings) {
         let Impedance { position, velocity, kp, kd, torque, .. } = self.value;
         let [low, high] = limits.position;
         self.value = Impedance::new(
-            self.within(Limit::Position, position, low, high),
-            self.within(Limit::Velocity, velocity, -limits.velocity, limits.velocity),
-            self.within(Limit::Kp, kp, 0.0, limits.kp),
-            self.within(Limit::Kd, kd, 0.0, limits.kd),
-            self.within(Limit::Torque, torque, -limits.torque, limits.torque),
+            self.between(Limit::Position, position, low, high),
+            self.around(Limit::Velocity, velocity, 0.0, limits.velocity),
+            self.between(Limit::Kp, kp, 0.0, limits.kp),
+            self.between(Limit::Kd, kd, 0.0, limits.kd),
+            self.around(Limit::Torque, torque, 0.0, limits.torque),
         );
     }
 
@@ -147,17 +148,12 @@ impl Limiter {
     fn slew(&mut self, circumstances: &Circumstances<'_>) {
         let Circumstances { limits, previous, elapsed, .. } = *circumstances;
         let Impedance { position, kp, kd, torque, .. } = self.value;
-        let step = |from: f32, rate: f32| (from - rate * elapsed, from + rate * elapsed);
-        let (position_low, position_high) = step(previous.position, limits.velocity);
-        let (kp_low, kp_high) = step(previous.kp, limits.kp_slew);
-        let (kd_low, kd_high) = step(previous.kd, limits.kd_slew);
-        let (torque_low, torque_high) = step(previous.torque, limits.torque_slew);
         self.value = Impedance::new(
-            self.within(Limit::PositionSlew, position, position_low, position_high),
+            self.around(Limit::PositionSlew, position, previous.position, limits.velocity * elapsed),
             self.slewed_velocity(circumstances),
-            self.within(Limit::KpSlew, kp, kp_low, kp_high),
-            self.within(Limit::KdSlew, kd, kd_low, kd_high),
-            self.within(Limit::TorqueSlew, torque, torque_low, torque_high),
+            self.around(Limit::KpSlew, kp, previous.kp, limits.kp_slew * elapsed),
+            self.around(Limit::KdSlew, kd, previous.kd, limits.kd_slew * elapsed),
+            self.around(Limit::TorqueSlew, torque, previous.torque, limits.torque_slew * elapsed),
         );
     }
 
@@ -183,10 +179,10 @@ impl Limiter {
         let [low, high] = limits.position;
         let upward = if measured.position < high { limits.velocity } else { 0.0 };
         let downward = if measured.position > low { limits.velocity } else { 0.0 };
-        let within = self.within(Limit::Position, velocity, -downward, upward);
-        let step = limits.velocity / SPEED_RISE * elapsed;
-        let slewed = self.within(Limit::Velocity, within, previous.velocity - step, previous.velocity + step);
-        self.within(Limit::StartRamp, slewed, -ramp * limits.velocity, ramp * limits.velocity)
+        let within = self.between(Limit::Position, velocity, -downward, upward);
+        let slewed =
+            self.around(Limit::Velocity, within, previous.velocity, limits.velocity / SPEED_RISE * elapsed);
+        self.around(Limit::StartRamp, slewed, 0.0, ramp * limits.velocity)
     }
 
     fn bound(&mut self, torque_max: f32, measured: &Measured<Joint>) {
@@ -210,11 +206,36 @@ impl Limiter {
         self.value.torque *= factor;
     }
 
-    fn within(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
-        // Comparisons of this form are one instruction each. What is no number becomes the lower end.
-        let inside = if value > low { value } else { low };
-        let inside = if inside < high { inside } else { high };
+    /// Not below `low`, and not above `high`.
+    #[inline(always)]
+    fn between(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
+        if value >= low && value <= high {
+            return value;
+        }
+        self.bounded(limit, value, low, high)
+    }
+
+    /// At most `most` away from `centre`.
+    #[inline(always)]
+    fn around(&mut self, limit: Limit, value: f32, centre: f32, most: f32) -> f32 {
+        if (value - centre).abs() <= most {
+            return value;
+        }
+        self.bounded(limit, value, centre - most, centre + most)
+    }
+
+    /// The value within the bounds that is next to `value`. One that is no number becomes the lower bound.
+    #[inline(always)]
+    fn bounded(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
+        let inside = nearest(value, low, high);
         self.acted |= if inside == value { 0 } else { limit.bit() };
         inside
     }
+}
+
+/// Limits seldom act.
+#[cold]
+fn nearest(value: f32, low: f32, high: f32) -> f32 {
+    let inside = if value > low { value } else { low };
+    if inside < high { inside } else { high }
 }

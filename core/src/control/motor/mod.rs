@@ -260,6 +260,7 @@ impl Motor {
     ///
     /// # Errors
     /// The cause for which its group must be stopped.
+    #[inline(always)]
     pub(super) fn report_state(
         &mut self,
         reported: Measured<Joint>,
@@ -286,13 +287,14 @@ impl Motor {
         cause.or(off).map_or(Ok(()), Err)
     }
 
+    #[inline(always)]
     fn judge(&mut self, reported: Measured<Joint>, at: Instant) -> Verdict {
         // A step is expected while the zero is being moved.
         let zeroing = self.request.is_some_and(|request| request.kind == Kind::SetZero);
         let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
         let setpoint = &self.applied.setpoint;
         let pulled_to = setpoint.pulls().then_some(setpoint.values.position);
-        let active = self.mode == Mode::Active;
+        let active = matches!(self.mode, Mode::Active);
         let expected = Expectation { settings: &self.settings, before, pulled_to, active };
         self.plausibility.judge(reported, at, &expected)
     }
@@ -318,7 +320,7 @@ impl Motor {
             Mode::Starting(start) => start.answered(runs != Some(false)),
             _ => {}
         }
-        let is_off = self.mode == Mode::Active && runs == Some(false);
+        let is_off = matches!(self.mode, Mode::Active) && runs == Some(false);
         self.off_states = if is_off { self.off_states.saturating_add(1) } else { 0 };
         self.confirm_zero(cx);
     }
@@ -419,12 +421,19 @@ impl Motor {
     }
 
     /// Its turn is over. Returns whether the motor is lost by its silence.
+    #[inline(always)]
     pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
         self.plausibility.end_turn();
         if self.replies.answered() {
             self.replies.unanswered = 0;
             return false;
         }
+        self.end_unanswered_turn(cx)
+    }
+
+    /// Its turn is over without a state. Returns whether the motor is lost by its silence.
+    #[cold]
+    fn end_unanswered_turn(&mut self, cx: &Context) -> bool {
         self.replies.age(cx.publications);
         let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
         // It answers, but has reported no state for too long while it is meant to move: it refuses its commands.

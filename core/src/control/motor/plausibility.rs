@@ -93,6 +93,7 @@ pub(super) enum Verdict {
 
 impl Plausibility {
     /// Judges `reported`, which came at `at`. Constant time.
+    #[inline(always)]
     pub(super) fn judge(
         &mut self,
         reported: Measured<Joint>,
@@ -139,6 +140,7 @@ impl Plausibility {
         (reported.position - before.position).abs() > reach
     }
 
+    #[inline(always)]
     fn cause(
         &mut self,
         reported: &Measured<Joint>,
