@@ -560,11 +560,21 @@ fn too_few_descriptors_are_an_error_before_anything_moves() {
     }
 }
 
+/// Waits for the first reply of the arm's motor: before it, the motor is offline and a reset is refused.
+fn answering(daemon: &Daemon) {
+    let (begun, mut operator) = (Instant::now(), Operator::of(daemon));
+    while !(operator.refresh() && operator.state.joints[0].position.is_finite()) {
+        assert!(begun.elapsed() < PATIENCE, "the motor does not answer");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
 /// Goal: a daemon that is ready serves as many clients as there are places, whatever the soft limit is.
 #[test]
 fn a_daemon_that_is_ready_has_descriptors_for_every_client() {
     let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());
     daemon.must_say(READY);
+    answering(&daemon);
     let mut operators = Vec::new();
     for _ in 0..ADMINS_MAX - STOP_PLACES {
         let mut operator = Operator::of(&daemon);
