@@ -26,6 +26,15 @@ apt() {
     rm "$log"
 }
 
+# User Mode Linux 6.1 ends at its first program on a processor with AMX: it cannot restore that many registers (put_fp_registers).
+uml_runs() { ! grep -qw amx_tile /proc/cpuinfo; }
+
+must_run_uml() {
+    uml_runs && return
+    echo "$(basename "$0"): User Mode Linux 6.1 does not run on a processor with AMX: use another machine" >&2
+    exit 125
+}
+
 # takes_no_longer QUIET RUN: the median cycle of RUN is at most 1.25 times that of QUIET; runs differ by 5 %. Both are files of
 # `motorctl latency --json`. Missed ticks tell of this machine's other work, too, and are not judged.
 takes_no_longer() { jq -s -e '.[1].cycle_us.p50 <= 1.25 * .[0].cycle_us.p50' "$1" "$2" >/dev/null; }
