@@ -45,7 +45,7 @@ const CALLS_MORE: usize = 2;
 const READS_MAX: usize = 1000;
 /// The longest time for which a cycle that does not poll is awake for expected replies.
 const AWAKE_MAX: Duration = Duration::from_micros(30);
-/// So long after the expected reply time of a bus its replies have come, jitter included: to look for them costs no read in vain.
+/// So long after the expected reply time of a bus, replies that are a little late have come, too. To read it then is seldom in vain.
 const OVERDUE: Duration = Duration::from_micros(20);
 
 /// Everything the real-time thread owns.
@@ -385,7 +385,8 @@ impl Cycle {
             // A last sleep, and a read of each open bus after it.
             let last = 1 + open.count();
             let kept = if now < deadline { last } else { 0 };
-            if !self.is_cut_short(open) || calls < open.count() + kept {
+            let reads_on = self.is_cut_short(open) && calls >= open.count() + kept;
+            if !reads_on {
                 if now >= deadline {
                     return open;
                 }
@@ -401,9 +402,10 @@ impl Cycle {
         }
     }
 
-    /// Reads each bus but the lines, in the order of the configuration, from `now` on: an `open` one when the last replies of all are
-    /// `expected`, or [`OVERDUE`] after its own: reads that find replies missing leave too few calls to wait for them. Until then it stays awake. Returns how many were read. One system call for each of
-    /// them; bounded by their inboxes, and by [`READS_MAX`] readings of the clock for each.
+    /// Reads each bus but the lines from `now` on, in the order of the configuration. An `open` one is read when the last replies of all
+    /// are `expected`, or [`OVERDUE`] after its own were, and the cycle stays awake until then: reads that find replies missing leave
+    /// too few calls to wait for them. Returns how many were read. One system call for each of them; bounded by their inboxes, and by
+    /// [`READS_MAX`] readings of the clock for each.
     fn receive_expected(&mut self, open: Ready, mut now: Instant, expected: Instant) -> usize {
         let mut read = 0;
         for bus in 0..self.channels.len() {
