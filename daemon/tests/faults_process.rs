@@ -561,7 +561,7 @@ fn too_few_descriptors_are_an_error_before_anything_moves() {
 }
 
 /// Waits for the first reply of the arm's motor: before it, the motor is offline and a reset is refused.
-fn answering(daemon: &Daemon) {
+fn await_the_first_reply(daemon: &Daemon) {
     let (begun, mut operator) = (Instant::now(), Operator::of(daemon));
     while !(operator.refresh() && operator.state.joints[0].position.is_finite()) {
         assert!(begun.elapsed() < PATIENCE, "the motor does not answer");
@@ -574,7 +574,7 @@ fn answering(daemon: &Daemon) {
 fn a_daemon_that_is_ready_has_descriptors_for_every_client() {
     let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());
     daemon.must_say(READY);
-    answering(&daemon);
+    await_the_first_reply(&daemon);
     let mut operators = Vec::new();
     for _ in 0..ADMINS_MAX - STOP_PLACES {
         let mut operator = Operator::of(&daemon);
