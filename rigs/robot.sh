@@ -9,23 +9,26 @@ robots_times=({cycle.max-lateness,safety.setpoint-timeout,safety.deadman,safety.
 
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
-# read_ahead COMMAND...: reads these programs, those of the rig and their libraries, so that to start one needs no disk.
-read_ahead() {
+# into_memory COMMAND...: brings these programs, those of the rig, their libraries, and the linker's cache into the guest's memory. What
+# is changed in /usr and /etc stays in memory, and a time of access is such a change.
+into_memory() {
     local files
     files=$(for command; do type -P "$command" || true; done; find . -type f -perm -1)
-    { echo "$files" && echo "$files" | xargs ldd 2>/dev/null | grep -o '/[^ ]*' | sort -u; } | tr -d ':' | xargs cat >/dev/null 2>&1 || true
+    files+=$'\n'$(echo "$files" | xargs ldd 2>/dev/null | grep -o '/[^ ]*' || true) # scripts have no libraries
+    echo "$files" | tr -d ':' | sort -u | xargs touch -ac /etc/ld.so.cache
+    echo "$files" | xargs touch -ach
 }
 
-# In the guest a rig works in memory, with programs that were read before: the guest's time runs ahead while it waits for
-# this machine's disk. What it leaves in its folder goes back to this machine.
+# In the guest a rig works in memory, with programs that are there, too: the guest's time runs ahead while it waits for
+# this machine. What it leaves in its folder goes back to this machine.
 if inside; then
     mkdir /tmp/robot
     cp -a "$RIG_PLACE/." /tmp/robot
     cd /tmp/robot
     trap 'cp -au . "$RIG_PLACE"' EXIT
-    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=/tmp/robot:$PATH
+    export MOTORD_RUNTIME_DIR=/run/motord-rig PATH=/tmp/robot:/usr/sbin:/usr/bin:/sbin:/bin
     mkdir -m 700 "$MOTORD_RUNTIME_DIR"
-    read_ahead bash awk cat chrt candump cangen cut date env grep ip jq kill ldd ls pgrep sed setpriv sleep sort strace tail wc xargs
+    into_memory bash awk cat chrt candump cangen cut date env grep ip jq kill ldd ls pgrep sed setpriv sleep sort strace tail wc xargs
 fi
 
 # run_inside SCRIPT [SECTION.KEY=[VALUE]...]: builds the programs and runs the script in a guest, with these settings in the
@@ -93,6 +96,7 @@ raise_ksoftirqd() { pgrep ksoftirqd | xargs -n 1 chrt --fifo --pid 79; }
 start_simulator() {
     raise_ksoftirqd
     # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
+    : >simulator.log
     chrt --fifo 40 motord-sim --config "${1:-robot.toml}" --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
     await "motord-sim is ready" grep -q ready simulator.log
