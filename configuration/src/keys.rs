@@ -82,7 +82,7 @@ sections! {
             "`timed` wakes when states are ready and before each cycle. `spin` polls, and needs a processor of its own.";
         "lead-us" lead_us: f64, "µs" = is(20.0).within(10.0, 10_000.0),
             "Setpoints that are sent until this long before a cycle are used in it. Shorter than a cycle.";
-        "busy-poll-us" busy_poll_us: f64, "µs" = is(30.0).within(0.0, 1000.0),
+        "busy-poll-us" busy_poll_us: f64, "µs" = is(60.0).within(0.0, 1000.0),
             "`timed`: while somebody owns a group, the IPC thread polls for the states of each cycle, for at most this long, so that it publishes them at once. Shorter than a cycle. 0 never polls. Costs and gains: [decision 24](adr/0024-the-ipc-thread-polls-for-the-states.md).";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the IPC thread is pinned to. With `spin` not that of the cycle.";

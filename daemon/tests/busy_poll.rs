@@ -73,6 +73,19 @@ fn states_are_not_published_later_on_a_computer_whose_wake_ups_are_always_late()
     );
 }
 
+#[test]
+fn cycles_begin_at_their_ticks_on_a_computer_whose_wake_ups_are_always_late() {
+    let mut robot = Robot::new(robot::three_motors(), 1);
+    robot.clock.reading.set(Duration::from_nanos(100));
+    robot.clock.always_late.set(Duration::from_micros(25));
+    robot.steps(CYCLES as usize);
+    for _ in 0..CYCLES {
+        robot.steps(1);
+        let late = Duration::from_nanos(robot.state().wake_latency_ns);
+        assert!(late < Duration::from_micros(1), "{late:?} after the tick");
+    }
+}
+
 /// A motor that is offline is asked ten times a second, and only then its reply is awaited.
 #[test]
 fn a_motor_that_is_not_there_delays_the_states_of_the_others_in_one_cycle_of_a_hundred() {

@@ -41,10 +41,12 @@ const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 /// System calls for waiting and receiving in a cycle, beside those of busy polling: so many per bus, and so many more.
 const CALLS_PER_BUS: usize = 3;
 const CALLS_MORE: usize = 2;
-/// Most reads of the open buses, or of the clock for one bus, should the clock not move.
+/// Most reads of the open buses, or of the clock for one time, should the clock not move.
 const READS_MAX: usize = 1000;
-/// The longest time for which a cycle that does not poll is awake for expected replies.
-const AWAKE_MAX: Duration = Duration::from_micros(30);
+/// The longest time for which a cycle that does not poll is awake for expected replies, and each cycle for its tick.
+const AWAKE_MAX: Duration = Duration::from_micros(50);
+/// It is no longer than the period divided by this.
+const PERIODS_PER_AWAKE: u32 = 20;
 /// So long after the expected reply time of a bus, replies that are a little late have come, too. To read it then is seldom in vain.
 const OVERDUE: Duration = Duration::from_micros(20);
 
@@ -60,8 +62,10 @@ pub struct Cycle {
     link: Link,
     stopper: Stopper,
     missed_ticks: u64,
+    /// How late the sleeps for ticks end.
+    tick_lateness: Lateness,
     /// How late the sleeps for replies end.
-    lateness: Lateness,
+    reply_lateness: Lateness,
     backoff: Backoff,
     polled: Polled,
     boot_id: u64,
@@ -82,6 +86,8 @@ struct Timing {
     stale_after: Duration,
     /// Time for which the buses are polled for the last replies of a cycle, without a sleep.
     busy_poll: Duration,
+    /// The longest time for which a cycle is awake instead of asleep until a known time.
+    awake: Duration,
 }
 
 impl Timing {
@@ -92,8 +98,16 @@ impl Timing {
             reply_deadline: settings.cycle.reply_deadline,
             stale_after: settings.cycle.max_lateness.min(settings.safety.deadman),
             busy_poll: settings.cycle.busy_poll,
+            awake: longest_awake(settings),
         }
     }
+}
+
+/// On a single processor half of the lead is left to the ipc thread, which fetches the setpoints before the tick.
+fn longest_awake(settings: &Settings) -> Duration {
+    let has_others = std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1);
+    let lead = if has_others { Duration::MAX } else { settings.ipc.lead / 2 };
+    AWAKE_MAX.min(settings.cycle.period / PERIODS_PER_AWAKE).min(lead)
 }
 
 impl Cycle {
@@ -125,7 +139,8 @@ impl Cycle {
             link,
             stopper: Stopper::new(frames, settings.safety.damp),
             missed_ticks: 0,
-            lateness: Lateness::default(),
+            tick_lateness: Lateness::default(),
+            reply_lateness: Lateness::default(),
             backoff: Backoff::default(),
             polled: Polled::default(),
             boot_id,
@@ -190,7 +205,7 @@ impl Cycle {
     ///
     /// Real-time: does not allocate; blocks only in the clock, at most until the replies are overdue.
     pub fn run(&mut self, tick: Tick) -> Tick {
-        self.clock.sleep_until(tick.at);
+        self.await_tick(tick.at);
         let (begun, suspended) = self.clock.now_and_suspended();
         let missed = nanos(begun.since(tick.at)) / nanos(self.timing.period);
         let missed = u32::try_from(missed).unwrap_or(u32::MAX);
@@ -204,6 +219,26 @@ impl Cycle {
             suspended,
         });
         reached.later(1, self.timing.period)
+    }
+
+    /// Sleeps until `tick`, less the time by which this thread is usually woken late, and stays awake for the rest. One system call,
+    /// and one more should the clock not move.
+    fn await_tick(&mut self, tick: Instant) {
+        let due = tick - self.early();
+        let sleeps = self.clock.now() < due;
+        self.clock.sleep_until(due);
+        let woken = self.clock.now();
+        if sleeps {
+            self.tick_lateness.observe(due, woken);
+        }
+        if self.stay_awake(woken, tick) < tick {
+            self.clock.sleep_until(tick);
+        }
+    }
+
+    /// So long before a tick its sleep ends.
+    fn early(&self) -> Duration {
+        self.tick_lateness.expected().min(self.timing.awake)
     }
 
     /// The phases of one cycle. Real-time: does not allocate; blocks only in the clock, while replies are awaited. Bounded by
@@ -222,7 +257,8 @@ impl Cycle {
         self.publish(wake, transmitted);
         self.control.published();
         if self.control.asks_questions() {
-            self.ask(open, wake.scheduled + self.timing.period);
+            // The replies are waited for as long as the cycle would sleep until its next tick.
+            self.ask(open, wake.scheduled + self.timing.period - self.early());
         }
     }
 
@@ -372,7 +408,7 @@ impl Cycle {
     fn gather(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
         let buses = self.channels.len() - self.lines.len();
         let expected = self.last_of(open, BusChannel::expected).min(deadline);
-        let woken = self.sleep_towards(now, expected, AWAKE_MAX);
+        let woken = self.sleep_towards(now, expected, self.timing.awake);
         let mut calls = CALLS_PER_BUS * buses + CALLS_MORE - 1;
         let mut read = self.receive_expected(open, woken, expected);
         loop {
@@ -431,13 +467,13 @@ impl Cycle {
     /// Sleeps from `now` until `time`, less the time by which this thread is usually woken late, but less at most `shorter`.
     /// Returns the time after it. At most one system call.
     fn sleep_towards(&mut self, now: Instant, time: Instant, shorter: Duration) -> Instant {
-        let due = time - self.lateness.expected().min(shorter);
+        let due = time - self.reply_lateness.expected().min(shorter);
         if due <= now {
             return now;
         }
         self.clock.sleep_until(due);
         let woken = self.clock.now();
-        self.lateness.observe(due, woken);
+        self.reply_lateness.observe(due, woken);
         woken
     }
 

@@ -110,6 +110,8 @@ pub struct Virtual {
     pub waits: Shared<u32>,
     /// How much too late the next sleep ends.
     pub late: Shared<Duration>,
+    /// The next sleep ends at this time, unless it is to end later.
+    pub wakes_at: Shared<Option<Instant>>,
     /// How much too late every sleep ends.
     pub always_late: Shared<Duration>,
     /// How long the computer was suspended.
@@ -140,7 +142,8 @@ impl Clock for Virtual {
 
     fn sleep_until(&mut self, instant: Instant) {
         self.waits.set(self.waits.get() + 1);
-        self.now.set(self.now.get().max(instant + self.late.take() + self.always_late.get()));
+        let end = self.wakes_at.take().unwrap_or(instant).max(instant);
+        self.now.set(self.now.get().max(end + self.late.take() + self.always_late.get()));
     }
 
     fn wait(&mut self, readiness: &[Readiness<'_>], until: Instant) -> Ready {
@@ -239,6 +242,7 @@ impl Robot {
             reading: Shared::default(),
             waits: Shared::default(),
             late: Shared::default(),
+            wakes_at: Shared::default(),
             always_late: Shared::default(),
             suspended: Shared::default(),
             broken: Shared::default(),
@@ -515,9 +519,9 @@ impl Robot {
         self.clock.suspended.set(self.clock.suspended.get() + time);
     }
 
-    /// The next sleep of the cycle ends this much too late.
+    /// The next sleep of the cycle ends so long after its tick.
     pub fn oversleep(&mut self, late: Duration) {
-        self.clock.late.set(late);
+        self.clock.wakes_at.set(Some(self.next() + late));
     }
 }
 
