@@ -23,7 +23,8 @@ impl Lateness {
         let Self { expected } = *self;
         self.expected = match late > expected {
             true => expected + (late - expected) / Self::RISE,
-            false => expected - (expected - late) / Self::FALL,
+            // Rounded up, so that it reaches zero on a computer that is never late.
+            false => expected - (expected - late).div_ceil(Self::FALL),
         };
     }
 
@@ -152,6 +153,11 @@ mod tests {
         let mut lateness = Lateness::default();
         sleeps.for_each(|late| lateness.observe(Instant::ZERO, Instant::from_nanos(1000 * late)));
         lateness.expected()
+    }
+
+    #[test]
+    fn a_computer_that_is_no_longer_late_is_not_thought_late_for_ever() {
+        assert_eq!(after([50_000].into_iter().chain([0; 1000])), Duration::ZERO);
     }
 
     #[test]
