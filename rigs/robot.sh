@@ -9,18 +9,20 @@ robots_times=({cycle.max-lateness,safety.setpoint-timeout,safety.deadman,safety.
 
 inside() { [ -n "${RIG_PLACE:-}" ]; }
 
-# into_memory COMMAND...: brings these programs, those of the rig, their libraries, and the linker's cache into the guest's memory. What
-# is changed in /usr and /etc stays in memory, and a time of access is such a change.
+# into_memory COMMAND...: brings these programs, those of the rig, their libraries, and the linker's cache into the guest's memory. A file
+# of /usr or /etc is copied there when it changes, and a new time of access is a change.
 into_memory() {
     local files
     files=$(for command; do type -P "$command" || true; done; find . -type f -perm -1)
-    files+=$'\n'$(echo "$files" | xargs ldd 2>/dev/null | grep -o '/[^ ]*' || true) # scripts have no libraries
-    echo "$files" | tr -d ':' | sort -u | xargs touch -ac /etc/ld.so.cache
-    echo "$files" | xargs touch -ach
+    files+=$'\n'$(echo "$files" | xargs ldd 2>/dev/null | grep -o '/[^ :]*' || true) # scripts have no libraries
+    files=$(sort -u <<<"$files")
+    # The files, and the links that lead to them.
+    xargs touch -ac /etc/ld.so.cache <<<"$files"
+    xargs touch -ach <<<"$files"
 }
 
-# In the guest a rig works in memory, with programs that are there, too: the guest's time runs ahead while it waits for
-# this machine. What it leaves in its folder goes back to this machine.
+# In the guest a rig works in memory, and its programs are there, too: the guest's time runs ahead while it waits for
+# this machine. What the rig leaves in its folder goes back to this machine.
 if inside; then
     mkdir /tmp/robot
     cp -a "$RIG_PLACE/." /tmp/robot
@@ -95,8 +97,8 @@ raise_ksoftirqd() { pgrep ksoftirqd | xargs -n 1 chrt --fifo --pid 79; }
 # start_simulator [FILE]: starts simulated motors on the CAN interfaces of FILE, of robot.toml. The process id is $simulator.
 start_simulator() {
     raise_ksoftirqd
-    # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
     : >simulator.log
+    # The emulated kernel is slower than the wire: the motors leave it the time that a wire would take.
     chrt --fifo 40 motord-sim --config "${1:-robot.toml}" --wire-bitrate 8000000 </dev/null >simulator.log 2>&1 &
     simulator=$!
     await "motord-sim is ready" grep -q ready simulator.log

@@ -41,11 +41,11 @@ const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 /// System calls for waiting and receiving in a cycle, beside those of busy polling: so many per bus, and so many more.
 const CALLS_PER_BUS: usize = 3;
 const CALLS_MORE: usize = 2;
-/// Most reads of the open buses, or of the clock for one time, should the clock not move.
+/// Most reads of the open buses, or of the clock in one wait, should the clock not move.
 const READS_MAX: usize = 1000;
-/// The longest time for which a cycle that does not poll is awake for expected replies, and each cycle for its tick.
+/// The longest time for which a cycle stays awake for its tick, or for expected replies if it does not poll.
 const AWAKE_MAX: Duration = Duration::from_micros(50);
-/// It is no longer than the period divided by this.
+/// [`AWAKE_MAX`] is cut to the period divided by this.
 const PERIODS_PER_AWAKE: u32 = 20;
 /// So long after the expected reply time of a bus, replies that are a little late have come, too. To read it then is seldom in vain.
 const OVERDUE: Duration = Duration::from_micros(20);
@@ -86,7 +86,7 @@ struct Timing {
     stale_after: Duration,
     /// Time for which the buses are polled for the last replies of a cycle, without a sleep.
     busy_poll: Duration,
-    /// The longest time for which a cycle is awake instead of asleep until a known time.
+    /// The longest time for which a cycle stays awake for its tick, or for expected replies if it does not poll.
     awake: Duration,
 }
 
@@ -103,7 +103,8 @@ impl Timing {
     }
 }
 
-/// On a single processor half of the lead is left to the ipc thread, which fetches the setpoints before the tick.
+/// The longest time for which a cycle stays awake. On a single processor half of the lead is left to the ipc thread, which fetches the
+/// setpoints before the tick.
 fn longest_awake(settings: &Settings) -> Duration {
     let has_others = std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1);
     let lead = if has_others { Duration::MAX } else { settings.ipc.lead / 2 };
@@ -236,7 +237,7 @@ impl Cycle {
         }
     }
 
-    /// So long before a tick its sleep ends.
+    /// How long before a tick the sleep for it should end.
     fn early(&self) -> Duration {
         self.tick_lateness.expected().min(self.timing.awake)
     }
@@ -257,7 +258,7 @@ impl Cycle {
         self.publish(wake, transmitted);
         self.control.published();
         if self.control.asks_questions() {
-            // The replies are waited for as long as the cycle would sleep until its next tick.
+            // The replies are awaited until the sleep for the next tick should end.
             self.ask(open, wake.scheduled + self.timing.period - self.early());
         }
     }
