@@ -22,7 +22,7 @@ struct Vector {
 }
 
 fn vectors() -> Vec<Vector> {
-    let text = include_str!("../../protocol/tests/golden_vectors.json");
+    let text = include_str!("../../motors/protocol/tests/golden_vectors.json");
     let vectors: Vec<Value> = serde_json::from_str(text).unwrap();
     let text = |vector: &Value, key: &str| vector[key].as_str().map(str::to_owned);
     vectors

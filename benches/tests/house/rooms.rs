@@ -43,7 +43,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     // A target for each protocol.
     "fuzz/src",
     "wire/src",
-    "protocol/src",
+    "motors/protocol/src",
     "simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.
     "settings/src/settings.rs",
