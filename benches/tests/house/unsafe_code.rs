@@ -6,8 +6,8 @@ use proc_macro2::{TokenStream, TokenTree};
 /// System calls that no safe crate offers, and the allocators and counters of tests.
 const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
-    "bus/src/kernel.rs",
-    "bus/tests/socketcan/counting.rs",
+    "motors/bus/src/kernel.rs",
+    "motors/bus/tests/socketcan/counting.rs",
     "deadman/src/kernel.rs",
     "realtime/src/kernel.rs",
     "shared/src/futex.rs",

@@ -11,7 +11,7 @@ fn hex(digits: &str) -> Vec<u8> {
 }
 
 fn vectors() -> Vec<Value> {
-    let all = include_str!("../../motors/protocol/tests/golden_vectors.json");
+    let all = include_str!("../../protocol/tests/golden_vectors.json");
     let all: Vec<Value> = serde_json::from_str(all).unwrap();
     all.into_iter().filter(|vector| vector["protocol"] == "gim-rs485").collect()
 }
