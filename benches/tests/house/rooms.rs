@@ -44,7 +44,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "fuzz/src",
     "wire/src",
     "motors/protocol/src",
-    "simulator/src",
+    "motors/simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.
     "settings/src/settings.rs",
     // The configured protocol becomes the simulator's: the two crates share no word.

@@ -84,7 +84,7 @@ mod tests {
 
     /// The golden frames that the host's profile of this vendor is held against, worked out by hand.
     fn golden(twin: &Twin) -> Vec<Vec<String>> {
-        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../motors/protocol/tests/golden");
+        let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../protocol/tests/golden");
         let text = std::fs::read_to_string(format!("{directory}/{}.csv", twin.name)).unwrap();
         let (header, rows) = text.split_once('\n').unwrap();
         assert_eq!(header, HEADER);
