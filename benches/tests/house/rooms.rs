@@ -35,7 +35,7 @@ const DAEMON: Rows = &[
 const VENDORS_ALLOWED: &[&str] = &[
     // It judges the frames of every vendor, with a codec of its own.
     "checker/src",
-    "commissioning/src",
+    "motors/commissioning/src",
     "core/src/drive",
     "daemon/src/commands/init",
     "configuration/src",
