@@ -46,7 +46,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "motors/protocol/src",
     "motors/simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.
-    "settings/src/settings.rs",
+    "core/settings/src/settings.rs",
     // The configured protocol becomes the simulator's: the two crates share no word.
     "daemon/src/buses/physics.rs",
 ];
