@@ -38,7 +38,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "motors/commissioning/src",
     "core/src/drive",
     "daemon/src/commands/init",
-    "configuration/src",
+    "core/configuration/src",
     "frame/src",
     // A target for each protocol.
     "fuzz/src",
