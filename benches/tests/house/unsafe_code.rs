@@ -8,7 +8,7 @@ const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
     "motors/bus/src/kernel.rs",
     "motors/bus/tests/socketcan/counting.rs",
-    "deadman/src/kernel.rs",
+    "daemon/deadman/src/kernel.rs",
     "realtime/src/kernel.rs",
     "shared/src/futex.rs",
     "shared/src/iceoryx.rs",
