@@ -9,7 +9,7 @@ const UNSAFE: &[&str] = &[
     "motors/bus/src/kernel.rs",
     "motors/bus/tests/socketcan/counting.rs",
     "daemon/deadman/src/kernel.rs",
-    "realtime/src/kernel.rs",
+    "daemon/realtime/src/kernel.rs",
     "shared/src/futex.rs",
     "shared/src/iceoryx.rs",
 ];
