@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-ipc` | clients |
-//! | `motord-telemetry` | histograms, log, cleaning up after dead clients |
+//! | `motord-metrics` | histograms, log, cleaning up after dead clients |
 //! | `motord-owners` | hears of the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | hears emergency stops on their socket |
@@ -31,12 +31,12 @@ use motord_core::settings::Settings;
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
 use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::SafeFrames;
+use motord_metrics::Outputs;
 use motord_realtime::{SchedulingRequest, Step, lock_memory, prepare_thread, tighten_timers};
 use motord_shared::injection::InjectionListener;
 use motord_shared::instance::{Instance, InstanceLock};
 use motord_shared::ports::{DaemonPorts, Housekeeper};
 use motord_shared::{Cause, Presence};
-use motord_telemetry::Outputs;
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;

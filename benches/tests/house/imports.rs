@@ -24,7 +24,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ),
     ("motord-configuration", &["motord-core", "motord-protocol", "motord-bus", "motord-shared"], &[]),
     ("motord-realtime", &[], &[]),
-    ("motord-telemetry", &["motord-bus", "motord-core", "motord-shared"], &[]),
+    ("motord-metrics", &["motord-bus", "motord-core", "motord-shared"], &[]),
     (
         "motord-deadman",
         &["motord-bus", "motord-configuration", "motord-core", "motord-realtime", "motord-shared"],
@@ -42,7 +42,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-protocol",
             "motord-bus",
             "motord-simulator",
-            "motord-telemetry",
+            "motord-metrics",
             "motord-terminal",
         ],
         &["motord-checker"],
