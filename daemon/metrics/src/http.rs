@@ -142,7 +142,7 @@ mod tests {
     fn only_the_metrics_are_given_and_only_to_get() {
         assert_eq!(asked(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n"), Some(Target::Metrics));
         assert_eq!(asked(b"GET /metrics?name=a HTTP/1.0\r\n\r\n"), Some(Target::Metrics));
-        assert_eq!(asked(b"GET /../metrics HTTP/1.1\r\n\r\n"), Some(Target::Other));
+        assert_eq!(asked(b"GET /. HTTP/1.1\r\n\r\n"), Some(Target::Other));
         assert_eq!(asked(b"POST /metrics HTTP/1.1\r\nContent-Length: 9\r\n\r\n"), Some(Target::Method));
     }
 
