@@ -39,7 +39,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "core/src/drive",
     "daemon/src/commands/init",
     "core/configuration/src",
-    "frame/src",
+    "motorctl/frame/src",
     // A target for each protocol.
     "fuzz/src",
     "wire/src",
