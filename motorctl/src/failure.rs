@@ -3,11 +3,11 @@
 use crate::demo::DemoError;
 use crate::exit_status;
 use motord_client::{Error, FaultError};
+use motord_direct::WireFailure;
 use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
 use motord_latency::LatencyFailure;
 use motord_recorder::RecorderFailure;
-use motord_wire::WireFailure;
 use std::io;
 
 /// Why a command failed.

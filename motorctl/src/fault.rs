@@ -3,8 +3,8 @@
 use crate::failure::Failure;
 use crate::status;
 use motord_client::{Client, Fault, Faults, State};
+use motord_direct::{NamedFault, say_faults};
 use motord_terminal::{Cell, Palette, Table, json, printable};
-use motord_wire::{NamedFault, say_faults};
 use serde::Serialize;
 use std::io::{self, Write};
 

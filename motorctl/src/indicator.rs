@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::status;
 use motord_client::Indicator;
-use motord_wire::{Indicators, WireFailure};
+use motord_direct::{Indicators, WireFailure};
 
 /// Prints the indicators of a joint that are known.
 ///

@@ -25,12 +25,12 @@ mod watch;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
+use motord_direct as wire;
 use motord_doctor as doctor;
 use motord_frame as frame;
 use motord_latency as latency;
 use motord_recorder as recorder;
 use motord_terminal::{Pages, printable};
-use motord_wire as wire;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -4,8 +4,8 @@ use crate::advice::motorctl;
 use crate::failure::Failure;
 use crate::status::{self, PATIENCE};
 use motord_client::{Client, Error, Joint, JointDescription, MotorMode, Phase, Refusal};
+use motord_direct::Confirm;
 use motord_terminal::printable;
-use motord_wire::Confirm;
 use std::io::{self, Write};
 use std::time::Duration;
 

@@ -51,7 +51,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ("motord-frame", &["motord-bus", "motord-configuration", "motord-protocol"], &[]),
     ("motord-terminal", &[], &[]),
     (
-        "motord-wire",
+        "motord-direct",
         &[
             "motord-commissioning",
             "motord-configuration",
@@ -80,7 +80,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-recorder",
             "motord-simulator",
             "motord-terminal",
-            "motord-wire",
+            "motord-direct",
         ],
         &["motord-bus", "motord-protocol", "motord-simulator"],
     ),

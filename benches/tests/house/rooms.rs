@@ -42,7 +42,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "motorctl/frame/src",
     // A target for each protocol.
     "fuzz/src",
-    "wire/src",
+    "motorctl/direct/src",
     "motors/protocol/src",
     "motors/simulator/src",
     // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.
