@@ -7,7 +7,7 @@ use motord_direct::WireFailure;
 use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
 use motord_latency::LatencyFailure;
-use motord_recorder::RecorderFailure;
+use motord_record::RecorderFailure;
 use std::io;
 
 /// Why a command failed.

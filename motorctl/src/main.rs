@@ -29,7 +29,7 @@ use motord_direct as wire;
 use motord_doctor as doctor;
 use motord_frame as frame;
 use motord_latency as latency;
-use motord_recorder as recorder;
+use motord_record as recorder;
 use motord_terminal::{Pages, printable};
 use std::ffi::OsString;
 use std::path::PathBuf;

@@ -69,7 +69,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
     ),
     ("motord-latency", &["motord-client", "motord-terminal"], &[]),
     ("motord-recording", &["motord-shared"], &[]),
-    ("motord-recorder", &["motord-client", "motord-recording", "motord-terminal"], &[]),
+    ("motord-record", &["motord-client", "motord-recording", "motord-terminal"], &[]),
     (
         "motorctl",
         &[
@@ -77,7 +77,7 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
             "motord-doctor",
             "motord-frame",
             "motord-latency",
-            "motord-recorder",
+            "motord-record",
             "motord-simulator",
             "motord-terminal",
             "motord-direct",

@@ -9,7 +9,7 @@ use super::view::{Action, STOP_KEY, View};
 use crate::failure::Failure;
 use crossterm::event::{KeyCode, KeyEvent, KeyEventKind};
 use motord_client::{RobotDescription, State, Telemetry};
-use motord_recorder::{RecorderFailure, Recording};
+use motord_record::{RecorderFailure, Recording};
 use motord_terminal::{Interrupt, within};
 use std::path::PathBuf;
 use std::sync::Arc;
