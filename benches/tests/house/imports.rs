@@ -68,8 +68,8 @@ const IMPORTS: &[(&str, &[&str], &[&str])] = &[
         &[],
     ),
     ("motord-latency", &["motord-client", "motord-terminal"], &[]),
-    ("motord-recording", &["motord-shared"], &[]),
-    ("motord-record", &["motord-client", "motord-recording", "motord-terminal"], &[]),
+    ("motord-mcap", &["motord-shared"], &[]),
+    ("motord-record", &["motord-client", "motord-mcap", "motord-terminal"], &[]),
     (
         "motorctl",
         &[

@@ -1,7 +1,7 @@
 //! The thread that writes, and the bounded memory before it. Whoever records never waits for the disk.
 
 use motord_client::{CycleRecord, RobotDescription};
-use motord_recording::{Counts, Origin, Writer};
+use motord_mcap::{Counts, Origin, Writer};
 use std::io::{self, BufWriter, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -175,7 +175,7 @@ impl<W: Write> Write for Counting<'_, W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_recording::Reader;
+    use motord_mcap::Reader;
     use std::sync::Mutex;
     use std::time::Duration;
 

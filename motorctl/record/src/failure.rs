@@ -1,7 +1,7 @@
 //! Why a command failed.
 
 use motord_client::Error;
-use motord_recording::ReadError;
+use motord_mcap::ReadError;
 use motord_terminal::exit_status;
 use std::io;
 use std::path::{Path, PathBuf};

@@ -3,7 +3,7 @@
 use crate::failure::RecorderFailure;
 use crate::record::{PATIENCE, PAUSE, origin};
 use motord_client::{Client, CycleRecord, Error, Records};
-use motord_recording::{Memory, Remembered, Stops};
+use motord_mcap::{Memory, Remembered, Stops};
 use motord_terminal::{Absence, Interrupt, printable, within};
 use std::fs::{self, File};
 use std::io::{self, BufWriter};

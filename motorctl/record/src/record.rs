@@ -3,7 +3,7 @@
 use crate::disk::{Disk, Output};
 use crate::failure::RecorderFailure;
 use motord_client::{Client, CycleRecord, Error, Records, State};
-use motord_recording::{Counts, Origin};
+use motord_mcap::{Counts, Origin};
 use motord_terminal::{Interrupt, json, printable, within};
 use serde::Serialize;
 use std::fs::File;

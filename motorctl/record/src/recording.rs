@@ -2,7 +2,7 @@
 
 use crate::failure::RecorderFailure;
 use motord_client::{CycleRecord, RobotDescription};
-use motord_recording::Reader;
+use motord_mcap::Reader;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};

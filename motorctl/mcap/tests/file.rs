@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-use motord_recording::{Counts, Memory, Origin, ReadError, Reader, Stops, Writer};
+use motord_mcap::{Counts, Memory, Origin, ReadError, Reader, Stops, Writer};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
 use motord_shared::{BusCondition, Cause, CycleRecord, JointSetpoint, MotorMode, Phase, SetpointMode};
 use std::time::Duration;
