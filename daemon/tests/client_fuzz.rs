@@ -1,4 +1,4 @@
-//! Goal: whatever a controller does, the invariants of `checker/src/run.rs` hold on the bytes that reach the motors.
+//! Goal: whatever a controller does, the invariants of `verify/checker/src/run.rs` hold on the bytes that reach the motors.
 //! Method: seeded runs of a fuzzing client on virtual time: absurd values, NaN, stutter, silence, old messages and those
 //! of other owners, requests at the wrong time, and death. A seed that fails is printed; `MOTORD_SEED=n` runs it alone, and
 //! `MOTORD_SEEDS=n` runs more than the thousand.

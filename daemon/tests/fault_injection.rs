@@ -1,4 +1,4 @@
-//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `checker/src/run.rs` hold in every cycle;
+//! Goal: whatever buses, motors, controllers and the clock do, the invariants of `verify/checker/src/run.rs` hold in every cycle;
 //! and when they stop doing it, the robot can be armed again within a second.
 //! Method: seeded fault-injection runs on virtual time over two buses, six motors and two groups. Of three seeds, one has MIT
 //! motors only; one runs the robot of three vendors' motors, with four buses and twelve motors; and one has native motors among

@@ -34,7 +34,7 @@ const DAEMON: Rows = &[
 /// Where code may name a vendor or its protocols.
 const VENDORS_ALLOWED: &[&str] = &[
     // It judges the frames of every vendor, with a codec of its own.
-    "checker/src",
+    "verify/checker/src",
     "motors/commissioning/src",
     "core/src/drive",
     "daemon/src/commands/init",
