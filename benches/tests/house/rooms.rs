@@ -41,7 +41,7 @@ const VENDORS_ALLOWED: &[&str] = &[
     "core/configuration/src",
     "motorctl/frame/src",
     // A target for each protocol.
-    "fuzz/src",
+    "verify/fuzz/src",
     "motorctl/direct/src",
     "motors/protocol/src",
     "motors/simulator/src",
