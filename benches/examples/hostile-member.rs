@@ -1,4 +1,4 @@
-//! A member of the group who wants to do harm, and uses no right that lets him stop others. `rigs/test-malice` runs it.
+//! A member of the group who wants to do harm, and uses no right that lets him stop others. `verify/rigs/test-malice` runs it.
 //!
 //! ```text
 //! hostile-member INSTANCE GROUP ATTACK SECONDS

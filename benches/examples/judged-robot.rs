@@ -1,4 +1,4 @@
-//! The whole daemon with simulated buses, each of whose frames is judged when it is on the wire. `rigs/test-malice` runs it.
+//! The whole daemon with simulated buses, each of whose frames is judged when it is on the wire. `verify/rigs/test-malice` runs it.
 //!
 //! ```text
 //! judged-robot CONFIG GROUP

@@ -1,4 +1,4 @@
-//! Starts clients of one instance and kills them by SIGKILL at random moments; prints what they were doing. `rigs/test-kills` runs it.
+//! Starts clients of one instance and kills them by SIGKILL at random moments; prints what they were doing. `verify/rigs/test-kills` runs it.
 //!
 //! ```text
 //! victims INSTANCE CLIENTS AT-A-TIME GROUP...

@@ -3,7 +3,7 @@
 //! The host and its motors are on the two ends of a pair: the motors hear what has left the host's queue. On a single
 //! interface everybody hears what is still queued.
 //!
-//! These tests make interfaces: they need root on a kernel with SocketCAN. `rigs/test-can` boots one and runs them there;
+//! These tests make interfaces: they need root on a kernel with SocketCAN. `verify/rigs/test-can` boots one and runs them there;
 //! elsewhere they are reported as ignored.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
@@ -299,7 +299,7 @@ const PASSIVE: u8 = 0x20;
 const ACTIVE: u8 = 0x40;
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus();
@@ -311,7 +311,7 @@ fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
     let (mut robot, joints) = Robot::active();
     robot.report(ErrorFrame::BUS_OFF, 0);
@@ -326,7 +326,7 @@ fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_flapping_controller_warns_and_stops_nothing() {
     let (mut robot, joints) = Robot::active();
     for detail in [PASSIVE, ACTIVE].repeat(100) {
@@ -341,7 +341,7 @@ fn a_flapping_controller_warns_and_stops_nothing() {
 
 /// The kernel's `ENOBUFS`, in the middle of one `sendmmsg`.
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_queue_that_takes_a_part_of_a_cycle_drops_the_rest_of_it() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus();
@@ -358,7 +358,7 @@ fn a_queue_that_takes_a_part_of_a_cycle_drops_the_rest_of_it() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_queue_that_is_full_in_three_cycles_stops_the_group() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("tc qdisc add dev DEV root netem delay 100s limit 1");
@@ -370,7 +370,7 @@ fn a_queue_that_is_full_in_three_cycles_stops_the_group() {
 
 /// The queue holds each frame for 400 ms, and four of them.
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn what_a_full_queue_refused_is_never_sent_later() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus().sent;
@@ -391,7 +391,7 @@ fn what_a_full_queue_refused_is_never_sent_later() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn an_interface_that_goes_down_stops_the_group_and_comes_back_without_starting() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("ip link set DEV down");
@@ -404,7 +404,7 @@ fn an_interface_that_goes_down_stops_the_group_and_comes_back_without_starting()
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_starting() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("ip link del DEV");
@@ -425,7 +425,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
 /// Method: a daemon registers, here from this thread, while its interface is missing; that comes, goes, and comes
 /// again when the daemon is dead and the damping would be over.
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
     let [interface, motor_side]: [InterfaceName; 2] = ["late", "later"].map(|name| name.parse().unwrap());
     let settings = configured(interface.as_str());

@@ -2,7 +2,7 @@
 //!
 //! Method: a log of `candump -L` holds both directions. On virtual time each cycle begins when it began on the day, what
 //! came from a bus arrives when it did then, and the client enables when it did then. What the cycle sends must be what it
-//! sent on the day, byte by byte. `rigs/record-log` records the log.
+//! sent on the day, byte by byte. `verify/rigs/record-log` records the log.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 

@@ -1,6 +1,6 @@
 //! `motorctl` on virtual CAN interfaces, and on an RS485 line beside them.
 //!
-//! These tests need interfaces vcan0 to vcan3: `rigs/test-commissioning` boots a kernel that has them; elsewhere they are reported
+//! These tests need interfaces vcan0 to vcan3: `verify/rigs/test-commissioning` boots a kernel that has them; elsewhere they are reported
 //! as ignored.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
@@ -20,7 +20,7 @@ fn knee() -> Line {
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn a_scan_finds_twelve_motors_on_four_interfaces_and_three_on_a_line_in_one_pass() {
     let of = |id: u16| {
         let name = format!("m{id}");
@@ -54,7 +54,7 @@ fn a_scan_finds_twelve_motors_on_four_interfaces_and_three_on_a_line_in_one_pass
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn every_command_of_the_document_works_over_can() {
     let line = knee();
     assert_eq!(line.json("ping @")["host_id"], 0x103);
@@ -85,7 +85,7 @@ fn every_command_of_the_document_works_over_can() {
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn every_configuration_item_is_written_over_can_and_reads_back() {
     let line = knee();
     let rows = line.json("config list @");
@@ -109,7 +109,7 @@ fn every_configuration_item_is_written_over_can_and_reads_back() {
 
 /// Goal: as over RS485, and the motor is out of reach until the bus has its new bit rate.
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn every_writable_item_is_set_by_name_over_can_read_back_and_restored() {
     let line = knee();
     line::write_every_item(&line);
@@ -127,21 +127,21 @@ fn every_writable_item_is_set_by_name_over_can_read_back_and_restored() {
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn every_fault_of_the_documents_is_named_and_cleared_over_can() {
     line::read_and_clear_every_fault(&knee(), "gim");
     line::read_and_clear_every_fault(&Line::on_can("vcan0", vec![in_mit("knee", 3)]), "mit");
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn every_result_code_of_the_document_reaches_the_user_over_can_in_its_words() {
     line::refuse_with_every_result_code(&knee());
 }
 
 /// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its interface.
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn three_motors_survive_a_factory_reset_over_can_by_dump_and_apply() {
     for id in [3, 17, 99] {
         let line = Line::on_can("vcan0", vec![MotorSettings { host_id: 0x100 + id, ..motor("knee", id) }]);
@@ -157,19 +157,19 @@ fn three_motors_survive_a_factory_reset_over_can_by_dump_and_apply() {
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn a_power_cut_in_the_middle_of_an_application_over_can_leaves_a_journal_that_tells_it() {
     line::cut_the_power_during_an_application(&knee());
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn a_write_over_can_survives_a_loss_of_power() {
     line::lose_power_after_every_write(&knee());
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn a_motor_whose_start_nobody_confirms_over_can_is_stopped() {
     line::lose_the_answer_to_a_start(&knee(), "70ms");
 }
@@ -177,7 +177,7 @@ fn a_motor_whose_start_nobody_confirms_over_can_is_stopped() {
 /// Goal: a motor in MIT goes on after motorctl was killed, until it is stopped: MIT has no duration. Method: it turns at 0.5 rad/s
 /// for 1.5 s, and as long again afterwards; a jog that hardly moves it tells where it is.
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn a_motor_in_mit_goes_on_when_a_jog_is_killed_until_it_is_stopped() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     let position = || -> f64 {
@@ -198,7 +198,7 @@ fn a_motor_in_mit_goes_on_when_a_jog_is_killed_until_it_is_stopped() {
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     assert_eq!(line.json("ping @")["protocol"], "mit");
@@ -221,7 +221,7 @@ fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
 }
 
 #[test]
-#[ignore = "needs vcan: rigs/test-commissioning"]
+#[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn an_interface_that_another_process_uses_is_refused_with_its_number() {
     let line = knee();
     let mut first = line.command("indicator @ --watch").stdout(std::process::Stdio::null()).spawn().unwrap();

@@ -160,8 +160,8 @@ fn every_test_and_file_that_a_document_names_is_there() {
 fn a_test_and_a_file_that_are_not_there_are_seen() {
     let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
     let rust = "m! { #[test] fn a_lost_motor_is_stopped() {} }";
-    let house = House::new(&[source("bus/src/limit.rs", rust), source("rigs/common.sh", "")]);
-    let missing = |text: &str| house.missing(&source("rigs/README.md", text));
+    let house = House::new(&[source("bus/src/limit.rs", rust), source("verify/rigs/common.sh", "")]);
+    let missing = |text: &str| house.missing(&source("verify/rigs/README.md", text));
     let good = "`a_lost_motor_is_stopped` (limit.rs) in `bus/src/limit.rs`, `bus/`, `common.sh`, `/dev/null`";
     assert_eq!(missing(good), [""; 0]);
     let bad = "`a_lost_motor_is_damped` (bounds.rs); `bus/limit.rs`, `guest.sh`, `core/src`, see mit.rs";

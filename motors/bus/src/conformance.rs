@@ -75,7 +75,7 @@ pub enum Condition {
 ///
 /// ```text
 /// motord_bus::conformance! {
-///     [ignore = "needs SocketCAN: run rigs/test-can"]
+///     [ignore = "needs SocketCAN: run verify/rigs/test-can"]
 ///     mod vcan = Vcan::new;
 ///     frames_leave_in_the_order_given,
 ///     own_frames_are_not_received,

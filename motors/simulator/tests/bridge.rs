@@ -1,5 +1,5 @@
 //! Simulated motors on a virtual interface, seen by a host in the same process. Needs root on a kernel with SocketCAN:
-//! `rigs/test-can` runs it there.
+//! `verify/rigs/test-can` runs it there.
 
 use motord_bus::frame::ControllerState;
 use motord_bus::socketcan::{InterfaceName, Link, Settings, SocketCanBus};
@@ -66,7 +66,7 @@ impl Robot {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_motor_answers_a_host_through_the_kernel_no_sooner_than_the_wire_allows() {
     let mut robot = Robot::new("vcan0");
     let asked = robot.stop(2);
@@ -83,7 +83,7 @@ fn a_motor_answers_a_host_through_the_kernel_no_sooner_than_the_wire_allows() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn faults_of_motors_and_of_the_bus_reach_the_host() {
     let mut robot = Robot::new("vcan1");
     robot.inject("hip off");
@@ -104,7 +104,7 @@ fn faults_of_motors_and_of_the_bus_reach_the_host() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_motor_whose_id_changes_is_heard_under_the_new_one() {
     /// GIM document 3.2.3 and 3.2.14.
     const NEW_ID: [u8; 8] = [0x83, 0x00, 0x12, 0, 9, 0, 0, 0];

@@ -1,6 +1,6 @@
 //! The SocketCAN bus on real kernels: virtual interfaces, and two SJA1000 controllers on one bus.
 //!
-//! These tests make and configure interfaces: they need root on a kernel with SocketCAN. `rigs/test-can` boots such
+//! These tests make and configure interfaces: they need root on a kernel with SocketCAN. `verify/rigs/test-can` boots such
 //! kernels and runs them there; elsewhere they are reported as ignored.
 
 mod counting;

@@ -113,7 +113,7 @@ impl Fixture for Sja1000 {
 // Missing are CAN FD, which these controllers do not know, and injected error reports, which only a virtual interface
 // carries.
 motord_bus::conformance! {
-    [ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+    [ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
     mod conforms = Sja1000::new;
     a_bus_that_is_down_says_so_and_recovers,
     a_bus_that_is_gone_says_so,
@@ -149,7 +149,7 @@ impl Drop for Nobody {
 }
 
 #[test]
-#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+#[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
 fn with_the_right_to_a_controller_is_brought_from_down_to_up() {
     let _pair = take_pair();
     assert!(!Link::read(name("can0")).unwrap().up);
@@ -166,7 +166,7 @@ fn with_the_right_to_a_controller_is_brought_from_down_to_up() {
 }
 
 #[test]
-#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+#[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
 fn a_wrong_bit_rate_is_mended_with_the_right_to_and_explained_without() {
     let _pair = take_pair();
     assert!(run("ip link set can0 type can bitrate 500000") && run("ip link set can0 up"));
@@ -191,7 +191,7 @@ fn a_wrong_bit_rate_is_mended_with_the_right_to_and_explained_without() {
 }
 
 #[test]
-#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+#[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
 fn a_controller_that_only_listens_is_refused_or_mended() {
     let _pair = take_pair();
     assert!(run("ip link set can0 type can bitrate 1000000 listen-only on") && run("ip link set can0 up"));
@@ -204,7 +204,7 @@ fn a_controller_that_only_listens_is_refused_or_mended() {
 }
 
 #[test]
-#[ignore = "needs two SJA1000 on one bus and root: run rigs/test-can"]
+#[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
 fn a_bit_rate_the_controller_cannot_have_is_refused() {
     let _pair = take_pair();
     for bitrate in [0, 1] {

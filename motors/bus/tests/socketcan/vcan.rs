@@ -103,7 +103,7 @@ impl Fixture for Vcan {
 }
 
 motord_bus::conformance! {
-    [ignore = "needs SocketCAN and root: run rigs/test-can"]
+    [ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
     mod conforms = Vcan::new;
     a_bus_that_is_down_says_so_and_recovers,
     a_bus_that_is_gone_says_so,
@@ -129,7 +129,7 @@ fn frame(raw: u16) -> Frame {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn frames_the_kernel_had_to_drop_are_counted() {
     const FLOOD: usize = 1000;
     let mut vcan = Vcan::new();
@@ -145,7 +145,7 @@ fn frames_the_kernel_had_to_drop_are_counted() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn unexpected_ids_are_counted_off_the_real_time_path_and_never_received() {
     const FLOOD: u64 = 2000;
     let mut vcan = Vcan::new();
@@ -166,7 +166,7 @@ fn unexpected_ids_are_counted_off_the_real_time_path_and_never_received() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
     let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     let mut vcan = Vcan::new();
@@ -187,7 +187,7 @@ fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
 /// Goal: the sender that stops the motors of a dead daemon serves the interface that has the name at that time, and a send
 /// never waits for the search.
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_sender_finds_the_interface_that_has_its_name_now() {
     let frames = [frame(1), frame(2)];
     let send = |sender: &mut Sender| sender.send(clock::monotonic(), &frames);
@@ -215,7 +215,7 @@ fn a_sender_finds_the_interface_that_has_its_name_now() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn a_sender_takes_no_interface_of_another_kind() {
     let lo = settings("lo").interface;
     let mut sender = Sender::new(lo, 8).unwrap();
@@ -224,7 +224,7 @@ fn a_sender_takes_no_interface_of_another_kind() {
 }
 
 #[test]
-#[ignore = "needs SocketCAN and root: run rigs/test-can"]
+#[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn an_interface_of_another_kind_is_refused_untouched() {
     let queue_length = || std::fs::read_to_string("/sys/class/net/lo/tx_queue_len").unwrap();
     let before = queue_length();
