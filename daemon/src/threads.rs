@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-ipc` | clients |
-//! | `motord-metrics` | histograms, log, cleaning up after dead clients |
+//! | `motord-telemetry` | histograms, log, cleaning up after dead clients |
 //! | `motord-owners` | hears of the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
 //! | `motord-stop` | hears emergency stops on their socket |

@@ -1,6 +1,7 @@
 # Sourced by the rigs: what they share.
 
 rigs=$(dirname "$(realpath "${BASH_SOURCE[0]}")")
+tree=$(realpath "$rigs/../..")
 cache_root=${RIG_CACHE:-$HOME/.cache/motord-rigs}
 
 # Prints the comment at the head of the script that was called, and ends it.
@@ -53,7 +54,7 @@ hand_over() {
     trap 'rm -rf "$rig"' EXIT
     printf '%q ' "$@" >"$rig/command"
     pwd >"$rig/directory"
-    dirname "$rigs" >"$rig/tree"
+    echo "$tree" >"$rig/tree"
     env -0 | grep -zE '^(PATH|HOME|CI|RIG_[A-Z_]*|CARGO_[A-Z_]*|RUST[A-Z_]*|MOTORD_[A-Z_]*)=' >"$rig/environment" || true
 }
 

@@ -52,7 +52,7 @@ run_inside() {
     # A build for a rig must not be taken for one for a robot.
     [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
-    cd "$(dirname "$rigs")"
+    cd "$tree"
     [ -n "${RIG_BIN:-}" ] || cargo build --quiet --locked --profile "$profile" --target-dir "$target" \
         -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)

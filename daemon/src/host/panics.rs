@@ -14,7 +14,7 @@ const THREADS: [&str; 8] = [
     "main",
     "motord-cycle",
     "motord-ipc",
-    "motord-metrics",
+    "motord-telemetry",
     "motord-registrar",
     "motord-reconnector",
     "motord-stop",
