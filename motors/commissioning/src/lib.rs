@@ -33,6 +33,7 @@ mod error;
 mod link;
 mod mit;
 mod native;
+mod reported;
 mod scan;
 mod survey;
 mod time;
@@ -42,6 +43,7 @@ pub use error::Error;
 pub use link::{Heard, Link, Wire};
 pub use mit::Mit;
 pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
+pub use reported::{ReportedMotor, ReportedProtocol};
 pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
 #[cfg(feature = "linux")]

@@ -3,9 +3,9 @@
 use crate::error::Error;
 use crate::link::{Link, Wire};
 use crate::native::Native;
+use crate::reported::{ReportedMotor, ReportedProtocol};
 use crate::scan::{Family, Found, identify, identify_in_mit};
 use motord_bus::FrameId;
-use motord_configuration::lock::{ReportedMotor, ReportedProtocol};
 use motord_protocol::gim::{ConfigurationItem, Value};
 
 /// The configuration items that decide what a torque and an angle are.

@@ -6,10 +6,11 @@
 mod finding;
 
 pub use finding::{Finding, Verdict, findings, mismatches};
+pub use motord_commissioning::{ReportedMotor, ReportedProtocol};
 
 use crate::problem::Wrong;
+
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The form of the file.
@@ -27,54 +28,6 @@ pub struct Lock {
     /// The motors that answered.
     #[serde(default, rename = "motor")]
     pub motors: Vec<ReportedMotor>,
-}
-
-/// A motor, as it reports itself.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct ReportedMotor {
-    /// Its name in the configuration.
-    pub name: String,
-    /// Name of its bus.
-    pub bus: String,
-    /// The id that it answered to.
-    pub id: u8,
-    /// The id that its answers bore; `None` when it cannot be told.
-    pub host_id: Option<u16>,
-    /// The protocol that it answered in.
-    pub protocol: ReportedProtocol,
-    /// Version of its firmware; only in native mode.
-    pub firmware: Option<u32>,
-    /// Configuration items by their names of Table 7 of the GIM document; only in native mode.
-    #[serde(default)]
-    pub values: BTreeMap<String, f64>,
-}
-
-/// The protocol of an answer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ReportedProtocol {
-    /// MIT with answers of six bytes.
-    Mit,
-    /// MIT with longer answers: another vendor, or another family of drivers.
-    OtherMit,
-    /// The native protocol.
-    Gim,
-    /// None that is known.
-    Unknown,
-}
-
-impl ReportedProtocol {
-    /// A word for a table.
-    #[must_use]
-    pub const fn word(self) -> &'static str {
-        match self {
-            Self::Mit => "mit",
-            Self::OtherMit => "mit of another vendor or driver",
-            Self::Gim => "gim",
-            Self::Unknown => "none that is known",
-        }
-    }
 }
 
 /// Why a lock file is of no use.

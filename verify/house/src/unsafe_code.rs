@@ -6,10 +6,10 @@ use proc_macro2::{TokenStream, TokenTree};
 /// System calls that no safe crate offers, and the allocators and counters of tests.
 const UNSAFE: &[&str] = &[
     "benches/tests/allocations.rs",
-    "motors/bus/src/kernel.rs",
-    "motors/bus/tests/socketcan/counting.rs",
     "daemon/deadman/src/kernel.rs",
     "daemon/realtime/src/kernel.rs",
+    "motors/bus/src/kernel.rs",
+    "motors/bus/tests/socketcan/counting.rs",
     "shared/src/futex.rs",
     "shared/src/iceoryx.rs",
 ];

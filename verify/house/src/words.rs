@@ -140,8 +140,8 @@ fn retired(source: &Source) -> Vec<&'static str> {
 /// Every file with words of ours, but the ones with this table, and the change log, which names what was renamed.
 fn written() -> Vec<Source> {
     let mut files = sources::files(&[".rs", ".md", ".toml", ".service", ".ci/run"]);
-    files.extend(sources::files(&[""]).into_iter().filter(|file| file.path.starts_with("rigs/")));
-    files.retain(|file| !file.path.starts_with("benches/tests/house/") && file.path != "CHANGELOG.md");
+    files.extend(sources::files(&[""]).into_iter().filter(|file| file.path.starts_with("verify/rigs/")));
+    files.retain(|file| !file.path.starts_with("verify/house/") && file.path != "CHANGELOG.md");
     files
 }
 
