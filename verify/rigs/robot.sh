@@ -65,12 +65,12 @@ run_inside() {
         cp "$target/$built/examples/$RIG_EXAMPLE" "$RIG_PLACE"
     fi
     [ -z "${RIG_FILES:-}" ] || cp $RIG_FILES "$RIG_PLACE"
-    cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$verify/rigs/bare-loop.c"
-    cc -O2 -Wall -o "$RIG_PLACE/block-thread" "$verify/rigs/block-thread.c"
+    cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
+    cc -O2 -Wall -o "$RIG_PLACE/block-thread" "$rigs/block-thread.c"
     on_vcan daemon.instance="\"$MOTORD_INSTANCE\"" "$@" <"${RIG_ROBOT:-config/quadruped-simulated.toml}" >"$RIG_PLACE/robot.toml"
     [ -z "${RIG_ALSO:-}" ] || cat "$RIG_ALSO" >>"$RIG_PLACE/robot.toml"
     cd "$RIG_PLACE"
-    RIG_PLACE=$RIG_PLACE "$verify/rigs/qemu-run" "$script"
+    RIG_PLACE=$RIG_PLACE "$rigs/qemu-run" "$script"
 }
 
 # on_vcan [SECTION.KEY=[VALUE]...]: a simulated robot with its buses on vcan0 to vcan3 and these settings; one
