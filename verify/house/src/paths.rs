@@ -1,36 +1,54 @@
-//! The paths in a Rust file that begin with `crate` or `super`, in `use`, in code and inside of macros.
+//! The paths in a Rust file that begin with `crate`, `super`, `self` or a child module, in `use`, in code and inside of macros.
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// The absolute paths, without `crate`, that the file of `module` names outside of its unit tests.
-pub(crate) fn named_in(text: &str, module: &[String]) -> BTreeSet<Vec<String>> {
-    let mut paths = BTreeSet::new();
-    scan(text.parse().unwrap(), module, &mut paths);
-    paths
+/// The paths and bindings of a file, outside of its unit tests. Paths are absolute, without `crate`.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Found {
+    /// The paths that the file uses; its re-exports are not among them.
+    pub(crate) paths: BTreeSet<Vec<String>>,
+    /// The names that `use` binds, each with its path; `None` for an item of another crate.
+    pub(crate) bindings: BTreeMap<String, Option<Vec<String>>>,
 }
 
-fn scan(tokens: TokenStream, module: &[String], paths: &mut BTreeSet<Vec<String>>) {
+/// The module of a file, and the modules of the files below it.
+struct Place<'a> {
+    module: &'a [String],
+    children: &'a BTreeSet<String>,
+}
+
+/// Reads the file of `module`.
+pub(crate) fn named_in(text: &str, module: &[String], children: &BTreeSet<String>) -> Found {
+    let mut found = Found::default();
+    let place = Place { module, children };
+    scan(text.parse().unwrap(), &place, &mut found);
+    found
+}
+
+fn scan(tokens: TokenStream, place: &Place, found: &mut Found) {
     let tokens: Vec<TokenTree> = tokens.into_iter().collect();
     let mut at = 0;
     while at < tokens.len() {
         if let Some(length) = unit_tests(&tokens[at..]) {
             at += length;
-            continue;
-        }
-        if let Some(prefix) = start(&tokens[at..], module) {
+        } else if let Some(length) = import(&tokens, at, place, found) {
+            at += length;
+        } else if let Some(prefix) = start(&tokens, at, place) {
             at += 1;
-            follow(&tokens, &mut at, prefix, module, paths);
-            continue;
+            let mut names = Vec::new();
+            follow(&tokens, &mut at, prefix, &mut names);
+            found.paths.extend(names.into_iter().map(|(_, path)| path));
+        } else {
+            if let TokenTree::Group(group) = &tokens[at] {
+                scan(group.stream(), place, found);
+            }
+            at += 1;
         }
-        if let TokenTree::Group(group) = &tokens[at] {
-            scan(group.stream(), module, paths);
-        }
-        at += 1;
     }
 }
 
-/// How many tokens `#[cfg(test)] mod tests { … }` takes, if it is here.
+/// The tokens that `#[cfg(test)] mod tests { … }` or `#[cfg(test)] mod tests;` takes, if it is here.
 fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
     let texts: Vec<String> = tokens.iter().take(3).map(ToString::to_string).collect();
     let is_test = matches!(&texts[..], [hash, cfg, module]
@@ -38,33 +56,66 @@ fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
     is_test.then_some(5)
 }
 
-/// The module that a path begins at, if the first token is `crate` or `super` and `::` follows.
-fn start(tokens: &[TokenTree], module: &[String]) -> Option<Vec<String>> {
-    let [TokenTree::Ident(first), colon, ..] = tokens else { return None };
-    if colon.to_string() != ":" {
+/// The tokens of a `use` item, if one is here. Its names are bound; a private one uses what it names.
+fn import(tokens: &[TokenTree], at: usize, place: &Place, found: &mut Found) -> Option<usize> {
+    if text(tokens.get(at)) != "use" {
+        return None;
+    }
+    let length = tokens[at..].iter().position(|token| token.to_string() == ";")?;
+    let item = &tokens[at + 1..at + length];
+    let is_public = at > 0 && (text(tokens.get(at - 1)) == "pub" || is_restriction(tokens, at - 1));
+    let mut names = Vec::new();
+    let prefix = start(item, 0, place);
+    let is_ours = prefix.is_some();
+    let first = prefix.unwrap_or_else(|| vec![text(item.first())]);
+    follow(item, &mut 1, first, &mut names);
+    for (name, path) in names {
+        if is_ours && !is_public {
+            found.paths.insert(path.clone());
+        }
+        found.bindings.insert(name, is_ours.then_some(path));
+    }
+    Some(length + 1)
+}
+
+/// The token at `at` is the `(crate)` of `pub(crate)`.
+fn is_restriction(tokens: &[TokenTree], at: usize) -> bool {
+    matches!(&tokens[at], TokenTree::Group(_)) && at > 0 && text(tokens.get(at - 1)) == "pub"
+}
+
+fn text(token: Option<&TokenTree>) -> String {
+    token.map(ToString::to_string).unwrap_or_default()
+}
+
+/// The module that a path begins at, if one of the crate begins at this token.
+fn start(tokens: &[TokenTree], at: usize, place: &Place) -> Option<Vec<String>> {
+    let TokenTree::Ident(first) = &tokens[at] else { return None };
+    let is_inside = at > 0 && is_colon(tokens.get(at - 1)) && at > 1 && is_colon(tokens.get(at - 2));
+    if is_inside || !(is_colon(tokens.get(at + 1)) && is_colon(tokens.get(at + 2))) {
         return None;
     }
     match first.to_string().as_str() {
         "crate" => Some(Vec::new()),
-        "super" => Some(module[..module.len().saturating_sub(1)].to_vec()),
+        "self" => Some(place.module.to_vec()),
+        "super" => Some(place.module[..place.module.len().saturating_sub(1)].to_vec()),
+        child if place.children.contains(child) => Some([place.module, &[child.to_owned()]].concat()),
         _ => None,
     }
 }
 
-/// Follows `::name`, `::{…}` and `::*` after the prefix.
+/// Follows `::name`, `::{…}`, `::*` and `as name` after the prefix. Each path with the name that it binds.
 fn follow(
     tokens: &[TokenTree],
     at: &mut usize,
     mut prefix: Vec<String>,
-    module: &[String],
-    paths: &mut BTreeSet<Vec<String>>,
+    found: &mut Vec<(String, Vec<String>)>,
 ) {
     while is_colon(tokens.get(*at)) && is_colon(tokens.get(*at + 1)) {
         match tokens.get(*at + 2) {
             Some(TokenTree::Ident(name)) if name == "super" => drop(prefix.pop()),
             Some(TokenTree::Ident(name)) => prefix.push(name.to_string()),
             Some(TokenTree::Group(group)) if group.delimiter() == Delimiter::Brace => {
-                branches(group.stream(), &prefix, module, paths);
+                branches(group.stream(), &prefix, found);
                 *at += 3;
                 return;
             }
@@ -72,11 +123,14 @@ fn follow(
         }
         *at += 3;
     }
-    paths.insert(prefix);
+    let is_renamed = text(tokens.get(*at)) == "as";
+    let name =
+        if is_renamed { text(tokens.get(*at + 1)) } else { prefix.last().cloned().unwrap_or_default() };
+    found.push((name, prefix));
 }
 
 /// Each branch of a `use` tree's `{…}`.
-fn branches(tokens: TokenStream, prefix: &[String], module: &[String], paths: &mut BTreeSet<Vec<String>>) {
+fn branches(tokens: TokenStream, prefix: &[String], found: &mut Vec<(String, Vec<String>)>) {
     let tokens: Vec<TokenTree> = tokens.into_iter().collect();
     for branch in tokens.split(|token| token.to_string() == ",") {
         if let [TokenTree::Ident(first), ..] = branch {
@@ -84,7 +138,7 @@ fn branches(tokens: TokenStream, prefix: &[String], module: &[String], paths: &m
             if first != "self" {
                 path.push(first.to_string());
             }
-            follow(branch, &mut 1, path, module, paths);
+            follow(branch, &mut 1, path, found);
         }
     }
 }
@@ -94,10 +148,12 @@ fn is_colon(token: Option<&TokenTree>) -> bool {
 }
 
 #[test]
-fn paths_are_found_in_uses_in_code_and_in_macros_but_not_in_unit_tests() {
-    let text = "use crate::{a::{B, self}, c::D}; use super::e; fn f() { assert!(crate::g::h(1)); }
-        #[cfg(test)] mod tests { use crate::never; } pub(crate) fn i() {}";
+fn paths_are_found_in_uses_code_and_macros() {
+    let text = "use crate::{a::{B, self}, c::D}; use super::e; fn f() { assert!(crate::g::h(1)); z::k(); std::z::l() }
+        #[cfg(test)] mod tests { use crate::never; } pub(crate) use self::z::Z as Y; use std::io;";
     let path = |path: &str| -> Vec<String> { path.split("::").map(str::to_owned).collect() };
-    let module = path("x::y");
-    assert_eq!(named_in(text, &module), ["a::B", "a", "c::D", "x::e", "g::h"].map(path).into());
+    let found = named_in(text, &path("x::y"), &BTreeSet::from(["z".to_owned()]));
+    assert_eq!(found.paths, ["a::B", "a", "c::D", "x::e", "g::h", "x::y::z::k"].map(path).into());
+    assert_eq!(found.bindings["Y"], Some(path("x::y::z::Z")));
+    assert_eq!(found.bindings["io"], None);
 }

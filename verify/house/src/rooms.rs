@@ -12,9 +12,9 @@ type Rows = &'static [(&'static str, &'static [&'static str])];
 const CORE: Rows = &[
     ("clock", &[]),
     ("control", &[]),
-    ("cycle", &["clock", "control", "drive", "stopper"]),
+    ("cycle", &["control", "drive", "stopper"]),
     ("drive", &["control"]),
-    ("stopper", &["clock", "drive"]),
+    ("stopper", &["drive"]),
 ];
 
 /// `threads` wires the rooms together, `commands` is what a person starts.
