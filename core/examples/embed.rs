@@ -7,14 +7,13 @@
 use motord_bus::{Bus, Duration, FrameId, Instant};
 use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
-use motord_core::drive::capabilities;
 use motord_core::joint::Transmission;
 use motord_core::settings::{
     BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
-    LimitSettings, MotorProtocol, MotorSettings, MotorSimulation, SafeStop, SafetySettings, Settings,
+    LimitSettings, MotorSettings, MotorSimulation, SafeStop, SafetySettings, Settings,
 };
-use motord_protocol::Profile;
 use motord_protocol::gim::ExecutionTime;
+use motord_protocol::{MotorProtocol, Profile};
 use motord_shared::{JointSetpoint, Operation, Phase, Refusal};
 use motord_simulator::{self as simulator, Plant, Shaft, SharedBus, SimulatedBus, couple};
 
@@ -157,7 +156,7 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         overload: Duration::from_secs(10),
         max_velocity: model.max_velocity,
         transmission: Transmission::new(1.0, 0.0),
-        capabilities: capabilities(MotorProtocol::Mit, profile, &scales),
+        capabilities: profile.capabilities(MotorProtocol::Mit, &scales),
         duration: ExecutionTime::default(),
         may_be_excluded: false,
         excluded: false,

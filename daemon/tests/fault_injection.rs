@@ -9,7 +9,8 @@
 mod robot;
 
 use motord_bus::Duration;
-use motord_core::settings::{BusSettings, MotorProtocol, Settings};
+use motord_core::settings::{BusSettings, Settings};
+use motord_protocol::MotorProtocol;
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
 use motord_simulator::Mode;
 use robot::Robot;

@@ -5,7 +5,8 @@
 //!
 //! The defaults are cautious and meant for a real robot. A shared machine needs longer times.
 
-use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
+use motord_protocol::MotorProtocol;
+use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

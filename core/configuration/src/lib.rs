@@ -35,7 +35,7 @@ pub use similar::suggestion;
 
 use document::Document;
 use findings::Findings;
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use toml::de::DeTable;
 
 /// The largest file that is read: sixty-four motors with every key written out take a tenth of it.

@@ -1,10 +1,11 @@
 //! The types of values: how each is read, and what it is called.
 
+use motord_protocol::MotorProtocol;
 use std::fmt::Debug;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use motord_core::settings::{BeyondRange, FaultPolicy, IpcMode, MotorProtocol, SafeStop};
+use motord_settings::settings::{BeyondRange, FaultPolicy, IpcMode, SafeStop};
 use toml::Spanned;
 use toml::de::DeValue;
 

@@ -4,7 +4,7 @@
 
 use motord_configuration::lock::{Lock, ReportedMotor, ReportedProtocol, Verdict, findings, mismatches};
 use motord_configuration::{Machine, parse};
-use motord_core::settings::Settings;
+use motord_settings::settings::Settings;
 use std::fs;
 use std::path::Path;
 

@@ -3,7 +3,7 @@
 use crate::joint::Transmission;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::gim::ExecutionTime;
-use motord_protocol::{Profile, Scales};
+use motord_protocol::{Capabilities, DriveConstants, MotorProtocol, Profile, Scales};
 use motord_shared::SetpointMode;
 
 /// Everything that was configured.
@@ -213,56 +213,6 @@ impl BusKind {
     }
 }
 
-/// Which protocol a motor speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum MotorProtocol {
-    /// MIT over CAN.
-    Mit,
-    /// SteadyWin's native one (GIM), over CAN, RS485 or RS232.
-    Gim,
-}
-
-impl MotorProtocol {
-    /// Its name in the configuration.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Mit => "mit",
-            Self::Gim => "gim",
-        }
-    }
-}
-
-/// The abilities of a motor that decisions and the plan of its bus depend on. Its protocol and its vendor stay behind the drive.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Capabilities {
-    /// The motor computes stiffness, damping and torque itself, and takes setpoints in impedance mode only. Else it takes torque,
-    /// speed and position setpoints, too, and those in impedance mode become a torque in the cycle.
-    pub impedance: bool,
-    /// The motor reports positions within ± this value only, motor side, rad. `None`: its positions do not end.
-    pub position_end: Option<f32>,
-    /// The motor reports speeds within ± this value only, rad/s; a faster one is clamped. `None`: its speeds do not end.
-    pub velocity_end: Option<f32>,
-    /// The motor answers a question for its faults. Else every state has them.
-    pub answers_fault_question: bool,
-    /// It can be asked for so many indicators, by their numbers from 0.
-    pub indicators: u8,
-    /// A state that answers a stop confirms the stop, unless it says that the motor runs. Else the motor confirms a stop by a
-    /// message of its own.
-    pub state_confirms_stop: bool,
-    /// The fewest bytes of a reply with a state, for the plan of its bus.
-    pub reply_bytes: u32,
-}
-
-impl Capabilities {
-    /// Setpoints of this mode are possible for the motor.
-    #[must_use]
-    #[inline]
-    pub fn takes(&self, mode: SetpointMode) -> bool {
-        !self.impedance || mode == SetpointMode::Impedance
-    }
-}
-
 /// The reaction to a position beyond the end of its codes; the documents are silent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeyondRange {
@@ -325,23 +275,19 @@ pub struct MotorSettings {
     pub simulation: MotorSimulation,
 }
 
-/// The constants that a SteadyWin motor stores (GIM document, table 7), as configured.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriveConstants {
-    /// Of the rotor, N·m/A (ConfID 0x03).
-    pub torque_constant: f64,
-    /// Rotor turns per turn of the output shaft (ConfID 0x11).
-    pub gear_ratio: f64,
-    /// Pairs of poles of the rotor (ConfID 0x00), of the model.
-    pub pole_pairs: u8,
-}
-
 impl MotorSettings {
     /// The id of commands to it.
     #[must_use]
     #[inline]
     pub fn command_id(&self) -> FrameId {
         FrameId::new(u16::from(self.id)).unwrap_or(FrameId::MAX)
+    }
+
+    /// Returns whether the motor accepts setpoints of this mode.
+    #[must_use]
+    #[inline]
+    pub fn takes(&self, mode: SetpointMode) -> bool {
+        !self.capabilities.impedance || mode == SetpointMode::Impedance
     }
 }
 

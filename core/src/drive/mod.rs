@@ -11,12 +11,11 @@ mod mit;
 
 use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Setpoint};
-use crate::settings::{Capabilities, MotorProtocol, MotorSettings};
+use crate::settings::MotorSettings;
 pub(crate) use correlator::LATEST_REPLY;
 use correlator::{Correlator, Payload, Question, Verdict};
 use motord_bus::{Duration, Frame, FrameId, Instant};
-use motord_protocol::gim::INDICATORS;
-use motord_protocol::{Profile, Scales};
+use motord_protocol::MotorProtocol;
 
 /// The meaning of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,32 +28,6 @@ pub enum Received {
     UnexpectedId,
     /// It does not decode, or cannot be an answer to the open request.
     Malformed,
-}
-
-/// The abilities of a motor of this vendor that speaks `protocol` with these codes. Source: the vendor's profile; GIM document
-/// 3.2.12 (a stop is answered by a message of its own) and table 2 (the bytes of a reply).
-#[must_use]
-pub const fn capabilities(protocol: MotorProtocol, profile: &Profile, scales: &Scales) -> Capabilities {
-    match protocol {
-        MotorProtocol::Mit => Capabilities {
-            impedance: true,
-            position_end: Some(scales.position.max() as f32),
-            velocity_end: Some(scales.velocity.max() as f32),
-            answers_fault_question: profile.is_asked_for_faults(),
-            indicators: 0,
-            state_confirms_stop: true,
-            reply_bytes: profile.reply.lengths[0] as u32,
-        },
-        MotorProtocol::Gim => Capabilities {
-            impedance: false,
-            position_end: None,
-            velocity_end: None,
-            answers_fault_question: true,
-            indicators: INDICATORS.len() as u8,
-            state_confirms_stop: false,
-            reply_bytes: 8,
-        },
-    }
 }
 
 /// Whether the payload `reply` can answer the payload `request` on a serial line, as far as their bytes alone tell it. Real-time:

@@ -2,8 +2,8 @@
 //!
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
 
-use motord_core::settings::{BusKind, MotorProtocol, MotorSettings, Settings};
-use motord_protocol::Model;
+use motord_core::settings::{BusKind, MotorSettings, Settings};
+use motord_protocol::{Model, MotorProtocol};
 use motord_simulator::{self as simulator, Dialect, SimulatedBus};
 
 /// The current of the largest torque code, A (MIT document 1.1).

@@ -135,7 +135,7 @@ impl FuzzClient {
     fn change_modes(&mut self, random: &mut Random, robot: &Robot) {
         for (setpoint, motor) in self.setpoints.iter_mut().zip(&robot.settings.groups[self.group].motors) {
             let mode = *random.pick(&MODES);
-            if robot.settings.motors[*motor].capabilities.takes(mode) {
+            if robot.settings.motors[*motor].takes(mode) {
                 setpoint.mode = mode.code();
             }
         }

@@ -6,8 +6,8 @@ use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId};
 use motord_commissioning::{Family, Found, Link, MachineTime, Mit, Native, Wire, answers, identify};
 use motord_configuration as config;
-use motord_core::settings::{BusKind, MotorProtocol, MotorSettings};
-use motord_protocol::Scales;
+use motord_protocol::{MotorProtocol, Scales};
+use motord_settings::settings::{BusKind, MotorSettings};
 use std::path::{Path, PathBuf};
 
 /// Bit/s of a serial line (GIM document, Table 1).

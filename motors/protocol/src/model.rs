@@ -38,6 +38,17 @@ pub struct Model {
     pub ends: Option<[f64; 3]>,
 }
 
+/// The constants that a SteadyWin motor stores (GIM document, table 7).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveConstants {
+    /// Of the rotor, N·m/A (ConfID 0x03).
+    pub torque_constant: f64,
+    /// Rotor turns per turn of the output shaft (ConfID 0x11).
+    pub gear_ratio: f64,
+    /// Pairs of poles of the rotor (ConfID 0x00).
+    pub pole_pairs: u8,
+}
+
 #[expect(clippy::too_many_arguments, reason = "a row of the table below, in the order of its columns")]
 pub(crate) const fn model(
     name: &'static str,

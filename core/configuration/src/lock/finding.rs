@@ -1,7 +1,8 @@
 //! Compares what a motor says of itself with its configuration.
 
 use super::{Lock, ReportedMotor, ReportedProtocol};
-use motord_core::settings::{DriveConstants, MotorProtocol, MotorSettings, Settings};
+use motord_protocol::{DriveConstants, MotorProtocol};
+use motord_settings::settings::{MotorSettings, Settings};
 use std::fmt;
 
 /// The largest difference of torque constants, as a part of the configured one: the vendor's own figures of one motor differ by

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use motord_core::plan::{BusPlan, WORST_CASE_SOUND};
-use motord_core::settings::{BusKind, BusSettings, Settings};
+use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
+use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 use nix::net::if_::if_nametoindex;
 

@@ -1,6 +1,6 @@
 //! `[[group]]`: every joint in exactly one.
 
-use motord_core::settings::{GroupSettings, SafeStop};
+use motord_settings::settings::{GroupSettings, SafeStop};
 use motord_shared::limits::GROUPS_MAX;
 
 use super::motor::Item;

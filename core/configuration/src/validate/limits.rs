@@ -1,8 +1,8 @@
 //! `[motor.limits]`: within the capability of the motor and the scale of its protocol.
 
-use motord_core::joint::Transmission;
-use motord_core::settings::{BeyondRange, LimitSettings, MotorSettings, Settings};
 use motord_protocol::{Field, Scales};
+use motord_settings::joint::Transmission;
+use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings, Settings};
 
 use crate::document::{Document, Motor};
 use crate::entry::{At, Entry, degrees};

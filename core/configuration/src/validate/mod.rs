@@ -9,7 +9,7 @@ pub(super) mod limits;
 mod motor;
 
 use motord_bus::Duration;
-use motord_core::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
+use motord_settings::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
 use motord_shared::DEFAULT_INSTANCE;
 
 use super::document::Document;

@@ -1,15 +1,13 @@
 //! `[[motor]]`, its limits, and its ids on the bus.
 
 use motord_bus::{Duration, FrameId};
-use motord_core::drive;
-use motord_core::joint::Transmission;
-use motord_core::settings::{
-    BusKind, BusSettings, DriveConstants, GroupSettings, MotorProtocol, MotorSettings, MotorSimulation,
-    SafeStop, Settings,
-};
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::profile::{Ids, PROFILES, STEADYWIN};
-use motord_protocol::{Model, Profile, Scales};
+use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales};
+use motord_settings::joint::Transmission;
+use motord_settings::settings::{
+    BusKind, BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings,
+};
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
@@ -77,7 +75,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         overload: Duration::from_secs_f64(keys.overload_seconds.value),
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
-        capabilities: drive::capabilities(protocol, profile?, &scales?),
+        capabilities: profile?.capabilities(protocol, &scales?),
         duration: ExecutionTime::from_millis(keys.control_duration_ms.value as u32)?,
         damping_kd: keys.damping_kd.value.unwrap_or(DAMPING_KD.min(limits.kd.into())) as f32,
         beyond_range: capability.beyond_range,

@@ -113,7 +113,7 @@ fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejec
         return Err(Rejection::Negative);
     }
     match SetpointMode::try_from(joint.mode) {
-        Ok(mode) if motor.capabilities.takes(mode) => Ok(()),
+        Ok(mode) if motor.takes(mode) => Ok(()),
         _ => Err(Rejection::Mode),
     }
 }

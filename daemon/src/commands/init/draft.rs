@@ -1,8 +1,7 @@
 //! The text of a first configuration.
 
 use super::InitError;
-use motord_core::settings::MotorProtocol;
-use motord_protocol::{Model, Profile};
+use motord_protocol::{Model, MotorProtocol, Profile};
 use std::fmt::Write;
 
 /// A robot of equal legs, or an arm: one leg.

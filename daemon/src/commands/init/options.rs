@@ -1,7 +1,7 @@
 //! The options of `motord init`.
 
 use super::{Configuration, Draft, InitError, MotorPlace, questions};
-use motord_core::settings::MotorProtocol;
+use motord_protocol::MotorProtocol;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 

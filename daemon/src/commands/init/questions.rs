@@ -2,8 +2,7 @@
 
 use super::{Draft, InitError, MotorPlace};
 use dialoguer::{Error, Input};
-use motord_core::settings::MotorProtocol;
-use motord_protocol::Profile;
+use motord_protocol::{MotorProtocol, Profile};
 
 /// Asks for everything; an empty answer takes the value of `defaults`. The questions go to standard error.
 ///

@@ -8,11 +8,13 @@
 //! torque 12 bits, big endian ([`ControlCodes`](crate::mit::ControlCodes)); a reply has position 16, velocity 12 and
 //! torque 12 bits from its second byte on.
 
+mod capabilities;
 mod damiao;
 mod decode;
 mod robstride;
 mod steadywin;
 
+pub use capabilities::{Capabilities, MotorProtocol};
 pub use damiao::DAMIAO;
 pub use robstride::ROBSTRIDE;
 pub use steadywin::STEADYWIN;
