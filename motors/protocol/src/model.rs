@@ -103,12 +103,6 @@ pub const MODELS: [Model; 19] = [
 ];
 
 impl Model {
-    /// The model with this name, of any vendor, upper or lower case, if there is one.
-    #[must_use]
-    pub fn by_name(name: &str) -> Option<&'static Self> {
-        crate::Profile::of_model(name).map(|(_, model)| model)
-    }
-
     /// The same with codes that end at these values: position, rad, velocity, rad/s, torque, N·m.
     #[must_use]
     pub const fn with_ends(self, position: f64, velocity: f64, torque: f64) -> Self {

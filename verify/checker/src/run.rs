@@ -23,6 +23,7 @@
 mod cycle;
 mod heard;
 mod native;
+mod reply;
 mod reported;
 mod slope;
 mod stop;
@@ -33,6 +34,7 @@ use crate::state::{Bus, Cause, Group, Mode, Phase, State};
 use cycle::Cycle;
 use heard::{Heard, Order};
 use motord_bus::{Duration, Frame, Instant};
+pub use reply::Reply;
 use reported::Velocities;
 use slope::Slopes;
 use std::collections::VecDeque;
@@ -71,17 +73,6 @@ struct Watched {
 pub struct Command {
     /// When the cycle handed it over.
     pub ready: Instant,
-    /// Index of the bus.
-    pub bus: usize,
-    /// Id and bytes.
-    pub frame: Frame,
-}
-
-/// A frame to the host, as it was on the wire.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reply {
-    /// The end of the frame.
-    pub at: Instant,
     /// Index of the bus.
     pub bus: usize,
     /// Id and bytes.

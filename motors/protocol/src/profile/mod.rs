@@ -159,6 +159,14 @@ impl Status {
     }
 }
 
+impl Model {
+    /// Returns the model with this name, of any vendor, upper or lower case.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<&'static Self> {
+        Profile::of_model(name).map(|(_, model)| model)
+    }
+}
+
 impl Profile {
     /// The profile of this name, upper or lower case.
     #[must_use]

@@ -4,7 +4,7 @@
 //! bits of the id below. The last two bytes are the temperatures of transistors and rotor. A drive in fault is disabled and
 //! keeps answering.
 
-use super::{Answer, Status, Twin};
+use super::drive::{Answer, Status, Twin};
 use crate::wire::{Control, MitCommand};
 
 pub(super) const TWIN: Twin =

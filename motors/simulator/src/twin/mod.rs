@@ -5,60 +5,14 @@
 //! in [`TWINS`].
 
 mod damiao;
+mod drive;
 mod robstride;
 mod steadywin;
 
-use crate::wire::{MitCommand, State};
+pub(crate) use drive::{Answer, Asked, Status, Twin};
 
 /// Every vendor known here.
 const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN, &robstride::TWIN];
-
-/// How one vendor's drive differs from the next.
-#[derive(Debug)]
-pub(crate) struct Twin {
-    /// As [`MotorSettings::vendor`](crate::MotorSettings::vendor) says it.
-    name: &'static str,
-    /// Decodes a frame as the motor does.
-    pub(crate) hear: fn([u8; 8]) -> MitCommand,
-    /// The bytes of an answer, and how many they are.
-    pub(crate) answer: fn(&Answer) -> ([u8; 8], usize),
-    /// It answers everything in fault, whatever the settings say.
-    pub(crate) answers_in_fault: bool,
-    /// The vendor's numbers of over-voltage, under-voltage and over-temperature.
-    pub(crate) conditions: [u32; 3],
-    /// The fault number of a drive that has the first and raises the second.
-    pub(crate) raise: fn(u32, u32) -> u32,
-}
-
-/// The content of a reply, before the vendor lays it out.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Answer {
-    pub(crate) asked: Asked,
-    pub(crate) id: u8,
-    pub(crate) state: State,
-    pub(crate) status: Status,
-    pub(crate) fault: u32,
-    /// Of the winding and of the driver board, °C.
-    pub(crate) temperatures: [f64; 2],
-    /// For bytes without a meaning.
-    pub(crate) filler: [u8; 8],
-}
-
-/// The status of the drive, as far as a reply can carry it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Status {
-    Off,
-    On,
-    Fault,
-}
-
-/// The content that a command asks for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Asked {
-    State,
-    Fault,
-    Clear,
-}
 
 impl Twin {
     /// # Panics
@@ -70,14 +24,10 @@ impl Twin {
     }
 }
 
-/// Faults that are bits add up.
-pub(crate) const fn bits(known: u32, raised: u32) -> u32 {
-    known | raised
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wire::{MitCommand, State};
 
     const HEADER: &str =
         "direction,kind,model,hex,id,position,velocity,kp,kd,torque,temperatures,faults,source";

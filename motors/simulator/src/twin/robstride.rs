@@ -3,7 +3,7 @@
 //! An answer is the id, the state, and the winding's temperature in tenths of a °C. The answer to the question for the fault is
 //! the id, 32 bits of faults with the low byte first, and zeros. The drive answers a clear with its state.
 
-use super::{Answer, Asked, Twin, bits};
+use super::drive::{Answer, Asked, Twin, bits};
 use crate::wire::MitCommand;
 
 pub(super) const TWIN: Twin = Twin {

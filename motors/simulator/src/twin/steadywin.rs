@@ -1,6 +1,6 @@
 //! SteadyWin's SDC101, SDC102 and SDC103 drivers (MIT document 1.1 and 1.2, GIM document table 9).
 
-use super::{Answer, Asked, Twin, bits};
+use super::drive::{Answer, Asked, Twin, bits};
 use crate::wire::MitCommand;
 
 pub(super) const TWIN: Twin = Twin {

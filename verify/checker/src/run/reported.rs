@@ -1,6 +1,6 @@
 //! Whether a published state is what a reply reported (I6).
 
-use super::Reply;
+use super::reply::Reply;
 use crate::gim::Reported;
 use crate::robot::{Motor, Protocol};
 use crate::state::Joint;
