@@ -96,7 +96,7 @@ fn what_the_daemon_refuses_fails_with_the_reason() {
     let daemon = started();
     let refused = daemon.motorctl(&["enable", "all"]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(text(&refused.stderr).contains("Nobody owns this group"), "{}", text(&refused.stderr));
+    assert!(text(&refused.stderr).contains("No process owns this group"), "{}", text(&refused.stderr));
 
     for unknown in [["enable", "legs"].as_slice(), &["zero", "leg", "--yes"], &["fault", "clear", "leg"]] {
         let output = daemon.motorctl(unknown);

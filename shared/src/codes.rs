@@ -93,7 +93,7 @@ codes! {
         BusGone = 7 "bus-gone" "A bus interface went down or was unplugged.",
         TransmitStall = 8 "transmit-stall" "A bus did not accept frames for several cycles.",
         Implausible = 9 "implausible" "A motor reported states that physics does not allow.",
-        EncoderStuck = 10 "encoder-stuck" "A motor reported speed while its position stood still.",
+        EncoderStuck = 10 "encoder-stuck" "A motor reported a speed while its position did not change.",
         Overspeed = 11 "overspeed" "A joint turned faster than its limit allows.",
         FollowingError = 12 "following-error" "A joint stayed too far from its position setpoint.",
         DuplicateId = 13 "duplicate-id" "Two motors answered to one id.",
@@ -104,11 +104,11 @@ codes! {
         OwnerLost = 20 "owner-lost" "The group was taken from its owner while it was active.",
         Suspended = 21 "suspended" "The computer was suspended.",
         RangeEnd = 22 "range-end" "A motor reached the end of the position range that it can report.",
-        MotorOff = 23 "motor-off" "A motor said that it is off while it should follow setpoints.",
-        Disabled = 24 "disabled" "Somebody other than its owner disabled the group.",
+        MotorOff = 23 "motor-off" "A motor reported that it is off while it should follow setpoints.",
+        Disabled = 24 "disabled" "Another client than its owner disabled the group.",
         OwnerDied = 27 "owner-died" "The owner's process ended while its group was active.",
         DirectoryLost = 28 "directory-lost" "The daemon's files were removed from the runtime directory: no new client can reach it.",
-        SwitchLost = 29 "switch-lost" "The dead man's switch was away or hung, and the configuration requires it.",
+        SwitchLost = 29 "switch-lost" "The dead man's switch was missing or hung, and the configuration requires it.",
     }
 }
 
@@ -126,7 +126,7 @@ impl Cause {
                 "Find the faults in `motorctl status`, remove their cause, and run `motorctl fault clear JOINT`"
             }
             Self::TimeBase | Self::Overload => {
-                "Reduce the other load of the computer, or give the cycle a processor of its own"
+                "Reduce the other load of the computer, or give the cycle a separate processor"
             }
             Self::BusOff => "Check the wiring, the termination and the bit rate of the bus",
             Self::BusGone => "Plug in the adapter, and bring the interface up",
@@ -142,8 +142,8 @@ impl Cause {
             Self::Shutdown => "Start the daemon again",
             Self::StartFailed => "Check the motor's power, and that it uses the configured protocol",
             Self::Suspended => "Disable suspension of the computer",
-            Self::Disabled => "Ask whoever disabled the group whether it may move again",
-            Self::MotorOff => "Check the motor's supply: it may have started anew",
+            Self::Disabled => "Ask the operator who disabled the group whether it may move again",
+            Self::MotorOff => "Check the motor's supply: the motor may have restarted",
             Self::RangeEnd => "Turn the joint by hand to the middle of its range",
         }
     }
@@ -192,12 +192,12 @@ codes! {
         EmergencyStop = 7 "emergency-stop" "Damp and stop every motor now.",
         SetZero = 8 "set-zero" "Store the present position of a stopped motor as its zero.",
         ClearFault = 9 "clear-fault" "Clear the fault of a motor.",
-        Describe = 10 "describe" "Give names and limits of joints, groups and buses, as JSON.",
-        Telemetry = 11 "telemetry" "Give counters and latency percentiles, as JSON.",
-        Exclude = 12 "exclude" "Leave a joint out of its group: it is not there, or it is broken.",
+        Describe = 10 "describe" "Return names and limits of joints, groups and buses, as JSON.",
+        Telemetry = 11 "telemetry" "Return counters and latency percentiles, as JSON.",
+        Exclude = 12 "exclude" "Exclude a joint that is missing or broken from its group.",
         Include = 13 "include" "End the exclusion of a joint.",
-        Histograms = 14 "histograms" "Give latency histograms, from the one with this number on, as JSON.",
-        ResetTelemetry = 15 "reset-telemetry" "Begin the counters and histograms of telemetry anew.",
+        Histograms = 14 "histograms" "Return latency histograms, from the one with this number on, as JSON.",
+        ResetTelemetry = 15 "reset-telemetry" "Reset the counters and histograms of telemetry.",
     }
 }
 
@@ -209,7 +209,7 @@ codes! {
         UnknownJoint = 3 "unknown-joint" "There is no such joint.",
         Owned = 4 "owned" "Another process owns this group.",
         NotOwner = 5 "not-owner" "The lease does not own this group, or no longer owns it.",
-        NoOwner = 6 "no-owner" "Nobody owns this group: a controller must claim it and send setpoints first.",
+        NoOwner = 6 "no-owner" "No process owns this group: a controller must claim it and send setpoints first.",
         Latched = 7 "latched" "The group was stopped for a cause that is still latched: reset it first.",
         EmergencyStopActive = 8 "emergency-stop-active" "The emergency stop is latched: reset it first.",
         MotorOffline = 9 "motor-offline" "A motor of the group does not answer.",
@@ -227,9 +227,9 @@ codes! {
         NotConfirmed = 22 "not-confirmed" "The motor did not confirm it in time.",
         DuplicateId = 23 "duplicate-id" "Two motors answer to the id of a motor of the group.",
         Moving = 24 "moving" "The joint moves, or its velocity is not known.",
-        Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log says in what; `motorctl setup` compares all of them.",
+        Mismatch = 25 "mismatch" "A motor of the group is not the motor that is configured: the daemon's log names the difference; `motorctl setup` compares all of them.",
         Excluded = 26 "excluded" "The joint is excluded: include it, or allow in the configuration that its group runs without it.",
-        OutsideLimits = 27 "outside-limits" "A joint stands outside its position limits, and would be pulled back into them: move it by hand, or correct its zero or its limits.",
+        OutsideLimits = 27 "outside-limits" "A joint is outside its position limits, and would be pulled back into them: move it by hand, or correct its zero or its limits.",
     }
 }
 
@@ -346,7 +346,7 @@ codes! {
         WrongLease = 1 "wrong-lease" "The lease does not own the group.",
         Sequence = 2 "sequence" "The sequence number did not rise, or rose by more than 2^32.",
         FromFuture = 3 "from-future" "Its time lies in the future.",
-        Stale = 4 "stale" "It was older than the setpoint timeout when it came.",
+        Stale = 4 "stale" "It was older than the setpoint timeout when it arrived.",
         JointCount = 5 "joint-count" "It did not have exactly the joints of the group.",
         Mode = 6 "mode" "A joint's mode is unknown, or its motor does not support it.",
         Negative = 7 "negative" "A stiffness or damping was negative.",
@@ -434,7 +434,7 @@ codes! {
         TotalTorque = 9 "total-torque" "Stiffness, damping and torque together asked for too much torque.",
         Temperature = 10 "temperature" "The motor is hot: its torque is derated.",
         StartRamp = 11 "start-ramp" "The gains are still rising after the start.",
-        Overload = 12 "overload" "The winding gave more than its rated torque for long: its torque is derated.",
+        Overload = 12 "overload" "The motor gave more than its rated torque for too long: its torque is derated.",
     }
 }
 
@@ -454,7 +454,7 @@ codes! {
         Passive = 2 "passive" "The controller counted so many errors that it may no longer interrupt others.",
         Off = 3 "off" "The controller left the bus.",
         Down = 4 "down" "The interface is down.",
-        Gone = 5 "gone" "The interface is gone.",
+        Gone = 5 "gone" "The interface does not exist.",
     }
 }
 
