@@ -6,8 +6,8 @@ use std::path::Path;
 use motord_bus::Duration;
 use motord_shared::limits::NAME_BYTES_MAX;
 
-use super::Machine;
 use super::entry::{At, Entry, Item};
+use super::machine::Machine;
 use super::problem::{Place, Problem, Wrong, plain};
 use super::similar::suggestion;
 

@@ -8,6 +8,7 @@
 
 mod document;
 mod entry;
+mod file;
 mod findings;
 mod keys;
 pub mod lock;
@@ -21,10 +22,7 @@ mod validate;
 mod value;
 
 use std::fmt;
-use std::fs::{File, OpenOptions};
-use std::io::{self, Read};
 use std::net::SocketAddr;
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 pub use machine::Machine;
@@ -34,12 +32,10 @@ pub use reference::reference;
 pub use similar::suggestion;
 
 use document::Document;
+use file::{fnv1a, read};
 use findings::Findings;
 use motord_settings::settings::Settings;
 use toml::de::DeTable;
-
-/// The largest file that is read: sixty-four motors with every key written out take a tenth of it.
-const FILE_BYTES_MAX: u64 = 1024 * 1024;
 
 /// A configuration that may be run.
 #[derive(Debug)]
@@ -160,49 +156,4 @@ pub fn parse(file: &Path, bytes: &[u8], machine: &Machine) -> Result<Loaded, Con
         }
         refused => Err(ConfigError { problems: errors, refused: refused.map(Box::new) }),
     }
-}
-
-/// The bytes of a regular file of bounded size that not everyone may write.
-fn read(path: &Path) -> Result<Vec<u8>, Wrong> {
-    // Without O_NONBLOCK the open would wait for a writer if this is a FIFO.
-    let file = OpenOptions::new().read(true).custom_flags(nix::libc::O_NONBLOCK).open(path)?;
-    admit(&file)?;
-    let mut bytes = Vec::new();
-    file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)?;
-    if bytes.len() as u64 > FILE_BYTES_MAX {
-        return Err(Wrong::TooLarge { bytes_max: FILE_BYTES_MAX });
-    }
-    Ok(bytes)
-}
-
-/// Looks at the opened file rather than at the path: the path may lead elsewhere a moment later.
-fn admit(file: &File) -> Result<(), Wrong> {
-    let metadata = file.metadata()?;
-    let kind = metadata.file_type();
-    if kind.is_dir() {
-        return Err(Wrong::NotRegular("a directory"));
-    }
-    if kind.is_fifo() {
-        return Err(Wrong::NotRegular("a FIFO"));
-    }
-    if !kind.is_file() {
-        return Err(Wrong::NotRegular("a device or socket"));
-    }
-    if metadata.permissions().mode() & 0o002 != 0 {
-        return Err(Wrong::WorldWritable);
-    }
-    Ok(())
-}
-
-impl From<io::Error> for Wrong {
-    fn from(error: io::Error) -> Self {
-        Self::Unreadable(error)
-    }
-}
-
-/// FNV-1a, 64 bits: unlike the standard library's hash it is the same in every version.
-fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
 }

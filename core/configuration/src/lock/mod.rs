@@ -8,6 +8,7 @@ mod finding;
 pub use finding::{Finding, Verdict, findings, mismatches};
 pub use motord_commissioning::{ReportedMotor, ReportedProtocol};
 
+use crate::file::read;
 use crate::problem::Wrong;
 
 use serde::{Deserialize, Serialize};
@@ -75,7 +76,7 @@ impl Lock {
         if !file.try_exists().map_err(|error| failed(error.into()))? {
             return Ok(None);
         }
-        let bytes = crate::read(&file).map_err(failed)?;
+        let bytes = read(&file).map_err(failed)?;
         let malformed = |reason: String| LockError::Malformed { file: file.clone(), reason };
         let text = str::from_utf8(&bytes).map_err(|error| malformed(error.to_string()))?;
         let lock: Self = toml::from_str(text).map_err(|error| malformed(error.message().to_owned()))?;

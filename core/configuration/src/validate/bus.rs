@@ -7,10 +7,10 @@ use motord_settings::settings::{BusKind, BusSettings, Settings};
 use motord_shared::limits::BUSES_MAX;
 use nix::net::if_::if_nametoindex;
 
-use super::micros;
+use super::time::micros;
 use crate::entry::{At, Entry, Item};
+use crate::file::fnv1a;
 use crate::findings::Findings;
-use crate::fnv1a;
 use crate::keys::Bus;
 use crate::problem::Wrong;
 use crate::value::{BusType, Choice};

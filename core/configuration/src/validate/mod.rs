@@ -7,6 +7,7 @@ mod bus;
 mod group;
 pub(super) mod limits;
 mod motor;
+mod time;
 
 use motord_bus::Duration;
 use motord_settings::settings::{CycleSettings, IpcMode, IpcSettings, SafetySettings, Settings};
@@ -16,6 +17,7 @@ use super::document::Document;
 use super::findings::Findings;
 use super::keys;
 use super::problem::Wrong;
+use time::{micros, millis};
 
 /// The cycle polls for so long where it has a processor of its own.
 const BUSY_POLL_US: f64 = 30.0;
@@ -135,12 +137,4 @@ fn deadman(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'
         findings.warn(keys.deadman_ms.at, Wrong::DeadmanBeforeLateness { deadman_ms, late_ms });
     }
     millis(deadman_ms)
-}
-
-fn millis(value: f64) -> Duration {
-    Duration::from_secs_f64(value * 1e-3)
-}
-
-fn micros(value: f64) -> Duration {
-    Duration::from_secs_f64(value * 1e-6)
 }

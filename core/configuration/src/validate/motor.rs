@@ -11,7 +11,7 @@ use motord_settings::settings::{
 use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
-use super::micros;
+use super::time::micros;
 use crate::document::Motor;
 use crate::entry::{self, Entry, degrees};
 use crate::findings::Findings;
