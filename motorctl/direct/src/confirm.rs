@@ -9,7 +9,7 @@ use std::io::{self, BufRead, IsTerminal, Write};
 pub struct Confirm {
     /// Confirm in advance: do not ask. Without it, the command asks at a terminal and refuses elsewhere.
     #[arg(long)]
-    yes: bool,
+    pub(crate) yes: bool,
 }
 
 impl Confirm {

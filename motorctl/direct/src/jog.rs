@@ -2,6 +2,7 @@
 
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
+use crate::guard::StopOnDrop;
 use crate::motion::{Jogged, PERIOD, ranged};
 use crate::say;
 use crate::target::Target;
@@ -58,12 +59,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     ))?;
     let interrupt = Interrupt::register();
     let allowed = session.allowed();
-    let mut motor = Jogged::new(&mut session, arguments.kd as f32);
-    let started = motor.start().map_err(WireFailure::Motor);
-    let moved = started.and_then(|begin| hold_to_run(&mut motor, begin, allowed, arguments, &interrupt));
-    let stopped = motor.stop().map_err(WireFailure::Motor);
-    let position = moved?;
-    stopped?;
+    let mut motor = StopOnDrop::new(Jogged::new(&mut session, arguments.kd as f32));
+    let begin = motor.start()?;
+    let position = hold_to_run(&mut motor, begin, allowed, arguments, &interrupt)?;
+    motor.stop()?;
     say(&format!("{name}: stopped at {position:.3} rad"))
 }
 

@@ -8,6 +8,7 @@ mod confirm;
 mod failure;
 mod file;
 mod find;
+mod guard;
 mod jog;
 mod journal;
 mod memory;

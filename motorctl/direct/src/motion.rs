@@ -6,6 +6,7 @@
 
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
+use crate::guard::{Stop, StopOnDrop};
 use crate::say;
 use crate::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
@@ -94,18 +95,7 @@ pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), Wi
     let mut session = target.open_native()?;
     check_limits(&session, goal)?;
     let (name, allowed) = (session.name(), session.allowed());
-    let motor = &mut session.native();
-    let moved = follow(motor, &name, goal, bounds, allowed);
-    let stopped = if matches!(
-        moved,
-        Err(WireFailure::Unconfirmed { .. } | WireFailure::Declined | WireFailure::Usage(_))
-    ) {
-        Ok(())
-    } else {
-        motor.stop()
-    };
-    let state = moved?;
-    stopped?;
+    let state = follow(session.native(), &name, goal, bounds, allowed)?;
     let [position, velocity, torque] = state;
     let torque = if torque.is_nan() { String::new() } else { format!(", {torque:.2} N·m") };
     say(&format!("{name}: stopped; last at {position:.3} rad, {velocity:.2} rad/s{torque}"))
@@ -126,8 +116,9 @@ fn check_limits(session: &Session, goal: Goal) -> Result<(), WireFailure> {
     Err(WireFailure::Usage(format!("{goal} is outside of the limits of the joint, {low:.3} to {high:.3}")))
 }
 
+/// Asks for consent, starts the motor, follows `goal`, and stops it. Returns the last state.
 fn follow(
-    motor: &mut Native<'_>,
+    mut motor: Native<'_>,
     name: &str,
     goal: Goal,
     bounds: &Bounds,
@@ -153,9 +144,10 @@ fn follow(
     // A joint that is beyond its limits may come back.
     let allowed = [allowed[0].min(begin) - BEYOND, allowed[1].max(begin) + BEYOND];
     let interrupt = Interrupt::register();
+    let mut motor = StopOnDrop::new(motor);
     motor.start()?;
     let end = Instant::now() + Duration::from_secs_f64(bounds.seconds);
-    let mut state = command(motor, goal, bounds.seconds)?;
+    let mut state = command(&mut motor, goal, bounds.seconds)?;
     while Instant::now() < end && !interrupt.came() {
         let [position, velocity, _] = state;
         let travel = (position - begin).abs();
@@ -170,10 +162,11 @@ fn follow(
         interrupt.pause_until(Instant::now() + PERIOD);
         state = match goal {
             // Sent again, it would begin anew.
-            Goal::Position(_) => observe(motor)?,
-            Goal::Torque(_) | Goal::Speed(_) => command(motor, goal, bounds.seconds)?,
+            Goal::Position(_) => observe(&mut motor)?,
+            Goal::Torque(_) | Goal::Speed(_) => command(&mut motor, goal, bounds.seconds)?,
         };
     }
+    motor.stop()?;
     if interrupt.came() { Err(Error::Interrupted.into()) } else { Ok(state) }
 }
 
@@ -254,12 +247,66 @@ impl<'s> Jogged<'s> {
     pub(crate) fn id(&self) -> u8 {
         self.session.id
     }
+}
 
-    /// Stops the motor.
-    pub(crate) fn stop(&mut self) -> Result<(), Error> {
+impl Stop for Jogged<'_> {
+    fn stop(&mut self) -> Result<(), Error> {
         match self.session.protocol {
             Protocol::Mit => self.session.mit().stop().map(drop),
             Protocol::Gim => self.session.native().stop(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_bus::Instant as BusInstant;
+    use motord_commissioning::{Link, VirtualTime};
+    use motord_simulator::{BusSettings, Dialect, Mode, MotorSettings, SharedBus, SimulatedBus};
+
+    /// Runs a motion of a simulated motor. Returns its outcome, and the motor's mode afterwards.
+    fn run(goal: Goal, bounds: &Bounds) -> (Result<[f64; 3], WireFailure>, Mode) {
+        let knee = MotorSettings {
+            name: "knee".into(),
+            id: 3,
+            host_id: 0x103,
+            dialect: Dialect::Gim,
+            ..Default::default()
+        };
+        let bus = SharedBus::new(SimulatedBus::new(BusSettings::default(), vec![knee], 1));
+        let mut link = Link::can(bus.clone(), VirtualTime::new(BusInstant::ZERO));
+        let everywhere = [f64::NEG_INFINITY, f64::INFINITY];
+        let outcome = follow(Native::new(&mut link, 3, None), "knee", goal, bounds, everywhere);
+        let mode = bus.lock().motor("knee").unwrap().mode();
+        (outcome, mode)
+    }
+
+    fn bounds(seconds: f64) -> Bounds {
+        let confirm = Confirm { yes: true };
+        Bounds { seconds, max_travel_rad: 1e30, max_rad_s: f64::MAX, confirm }
+    }
+
+    #[test]
+    fn started_motor_is_stopped_after_any_error() {
+        // In rpm this speed has no single precision, which is noticed after the start.
+        let (outcome, mode) = run(Goal::Speed(1e38), &bounds(1.0));
+        assert!(matches!(outcome, Err(WireFailure::Usage(_))), "{outcome:?}");
+        assert_eq!(mode, Mode::Stopped);
+    }
+
+    #[test]
+    fn motion_beyond_its_bound_ends_stopped() {
+        let bounds = Bounds { max_rad_s: 1e-9, ..bounds(5.0) };
+        let (outcome, mode) = run(Goal::Torque(1.0), &bounds);
+        assert!(matches!(outcome, Err(WireFailure::Unfit { .. })), "{outcome:?}");
+        assert_eq!(mode, Mode::Stopped);
+    }
+
+    #[test]
+    fn finished_motion_ends_stopped() {
+        let (outcome, mode) = run(Goal::Speed(0.1), &bounds(0.05));
+        assert!(outcome.is_ok(), "{outcome:?}");
+        assert_eq!(mode, Mode::Stopped);
     }
 }

@@ -15,6 +15,7 @@ const TEST_IMPORTS: &[(&str, &[&str])] = &[
     ("motord-client", &["iceoryx2"]),
     ("motord-commissioning", &["motord-checker", "motord-simulator"]),
     ("motord-core", &["motord-simulator"]),
+    ("motord-direct", &["motord-simulator"]),
     ("motord-simulator", &["motord-bus", "motord-simulator"]),
     ("motorctl", &["motord-bus", "motord-protocol", "motord-simulator"]),
 ];
