@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::status;
 use motord_client::{Client, Fault, Faults, State};
-use motord_direct::{NamedFault, say_faults};
+use motord_direct::{NamedFault, print_faults};
 use motord_terminal::{Cell, Palette, Table, json, printable};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -56,7 +56,7 @@ pub(crate) fn get(instance: &str, joint: &str, as_json: bool) -> Result<(), Fail
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &faults)?);
     }
-    Ok(say_faults(joint, &faults.faults, faults.unknown_bits)?)
+    Ok(print_faults(joint, &faults.faults, faults.unknown_bits)?)
 }
 
 impl Report {

@@ -3,7 +3,7 @@
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::memory::{outcome_of, text};
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
 use motord_bus::FrameId;
 use motord_commissioning::{Apply, Change, Error, Event, Failed, Wire, bitrate_unit, changes};
@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
 pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Result<(), WireFailure> {
     let mut session = target.open()?;
     if session.protocol == to && session.line.link.wire() == Wire::Can {
-        return say(&format!("{}: speaks this protocol already", session.name()));
+        return print_line(&format!("{}: speaks this protocol already", session.name()));
     }
     if session.protocol == Protocol::Mit {
         let reason = "over CAN there is no way back from MIT: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
@@ -161,7 +161,7 @@ fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), WireFa
         let address = Address { id, host_id, can_protocol, can_baud_rate };
         return Ok(json::write_line(&mut io::stdout().lock(), &address)?);
     }
-    say(&format!(
+    print_line(&format!(
         "{}: id {id}, host id {host_id:#05X}, {can_protocol} over CAN, bit rate stored as {can_baud_rate}",
         session.name()
     ))
@@ -170,7 +170,7 @@ fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), WireFa
 fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<(), WireFailure> {
     let (name, wire) = (session.name(), session.line.link.wire());
     if changes.is_empty() {
-        return say(&format!("{name}: nothing differs"));
+        return print_line(&format!("{name}: nothing differs"));
     }
     let apply = Apply { changes };
     apply.check(&mut session.native())?;
@@ -191,7 +191,7 @@ fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<
     ))?;
     let written = apply.run(&mut session.native(), &mut |event| {
         if let Event::Written(change, confirmation) = event {
-            say(&format!(
+            print_line(&format!(
                 "{name}: {} was {}, {}",
                 change.item.name,
                 text(change.from),

@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::journal::Journal;
 use crate::memory::{effective, parse_item, read, text};
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Session, Target};
 use motord_commissioning::{
     Apply, Change, Error, Failed, Family, Native, changes, check_value, identify, is_taken,
@@ -46,7 +46,7 @@ pub(crate) fn dump(target: &Target, file: Option<&Path>, force: bool) -> Result<
         file.sync_all()
     });
     written.map_err(|source| WireFailure::File { path: path.to_owned(), source })?;
-    say(&format!("{}: configuration written to {}", session.name(), path.display()))
+    print_line(&format!("{}: configuration written to {}", session.name(), path.display()))
 }
 
 fn document(session: &mut Session) -> Result<String, Error> {
@@ -161,7 +161,7 @@ pub(crate) fn apply(
     let changes = changes(&present, &wanted);
     let (name, apply) = (session.name(), Apply { changes: &changes });
     if changes.is_empty() {
-        return say(&format!("{name}: nothing differs"));
+        return print_line(&format!("{name}: nothing differs"));
     }
     apply.check(&mut session.native())?;
     print(&changes, false)?;
@@ -178,7 +178,7 @@ pub(crate) fn apply(
     match apply.run(&mut session.native(), &mut |event| journal.note(&event)) {
         Ok(()) => {
             journal.end("done")?;
-            say(&format!("{name}: {} items written, each read back", changes.len()))
+            print_line(&format!("{name}: {} items written, each read back", changes.len()))
         }
         Err(Failed::Journal(failure)) => Err(failure),
         Err(failed @ Failed::Motor { .. }) => {
@@ -212,10 +212,10 @@ pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), WireFailure
             }
             let host_id =
                 found.host_id.map_or_else(String::new, |id| format!(" with host id {:#05X}", id.raw()));
-            return say(&format!("{name}: reset; it answers as id {place}{host_id} now"));
+            return print_line(&format!("{name}: reset; it answers as id {place}{host_id} now"));
         }
     }
-    say(&format!(
+    print_line(&format!(
         "{name}: reset; it answers neither as id {FACTORY_ID} nor as id {id}: `motorctl scan` finds it"
     ))
 }

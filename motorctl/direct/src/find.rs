@@ -1,6 +1,7 @@
 //! `motorctl scan` and `motorctl ping`.
 
 use crate::failure::WireFailure;
+use crate::output::print_line;
 use crate::target::{self, OpenLine, Target};
 use motord_bus::FrameId;
 use motord_commissioning::{Error, Family, Found, Progress, Report, Scan, Unprompted, scan};
@@ -206,5 +207,5 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), WireFailure> {
     }
     let host = host_id.map_or_else(String::new, |id| format!(", host id {id:#05X}"));
     let line = format!("{} answers in {answer_us} µs, protocol {protocol}{host}", session.name());
-    super::say(&line)
+    print_line(&line)
 }

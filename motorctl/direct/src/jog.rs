@@ -4,7 +4,7 @@ use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::guard::StopOnDrop;
 use crate::motion::{Jogged, PERIOD, ranged};
-use crate::say;
+use crate::output::print_line;
 use crate::target::Target;
 use motord_terminal::Interrupt;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -63,7 +63,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     let begin = motor.start()?;
     let position = hold_to_run(&mut motor, begin, allowed, arguments, &interrupt)?;
     motor.stop()?;
-    say(&format!("{name}: stopped at {position:.3} rad"))
+    print_line(&format!("{name}: stopped at {position:.3} rad"))
 }
 
 /// The last position, rad.

@@ -13,6 +13,7 @@ mod jog;
 mod journal;
 mod memory;
 mod motion;
+mod output;
 mod service;
 mod setup;
 mod status;
@@ -21,15 +22,13 @@ mod zero;
 
 pub use confirm::Confirm;
 pub use failure::WireFailure;
-pub use status::{Indicators, NamedFault, clear_fault, say_faults};
+pub use status::{Indicators, NamedFault, clear_fault, print_faults};
 pub use target::Target;
 pub use zero::{Arguments as Zero, run as zero};
 
 use clap::{Args, Subcommand};
 use motion::{Bounds, Goal, finite};
 use motord_protocol::gim::{ConfigurationItem, Parameter};
-use motord_terminal::printable;
-use std::io::{self, Write};
 use std::path::PathBuf;
 use target::Protocol;
 
@@ -400,8 +399,4 @@ fn config(command: ConfigCommand) -> Result<(), WireFailure> {
         }
         ConfigCommand::Reset { target, confirm } => file::reset(&target, confirm),
     }
-}
-
-fn say(sentence: &str) -> Result<(), WireFailure> {
-    Ok(writeln!(io::stdout(), "{}", printable(sentence))?)
 }

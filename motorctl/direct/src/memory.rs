@@ -2,7 +2,7 @@
 
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Target, number};
 use motord_commissioning::{Apply, Change, Confirmation, Error, Native, check_value};
 use motord_protocol::gim::{
@@ -99,7 +99,7 @@ pub(crate) fn set_parameter(
         parameter.name
     ))?;
     motor.set_parameter(parameter.id, value)?;
-    say(&format!("{name}: {} was {before}, reads {value} now", parameter.name))
+    print_line(&format!("{name}: {} was {before}, reads {value} now", parameter.name))
 }
 
 /// A value in JSON: a float with as many digits as it has.
@@ -213,7 +213,13 @@ pub(crate) fn set(
         warning(item)
     ))?;
     let confirmation = motor.store_configuration(item, value)?;
-    say(&format!("{name}: {} was {}, {}{}", item.name, text(before), outcome_of(confirmation), when(item)))
+    print_line(&format!(
+        "{name}: {} was {}, {}{}",
+        item.name,
+        text(before),
+        outcome_of(confirmation),
+        when(item)
+    ))
 }
 
 /// The consequence of an item that changes more than itself.

@@ -7,7 +7,7 @@
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::guard::{Stop, StopOnDrop};
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_commissioning::{Error, Native};
 use motord_protocol::gim::{ExecutionTime, Finite, Indicator, RPM, State};
@@ -98,7 +98,7 @@ pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), Wi
     let state = follow(session.native(), &name, goal, bounds, allowed)?;
     let [position, velocity, torque] = state;
     let torque = if torque.is_nan() { String::new() } else { format!(", {torque:.2} N·m") };
-    say(&format!("{name}: stopped; last at {position:.3} rad, {velocity:.2} rad/s{torque}"))
+    print_line(&format!("{name}: stopped; last at {position:.3} rad, {velocity:.2} rad/s{torque}"))
 }
 
 /// The goal is within the limits of the joint, where a configuration tells them.

@@ -2,7 +2,7 @@
 
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Target, parse_id};
 use motord_commissioning::CALIBRATION_MAX;
 use motord_protocol::gim::Calibration;
@@ -37,7 +37,7 @@ pub(crate) fn calibrate(target: &Target, kind: Kind, confirm: Confirm) -> Result
     });
     eprintln!();
     calibrated?;
-    say(&format!("{name}: {what} calibrated"))
+    print_line(&format!("{name}: {what} calibrated"))
 }
 
 /// The consent to firmware mode.
@@ -67,7 +67,7 @@ pub(crate) fn firmware_mode(arguments: &Firmware) -> Result<(), WireFailure> {
          cycle brings it back is in no document."
     ))?;
     session.native().enter_firmware_mode()?;
-    say(&format!("{name}: in firmware mode; it answers nothing now"))
+    print_line(&format!("{name}: in firmware mode; it answers nothing now"))
 }
 
 /// `motorctl pts`: the document lists the command and says that it is not supported.

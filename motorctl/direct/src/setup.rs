@@ -3,7 +3,7 @@
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::memory::outcome_of;
-use crate::say;
+use crate::output::print_line;
 use crate::target::{self, DEFAULT_CONFIG, OpenLine};
 use motord_commissioning::{Error, Native, Question, survey};
 use motord_configuration as config;
@@ -243,7 +243,11 @@ fn print(asked: &[Asked<'_>], lock: &Path, as_json: bool) -> Result<(), WireFail
     }
     table.write(out, Palette::of_stdout())?;
     for finding in asked.iter().flat_map(Asked::open_findings) {
-        say(&format!("{finding}"))?;
+        print_line(&format!("{finding}"))?;
     }
-    say(&format!("{answered} of {} motors answered; {} holds what they said", asked.len(), lock.display()))
+    print_line(&format!(
+        "{answered} of {} motors answered; {} holds what they said",
+        asked.len(),
+        lock.display()
+    ))
 }

@@ -3,7 +3,7 @@
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
 use crate::memory::expected_one_of;
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_commissioning::Error;
 use motord_protocol::Faults;
@@ -25,7 +25,7 @@ pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), WireFailure>
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
     }
-    say(&format!("{}: firmware version {version} ({version:#010X})", session.name()))
+    print_line(&format!("{}: firmware version {version} ({version:#010X})", session.name()))
 }
 
 /// A fault in words.
@@ -56,7 +56,7 @@ pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), WireFailure> {
         let report = Report { id: session.id, bits: reported.0, faults, unknown_bits };
         return Ok(json::write_line(&mut io::stdout().lock(), &report)?);
     }
-    say_faults(&session.name(), &faults, unknown_bits)
+    print_faults(&session.name(), &faults, unknown_bits)
 }
 
 /// Prints the faults of a motor or joint, a line each; `unknown_bits` are those that no name stands for.
@@ -64,16 +64,16 @@ pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), WireFailure> {
 /// # Errors
 ///
 /// When the output cannot be written.
-pub fn say_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> Result<(), WireFailure> {
+pub fn print_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> Result<(), WireFailure> {
     if faults.is_empty() && unknown_bits == 0 {
-        return say(&format!("{subject}: no fault"));
+        return print_line(&format!("{subject}: no fault"));
     }
     for NamedFault { name, meaning } in faults {
-        say(&format!("{subject}: {name}: {meaning}"))?;
+        print_line(&format!("{subject}: {name}: {meaning}"))?;
     }
     match unknown_bits {
         0 => Ok(()),
-        bits => say(&format!("{subject}: fault bits {bits:#04X}, which are in no document")),
+        bits => print_line(&format!("{subject}: fault bits {bits:#04X}, which are in no document")),
     }
 }
 
@@ -102,7 +102,7 @@ pub fn clear_fault(target: &Target) -> Result<(), WireFailure> {
     cleared?;
     let left = read_faults(&mut session)?;
     if left.is_none() {
-        return say(&format!("{}: the fault is cleared", session.name()));
+        return print_line(&format!("{}: the fault is cleared", session.name()));
     }
     let names: Vec<&str> = left.named().map(|fault| fault.name).collect();
     let reason =
@@ -118,7 +118,7 @@ pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), WireFailure
         session.name()
     ))?;
     session.native().start()?;
-    say(&format!("{}: started; `motorctl stop` stops it", session.name()))
+    print_line(&format!("{}: started; `motorctl stop` stops it", session.name()))
 }
 
 /// `motorctl stop`: leaves the running state. With `control_only`, only the command that is being executed ends.
@@ -133,7 +133,7 @@ pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), WireFailur
         (Protocol::Gim, false) => session.native().stop(),
     };
     done?;
-    say(&format!(
+    print_line(&format!(
         "{}: {}",
         session.name(),
         if control_only { "the control command ended" } else { "stopped" }

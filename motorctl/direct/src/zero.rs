@@ -2,7 +2,7 @@
 
 use crate::confirm::Confirm;
 use crate::failure::WireFailure;
-use crate::say;
+use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
 use std::f64::consts::TAU;
@@ -53,7 +53,7 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
         );
         return Err(session.unfit(&reason));
     }
-    say(&format!("{name}: reports {after:.3} rad now"))
+    print_line(&format!("{name}: reports {after:.3} rad now"))
 }
 
 /// Stops the motor. Returns the position that it reports, rad.
