@@ -1,10 +1,11 @@
 //! Native commands and replies, over CAN.
 
 use crate::member::{Member, Variants, variants};
+use crate::mit;
 use crate::null_bytes;
 use crate::object::Object;
+use crate::options::Asked;
 use crate::refused::Refused;
-use crate::{Asked, mit};
 use motord_protocol::DecodeError;
 use motord_protocol::gim::{
     self, Command, CommandCode, ConfigurationKey, Indicator, Parameter, Pending, Reply,

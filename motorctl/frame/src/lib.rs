@@ -6,29 +6,33 @@
 #![forbid(unsafe_code)]
 
 mod agreement;
+mod codec;
+mod failure;
 mod gim;
 mod hex;
 mod member;
 mod mit;
 mod null_bytes;
 mod object;
+mod options;
+mod output;
 mod refused;
 mod robot;
 mod scale;
 mod serial;
 mod strict;
 
-use clap::{Args, Subcommand, ValueEnum};
-use motord_protocol::profile::PROFILES;
-use motord_protocol::{Model, Profile, ScaleError};
+pub use failure::FrameFailure;
+
+use clap::{Args, Subcommand};
+use codec::Reading;
 use object::Object;
+use options::{Asked, Constants, Direction, Protocol};
+use output::Report;
 use refused::Refused;
-use robot::{Robot, RobotError};
-use scale::Scale;
-use serde_json::{Value, json};
-use std::io::{self, BufRead, Write};
+use robot::Robot;
+use std::io::{self, BufRead};
 use std::path::PathBuf;
-use std::str::FromStr;
 use strict::Strict;
 
 /// The two directions of conversion.
@@ -109,178 +113,6 @@ pub struct Encode {
     objects: Vec<String>,
 }
 
-/// The scale of the torque codes.
-#[derive(Debug, Args)]
-struct Constants {
-    /// Torque constant of the rotor, N·m/A. Without it, or a model, torques are raw codes only.
-    #[arg(long, value_name = "X", requires = "gear_ratio")]
-    torque_constant: Option<f64>,
-    /// Rotor turns per turn of the output shaft.
-    #[arg(long, value_name = "Y", requires = "torque_constant")]
-    gear_ratio: Option<f64>,
-    /// Vendor profile of the MIT protocol (steadywin and others), or a motor model (GIM8108-8). A model also gives codes
-    /// their physical values.
-    #[arg(long, value_name = "NAME", default_value = "steadywin")]
-    profile: Facts,
-}
-
-/// A profile, by its own name or by that of a model.
-#[derive(Debug, Clone, Copy)]
-struct Facts {
-    profile: &'static Profile,
-    model: Option<&'static Model>,
-}
-
-impl FromStr for Facts {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        if let Some(profile) = Profile::by_name(name) {
-            return Ok(Self { profile, model: None });
-        }
-        let model = Profile::of_model(name).map(|(profile, model)| Self { profile, model: Some(model) });
-        model.ok_or_else(|| {
-            let names: Vec<_> = PROFILES.iter().map(|profile| profile.name).collect();
-            format!("expected a motor model, or one of the profiles {}", names.join(", "))
-        })
-    }
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Protocol {
-    /// Impedance control over CAN.
-    Mit,
-    /// Native commands over CAN.
-    GimCan,
-    /// Native commands over RS485 and RS232.
-    GimRs485,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Direction {
-    /// Commands from the host to a motor.
-    #[value(alias = "to_motor")]
-    ToMotor,
-    /// Replies from a motor to the host.
-    #[value(alias = "to_host")]
-    ToHost,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-#[value(rename_all = "snake_case")]
-enum Asked {
-    /// Any command that is not in this list.
-    State,
-    /// Get fault: the MIT reply holds the fault number.
-    #[value(alias = "get-fault")]
-    GetFault,
-    /// Clear fault: the MIT reply holds no data.
-    #[value(alias = "clear-fault")]
-    ClearFault,
-    /// Calibration: a native reply that begins with B4 is its result, not an indicator.
-    Calibration,
-}
-
-/// How to read one frame.
-#[derive(Debug, Clone, Copy)]
-struct Reading {
-    protocol: Protocol,
-    direction: Direction,
-    asked: Asked,
-    profile: &'static Profile,
-    scale: Option<Scale>,
-}
-
-impl Reading {
-    /// The object of a frame.
-    fn decode(&self, bytes: &[u8]) -> Result<Object, Refused> {
-        let object = Object::new(self.profile, self.scale);
-        match (self.protocol, self.direction) {
-            (Protocol::Mit, Direction::ToMotor) => mit::decode_command(bytes, object),
-            (Protocol::Mit, Direction::ToHost) => mit::decode_reply(bytes, self.asked, object),
-            (Protocol::GimCan, Direction::ToMotor) => gim::decode_command(bytes, object),
-            (Protocol::GimCan, Direction::ToHost) => gim::decode_reply(bytes, self.asked, object),
-            (Protocol::GimRs485, direction) => serial::decode(bytes, direction, self.asked, object),
-        }
-    }
-
-    /// The frame of an object. The frame is decoded again, and an object that says anything else is refused.
-    fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Refused> {
-        let object = object.with_scale(self.profile, self.scale)?;
-        let bytes = match (self.protocol, self.direction) {
-            (Protocol::Mit, Direction::ToMotor) => mit::command(&object)?.encode().to_vec(),
-            (Protocol::Mit, Direction::ToHost) => mit::encode_reply(&object)?,
-            (Protocol::GimCan, Direction::ToMotor) => gim::encode_command(&object, mit_safe)?,
-            (Protocol::GimCan, Direction::ToHost) => gim::encode_reply(&object)?,
-            (Protocol::GimRs485, direction) => serial::encode(&object, direction, mit_safe)?,
-        };
-        let asked = match object.kind()? {
-            "fault_reply" => Asked::GetFault,
-            "clear_fault_reply" => Asked::ClearFault,
-            "calibration" => Asked::Calibration,
-            _ => Asked::State,
-        };
-        let decoded = Self { asked, scale: object.scale(), ..*self }.decode(&bytes)?;
-        agreement::check(&object, &decoded)?;
-        if object.has(gim::AS_MIT) {
-            self.check_as_mit(&object, &bytes)?;
-        }
-        Ok(bytes)
-    }
-
-    /// The object says how a motor in MIT mode reads the command: it must read it so.
-    fn check_as_mit(&self, object: &Object, bytes: &[u8]) -> Result<(), Refused> {
-        let payload = match (self.protocol, self.direction) {
-            (Protocol::GimCan, Direction::ToMotor) => bytes,
-            (Protocol::GimRs485, Direction::ToMotor) => serial::payload(bytes),
-            _ => return Err(Refused::UnknownKey { key: gim::AS_MIT.into() }),
-        };
-        let given = object.object(gim::AS_MIT)?.with_scale(self.profile, self.scale)?;
-        let read = mit::decode_command(payload, Object::new(self.profile, given.scale()))?;
-        agreement::check(&given, &read)?;
-        if mit::command(&given)? == mit::command(&read)? {
-            return Ok(());
-        }
-        let (received, expected) = (Value::from(given).to_string(), Value::from(read).to_string());
-        Err(Refused::Contradiction { key: gim::AS_MIT.into(), received, expected })
-    }
-}
-
-/// Why the command did not do all it was asked to.
-#[derive(Debug, thiserror::Error)]
-pub enum FrameFailure {
-    /// Some frames were refused. The output holds the reason of each.
-    #[error("{refused} of {total} inputs were rejected")]
-    Refused {
-        /// How many.
-        refused: usize,
-        /// Of how many.
-        total: usize,
-    },
-    /// The torque constant or the gear ratio is no positive number.
-    #[error(transparent)]
-    Scale(#[from] ScaleError),
-    /// The configuration cannot be used.
-    #[error(transparent)]
-    Robot(#[from] RobotError),
-    /// Standard input or output failed.
-    #[error(transparent)]
-    Io(#[from] io::Error),
-}
-
-impl FrameFailure {
-    /// The exit status, of sysexits(3).
-    #[must_use]
-    pub fn status(&self) -> u8 {
-        match self {
-            Self::Refused { .. } => 65,
-            Self::Scale(_) => 64,
-            Self::Robot(_) => 78,
-            Self::Io(_) => 74,
-        }
-    }
-}
-
 /// Runs `motorctl frame`: from its arguments or standard input to standard output.
 ///
 /// # Errors
@@ -290,20 +122,6 @@ pub fn run(frame: Frame) -> Result<(), FrameFailure> {
     match frame {
         Frame::Decode(arguments) => decode_all(&arguments),
         Frame::Encode(arguments) => encode_all(&arguments),
-    }
-}
-
-impl Constants {
-    fn scale(&self) -> Result<Option<Scale>, ScaleError> {
-        match (self.torque_constant.zip(self.gear_ratio), self.profile.model) {
-            (Some((constant, ratio)), Some(model)) => Scale::of_model(model, constant, ratio).map(Some),
-            (Some((constant, ratio)), None) => Scale::new(constant, ratio).map(Some),
-            (None, Some(model)) => {
-                let (constant, ratio) = (model.torque_constant.into(), model.gear_ratio.into());
-                Scale::of_model(model, constant, ratio).map(Some)
-            }
-            (None, None) => Ok(None),
-        }
     }
 }
 
@@ -358,31 +176,4 @@ fn for_each_line(
         }
     }
     Ok(())
-}
-
-/// The count of printed lines.
-#[derive(Default)]
-struct Report {
-    refused: usize,
-    total: usize,
-}
-
-impl Report {
-    fn object(&mut self, object: Result<Object, Refused>) -> Result<(), io::Error> {
-        self.line(object.map(|object| Value::from(object).to_string()))
-    }
-
-    fn line(&mut self, line: Result<String, Refused>) -> Result<(), io::Error> {
-        self.total += 1;
-        let line = line.unwrap_or_else(|refused| {
-            self.refused += 1;
-            json!({ "kind": "reject", "reason": refused.to_string() }).to_string()
-        });
-        writeln!(io::stdout(), "{line}")
-    }
-
-    fn finish(self) -> Result<(), FrameFailure> {
-        let Self { refused, total } = self;
-        if refused == 0 { Ok(()) } else { Err(FrameFailure::Refused { refused, total }) }
-    }
 }

@@ -1,9 +1,9 @@
 //! MIT commands and replies.
 
-use crate::Asked;
 use crate::member::Member;
 use crate::null_bytes;
 use crate::object::Object;
+use crate::options::Asked;
 use crate::refused::Refused;
 use motord_protocol::mit::{self, CommandCodes, ControlCodes, Reply, State};
 use motord_protocol::profile::FaultReport;

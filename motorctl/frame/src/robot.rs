@@ -1,9 +1,10 @@
 //! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
 
+use crate::codec::Reading;
 use crate::object::Object;
+use crate::options::{Asked, Direction, Protocol};
 use crate::refused::Refused;
 use crate::scale::Scale;
-use crate::{Asked, Direction, Protocol, Reading};
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Frame};
 use motord_configuration::Problem;

@@ -1,8 +1,9 @@
 //! Native frames on a serial line: a header before the payload.
 
 use crate::object::Object;
+use crate::options::{Asked, Direction};
 use crate::refused::Refused;
-use crate::{Asked, Direction, gim, hex};
+use crate::{gim, hex};
 use motord_bus::serial::framing::{FRAME_LEN_MAX, FrameType, SerialFrame};
 use motord_protocol::DecodeError;
 use serde_json::json;

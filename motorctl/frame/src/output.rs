@@ -1,0 +1,35 @@
+//! The lines that the command prints.
+
+use crate::failure::FrameFailure;
+use crate::object::Object;
+use crate::refused::Refused;
+use serde_json::{Value, json};
+use std::io::{self, Write};
+
+/// The count of printed lines.
+#[derive(Default)]
+pub(super) struct Report {
+    refused: usize,
+    total: usize,
+}
+
+impl Report {
+    pub(super) fn object(&mut self, object: Result<Object, Refused>) -> Result<(), io::Error> {
+        self.line(object.map(|object| Value::from(object).to_string()))
+    }
+
+    pub(super) fn line(&mut self, line: Result<String, Refused>) -> Result<(), io::Error> {
+        self.total += 1;
+        let line = line.unwrap_or_else(|refused| {
+            self.refused += 1;
+            json!({ "kind": "reject", "reason": refused.to_string() }).to_string()
+        });
+        writeln!(io::stdout(), "{line}")
+    }
+
+    /// Returns an error when an input was rejected.
+    pub(super) fn finish(self) -> Result<(), FrameFailure> {
+        let Self { refused, total } = self;
+        if refused == 0 { Ok(()) } else { Err(FrameFailure::Refused { refused, total }) }
+    }
+}
