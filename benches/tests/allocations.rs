@@ -156,7 +156,7 @@ fn run_clients(end: &AtomicBool) -> u64 {
 }
 
 #[test]
-fn the_running_cycle_neither_allocates_nor_frees_while_clients_come_and_go() {
+fn cycle_never_allocates_while_clients_connect_and_disconnect() {
     let me = nix::unistd::gettid().as_raw();
     assert_eq!(calls_of(me, || drop(std::hint::black_box(Box::new(7)))), (1, 1), "the counter counts");
 

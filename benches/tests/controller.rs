@@ -235,7 +235,7 @@ fn successor(runtime: &TempDir, client: &Client) -> Process {
 }
 
 #[test]
-fn the_controller_to_copy_survives_everything_as_one_process_and_starts_nothing_by_itself() {
+fn template_controller_survives_every_event_and_starts_nothing() {
     let runtime = TempDir::new().unwrap();
     let mut controller = controller(&runtime);
     let mut first = daemon(&runtime);
@@ -262,7 +262,7 @@ fn the_controller_to_copy_survives_everything_as_one_process_and_starts_nothing_
 }
 
 #[test]
-fn the_controller_to_copy_has_less_than_a_hundred_lines() {
+fn template_controller_has_under_a_hundred_lines() {
     let text = include_str!("../../client/examples/controller.rs");
     assert!(text.lines().count() < 100, "{}", text.lines().count());
 }

@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_of_a_joint_names_it_and_no_other_does() {
+    fn refusal_of_a_joint_names_that_joint() {
         for refusal in Refusal::ALL {
             let names_it = refused(*refusal, 1).ends_with("(joint knee)");
             assert_eq!(names_it, OF_A_JOINT.contains(refusal), "{refusal}");
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_outside_its_limits_is_told_with_numbers() {
+    fn joint_outside_limits_is_reported_with_numbers() {
         let limits = JointLimits { position: [-2.7, -0.5], ..Default::default() };
         let knee = JointDescription { name: "knee".into(), limits, ..Default::default() };
         let robot = RobotDescription { joints: vec![knee], ..Default::default() };
@@ -431,14 +431,14 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_of_no_joint_in_particular_names_none() {
+    fn refusal_without_a_joint_names_none() {
         for refusal in OF_A_JOINT {
             assert!(!refused(refusal, NO_JOINT).contains("(joint"), "{refusal}");
         }
     }
 
     #[test]
-    fn what_passes_by_itself_is_transient_and_what_a_person_must_look_at_is_not() {
+    fn transient_errors_are_those_that_pass_unattended() {
         let refused =
             |refusal| Error::Refused { operation: Operation::Enable, refusal, about: About::Nothing };
         let stopped = Error::Stopped { group: "leg".into(), stop: Stop::Disabled };

@@ -557,7 +557,7 @@ mod tests {
     }
 
     #[test]
-    fn every_nth_cycle_is_due_and_after_a_gap_the_grid_is_kept() {
+    fn every_nth_cycle_keeps_grid_after_gap() {
         let mut view = View::default();
         let mut take = |cycle| {
             view.put(state(1, cycle, 0));
@@ -570,7 +570,7 @@ mod tests {
     }
 
     #[test]
-    fn one_late_cycle_hardly_moves_the_time_when_the_next_state_is_due() {
+    fn one_late_cycle_hardly_shifts_expected_state_time() {
         let mut view = View::default();
         (1..100).for_each(|cycle| view.put(state(1, cycle, 700_000)));
         assert_eq!(view.publish_delay_ns, 700_000);

@@ -505,7 +505,7 @@ mod tests {
     }
 
     #[test]
-    fn the_memory_of_states_that_nobody_holds_is_used_again_and_none_that_is_held() {
+    fn state_memory_is_reused_unless_held() {
         let mut places = Places::default();
         let mut copy = |cycle| places.copy(&StateMessage { cycle, ..Default::default() });
         let held: Vec<State> = (0..10).map(&mut copy).collect();
@@ -523,7 +523,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_that_was_never_heard_has_no_position() {
+    fn joint_without_replies_has_no_position() {
         let silent = JointState { position: 0.5, velocity: 0.5, torque: 0.5, ..JointState::default() };
         let joint = Joint::from(&silent);
         assert_eq!((joint.position(), joint.velocity(), joint.torque()), (None, None, None));
@@ -532,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_print_their_names_and_keep_the_bits_that_have_none() {
+    fn faults_print_names_and_keep_unnamed_bits() {
         assert_eq!(Faults(0).to_string(), "none");
         assert_eq!(Faults(0x1_0021).to_string(), "foc-frequency, 0x10020");
         assert_eq!(Faults(0x22).to_string(), "over-voltage, 0x20");

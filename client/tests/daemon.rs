@@ -307,7 +307,7 @@ fn where_no_daemon_runs_connecting_says_so() {
 }
 
 #[test]
-fn where_a_daemon_ran_connecting_says_that_none_runs() {
+fn connecting_after_daemon_exit_reports_none_running() {
     let place = place();
     drop(Running::start(place.path(), 1));
     let error = Client::connect_in(place.path(), INSTANCE).unwrap_err();
@@ -324,7 +324,7 @@ fn names_that_could_leave_the_directory_are_refused() {
 }
 
 #[test]
-fn states_flow_to_one_who_sleeps_and_to_one_who_spins() {
+fn sleeping_and_spinning_clients_receive_states() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -367,7 +367,7 @@ fn last_of(daemon: &Running, sequence: u64) -> [JointSetpoint; 2] {
 }
 
 #[test]
-fn setpoints_by_name_and_by_slot_reach_their_joints_and_stay() {
+fn setpoints_by_name_and_slot_reach_their_joints() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -388,7 +388,7 @@ fn setpoints_by_name_and_by_slot_reach_their_joints_and_stay() {
 
 /// The daemon would reject the whole group, and stop it a setpoint timeout later for a cause that hides the mistake.
 #[test]
-fn a_setpoint_that_the_daemon_would_reject_is_told_at_once_and_changes_nothing() {
+fn invalid_setpoint_is_reported_immediately_and_changes_nothing() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -409,7 +409,7 @@ fn a_setpoint_that_the_daemon_would_reject_is_told_at_once_and_changes_nothing()
 
 /// A joint without a setpoint would be limp.
 #[test]
-fn a_group_is_not_sent_before_every_joint_has_a_setpoint() {
+fn group_is_not_sent_before_all_joints_set() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -445,7 +445,7 @@ fn state_with(client: &Client, is_heard: bool) -> State {
 }
 
 #[test]
-fn a_group_is_held_where_it_is_and_not_at_all_while_a_joint_is_not_heard() {
+fn hold_needs_a_state_of_every_joint() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -471,7 +471,7 @@ fn a_group_is_held_where_it_is_and_not_at_all_while_a_joint_is_not_heard() {
 }
 
 #[test]
-fn a_group_with_an_excluded_joint_that_is_not_there_is_held_without_it() {
+fn group_holds_without_its_absent_excluded_joint() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -487,7 +487,7 @@ fn a_group_with_an_excluded_joint_that_is_not_there_is_held_without_it() {
 }
 
 #[test]
-fn a_claim_that_was_taken_away_is_told_by_the_states() {
+fn states_report_a_claim_taken_away() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let (client, other) = (connect(&place), connect(&place));
@@ -502,7 +502,7 @@ fn a_claim_that_was_taken_away_is_told_by_the_states() {
 }
 
 #[test]
-fn the_group_is_waited_for_and_the_setpoints_go_on_meanwhile() {
+fn setpoints_continue_while_waiting_for_the_group() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let (client, operator) = (connect(&place), connect(&place));
@@ -526,7 +526,7 @@ fn the_group_is_waited_for_and_the_setpoints_go_on_meanwhile() {
 }
 
 #[test]
-fn a_group_that_is_starting_asks_for_patience_and_not_to_be_enabled() {
+fn starting_group_asks_for_patience_not_enable() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -543,7 +543,7 @@ fn a_group_that_is_starting_asks_for_patience_and_not_to_be_enabled() {
 }
 
 #[test]
-fn a_stop_while_a_group_should_start_is_told_at_once_with_its_cause_and_joint() {
+fn stop_during_start_reports_cause_and_joint() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -573,7 +573,7 @@ fn sleeps() -> u64 {
 }
 
 #[test]
-fn a_slow_controller_gets_every_nth_state_and_sleeps_through_the_others() {
+fn slow_controller_sleeps_through_other_states() {
     const N: u32 = 20;
     let place = place();
     let _daemon = Running::start(place.path(), 1);
@@ -590,12 +590,12 @@ fn a_slow_controller_gets_every_nth_state_and_sleeps_through_the_others() {
 }
 
 #[test]
-fn a_slow_controller_hears_of_a_restart_and_of_silence_like_others() {
+fn slow_controller_notices_restart_and_silence() {
     hears_of_a_restart_and_of_silence(|client| client.wait_cycles(2, PATIENCE));
 }
 
 #[test]
-fn a_controller_that_spins_hears_of_a_restart_and_of_silence_like_others() {
+fn spinning_controller_notices_restart_and_silence() {
     hears_of_a_restart_and_of_silence(|client| client.spin(PATIENCE));
 }
 
@@ -614,7 +614,7 @@ fn hears_of_a_restart_and_of_silence(take: fn(&Client) -> Result<State, Error>) 
 }
 
 #[test]
-fn a_setpoint_for_another_number_of_joints_is_not_sent() {
+fn setpoint_with_wrong_joint_count_is_not_sent() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -625,7 +625,7 @@ fn a_setpoint_for_another_number_of_joints_is_not_sent() {
 }
 
 #[test]
-fn one_setpoint_is_enough_to_enable_though_requests_are_read_first() {
+fn one_setpoint_is_enough_to_enable() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -688,7 +688,7 @@ fn a_restart_is_told_once_and_survived() {
 
 /// Five cycles of the successor take longer than the silence that the caller has set.
 #[test]
-fn the_silence_that_was_set_stays_when_a_slower_daemon_comes() {
+fn configured_silence_outlives_a_slower_daemon() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = Client::connect_in(place.path(), INSTANCE).unwrap();
@@ -703,7 +703,7 @@ fn the_silence_that_was_set_stays_when_a_slower_daemon_comes() {
 }
 
 #[test]
-fn a_request_after_a_restart_tells_it_instead_of_acting() {
+fn request_after_restart_reports_it_and_acts_not() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -715,7 +715,7 @@ fn a_request_after_a_restart_tells_it_instead_of_acting() {
 }
 
 #[test]
-fn a_daemon_that_stops_publishing_is_told_within_a_few_silence_times() {
+fn silent_daemon_is_reported_within_few_silence_times() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -736,7 +736,7 @@ fn a_daemon_that_stops_publishing_is_told_within_a_few_silence_times() {
 }
 
 #[test]
-fn a_killed_daemon_is_noticed_and_its_successor_is_found() {
+fn killed_daemon_is_noticed_and_successor_found() {
     let place = place();
     let mut daemon = spawn("killed_daemon", &place, 1);
     let client = until("a daemon", || Client::connect_in(place.path(), INSTANCE).ok());
@@ -761,7 +761,7 @@ fn a_killed_daemon_is_noticed_and_its_successor_is_found() {
 /// Goal: a process that is killed blocks nobody, and its places become free.
 /// Method: more kills, one after the other, than there are places for controllers.
 #[test]
-fn killed_controllers_neither_block_others_nor_keep_their_places() {
+fn killed_controllers_neither_block_nor_keep_slots() {
     let place = place();
     let daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -779,7 +779,7 @@ fn killed_controllers_neither_block_others_nor_keep_their_places() {
 }
 
 #[test]
-fn a_second_daemon_is_told_who_runs_the_instance() {
+fn second_daemon_learns_who_runs_the_instance() {
     let place = place();
     let instance = Instance::below(place.path(), INSTANCE).unwrap();
     let lock = instance.lock().unwrap();
@@ -794,7 +794,7 @@ fn a_second_daemon_is_told_who_runs_the_instance() {
 }
 
 #[test]
-fn ten_thousand_cycles_with_a_watcher_that_never_reads_lose_no_memory() {
+fn watcher_that_never_reads_leaks_no_memory() {
     let place = place();
     let lock = Instance::below(place.path(), INSTANCE).unwrap().lock().unwrap();
     let ports = DaemonPorts::open(&lock).unwrap();
@@ -834,7 +834,7 @@ fn forget_records(directory: &Path) {
 }
 
 #[test]
-fn a_daemon_that_is_too_old_for_records_is_told_as_another_version() {
+fn daemon_without_records_is_reported_as_other_version() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let client = connect(&place);
@@ -886,7 +886,7 @@ fn silent_daemon(place: &TempDir) -> (Running, Client, Claim) {
 /// Goal: a thread that waits for a state keeps no other thread from sending or from an emergency stop.
 /// Method: the daemon serves but publishes nothing, so that one thread sleeps in `wait` until the others are done.
 #[test]
-fn a_thread_that_waits_for_a_state_keeps_nobody_from_sending_or_stopping() {
+fn waiting_thread_blocks_neither_send_nor_stop() {
     let place = place();
     let (daemon, client, mut claim) = silent_daemon(&place);
     std::thread::scope(|scope| {
@@ -904,7 +904,7 @@ fn a_thread_that_waits_for_a_state_keeps_nobody_from_sending_or_stopping() {
 }
 
 #[test]
-fn a_thread_that_spins_keeps_nobody_from_sending_or_stopping() {
+fn spinning_thread_blocks_neither_send_nor_stop() {
     let place = place();
     let (daemon, client, mut claim) = silent_daemon(&place);
     std::thread::scope(|scope| {
@@ -920,7 +920,7 @@ fn a_thread_that_spins_keeps_nobody_from_sending_or_stopping() {
 }
 
 #[test]
-fn a_request_without_an_answer_keeps_no_thread_from_an_emergency_stop() {
+fn pending_request_blocks_no_emergency_stop() {
     let place = place();
     let _daemon = Running::start(place.path(), 1);
     let client = connect(&place);

@@ -4,6 +4,6 @@
 mod embed;
 
 #[test]
-fn the_example_of_a_cycle_in_another_program_runs() {
+fn example_cycle_in_another_program_runs() {
     embed::main().unwrap();
 }

@@ -50,7 +50,7 @@ fn what_is_within_every_limit_passes_unchanged() {
 }
 
 #[test]
-fn every_value_is_clamped_and_every_clamp_is_reported() {
+fn every_value_is_clamped_and_clamp_reported() {
     let far = Impedance::new(9.0, 90.0, 900.0, 9.0, 90.0);
     let Applied { setpoint, limits: acted } = limited(far, far, None, 1.0);
     let applied = setpoint.values;
@@ -76,7 +76,7 @@ fn a_step_becomes_a_slope() {
 }
 
 #[test]
-fn a_hot_motor_gets_less_and_one_at_its_limit_nothing() {
+fn hot_motor_is_derated_to_zero_at_limit() {
     let wanted = Impedance::new(0.0, 0.0, 0.0, 0.0, 10.0);
     for (temperature, torque) in [(79.0, 10.0), (90.0, 5.0), (100.0, 0.0), (500.0, 0.0)] {
         let applied = limited(wanted, wanted, Some(temperature), 1.0).setpoint.values;
@@ -85,7 +85,7 @@ fn a_hot_motor_gets_less_and_one_at_its_limit_nothing() {
 }
 
 #[test]
-fn the_bound_on_torque_keeps_its_sign_and_its_cause() {
+fn torque_bound_keeps_sign_and_cause() {
     let wanted = Impedance::new(0.4, 0.0, 100.0, 0.0, -2.0);
     let applied = limited(wanted, wanted, None, 1.0).setpoint.values;
     assert!((applied.predicted_torque(0.0, 0.0) - 10.0).abs() < 1e-4);
@@ -93,7 +93,7 @@ fn the_bound_on_torque_keeps_its_sign_and_its_cause() {
 }
 
 #[test]
-fn a_joint_that_was_not_heard_is_pulled_with_less_torque_for_as_far_as_it_may_have_gone() {
+fn unheard_joint_is_pulled_with_less_torque() {
     let wanted = Impedance::new(0.1, 20.0, 90.0, 0.0, 0.0);
     let measured = Measured::new(0.0, 20.0, 0.0, None);
     let mut circumstances = Circumstances {

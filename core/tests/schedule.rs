@@ -31,12 +31,12 @@ fn whole_from(begin: u64) -> Vec<(u64, Order)> {
 }
 
 #[test]
-fn a_bus_that_takes_everything_is_damped_for_as_long_as_asked_then_stopped_and_left_alone() {
+fn writable_bus_is_damped_then_stopped_then_idle() {
     assert_eq!(given(1000, |_| true), whole_from(0));
 }
 
 #[test]
-fn a_bus_that_comes_back_late_gets_the_whole_of_it_at_the_full_rate() {
+fn late_bus_receives_full_sequence_at_full_rate() {
     let given = given(5000, |at| at >= 3000);
     let (refused, taken) = given.split_at(given.len() - 13);
     assert_eq!(taken, whole_from(3000));
@@ -45,7 +45,7 @@ fn a_bus_that_comes_back_late_gets_the_whole_of_it_at_the_full_rate() {
 }
 
 #[test]
-fn a_bus_that_is_jammed_with_two_rounds_in_its_queue_is_owed_the_rest() {
+fn jammed_bus_is_owed_the_remaining_rounds() {
     let was_taken = |at| !(20..3000).contains(&at);
     let given = given(5000, was_taken);
     let (late, first): (Vec<_>, Vec<_>) =
@@ -56,14 +56,14 @@ fn a_bus_that_is_jammed_with_two_rounds_in_its_queue_is_owed_the_rest() {
 }
 
 #[test]
-fn a_bus_that_goes_away_while_it_is_stopped_gets_its_stops_later() {
+fn bus_lost_while_stopping_gets_stops_later() {
     let given = given(5000, |at| at <= 100 || at >= 3000);
     let later: Vec<_> = given.iter().filter(|(at, _)| *at >= 3000).map(|(_, order)| *order).collect();
     assert_eq!(later, [Order::Stop; 2]);
 }
 
 #[test]
-fn a_bus_that_never_takes_anything_is_tried_for_ever() {
+fn bus_that_never_accepts_is_retried_forever() {
     let given = given(100_000, |_| false);
     assert_eq!(given.last(), Some(&(99_900, Order::Damp)));
 }

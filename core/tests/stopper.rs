@@ -44,7 +44,7 @@ fn missing(names: [char; 3]) -> (Stopper, [Missing; 3], Arc<Mutex<String>>) {
 }
 
 #[test]
-fn every_bus_is_sent_to_before_one_is_looked_for_and_those_take_turns() {
+fn all_buses_are_sent_to_before_any_search() {
     let (mut stopper, mut outlets, log) = missing(['a', 'b', 'c']);
     for millis in [0, 10, 20, 50] {
         stopper.round(BEGIN + Duration::from_millis(millis), &mut outlets);
@@ -53,7 +53,7 @@ fn every_bus_is_sent_to_before_one_is_looked_for_and_those_take_turns() {
 }
 
 #[test]
-fn interfaces_that_stay_away_are_each_looked_for_ten_times_a_second() {
+fn absent_interfaces_are_checked_ten_times_a_second() {
     let (mut stopper, mut outlets, log) = missing(['a', 'd', 'e']);
     let end = BEGIN + Duration::from_secs(10);
     while let Some(due) = stopper.due().filter(|due| *due < end) {
@@ -114,7 +114,7 @@ impl Outlet for Narrow {
 }
 
 #[test]
-fn a_run_that_gives_up_on_a_bus_tries_to_stop_its_motors_once() {
+fn abandoned_bus_gets_one_last_stop_attempt() {
     let BusFrames { damp, stop } = frames();
     let (damp, stop) = (damp[0], stop[0]);
     let two_motors = BusFrames { damp: vec![damp; 2], stop: vec![stop; 2] };
@@ -126,7 +126,7 @@ fn a_run_that_gives_up_on_a_bus_tries_to_stop_its_motors_once() {
 }
 
 #[test]
-fn a_run_serves_a_bus_that_was_jammed_and_gives_up_on_one_that_stays_so() {
+fn stopper_serves_unjammed_bus_and_abandons_jammed_one() {
     let outlet = |refuses| Jammed { refuses, taken: Vec::new() };
     let late = |now: Instant| now < BEGIN + Duration::from_millis(500);
     let mut outlets = [outlet(|_| false), outlet(late), outlet(|_| true)];

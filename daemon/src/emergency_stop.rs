@@ -264,7 +264,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_may_enter_the_runtime_directory_may_stop_the_robot_and_nobody_else() {
+    fn members_of_runtime_directory_alone_may_stop() {
         let place = tempfile::tempdir().unwrap();
         let mut directory = stat(place.path()).unwrap();
         (directory.st_uid, directory.st_gid) = (1000, 500);

@@ -56,7 +56,7 @@ fn judged(file: &Path, change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) 
 }
 
 #[test]
-fn the_configured_motors_are_enabled_also_those_that_do_not_answer() {
+fn configured_motors_are_enabled_even_if_silent() {
     assert!(marked(|_| {}).is_empty());
     assert!(marked(Vec::clear).is_empty());
 }
@@ -95,7 +95,7 @@ fn a_motor_of_another_vendor_is_marked() {
 }
 
 #[test]
-fn a_motor_that_is_silent_now_is_judged_by_the_lock() {
+fn silent_motor_is_judged_by_the_lock() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("robot.toml");
     let elbow = ReportedMotor {

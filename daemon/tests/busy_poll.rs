@@ -51,7 +51,7 @@ fn polling_ends_at_its_bound_and_is_counted() {
 }
 
 #[test]
-fn states_are_not_published_later_on_a_computer_whose_wake_ups_are_always_late() {
+fn states_are_on_time_despite_late_wakeups() {
     let published_after_replies = |late: Duration| {
         let mut settings = robot::three_motors();
         settings.safety.fault_poll_hz = 0.0;
@@ -74,7 +74,7 @@ fn states_are_not_published_later_on_a_computer_whose_wake_ups_are_always_late()
 }
 
 #[test]
-fn cycles_begin_at_their_ticks_on_a_computer_whose_wake_ups_are_always_late() {
+fn cycles_start_on_tick_despite_late_wakeups() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.clock.reading.set(Duration::from_nanos(100));
     robot.clock.always_late.set(Duration::from_micros(25));
@@ -88,7 +88,7 @@ fn cycles_begin_at_their_ticks_on_a_computer_whose_wake_ups_are_always_late() {
 
 /// A motor that is offline is asked ten times a second, and only then its reply is awaited.
 #[test]
-fn a_motor_that_is_not_there_delays_the_states_of_the_others_in_one_cycle_of_a_hundred() {
+fn absent_motor_delays_states_once_per_hundred_cycles() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.disturb("thigh off");
     robot.steps(500);
@@ -114,7 +114,7 @@ fn polled(robot: &mut Robot) -> Polled {
 }
 
 #[test]
-fn a_motor_that_stays_off_is_polled_for_when_it_is_asked_and_the_others_in_each_cycle() {
+fn motor_that_is_off_is_polled_when_asked() {
     let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), Some("thigh off"));
     let polls: Vec<_> = (0..CYCLES).map(|_| polled(&mut robot)).collect();
     let in_vain = polls.iter().filter(|polled| polled.in_vain).count();
@@ -124,7 +124,7 @@ fn a_motor_that_stays_off_is_polled_for_when_it_is_asked_and_the_others_in_each_
 
 /// Three of four replies come much later than the polling for the fourth ends.
 #[test]
-fn after_two_polls_in_vain_the_next_is_left_out() {
+fn two_fruitless_polls_skip_the_next() {
     let (mut robot, _) = waits(Duration::from_micros(30), Duration::from_micros(1), None);
     let mut reads = 0;
     for cycle in 0..CYCLES {
@@ -139,7 +139,7 @@ fn after_two_polls_in_vain_the_next_is_left_out() {
 }
 
 #[test]
-fn busy_polling_for_a_motor_that_is_off_ends_and_leaves_the_others_their_replies() {
+fn polling_an_absent_motor_spares_other_replies() {
     for reading in [Duration::from_micros(1), Duration::ZERO] {
         let (mut robot, _) = waits(Duration::from_micros(50), reading, Some("thigh off"));
         assert_eq!([0, 2].map(|joint| robot.joint(joint).missed), [0; 2], "a reading takes {reading:?}");

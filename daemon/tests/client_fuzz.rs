@@ -12,7 +12,7 @@ use robot::fuzz_client::FuzzClient;
 use robot::random::Random;
 
 #[test]
-fn whatever_a_controller_does_no_motor_hears_what_it_must_not() {
+fn client_fuzz_never_sends_forbidden_frames() {
     robot::for_each_seed("client_fuzz", 1000, run);
 }
 

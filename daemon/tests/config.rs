@@ -358,7 +358,7 @@ fn warnings(text: &str) -> Vec<String> {
 
 /// The message about a limit names the highest usable one, at the motor; at the joint it is a sum that rounds.
 #[test]
-fn the_highest_position_limit_that_is_recommended_is_accepted_with_every_offset() {
+fn recommended_position_limit_is_accepted_with_every_offset() {
     for tenths in -125..=125 {
         let offset = f64::from(tenths) / 10.0;
         let (low, high) = (offset - 12.4375, offset + 12.4375);
@@ -374,7 +374,7 @@ fn the_highest_position_limit_that_is_recommended_is_accepted_with_every_offset(
 
 /// Their codes are torques, so a current's constant would change nothing.
 #[test]
-fn a_constant_that_a_motors_codes_do_not_depend_on_is_refused() {
+fn constant_without_effect_on_codes_is_refused() {
     for (key, value) in [("torque-constant-nm-per-a", 0.1), ("gear-ratio", 8.0)] {
         for model in ["DM-J4310-2EC", "RS00"] {
             let text = damaged(
@@ -393,7 +393,7 @@ fn the_configuration_that_the_tests_damage_is_good() {
 }
 
 #[test]
-fn every_bad_configuration_is_refused_with_its_line_its_key_and_a_reason() {
+fn bad_configuration_is_refused_with_line_and_key() {
     for (line, instead, key, reason) in REFUSED {
         let text = damaged(line, instead);
         let error = only_error(&text);
@@ -410,7 +410,7 @@ fn every_bad_configuration_is_refused_with_its_line_its_key_and_a_reason() {
 }
 
 #[test]
-fn every_mistake_of_a_serial_bus_is_refused_with_its_key() {
+fn serial_bus_mistake_is_refused_with_key() {
     for (line, instead, key, reason) in SERIAL {
         let text = with_serial();
         assert!(text.contains(line), "nothing to damage: {line}");
@@ -422,7 +422,7 @@ fn every_mistake_of_a_serial_bus_is_refused_with_its_key() {
 }
 
 #[test]
-fn a_serial_bus_is_driven_with_the_turnaround_and_the_turns_that_it_was_given() {
+fn serial_bus_uses_configured_turnaround_and_turns() {
     let settings = judge(&with_serial()).expect("it is good").settings;
     let bus = settings.buses.iter().find(|bus| bus.name == "gripper").expect("it has one");
     let BusKind::Serial { device, baud, turnaround } = &bus.kind else { panic!("{:?}", bus.kind) };
@@ -431,7 +431,7 @@ fn a_serial_bus_is_driven_with_the_turnaround_and_the_turns_that_it_was_given() 
 }
 
 #[test]
-fn check_prints_the_contracted_object_and_exits_78_for_every_bad_configuration() {
+fn check_prints_contract_and_exits_78_when_bad() {
     let folder = TempDir::new().unwrap();
     for (line, instead, ..) in REFUSED {
         let file = write(&folder, &damaged(line, instead));
@@ -508,7 +508,7 @@ fn all_mistakes_are_reported_in_one_run() {
 
 /// Nobody can mend what only follows from another mistake.
 #[test]
-fn a_bad_bus_or_motor_is_not_reported_again_where_it_is_named() {
+fn bad_bus_or_motor_is_reported_once() {
     for (line, instead) in [
         ("name = 'front'", "name = 3"),
         ("type = 'simulated'", "type = 'virtual'"),
@@ -540,7 +540,7 @@ fn one_bracket_or_two_is_told() {
 }
 
 #[test]
-fn a_key_in_the_wrong_table_is_told_where_it_belongs() {
+fn key_in_wrong_table_names_its_place() {
     let error = only_error(&damaged("kd-max = 5.0", "kd-max = 5.0\ndirection = -1"));
     assert!(
         error.contains("motor.limits.direction: unknown key `direction`; it belongs in [[motor]]"),
@@ -551,7 +551,7 @@ fn a_key_in_the_wrong_table_is_told_where_it_belongs() {
 }
 
 #[test]
-fn an_angle_beyond_a_turn_asks_whether_degrees_were_meant() {
+fn angle_beyond_a_turn_suggests_degrees() {
     let hint = "is it in degrees? 90° is 1.5708 rad";
     let refused = [
         (
@@ -582,7 +582,7 @@ fn an_angle_beyond_a_turn_asks_whether_degrees_were_meant() {
 }
 
 #[test]
-fn the_table_ipc_may_bear_its_old_name_but_not_both() {
+fn ipc_table_has_one_of_two_names() {
     let mode = |text: &str| judge(text).expect("is good").settings.ipc.mode;
     let spin = damaged("mode = 'timed'", "mode = 'spin'");
     assert_eq!(mode(&spin), IpcMode::Spin);
@@ -597,7 +597,7 @@ fn the_table_ipc_may_bear_its_old_name_but_not_both() {
 }
 
 #[test]
-fn a_number_out_of_range_is_told_with_its_range_and_unit() {
+fn number_out_of_range_shows_range_and_unit() {
     let error = only_error(&damaged("rate-hz = 1000", "rate-hz = 10001"));
     assert!(error.ends_with("10001 is out of range; give a number from 1 to 10000 Hz"), "{error}");
     let error = only_error(&damaged("torque-nm = 20.0", "torque-nm = 0"));
@@ -617,7 +617,7 @@ fn an_empty_file_says_what_the_least_is() {
 }
 
 #[test]
-fn text_that_is_not_utf8_is_refused_with_its_line() {
+fn text_without_utf8_is_refused_with_line() {
     let error =
         parse(Path::new("robot.toml"), b"[cycle]\nrate-hz = \xff\n", &machine()).expect_err("not UTF-8");
     assert_eq!(error.to_string(), "robot.toml:2: is not UTF-8 here; save the file as UTF-8");
@@ -641,7 +641,7 @@ fn no_file_writes_control_characters_to_the_terminal() {
 }
 
 #[test]
-fn five_motors_do_not_fit_a_bus_at_one_kilohertz() {
+fn five_motors_exceed_a_bus_at_1_khz() {
     let motor = |id| {
         format!("[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'mit'\nmodel = 'GIM8108-8'\n")
     };
@@ -661,7 +661,7 @@ fn five_motors_do_not_fit_a_bus_at_one_kilohertz() {
 
 /// GIM8108-8: 0x100 + id. DM-J4340-2EC: 0x10 + id, beside which 0x100 + id is a command to the motor itself.
 #[test]
-fn a_wrong_reply_id_is_answered_with_the_default_of_its_vendor() {
+fn wrong_reply_id_suggests_vendor_default() {
     for (model, default) in [("GIM8108-8", "0x102"), ("DM-J4340-2EC", "0x012")] {
         let text = format!(
             "[[bus]]\nname = 'leg'\ntype = 'simulated'\n[[motor]]\nname = 'knee'\nbus = 'leg'\nid = 2\nhost-id = 2\n\
@@ -674,7 +674,7 @@ fn a_wrong_reply_id_is_answered_with_the_default_of_its_vendor() {
 }
 
 #[test]
-fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
+fn reply_id_above_commands_is_a_warning() {
     let warned = warnings(&GOOD.replacen("id = 2", "id = 0x20\nhost-id = 0x10", 1));
     assert!(
         warned[0].contains("motor.host-id: replies with id 0x010 outrank commands with id 0x020"),
@@ -684,7 +684,7 @@ fn a_reply_id_that_outranks_commands_is_worth_a_warning() {
 
 /// Its drive brakes it: no damping is neither too little nor too much for it.
 #[test]
-fn the_damping_of_a_native_motor_is_worth_a_warning_and_no_error() {
+fn damping_of_native_motor_is_a_warning() {
     assert_eq!(warnings(GOOD).len(), 0);
     for damping in [2.0, 0.0] {
         let native = format!("model = 'GIM3505-8'\ndamping-kd = {damping:?}");
@@ -695,7 +695,7 @@ fn the_damping_of_a_native_motor_is_worth_a_warning_and_no_error() {
 }
 
 #[test]
-fn motors_of_a_line_that_share_a_host_id_are_worth_one_warning_with_its_cure() {
+fn shared_host_id_on_line_is_one_warning() {
     let motor = |id: u8, more: &str| {
         format!(
             "[[motor]]\nname = 'm{id}'\nbus = 'b'\nid = {id}\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n{more}\n"
@@ -717,7 +717,7 @@ fn motors_of_a_line_that_share_a_host_id_are_worth_one_warning_with_its_cure() {
 
 /// Without a key the switch waits for every daemon that is no later than it may be.
 #[test]
-fn a_dead_mans_switch_that_acts_on_a_daemon_that_is_only_late_is_worth_a_warning() {
+fn too_eager_dead_mans_switch_is_a_warning() {
     for (text, expected_ms) in [("rate-hz = 1000", 7), ("rate-hz = 250", 13), ("max-lateness-ms = 100", 102)]
     {
         let Loaded { settings, warnings, .. } = judge(&GOOD.replacen("rate-hz = 1000", text, 1)).unwrap();
@@ -729,14 +729,14 @@ fn a_dead_mans_switch_that_acts_on_a_daemon_that_is_only_late_is_worth_a_warning
 }
 
 #[test]
-fn an_interface_that_is_not_there_is_worth_a_warning() {
+fn missing_interface_is_a_warning() {
     let socketcan = "type = 'socketcan'\ninterface = 'nocan7'";
     let warned = warnings(&GOOD.replacen("type = 'simulated'", socketcan, 1));
     assert!(warned[0].contains("bus.interface: there is no interface \"nocan7\""), "{warned:?}");
 }
 
 #[test]
-fn a_priority_beyond_the_limit_is_an_error_only_where_real_time_is_required() {
+fn excessive_priority_is_error_only_if_realtime_required() {
     let limited = Machine { priority_max: 0, ..machine() };
     let judge =
         |cycle: &str| parse(Path::new("robot.toml"), damaged("rate-hz = 1000", cycle).as_bytes(), &limited);
@@ -751,7 +751,7 @@ fn a_priority_beyond_the_limit_is_an_error_only_where_real_time_is_required() {
 }
 
 #[test]
-fn metrics_go_to_a_file_that_is_read_and_to_nobody_on_the_network() {
+fn metrics_go_to_file_and_no_network() {
     let with = |telemetry: &str| format!("{GOOD}\n[telemetry]\n{telemetry}\n");
     let good = "prometheus-file = '/tmp/motord.prom'\nprometheus-listen = '[::1]:9464'";
     let telemetry = judge(&with(good)).expect("is good").telemetry;
@@ -769,13 +769,13 @@ fn metrics_go_to_a_file_that_is_read_and_to_nobody_on_the_network() {
 }
 
 #[test]
-fn a_spinning_ipc_thread_does_not_share_the_cycles_processor() {
+fn spinning_ipc_thread_avoids_cycle_processor() {
     let text = damaged("mode = 'timed'", "mode = 'spin'\ncpu = 1").replace("rate-hz = 1000", "cpu = 1");
     assert!(only_error(&text).contains("exchange.cpu: the cycle uses processor 1 too"));
 }
 
 #[test]
-fn the_ipc_thread_has_a_real_time_priority_below_the_cycles_and_none_where_it_spins() {
+fn ipc_priority_is_below_cycle_unless_spinning() {
     for (cycle, ipc, expected) in [
         ("priority = 40", "mode = 'timed'", Some(39)),
         ("priority = 1", "mode = 'timed'", Some(1)),
@@ -808,7 +808,7 @@ fn what_is_not_written_is_cautious() {
 }
 
 #[test]
-fn times_that_are_not_written_follow_a_slow_cycle() {
+fn default_times_follow_a_slow_cycle() {
     let Loaded { settings, .. } =
         judge(&GOOD.replace("setpoint-timeout-ms = 20", "").replace("rate-hz = 1000", "rate-hz = 50"))
             .expect("is good");
@@ -831,7 +831,7 @@ fn the_hash_tells_one_file_from_another() {
 }
 
 #[test]
-fn only_a_regular_file_of_bounded_size_is_read() {
+fn only_bounded_regular_files_are_read() {
     let folder = TempDir::new().unwrap();
     let refusal = |path: &Path| load(path).expect_err("must be refused").to_string();
     assert!(refusal(folder.path()).contains("is a directory"));
@@ -845,7 +845,7 @@ fn only_a_regular_file_of_bounded_size_is_read() {
 }
 
 #[test]
-fn a_file_that_everybody_may_write_is_refused_also_behind_a_link() {
+fn world_writable_file_is_refused_behind_link_too() {
     let folder = TempDir::new().unwrap();
     let file = write(&folder, GOOD);
     let link = folder.path().join("link.toml");
@@ -881,7 +881,7 @@ fn every_shipped_configuration_passes_check() {
 }
 
 #[test]
-fn the_plan_of_the_simulated_quadruped_is_three_quarters_of_each_bus() {
+fn simulated_quadruped_plan_is_three_quarters_per_bus() {
     let mut out = Vec::new();
     assert_eq!(check(&shipped("quadruped-simulated.toml"), JSON, &mut out).unwrap(), 0);
     let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
@@ -1045,7 +1045,7 @@ proptest! {
     /// Damage to a shipped file gets deeper into the judging than noise does: a piece of it moves to another place, or
     /// gives way to something else.
     #[test]
-    fn a_damaged_shipped_file_never_panics_and_every_refusal_names_a_line(
+    fn damaged_shipped_file_never_panics_and_names_line(
         (file, at, removed) in (prop::sample::select(shipped_names()), any::<prop::sample::Index>(), 0_usize..40),
         moved in prop::option::of(any::<prop::sample::Index>()),
         inserted in "[-0-9.e'\"\\[\\]{}=,a-z\n#]{0,12}|\\[\\[?(bus|motor|group|cycle|ipc|exchange)\\]\\]?\n|nan|-inf|1e400",
@@ -1071,7 +1071,7 @@ proptest! {
 
     /// Damage to a good file gets deeper into the judging than noise does.
     #[test]
-    fn a_damaged_file_never_panics_and_every_refusal_names_a_line(
+    fn damaged_file_never_panics_and_names_line(
         at in 0..GOOD.len(),
         removed in 0_usize..20,
         inserted in "[-0-9.e'\\[\\]=a-z\n#]{0,12}",

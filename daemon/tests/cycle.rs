@@ -7,7 +7,7 @@ use motord_shared::{AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Ph
 use robot::{Meaning, Robot};
 
 #[test]
-fn stopped_motors_hear_only_stop_and_questions_and_tell_their_states() {
+fn stopped_motors_receive_only_stops_and_questions() {
     let mut robot = Robot::new(robot::quadruped(), 1);
     robot.steps(1000);
     assert!((0..12).all(|joint| robot.mode(joint) == MotorMode::Idle));
@@ -19,7 +19,7 @@ fn stopped_motors_hear_only_stop_and_questions_and_tell_their_states() {
 }
 
 #[test]
-fn every_motor_is_asked_for_its_faults_ten_times_a_second() {
+fn motors_are_asked_for_faults_at_10_hz() {
     let mut robot = Robot::new(robot::quadruped(), 1);
     robot.steps(2000);
     robot.take_sent();
@@ -36,7 +36,7 @@ fn every_motor_is_asked_for_its_faults_ten_times_a_second() {
 }
 
 #[test]
-fn a_group_starts_neutral_then_ramps_its_gains_from_zero() {
+fn group_starts_neutral_then_ramps_gains() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(10);
     robot.claim().unwrap();
@@ -70,7 +70,7 @@ fn a_group_starts_neutral_then_ramps_its_gains_from_zero() {
 }
 
 #[test]
-fn a_setpoint_far_from_its_joint_is_refused_before_anything_moves() {
+fn distant_setpoint_is_refused_before_motion() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(10);
     robot.claim().unwrap();
@@ -82,7 +82,7 @@ fn a_setpoint_far_from_its_joint_is_refused_before_anything_moves() {
 }
 
 #[test]
-fn a_controller_that_dies_leaves_every_joint_damped_and_then_stopped() {
+fn dead_controller_leaves_joints_damped_then_stopped() {
     let mut robot = Robot::new(robot::quadruped(), 1);
     let joints = robot.activate();
     robot.follow(&joints);
@@ -106,7 +106,7 @@ fn a_controller_that_dies_leaves_every_joint_damped_and_then_stopped() {
 }
 
 #[test]
-fn a_lost_motor_stops_its_group_and_stays_out_until_it_is_reset() {
+fn lost_motor_stops_group_until_reset() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     robot.disturb("thigh off");
@@ -124,7 +124,7 @@ fn a_lost_motor_stops_its_group_and_stays_out_until_it_is_reset() {
 }
 
 #[test]
-fn every_fault_bit_stops_the_group_and_is_never_taken_for_a_position() {
+fn every_fault_bit_stops_group_and_no_position() {
     for bit in 0..8 {
         let mut robot = Robot::new(robot::three_motors(), 1);
         let joints = robot.activate();
@@ -151,7 +151,7 @@ fn every_fault_bit_stops_the_group_and_is_never_taken_for_a_position() {
 }
 
 #[test]
-fn a_late_wake_up_skips_to_the_grid_and_sends_one_set_of_frames() {
+fn late_wakeup_skips_to_grid_with_one_batch() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     let before = robot.state().cycle;
@@ -166,7 +166,7 @@ fn a_late_wake_up_skips_to_the_grid_and_sends_one_set_of_frames() {
 }
 
 #[test]
-fn a_setpoint_that_missed_the_cycle_after_the_states_it_answers_is_counted_and_dated() {
+fn late_setpoint_is_counted_and_dated() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     let mut used = |answered: u64, oversleep: u64| {
@@ -201,7 +201,7 @@ fn a_setpoint_that_missed_the_cycle_after_the_states_it_answers_is_counted_and_d
 }
 
 #[test]
-fn set_zero_needs_a_stopped_motor_and_is_confirmed_by_its_position() {
+fn set_zero_needs_stopped_motor_and_confirming_position() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let request =
         motord_shared::AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
@@ -214,7 +214,7 @@ fn set_zero_needs_a_stopped_motor_and_is_confirmed_by_its_position() {
 }
 
 #[test]
-fn an_emergency_stop_acts_in_the_cycle_that_hears_it_and_stays_latched() {
+fn emergency_stop_acts_in_its_cycle_and_latches() {
     let mut robot = Robot::new(robot::quadruped(), 1);
     robot.activate();
     robot.take_sent();
@@ -227,7 +227,7 @@ fn an_emergency_stop_acts_in_the_cycle_that_hears_it_and_stays_latched() {
 }
 
 #[test]
-fn states_that_come_late_after_a_stall_are_never_taken_for_faults() {
+fn late_states_after_stall_are_no_faults() {
     for delay in 2..=9 {
         let mut robot = Robot::new(robot::three_motors(), delay);
         let joints = robot.activate();
@@ -260,7 +260,7 @@ fn lagging_by_a_cycle() -> (Robot, Vec<JointSetpoint>) {
 }
 
 #[test]
-fn states_that_lag_by_a_cycle_for_long_stop_nothing() {
+fn states_lagging_by_a_cycle_stop_nothing() {
     let (mut robot, joints) = lagging_by_a_cycle();
     for verb in ["thigh delayed 1ms", "thigh ok"] {
         robot.disturb(verb);
@@ -272,7 +272,7 @@ fn states_that_lag_by_a_cycle_for_long_stop_nothing() {
 }
 
 #[test]
-fn a_fault_is_known_although_every_answer_lags_by_a_cycle() {
+fn fault_is_known_although_answers_lag() {
     for bits in [0x01, 0x40, 0x80] {
         let (mut robot, joints) = lagging_by_a_cycle();
         robot.disturb(&format!("thigh fault {bits:#x}"));
@@ -284,7 +284,7 @@ fn a_fault_is_known_although_every_answer_lags_by_a_cycle() {
 /// Goal: a motor that was lost and is found by late answers is not believed to be in fault: only an operator could mend that.
 /// Method: its answers come so late that those to other questions meet the question for its fault.
 #[test]
-fn states_that_come_late_from_a_lost_motor_are_never_taken_for_faults() {
+fn late_states_of_lost_motor_are_no_faults() {
     for delay in [60, 110, 250, 333, 410, 450, 505] {
         let mut robot = Robot::new(robot::three_motors(), delay);
         let joints = robot.activate();
@@ -302,7 +302,7 @@ fn states_that_come_late_from_a_lost_motor_are_never_taken_for_faults() {
 /// Goal: a bug in the cycle does not leave motors with their last command.
 /// Method: the clock panics in mid-cycle; what the daemon's thread does then is done here.
 #[test]
-fn a_panic_in_the_cycle_leaves_every_joint_damped_and_then_stopped() {
+fn panic_in_cycle_damps_then_stops_joints() {
     let mut robot = Robot::new(robot::quadruped(), 1);
     let joints = robot.activate();
     robot.follow(&joints);
@@ -328,7 +328,7 @@ fn a_panic_in_the_cycle_leaves_every_joint_damped_and_then_stopped() {
 }
 
 #[test]
-fn a_joint_outside_its_limits_is_not_enabled_to_be_pulled_back() {
+fn joint_outside_limits_is_not_enabled() {
     let mut settings = robot::three_motors();
     settings.motors[1].simulation.initial_position = 4.5;
     let mut robot = Robot::new(settings, 1);
@@ -340,7 +340,7 @@ fn a_joint_outside_its_limits_is_not_enabled_to_be_pulled_back() {
 }
 
 #[test]
-fn a_disable_by_somebody_else_stays_latched_and_one_by_the_owner_does_not() {
+fn disable_latches_only_when_not_by_owner() {
     let disable = |pid| AdminRequest { operation: Operation::Disable.code(), pid, ..Default::default() };
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
@@ -359,7 +359,7 @@ fn a_disable_by_somebody_else_stays_latched_and_one_by_the_owner_does_not() {
 }
 
 #[test]
-fn stiffness_that_comes_back_pulls_from_where_the_joint_is() {
+fn returning_stiffness_pulls_from_present_position() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let mut joints = robot.activate();
     for _ in 0..300 {
@@ -386,7 +386,7 @@ fn stiffness_that_comes_back_pulls_from_where_the_joint_is() {
 /// Method: the owner of a robot that stands falls silent. The holding ends by its time, by an emergency stop soon after it
 /// began, or by one just before its end.
 #[test]
-fn what_a_stop_held_is_damped_before_it_is_limp() {
+fn held_stop_is_damped_before_limp() {
     for (held_for, emergency) in [(2000, false), (200, true), (1950, true)] {
         let mut settings = robot::three_motors();
         settings.groups[0].safe_stop = motord_core::settings::SafeStop::Hold;
@@ -409,7 +409,7 @@ fn what_a_stop_held_is_damped_before_it_is_limp() {
 }
 
 #[test]
-fn a_motor_that_was_lost_while_it_ran_is_not_counted_stopped_until_it_answers_a_stop() {
+fn lost_running_motor_is_unstopped_until_stop_answered() {
     let unstopped = |robot: &Robot| robot.cycle.unstopped().collect::<Vec<_>>();
     let mut robot = Robot::new(robot::three_motors(), 1);
     assert_eq!(unstopped(&robot), [0usize; 0], "none was started");
@@ -437,7 +437,7 @@ fn an_emergency_is_never_held() {
 }
 
 #[test]
-fn a_start_command_that_the_bus_dropped_is_sent_again() {
+fn dropped_start_command_is_sent_again() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(10);
     robot.claim().unwrap();
@@ -463,7 +463,7 @@ fn a_start_command_that_the_bus_dropped_is_sent_again() {
 }
 
 #[test]
-fn a_lost_motor_is_told_to_stop_in_the_next_cycle() {
+fn lost_motor_is_stopped_in_next_cycle() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     robot.disturb("thigh off");
@@ -481,7 +481,7 @@ fn a_lost_motor_is_told_to_stop_in_the_next_cycle() {
 
 #[test]
 #[should_panic(expected = "\"knee\" is in no group")]
-fn no_cycle_is_made_with_a_motor_that_no_group_stops() {
+fn cycle_refuses_motor_without_group() {
     let mut settings = robot::three_motors();
     settings.groups[0].motors.pop();
     let _never = Robot::new(settings, 1);
@@ -489,7 +489,7 @@ fn no_cycle_is_made_with_a_motor_that_no_group_stops() {
 
 #[test]
 #[should_panic(expected = "\"hip\" is in more than one group")]
-fn no_cycle_is_made_with_a_motor_in_two_groups() {
+fn cycle_refuses_motor_in_two_groups() {
     let mut settings = robot::three_motors();
     settings.groups.push(settings.groups[0].clone());
     let _never = Robot::new(settings, 1);

@@ -224,7 +224,7 @@ fn plays_the_daemon() {
 }
 
 #[test]
-fn a_killed_daemon_leaves_every_motor_damped_and_then_stopped() {
+fn killed_daemon_leaves_motors_damped_then_stopped() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     let daemon = Daemon::start(directory.path());
@@ -238,7 +238,7 @@ fn a_killed_daemon_leaves_every_motor_damped_and_then_stopped() {
 /// Goal: a switch that was stopped, and goes on, does not damp the motors of a daemon that has begun meanwhile.
 /// Method: this process has the interface, as a successor does that waits to be registered.
 #[test]
-fn a_successor_is_left_alone_by_a_switch_that_only_knows_of_a_death() {
+fn switch_leaves_successor_of_dead_daemon_alone() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     let daemon = Daemon::start_on(directory.path(), SUCCEEDED);
@@ -253,7 +253,7 @@ fn a_successor_is_left_alone_by_a_switch_that_only_knows_of_a_death() {
 }
 
 #[test]
-fn a_switch_gives_signs_of_life_to_the_daemon_it_watches() {
+fn switch_signals_life_to_watched_daemon() {
     let (_directory, instance) = runtime();
     let _switch = Switch::start(&instance);
     let (heartbeat, pulse) = beating();
@@ -275,7 +275,7 @@ fn a_switch_gives_signs_of_life_to_the_daemon_it_watches() {
 /// Goal: a switch that hangs keeps nobody from damping the robot.
 /// Method: its socket takes connections, as that of a stopped process does, and nobody answers.
 #[test]
-fn a_safe_stop_does_not_wait_for_a_switch_that_hangs() {
+fn safe_stop_ignores_a_hanging_switch() {
     let (directory, instance) = runtime();
     let _hangs = Listener::bind(&instance).unwrap();
     let config = configuration(directory.path(), &can(&no_can("hang")));
@@ -286,7 +286,7 @@ fn a_safe_stop_does_not_wait_for_a_switch_that_hangs() {
 }
 
 #[test]
-fn a_daemon_that_stands_still_is_damped_until_it_goes_on() {
+fn stalled_daemon_is_damped_until_it_resumes() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     let daemon = Daemon::start(directory.path());
@@ -327,7 +327,7 @@ fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
 }
 
 #[test]
-fn motors_on_a_bus_that_takes_nothing_are_damped_and_stopped_whenever_it_does() {
+fn jammed_bus_is_damped_and_stopped_when_possible() {
     let (_directory, instance, switch) = dead_with_a_jam();
     switch.serves(DAMPING.0);
     assert_eq!(owed(&instance), ["can1"], "long after the damping was over");
@@ -337,7 +337,7 @@ fn motors_on_a_bus_that_takes_nothing_are_damped_and_stopped_whenever_it_does() 
 }
 
 #[test]
-fn the_next_daemon_ends_what_the_switch_owes_to_a_bus_that_takes_nothing() {
+fn next_daemon_clears_debt_to_jammed_bus() {
     let (directory, _instance, switch) = dead_with_a_jam();
     switch.serves(DAMPING.0);
     let _next = Daemon::start(directory.path());
@@ -346,7 +346,7 @@ fn the_next_daemon_ends_what_the_switch_owes_to_a_bus_that_takes_nothing() {
 }
 
 #[test]
-fn a_bus_that_takes_nothing_does_not_keep_a_switch_that_is_told_to_end() {
+fn jammed_bus_does_not_delay_switch_exit() {
     let (_directory, instance) = runtime();
     let open = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { Ok(Box::new(Recorder::jammed())) };
     let mut server = Server::new(Listener::bind(&instance).unwrap(), open);
@@ -362,7 +362,7 @@ fn a_bus_that_takes_nothing_does_not_keep_a_switch_that_is_told_to_end() {
 }
 
 #[test]
-fn a_daemon_that_left_a_stopped_robot_is_not_followed_by_a_frame() {
+fn clean_exit_of_daemon_causes_no_frame() {
     let (_directory, instance) = runtime();
     let switch = Switch::start(&instance);
     let (heartbeat, pulse) = Heartbeat::create().unwrap();
@@ -374,7 +374,7 @@ fn a_daemon_that_left_a_stopped_robot_is_not_followed_by_a_frame() {
 }
 
 #[test]
-fn a_second_daemon_is_refused_while_the_first_lives_and_watched_after_its_death() {
+fn second_daemon_is_refused_then_watched_after_death() {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     let first = Daemon::start(directory.path());
@@ -446,7 +446,7 @@ fn nonsense_and_silence_do_not_keep_others_out() {
 
 /// Goal: after an update of one of them nobody takes a sign of life for a request, or its absence for a death.
 #[test]
-fn a_daemon_and_a_switch_of_different_versions_refuse_each_other_in_words() {
+fn daemon_and_switch_versions_refuse_each_other_clearly() {
     let (_directory, instance) = runtime();
     let _switch = Switch::start(&instance);
     for request in ["{\"Register\":null}", "motord-deadman 1\n\"AskWhetherActing\""] {
@@ -458,7 +458,7 @@ fn a_daemon_and_a_switch_of_different_versions_refuse_each_other_in_words() {
 }
 
 #[test]
-fn an_answer_of_another_version_is_told_as_that() {
+fn answer_of_other_version_is_reported() {
     let (_directory, instance) = runtime();
     let switch = Listener::bind(&instance).unwrap();
     let daemon = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();
@@ -469,7 +469,7 @@ fn an_answer_of_another_version_is_told_as_that() {
 }
 
 #[test]
-fn a_daemon_finds_a_switch_that_starts_after_it() {
+fn daemon_finds_a_switch_that_starts_later() {
     let (_directory, instance) = runtime();
     let (heartbeat, pulse) = beating();
     let end = Arc::new(AtomicBool::new(false));
@@ -484,7 +484,7 @@ fn a_daemon_finds_a_switch_that_starts_after_it() {
 }
 
 #[test]
-fn a_registrar_whose_heartbeat_never_begins_ends_when_it_is_told_to() {
+fn registrar_without_heartbeat_exits_on_request() {
     let (_directory, instance) = runtime();
     let (_heartbeat, pulse) = Heartbeat::create().unwrap();
     let end = Arc::new(AtomicBool::new(false));
@@ -503,7 +503,7 @@ fn a_registrar_whose_heartbeat_never_begins_ends_when_it_is_told_to() {
 /// Goal: a robot that requires its switch is told when it is away, when it hangs, and when it is back.
 /// Method: the switch is this thread, which answers the registration, and gives signs of life when it likes.
 #[test]
-fn a_registrar_tells_whether_the_switch_is_away_or_hangs() {
+fn registrar_distinguishes_absent_and_hanging_switch() {
     let (_directory, instance) = runtime();
     let (_heartbeat, pulse) = beating();
     let end = Arc::new(AtomicBool::new(false));
@@ -562,7 +562,7 @@ const SIMULATED: &str = "type = 'simulated'";
 /// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in the middle or at the
 /// given fraction of its code. Stop is its special frame. The native stop has a tail that is neutral in MIT.
 #[test]
-fn the_safe_frames_of_a_configuration_are_what_the_documents_call_damping_and_stop() {
+fn safe_frames_match_documented_damping_and_stop() {
     let directory = TempDir::new().unwrap();
     let settings = config::load(&configuration(directory.path(), &can("nocan0"))).unwrap().settings;
     let frames = SafeFrames::of(&settings);
@@ -590,7 +590,7 @@ fn a_safe_stop_damps_and_stops_once() {
 }
 
 #[test]
-fn a_safe_stop_does_not_say_that_motors_were_stopped_which_took_no_frame() {
+fn safe_stop_reports_motors_without_frames() {
     let directory = TempDir::new().unwrap();
     let interface = no_can("jam");
     let path = configuration(directory.path(), &can(&interface));
@@ -611,7 +611,7 @@ fn text(output: &Output) -> String {
 
 /// Goal: two daemons with two runtime directories never drive one interface.
 #[test]
-fn a_daemon_does_not_get_an_interface_that_a_daemon_with_another_runtime_directory_drives() {
+fn driven_interface_is_refused_across_runtime_directories() {
     let directory = TempDir::new().unwrap();
     let interface = no_can("two");
     let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
@@ -625,7 +625,7 @@ fn a_daemon_does_not_get_an_interface_that_a_daemon_with_another_runtime_directo
 /// Goal: a daemon of another user, or with another runtime directory, has its robot to itself.
 /// Method: this process holds the interface; no runtime directory tells of it.
 #[test]
-fn a_safe_stop_leaves_an_interface_alone_that_any_daemon_drives() {
+fn safe_stop_leaves_driven_interfaces_alone() {
     let directory = TempDir::new().unwrap();
     let interface = no_can("held");
     let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
@@ -638,7 +638,7 @@ fn a_safe_stop_leaves_an_interface_alone_that_any_daemon_drives() {
 
 /// The switch has the interface, so that two senders do not end each other's damping.
 #[test]
-fn a_safe_stop_does_not_say_that_the_switch_has_stopped_what_it_cannot_reach() {
+fn safe_stop_reports_what_switch_cannot_reach() {
     let (directory, _instance, _switch) = dead_with_a_jam();
     let config = configuration(directory.path(), &can(&no_can("far")));
     let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
@@ -648,7 +648,7 @@ fn a_safe_stop_does_not_say_that_the_switch_has_stopped_what_it_cannot_reach() {
 }
 
 #[test]
-fn a_safe_stop_tells_which_interface_it_could_not_serve() {
+fn safe_stop_names_the_interface_it_missed() {
     let directory = TempDir::new().unwrap();
     let interface = no_can("tells");
     let config = configuration(directory.path(), &can(&interface));
@@ -661,7 +661,7 @@ fn a_safe_stop_tells_which_interface_it_could_not_serve() {
 }
 
 #[test]
-fn an_instance_has_one_switch_which_ends_when_it_is_told() {
+fn instance_has_one_switch_that_exits_on_request() {
     let directory = TempDir::new().unwrap();
     let config = configuration(directory.path(), SIMULATED);
     let mut first = motord(directory.path(), &["deadman"], &config).spawn().unwrap();
@@ -680,7 +680,7 @@ fn an_instance_has_one_switch_which_ends_when_it_is_told() {
 
 /// Each message with several would else cost the switch descriptors, until it can accept nobody.
 #[test]
-fn no_file_that_comes_with_a_message_stays_open_but_the_one_that_is_used() {
+fn only_used_descriptors_of_messages_stay_open() {
     let (_directory, instance) = runtime();
     let listener = Listener::bind(&instance).unwrap();
     let sender = Channel::connect(&instance, SWITCH_PATIENCE).unwrap();

@@ -58,7 +58,7 @@ fn longest_gap(rounds: &[Instant]) -> Duration {
 }
 
 #[test]
-fn the_motors_of_a_line_hear_their_stops_one_after_the_other() {
+fn motors_of_line_are_stopped_in_turn() {
     let (mut motors, _host, device) = pty();
     let (rounds, owed) = stop(&device);
     assert_eq!((rounds.len(), owed), (33, vec![]), "30 rounds that damp, and 3 that stop");

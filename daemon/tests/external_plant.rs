@@ -114,7 +114,7 @@ fn rms(differs: impl Fn(usize, usize) -> f32) -> f32 {
 }
 
 #[test]
-fn a_trot_on_a_plant_with_the_built_in_mechanics_is_the_built_in_trot() {
+fn external_plant_reproduces_the_builtin_trot() {
     let [inside, outside] =
         [Robot::new(robot::quadruped(), 1), Robot::with_plant(robot::quadruped(), 1, Alone)]
             .map(|mut robot| trotted(&mut robot));
@@ -124,7 +124,7 @@ fn a_trot_on_a_plant_with_the_built_in_mechanics_is_the_built_in_trot() {
 }
 
 #[test]
-fn hanging_legs_trot_and_every_run_is_the_same() {
+fn hanging_legs_trot_deterministically() {
     let [track, again] = [1, 1].map(|seed| trotted(&mut Robot::with_plant(robot::quadruped(), seed, Legs)));
     assert_eq!(track, again);
     let setpoints: Vec<_> = (0..TROT).map(|cycle| trot(cycle as f32 * 1e-3)).collect();
@@ -136,7 +136,7 @@ fn hanging_legs_trot_and_every_run_is_the_same() {
 }
 
 #[test]
-fn an_owner_that_falls_silent_leaves_hanging_legs_that_come_to_rest() {
+fn silent_owner_leaves_hanging_legs_at_rest() {
     let mut robot = Robot::with_plant(robot::quadruped(), 1, Legs);
     trotted(&mut robot);
     robot.steps(25);
@@ -153,7 +153,7 @@ fn an_owner_that_falls_silent_leaves_hanging_legs_that_come_to_rest() {
 }
 
 #[test]
-fn an_emergency_stop_of_hanging_legs_is_latched_until_a_reset() {
+fn emergency_stop_of_hanging_legs_latches_until_reset() {
     let mut robot = Robot::with_plant(robot::quadruped(), 1, Legs);
     trotted(&mut robot);
     robot.operate(Operation::EmergencyStop).unwrap();

@@ -162,7 +162,7 @@ fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
 }
 
 #[test]
-fn no_fault_makes_a_motor_hear_what_it_must_not_and_after_it_the_robot_can_be_armed() {
+fn no_fault_sends_forbidden_frames_or_prevents_arming() {
     let seconds = robot::number("MOTORD_ROBOT_SECONDS").unwrap_or(SECONDS);
     let [mixed, native, lines, damaged] = [const { AtomicU64::new(0) }; 4];
     robot::for_each_seed("fault_injection", SEEDS, |seed| {

@@ -41,7 +41,7 @@ fn is_fresh(robot: &mut Robot, joint: usize) -> bool {
 }
 
 #[test]
-fn one_missed_reply_makes_a_state_stale_and_nothing_else() {
+fn one_missed_reply_only_makes_state_stale() {
     let (mut robot, joints) = active();
     let missed = robot.joint(1).missed;
     robot.disturb("thigh off");
@@ -55,7 +55,7 @@ fn one_missed_reply_makes_a_state_stale_and_nothing_else() {
 }
 
 #[test]
-fn a_lost_motor_is_told_to_stop_at_most_ten_times_a_second_while_the_others_are_damped() {
+fn lost_motor_gets_ten_stops_a_second() {
     let (mut robot, joints) = active();
     robot.disturb("thigh off");
     for missed in 1..=3 {
@@ -88,7 +88,7 @@ fn a_late_reply_is_counted_late_and_once() {
 }
 
 #[test]
-fn a_second_copy_of_a_reply_is_counted_and_ignored() {
+fn duplicate_reply_is_counted_and_ignored() {
     let (mut robot, joints) = active();
     robot.disturb("hip duplicate");
     robot.follow(&joints);
@@ -98,7 +98,7 @@ fn a_second_copy_of_a_reply_is_counted_and_ignored() {
 }
 
 #[test]
-fn frames_with_unexpected_ids_are_counted_and_change_nothing() {
+fn unexpected_ids_are_counted_and_change_nothing() {
     let (mut robot, joints) = active();
     robot.take_events();
     let before = robot.bus(0).unexpected_id;
@@ -133,7 +133,7 @@ fn two_motors_with_one_id_are_never_started() {
 }
 
 #[test]
-fn a_motor_that_joins_with_a_used_id_stops_the_group_within_ten_cycles() {
+fn duplicate_motor_id_stops_group_within_ten_cycles() {
     let mut robot = with_a_double();
     robot.disturb("double off");
     let joints = robot.activate();
@@ -144,7 +144,7 @@ fn a_motor_that_joins_with_a_used_id_stops_the_group_within_ten_cycles() {
 }
 
 #[test]
-fn a_state_that_the_joint_cannot_have_had_is_counted_as_implausible_and_not_as_malformed() {
+fn implausible_state_is_not_counted_as_malformed() {
     let mut robot = with_a_double();
     robot.disturb("double off");
     let joints = robot.activate();
@@ -156,7 +156,7 @@ fn a_state_that_the_joint_cannot_have_had_is_counted_as_implausible_and_not_as_m
 }
 
 #[test]
-fn frames_that_no_motor_sends_are_counted_and_not_decoded() {
+fn frames_of_no_motor_are_counted_not_decoded() {
     let (mut robot, joints) = active();
     let malformed = robot.bus(0).malformed;
     for verb in ["extended", "remote", "fd"] {
@@ -180,7 +180,7 @@ fn asked_drive(settings: &Settings, command: &Command) -> (Drive, Instant) {
 }
 
 #[test]
-fn six_bytes_of_a_reply_count_and_fewer_are_none() {
+fn six_bytes_are_a_reply_and_fewer_none() {
     let reply = [1, 0x80, 0, 0x80, 8, 0, 0, 0];
     for length in 0..=8 {
         let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::Stop);
@@ -190,7 +190,7 @@ fn six_bytes_of_a_reply_count_and_fewer_are_none() {
 }
 
 #[test]
-fn no_bytes_make_a_state_that_is_no_number() {
+fn no_bytes_decode_to_a_nonfinite_state() {
     let (mut random, settings) = (Random::new(9), robot::three_motors());
     for _ in 0..1_000_000 {
         let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
@@ -202,7 +202,7 @@ fn no_bytes_make_a_state_that_is_no_number() {
 }
 
 #[test]
-fn garbage_is_never_believed_once_and_stops_the_group_when_it_goes_on() {
+fn garbage_is_never_believed_and_stops_when_sustained() {
     let (mut robot, joints) = active();
     let before = robot.joint(2).position;
     robot.disturb("knee garbage");
@@ -215,7 +215,7 @@ fn garbage_is_never_believed_once_and_stops_the_group_when_it_goes_on() {
 }
 
 #[test]
-fn an_encoder_that_stands_still_while_its_joint_turns_stops_the_group() {
+fn frozen_encoder_of_moving_joint_stops_group() {
     let (mut robot, mut joints) = active();
     joints.iter_mut().for_each(|joint| (joint.kp, joint.kd, joint.velocity) = (0.0, 2.0, 3.0));
     for _ in 0..100 {
@@ -228,7 +228,7 @@ fn an_encoder_that_stands_still_while_its_joint_turns_stops_the_group() {
 }
 
 #[test]
-fn a_fault_is_known_although_its_states_and_answers_get_lost() {
+fn fault_is_known_although_replies_are_lost() {
     let (mut robot, joints) = active();
     robot.disturb("knee intermittent 60%");
     robot.disturb("knee fault 0x40");
@@ -243,7 +243,7 @@ fn a_fault_is_known_although_its_states_and_answers_get_lost() {
 }
 
 #[test]
-fn an_answer_to_an_old_question_for_the_fault_is_no_state() {
+fn answer_to_old_fault_question_is_no_state() {
     let fault = [1, 0x40, 0, 0, 0, 0];
     let (mut drive, later) = asked_drive(&robot::three_motors(), &Command::GetFault);
     drive.request(&Command::Stop, later);
@@ -258,7 +258,7 @@ fn an_answer_to_an_old_question_for_the_fault_is_no_state() {
 /// Method: a fault report, read as a position, lies just beyond half a turn from the state before and just within from the
 /// state after it. Counting it would leave a turn too many.
 #[test]
-fn a_dropped_reply_does_not_move_the_count_of_turns() {
+fn dropped_reply_keeps_the_turn_count() {
     let mut settings = robot::three_motors();
     settings.motors[0].beyond_range = BeyondRange::Wrap;
     let (mut drive, mut now) = asked_drive(&settings, &Command::Stop);
@@ -283,7 +283,7 @@ fn a_dropped_reply_does_not_move_the_count_of_turns() {
 }
 
 #[test]
-fn a_lost_answer_about_a_fault_costs_one_more_and_not_all() {
+fn lost_fault_answer_costs_one_more_cycle() {
     let fault = [1, 0x40, 0, 0, 0, 0];
     let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::GetFault);
     let mut heard = Vec::new();
@@ -299,7 +299,7 @@ fn a_lost_answer_about_a_fault_costs_one_more_and_not_all() {
 }
 
 #[test]
-fn a_fault_report_is_heard_after_questions_that_were_never_answered() {
+fn fault_report_is_read_after_unanswered_questions() {
     let (mut drive, mut now) = asked_drive(&robot::three_motors(), &Command::Stop);
     // Garbage, which is a state of full speed backward.
     drive.receive(&[1, 0x80, 0, 0, 8, 0], now);
@@ -314,7 +314,7 @@ fn a_fault_report_is_heard_after_questions_that_were_never_answered() {
 }
 
 #[test]
-fn a_state_that_lags_by_a_cycle_is_no_fault_and_the_report_after_it_is_one() {
+fn lagging_state_is_no_fault_but_report_is() {
     let state = [1, 0x80, 0, 0x80, 8, 0];
     let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);
     let lagging = |drive: &mut Drive, later: Instant| {
@@ -338,7 +338,7 @@ fn a_state_that_lags_by_a_cycle_is_no_fault_and_the_report_after_it_is_one() {
 }
 
 #[test]
-fn a_report_that_looks_like_the_motion_is_believed_in_the_end() {
+fn report_resembling_motion_is_finally_believed() {
     let (mut drive, mut later) = asked_drive(&robot::three_motors(), &Command::Stop);
     let mut heard = Vec::new();
     for _ in 0..4 {
@@ -353,7 +353,7 @@ fn a_report_that_looks_like_the_motion_is_believed_in_the_end() {
 }
 
 #[test]
-fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
+fn error_frames_change_only_bus_knowledge() {
     let (mut robot, joints) = active();
     let before = robot.bus(0);
     robot.disturb("can warning");
@@ -367,7 +367,7 @@ fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
 }
 
 #[test]
-fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
+fn bus_off_pauses_sending_and_resumes_with_stops() {
     let mut robot = Robot::new(robot::quadruped(), 1);
     let joints = robot.activate();
     robot.disturb("front-left bus-off");
@@ -387,7 +387,7 @@ fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
 }
 
 #[test]
-fn the_only_bus_of_a_robot_is_heard_when_it_comes_back() {
+fn only_bus_of_robot_is_read_after_return() {
     let (mut robot, _) = active();
     robot.disturb("can bus-off");
     robot.steps(500);
@@ -409,7 +409,7 @@ fn a_flapping_controller_warns_and_stops_nothing() {
 }
 
 #[test]
-fn a_full_queue_drops_the_rest_of_the_cycle_and_three_in_a_row_stop_the_group() {
+fn full_queue_three_times_in_row_stops_group() {
     let (mut robot, joints) = active();
     let before = robot.bus(0);
     robot.disturb("can tx-full 1");
@@ -442,7 +442,7 @@ fn what_was_refused_is_never_sent_later() {
 }
 
 #[test]
-fn a_jammed_bus_holds_no_more_than_two_cycles_of_old_commands() {
+fn jammed_bus_holds_at_most_two_cycles() {
     let (mut robot, joints) = active();
     robot.disturb("can no-ack");
     for _ in 0..500 {
@@ -459,7 +459,7 @@ fn a_jammed_bus_holds_no_more_than_two_cycles_of_old_commands() {
 }
 
 #[test]
-fn an_interface_that_goes_away_stops_the_group_and_comes_back_without_starting() {
+fn lost_interface_stops_group_and_returns_stopped() {
     for (verb, condition) in [("down", BusCondition::Down), ("gone", BusCondition::Gone)] {
         let (mut robot, joints) = active();
         robot.disturb(&format!("can {verb}"));
@@ -479,7 +479,7 @@ fn an_interface_that_goes_away_stops_the_group_and_comes_back_without_starting()
 }
 
 #[test]
-fn a_flood_of_unexpected_ids_neither_delays_a_cycle_nor_hides_a_reply() {
+fn flood_neither_delays_cycle_nor_hides_replies() {
     let mut text = String::from("[cycle]\nrate-hz = 250\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
     for (id, name) in [(1, "hip"), (2, "thigh"), (3, "knee")] {
         text += &robot::motor(id, name, "can", "");
@@ -505,7 +505,7 @@ fn frames_lost_before_they_were_read_are_counted() {
 }
 
 #[test]
-fn motors_that_lose_every_other_reply_are_named_and_stopped_by_the_rule() {
+fn motors_losing_alternate_replies_are_named_and_stopped() {
     let mut text = String::from("[cycle]\nrate-hz = 500\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
     for (id, name) in [(1, "a"), (2, "b"), (3, "c"), (4, "d")] {
         text += &robot::motor(id, name, "can", "");
@@ -522,7 +522,7 @@ fn motors_that_lose_every_other_reply_are_named_and_stopped_by_the_rule() {
 }
 
 #[test]
-fn a_motor_whose_power_failed_is_stopped_and_never_started_by_itself() {
+fn power_failed_motor_is_stopped_and_never_restarted() {
     let (mut robot, joints) = active();
     robot.disturb("thigh power-cycle");
     let (cause, _) = stopped_within(&mut robot, &joints, 12);
@@ -540,7 +540,7 @@ fn a_motor_whose_power_failed_is_stopped_and_never_started_by_itself() {
 }
 
 #[test]
-fn a_motor_left_running_by_a_dead_daemon_is_stopped_and_forgets_its_target() {
+fn motor_left_running_is_stopped_and_forgets_target() {
     use motord_bus::{Bus, Frame, FrameId};
     let mut robot = Robot::new(robot::three_motors(), 1);
     let id = FrameId::new(1).unwrap();
@@ -566,7 +566,7 @@ fn a_motor_left_running_by_a_dead_daemon_is_stopped_and_forgets_its_target() {
 }
 
 #[test]
-fn a_drive_that_stopped_by_itself_is_found_by_its_following_error() {
+fn self_stopped_drive_is_found_by_following_error() {
     let mut settings = robot::three_motors();
     settings.motors.iter_mut().for_each(|motor| motor.limits.following_error = Some(0.1));
     let mut robot = Robot::built(settings, 1, |_, motors| {
@@ -583,7 +583,7 @@ fn a_drive_that_stopped_by_itself_is_found_by_its_following_error() {
 }
 
 #[test]
-fn a_drive_that_never_answers_is_named_within_two_seconds_and_never_started() {
+fn mute_drive_is_named_within_two_seconds() {
     let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[1].dialect = Dialect::Gim);
     robot.disturb("knee off");
     robot.steps(2100);
@@ -602,7 +602,7 @@ fn a_drive_that_never_answers_is_named_within_two_seconds_and_never_started() {
 }
 
 #[test]
-fn a_motor_that_faults_while_it_starts_fails_the_start_at_once() {
+fn motor_fault_while_starting_fails_start_immediately() {
     let mut settings = robot::three_motors();
     settings.motors.iter_mut().for_each(|motor| motor.fault_policy = FaultPolicy::StopJoint);
     let mut robot = Robot::new(settings, 1);
@@ -638,7 +638,7 @@ fn over_voltage_is_damped_less() {
 /// Method: a hip that cannot turn is asked for twice its rated torque for a minute; what was on the wire is judged by
 /// the square of its torque, weighed as the heat of the winding is.
 #[test]
-fn twice_the_rated_torque_is_given_for_a_while_and_then_sinks_to_the_rated() {
+fn twice_rated_torque_falls_to_rated_after_while() {
     let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[0].coulomb_friction = 100.0);
     let (rated, overload) = (robot.settings.motors[0].rated_torque, robot.settings.motors[0].overload);
     let mut joints = robot.activate();
@@ -684,7 +684,7 @@ fn a_joint_that_cannot_follow_stops_the_group() {
 }
 
 #[test]
-fn set_zero_of_a_joint_that_turns_is_refused() {
+fn set_zero_of_turning_joint_is_refused() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.disturb("hip load 0.5");
     robot.steps(300);
@@ -694,7 +694,7 @@ fn set_zero_of_a_joint_that_turns_is_refused() {
 
 /// While a motor writes its zero into its flash, nobody knows whether it is silent for that or for good.
 #[test]
-fn a_motor_that_dies_while_it_sets_its_zero_is_never_enabled_and_lost_when_the_time_for_it_is_over() {
+fn motor_lost_during_set_zero_is_never_enabled() {
     let (mut robot, joints) = active();
     robot.operate(Operation::Disable).expect("the group may be disabled");
     robot.follow_until(&joints, 3000, |robot| robot.phase() == Phase::Disarmed);
@@ -715,7 +715,7 @@ fn a_motor_that_dies_while_it_sets_its_zero_is_never_enabled_and_lost_when_the_t
 }
 
 #[test]
-fn set_zero_of_a_silent_motor_is_refused_in_the_end() {
+fn set_zero_of_silent_motor_is_finally_refused() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(10);
     robot.disturb("hip off");

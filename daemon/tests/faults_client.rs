@@ -32,7 +32,7 @@ fn must_reject(robot: &mut Robot, message: &SetpointMessage, reason: Rejection) 
 }
 
 #[test]
-fn silence_of_the_owner_stops_the_group_after_twenty_milliseconds_for_good() {
+fn silent_owner_stops_group_after_20_ms() {
     let (mut robot, joints) = active();
     robot.send(&joints);
     let last = robot.now();
@@ -68,7 +68,7 @@ fn activate_again(robot: &mut Robot) -> Vec<JointSetpoint> {
 }
 
 #[test]
-fn the_death_of_the_owner_stops_its_group_in_the_next_cycle_for_good() {
+fn dead_owner_stops_group_in_next_cycle() {
     let (mut robot, joints) = active();
     let lease = robot.lease();
     robot.take_sent();
@@ -84,7 +84,7 @@ fn the_death_of_the_owner_stops_its_group_in_the_next_cycle_for_good() {
 
 /// A kernel that tells late, or a process id that was given anew, stops no healthy robot.
 #[test]
-fn the_death_of_a_process_that_owns_nothing_any_more_stops_nobody() {
+fn death_of_former_owner_stops_no_group() {
     let (mut robot, _) = active();
     let first = robot.lease();
     dies(&mut robot, first);
@@ -96,7 +96,7 @@ fn the_death_of_a_process_that_owns_nothing_any_more_stops_nobody() {
 }
 
 #[test]
-fn the_death_of_the_owner_of_a_group_at_rest_frees_it_and_is_no_stop() {
+fn death_of_resting_owner_frees_group_without_stop() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(10);
     let lease = robot.claim().expect("nobody owns the group");
@@ -105,7 +105,7 @@ fn the_death_of_the_owner_of_a_group_at_rest_frees_it_and_is_no_stop() {
 }
 
 #[test]
-fn a_daemon_that_nobody_can_reach_stops_every_group_and_its_end_is_not_the_cause() {
+fn unreachable_daemon_stops_groups_with_first_cause() {
     for leaves in [false, true] {
         let (mut robot, joints) = active();
         robot.client.alarms().stop(Cause::DirectoryLost);
@@ -122,7 +122,7 @@ fn a_daemon_that_nobody_can_reach_stops_every_group_and_its_end_is_not_the_cause
 }
 
 #[test]
-fn a_robot_that_requires_its_switch_stops_without_it_and_is_enabled_when_it_is_back() {
+fn required_switch_absent_stops_robot_until_it_returns() {
     let (mut robot, joints) = active();
     robot.client.alarms().stand(Some(Cause::SwitchLost));
     robot.take_sent();
@@ -148,7 +148,7 @@ fn a_robot_that_requires_its_switch_stops_without_it_and_is_enabled_when_it_is_b
 }
 
 #[test]
-fn a_short_pause_of_the_owner_is_no_silence_and_what_queued_in_a_long_one_moves_nothing() {
+fn short_pause_is_tolerated_and_queued_messages_dropped() {
     let (mut robot, joints) = active();
     robot.steps(10);
     robot.follow(&joints);
@@ -178,7 +178,7 @@ fn value(joint: &mut JointSetpoint, field: usize) -> &mut f32 {
 }
 
 #[test]
-fn one_value_that_is_no_number_rejects_the_message_and_never_reaches_a_motor() {
+fn one_nonfinite_value_rejects_the_whole_message() {
     let (mut robot, joints) = active();
     for (joint, field) in (0..3).flat_map(|joint| (0..5).map(move |field| (joint, field))) {
         for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -216,7 +216,7 @@ fn the_smallest_numbers_and_negative_zero_are_numbers() {
 }
 
 #[test]
-fn a_value_beyond_its_range_is_clamped_and_leaves_its_neighbours_alone() {
+fn value_beyond_range_is_clamped_alone() {
     for (field, factor) in (0..5).flat_map(|field| [1.0001, 10.0, f32::MAX].map(|factor| (field, factor))) {
         let (mut robot, joints) = active();
         let limits = robot.settings.motors[1].limits.clone();
@@ -249,7 +249,7 @@ fn a_value_beyond_its_range_is_clamped_and_leaves_its_neighbours_alone() {
 }
 
 #[test]
-fn the_largest_and_the_smallest_of_everything_are_no_special_frames() {
+fn extreme_values_never_form_special_frames() {
     for sign in [1.0, -1.0] {
         let (mut robot, mut joints) = active();
         for joint in &mut joints {
@@ -271,7 +271,7 @@ fn the_largest_and_the_smallest_of_everything_are_no_special_frames() {
 }
 
 #[test]
-fn a_step_of_stiffness_or_torque_becomes_a_slope_on_the_wire() {
+fn step_of_stiffness_or_torque_becomes_slope() {
     let (mut robot, joints) = active();
     let limits = robot.settings.motors[0].limits.clone();
     let mut step = joints.clone();
@@ -296,7 +296,7 @@ fn a_step_of_stiffness_or_torque_becomes_a_slope_on_the_wire() {
 }
 
 #[test]
-fn a_second_controller_is_refused_and_the_owner_does_not_notice() {
+fn second_controller_is_refused_without_disturbing_owner() {
     let (mut robot, joints) = active();
     let owner = robot.lease();
     assert_eq!(robot.operate(Operation::Claim).unwrap_err(), Refusal::Owned);
@@ -311,7 +311,7 @@ fn a_second_controller_is_refused_and_the_owner_does_not_notice() {
 }
 
 #[test]
-fn a_successor_gets_a_stopped_group_and_the_old_lease_moves_nothing() {
+fn old_lease_moves_nothing_after_succession() {
     let (mut robot, joints) = active();
     let old = robot.message(&joints);
     robot.steps(22);
@@ -331,7 +331,7 @@ fn a_successor_gets_a_stopped_group_and_the_old_lease_moves_nothing() {
 }
 
 #[test]
-fn a_message_for_other_joints_or_in_an_unknown_mode_is_rejected() {
+fn message_for_wrong_joints_or_mode_is_rejected() {
     let (mut robot, joints) = active();
     for count in [0, 2, 4, 64, 65, u32::MAX] {
         let message = SetpointMessage { joint_count: count, ..robot.message(&joints) };
@@ -353,7 +353,7 @@ fn a_message_for_other_joints_or_in_an_unknown_mode_is_rejected() {
 }
 
 #[test]
-fn a_sequence_that_does_not_rise_and_a_time_from_another_clock_are_rejected() {
+fn stale_sequence_and_foreign_time_are_rejected() {
     let (mut robot, joints) = active();
     let used = robot.message(&joints);
     robot.deliver(&used);
@@ -372,7 +372,7 @@ fn a_sequence_that_does_not_rise_and_a_time_from_another_clock_are_rejected() {
 }
 
 #[test]
-fn of_many_messages_in_a_cycle_the_newest_is_used() {
+fn newest_of_many_messages_is_used() {
     let (mut robot, joints) = active();
     let accepted = robot.group().accepted;
     for _ in 0..100 {
@@ -388,7 +388,7 @@ fn of_many_messages_in_a_cycle_the_newest_is_used() {
 const AT_ONCE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 
 #[test]
-fn an_emergency_stop_behind_every_other_request_that_clients_may_have_acts_in_the_next_cycle() {
+fn emergency_stop_overtakes_all_other_requests() {
     let (mut robot, joints) = active();
     for _ in 1..AT_ONCE {
         robot.post(AdminRequest { operation: u32::MAX, ..Default::default() });
@@ -399,7 +399,7 @@ fn an_emergency_stop_behind_every_other_request_that_clients_may_have_acts_in_th
 }
 
 #[test]
-fn any_number_of_senseless_requests_is_answered_a_few_in_each_cycle() {
+fn senseless_requests_are_answered_few_per_cycle() {
     let (mut robot, joints) = active();
     let mut answers = 0;
     for cycle in 0..200_u32 {
@@ -431,7 +431,7 @@ fn refused_enable(robot: &mut Robot) -> Refusal {
 }
 
 #[test]
-fn a_group_is_not_enabled_before_everything_is_well() {
+fn group_is_enabled_only_when_all_healthy() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.steps(10);
     assert_eq!(refused_enable(&mut robot), Refusal::NoOwner);
@@ -462,7 +462,7 @@ fn a_group_is_not_enabled_before_everything_is_well() {
 }
 
 #[test]
-fn nothing_is_written_to_a_motor_that_may_move() {
+fn moving_motor_is_never_written_to() {
     let (mut robot, joints) = active();
     robot.send(&joints);
     for operation in [Operation::SetZero, Operation::ClearFault] {
@@ -480,7 +480,7 @@ fn nothing_is_written_to_a_motor_that_may_move() {
 }
 
 #[test]
-fn an_owner_that_lets_go_or_is_made_to_leaves_a_damped_group() {
+fn released_or_revoked_group_is_damped() {
     for forced in [false, true] {
         let (mut robot, joints) = active();
         robot.send(&joints);
@@ -515,7 +515,7 @@ fn with_excludable_thigh() -> Robot {
 }
 
 #[test]
-fn a_group_runs_without_an_excluded_joint_whose_motor_hears_stops_only() {
+fn excluded_joint_receives_stops_only() {
     let mut robot = with_excludable_thigh();
     robot.disturb("thigh off");
     robot.steps(50);
@@ -542,7 +542,7 @@ fn a_group_runs_without_an_excluded_joint_whose_motor_hears_stops_only() {
 }
 
 #[test]
-fn an_excluded_joint_that_comes_back_stays_stopped_and_stops_nobody() {
+fn returning_excluded_joint_stays_stopped() {
     let mut robot = with_excludable_thigh();
     robot.steps(20);
     of_joint(&mut robot, Operation::Exclude, 1).expect("the group is disarmed");
@@ -564,7 +564,7 @@ fn an_excluded_joint_that_comes_back_stays_stopped_and_stops_nobody() {
 }
 
 #[test]
-fn a_group_is_not_enabled_without_a_joint_that_the_configuration_does_not_spare() {
+fn only_spared_joints_may_be_missing_on_enable() {
     let mut robot = with_excludable_thigh();
     robot.steps(20);
     of_joint(&mut robot, Operation::Exclude, 0).expect("the group is disarmed");
@@ -578,7 +578,7 @@ fn a_group_is_not_enabled_without_a_joint_that_the_configuration_does_not_spare(
 }
 
 #[test]
-fn nobody_excludes_a_joint_of_a_group_that_moves() {
+fn joint_of_moving_group_cannot_be_excluded() {
     let mut robot = with_excludable_thigh();
     let joints = robot.activate();
     for operation in [Operation::Exclude, Operation::Include] {
@@ -589,7 +589,7 @@ fn nobody_excludes_a_joint_of_a_group_that_moves() {
 
 /// A setpoint for an excluded joint is not checked, so it is not used when the joint is back.
 #[test]
-fn a_setpoint_that_was_ignored_is_not_used_after_the_joint_is_included() {
+fn ignored_setpoint_is_not_used_after_inclusion() {
     let mut robot = with_excludable_thigh();
     robot.steps(20);
     of_joint(&mut robot, Operation::Exclude, 1).expect("the group is disarmed");

@@ -223,7 +223,7 @@ impl Operator {
 }
 
 #[test]
-fn a_daemon_that_is_told_to_end_damps_and_stops_its_motors_first() {
+fn terminated_daemon_damps_and_stops_first() {
     for signal in [Signal::SIGTERM, Signal::SIGINT] {
         let mut daemon = Daemon::plain();
         let mut operator = Operator::of(&daemon);
@@ -270,7 +270,7 @@ fn a_second_signal_ends_the_damping_at_once() {
 
 /// The unit's `TimeoutStopSec=` is shorter than the longest damping.
 #[test]
-fn a_daemon_that_is_told_to_end_asks_systemd_to_wait_for_the_damping() {
+fn terminated_daemon_asks_systemd_to_wait() {
     let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\n[[bus]]");
     let mut daemon = Daemon::start(PLAINLY, &config, Stdio::null());
     daemon.must_say(READY);
@@ -289,7 +289,7 @@ fn a_hangup_is_no_reason_to_end() {
 /// Goal: systemd ends a daemon whose cycle stands still while its other threads live.
 /// Method: only the thread of the cycle is stopped, as a debugger does.
 #[test]
-fn the_watchdog_is_not_fed_while_the_cycle_stands_still() {
+fn watchdog_is_not_fed_while_cycle_stalls() {
     let mut daemon = Daemon::plain();
     daemon.must_say(FED);
     let cycle = thread(daemon.pid(), "motord-cycle");
@@ -337,7 +337,7 @@ fn without_rights() -> String {
 }
 
 #[test]
-fn a_daemon_without_rights_runs_and_says_what_it_lacks_and_how_to_get_it() {
+fn unprivileged_daemon_runs_and_reports_missing_rights() {
     let mut daemon = Daemon::start(&without_rights(), CONFIG, Stdio::piped());
     daemon.must_say(READY);
     daemon.signal(Signal::SIGTERM);
@@ -355,7 +355,7 @@ fn a_daemon_without_rights_runs_and_says_what_it_lacks_and_how_to_get_it() {
 }
 
 #[test]
-fn a_daemon_that_must_have_real_time_refuses_to_run_without_it() {
+fn required_realtime_is_refused_without_rights() {
     let config = CONFIG.replace("rate-hz = 100", "rate-hz = 100\nrequire-realtime = true");
     let mut daemon = Daemon::start(&without_rights(), &config, Stdio::piped());
     assert!(!daemon.says(READY, PATIENCE));
@@ -367,7 +367,7 @@ fn a_daemon_that_must_have_real_time_refuses_to_run_without_it() {
 /// Goal: shared memory that has no room is an error at the start, not a death by SIGBUS when it is touched.
 /// Method: a file system of a few pages, in a name space of its own.
 #[test]
-fn a_full_file_system_is_an_error_before_anything_moves() {
+fn full_filesystem_is_error_before_motion() {
     if !may_mount() {
         return;
     }
@@ -378,7 +378,7 @@ fn a_full_file_system_is_an_error_before_anything_moves() {
 }
 
 #[test]
-fn a_file_system_that_becomes_full_does_not_kill_the_daemon() {
+fn filling_filesystem_does_not_kill_the_daemon() {
     if !may_mount() {
         return;
     }
@@ -418,7 +418,7 @@ fn may_mount() -> bool {
 /// Goal: a robot that no client can reach any more does not go on, and nobody starts a second daemon beside it.
 /// Method: each of the files is removed while a controller has a stiff joint; it hears the stop, as it is connected.
 #[test]
-fn a_daemon_whose_files_are_removed_stops_its_robot_and_tells_the_cause() {
+fn removed_files_stop_robot_and_report_cause() {
     for removed in ["", "test.lock", "iox", "iox/test.cycle", "iox/test", "iox/test/services"] {
         let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
         daemon.must_say(READY);
@@ -447,7 +447,7 @@ fn a_daemon_whose_files_are_removed_stops_its_robot_and_tells_the_cause() {
 /// Goal: shared memory that somebody cut short or overwrote keeps nobody from driving the robot again.
 /// Method: a client that waits for its daemon keeps the files of the dead one. A successor that dies of them must be the last.
 #[test]
-fn damaged_shared_memory_that_a_client_keeps_costs_a_daemon_one_start_at_most() {
+fn damaged_shared_memory_costs_at_most_one_start() {
     for damage in [
         |_| Vec::new(),
         |bytes: Vec<u8>| bytes[..bytes.len() / 2].to_vec(),
@@ -479,7 +479,7 @@ fn files(below: &Path) -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn a_runtime_directory_with_an_odd_character_is_refused_in_words() {
+fn odd_character_in_runtime_directory_is_refused() {
     for odd in ["r\u{f6}bot", "a*b"] {
         let script = format!(
             "mkdir \"$MOTORD_RUNTIME_DIR/{odd}\"; export MOTORD_RUNTIME_DIR=\"$MOTORD_RUNTIME_DIR/{odd}\"; exec \"$@\""
@@ -511,7 +511,7 @@ fn a_verdict_stands_although_its_reader_has_gone() {
 }
 
 #[test]
-fn a_log_that_cannot_be_written_does_not_stop_the_daemon() {
+fn unwritable_log_does_not_stop_the_daemon() {
     let full = File::options().write(true).open("/dev/full").unwrap();
     let closed = r#"exec 2>&-; exec "$@""#;
     for (script, stderr) in [(PLAINLY, Stdio::from(full)), (closed, Stdio::null())] {
@@ -522,7 +522,7 @@ fn a_log_that_cannot_be_written_does_not_stop_the_daemon() {
 }
 
 #[test]
-fn a_log_whose_reader_is_gone_does_not_stop_the_daemon() {
+fn log_without_reader_does_not_stop_daemon() {
     let mut daemon = Daemon::start(PLAINLY, CONFIG, Stdio::piped());
     daemon.must_say(READY);
     drop(daemon.process.stderr.take());
@@ -548,7 +548,7 @@ fn full_pipe() -> (OwnedFd, OwnedFd) {
 }
 
 #[test]
-fn too_few_descriptors_are_an_error_before_anything_moves() {
+fn too_few_descriptors_are_error_before_motion() {
     for limit in [6, 8, 10, 12, 16, 20, 24, 32, 64, 256] {
         let script = format!(r#"ulimit -n {limit}; exec "$@""#);
         let mut daemon = Daemon::start(&script, CONFIG, Stdio::piped());
@@ -571,7 +571,7 @@ fn await_the_first_reply(daemon: &Daemon) {
 
 /// Goal: a daemon that is ready serves as many clients as there are places, whatever the soft limit is.
 #[test]
-fn a_daemon_that_is_ready_has_descriptors_for_every_client() {
+fn ready_daemon_has_descriptors_for_all_clients() {
     let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());
     daemon.must_say(READY);
     await_the_first_reply(&daemon);

@@ -8,7 +8,7 @@ use motord_shared::{Cause, Phase};
 use robot::Robot;
 
 #[test]
-fn a_cycle_that_is_a_little_late_skips_and_goes_on() {
+fn slightly_late_cycle_skips_and_continues() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     for _ in 0..100 {
@@ -24,7 +24,7 @@ fn a_cycle_that_is_a_little_late_skips_and_goes_on() {
 /// Goal: a robot whose computer is too slow is stopped, not moved at a part of its rate.
 /// Method: with a fifth of the ticks allowed to be missed, every cycle begins 1.2 ms late, so that half are.
 #[test]
-fn a_cycle_that_skips_too_many_places_stops_the_robot() {
+fn too_many_missed_ticks_stop_the_robot() {
     let mut settings = robot::three_motors();
     settings.cycle.max_missed_ticks = 0.2;
     let mut robot = Robot::new(settings, 1);
@@ -40,7 +40,7 @@ fn a_cycle_that_skips_too_many_places_stops_the_robot() {
 }
 
 #[test]
-fn half_a_second_without_a_cycle_is_no_overload_where_such_a_stall_is_allowed() {
+fn permitted_half_second_stall_is_no_overload() {
     let mut settings = robot::three_motors();
     settings.cycle.max_lateness = Duration::from_secs(1);
     settings.safety.setpoint_timeout = Duration::from_secs(1);
@@ -54,7 +54,7 @@ fn half_a_second_without_a_cycle_is_no_overload_where_such_a_stall_is_allowed() 
 }
 
 #[test]
-fn a_computer_that_was_suspended_wakes_into_a_stop() {
+fn suspended_computer_resumes_into_a_stop() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let mut joints = robot.activate();
     joints.iter_mut().for_each(|joint| joint.torque = 3.0);
@@ -67,7 +67,7 @@ fn a_computer_that_was_suspended_wakes_into_a_stop() {
 
 /// The two clocks cannot be read at once: a delay between the readings looks like less suspension for one cycle.
 #[test]
-fn a_delay_between_the_readings_of_two_clocks_is_no_suspension() {
+fn delay_between_clock_readings_is_no_suspension() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     robot.suspend(Duration::from_secs(60));
     let joints = robot.activate();
@@ -81,7 +81,7 @@ fn a_delay_between_the_readings_of_two_clocks_is_no_suspension() {
 }
 
 #[test]
-fn a_daemon_that_slept_half_a_second_wakes_into_a_stop() {
+fn daemon_asleep_half_a_second_resumes_stopped() {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let mut joints = robot.activate();
     joints.iter_mut().for_each(|joint| joint.torque = 3.0);
@@ -98,7 +98,7 @@ fn a_daemon_that_slept_half_a_second_wakes_into_a_stop() {
 /// Goal: a daemon that goes on after its motors were stopped by others does not move them with what it decided before.
 /// Method: it is frozen at every place of a cycle where it reads the clock, so before every bus.
 #[test]
-fn a_daemon_that_was_frozen_sends_nothing_that_it_decided_before() {
+fn thawed_daemon_sends_no_old_decisions() {
     for place in 0..12 {
         let mut robot = Robot::new(robot::quadruped(), 1);
         let mut joints = robot.activate();
@@ -118,7 +118,7 @@ fn a_daemon_that_was_frozen_sends_nothing_that_it_decided_before() {
 /// Goal: a cycle that is interrupted while it sends awaits the replies to all that it sent.
 /// Method: for 3 ms, which is not too long, at every place where it reads the clock.
 #[test]
-fn a_cycle_that_is_interrupted_while_it_sends_misses_no_reply() {
+fn interrupted_send_misses_no_reply() {
     for place in 0..12 {
         let mut robot = Robot::new(robot::quadruped(), 1);
         let joints = robot.activate();
@@ -133,7 +133,7 @@ fn a_cycle_that_is_interrupted_while_it_sends_misses_no_reply() {
 }
 
 #[test]
-fn a_clock_that_runs_backwards_changes_no_command_and_stops_nothing() {
+fn backward_clock_changes_no_command() {
     for back in [Duration::from_nanos(1), Duration::from_micros(100), Duration::from_millis(1)] {
         let mut robot = Robot::new(robot::three_motors(), 1);
         let joints = robot.activate();
@@ -149,7 +149,7 @@ fn a_clock_that_runs_backwards_changes_no_command_and_stops_nothing() {
 /// Goal: nothing breaks where counters and times are near their ends.
 /// Method: a robot whose clock began 292 years ago, where a signed count of nanoseconds ends.
 #[test]
-fn a_clock_near_its_end_is_a_clock_like_any_other() {
+fn clock_near_its_end_behaves_normally() {
     let start = Instant::from_nanos(i64::MAX as u64 - 1_000_000_000);
     let mut robot = Robot::begun_at(start, robot::three_motors(), 1, |_, _| {});
     let joints = robot.activate();

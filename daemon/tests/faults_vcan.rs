@@ -300,7 +300,7 @@ const ACTIVE: u8 = 0x40;
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
+fn error_frames_change_only_bus_knowledge() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus();
     robot.report(ErrorFrame::CONTROLLER, WARNING);
@@ -312,7 +312,7 @@ fn error_frames_change_what_is_known_of_the_bus_and_of_nothing_else() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_bus_that_is_off_is_not_sent_to_and_comes_back_with_stopped_motors() {
+fn bus_off_pauses_sending_and_resumes_with_stops() {
     let (mut robot, joints) = Robot::active();
     robot.report(ErrorFrame::BUS_OFF, 0);
     let (cause, cycles) = robot.stopped_within(&joints, 3);
@@ -342,7 +342,7 @@ fn a_flapping_controller_warns_and_stops_nothing() {
 /// The kernel's `ENOBUFS`, in the middle of one `sendmmsg`.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_queue_that_takes_a_part_of_a_cycle_drops_the_rest_of_it() {
+fn partially_full_queue_drops_rest_of_cycle() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus();
     robot.disturb("tc qdisc add dev DEV root netem delay 2ms limit 2");
@@ -359,7 +359,7 @@ fn a_queue_that_takes_a_part_of_a_cycle_drops_the_rest_of_it() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_queue_that_is_full_in_three_cycles_stops_the_group() {
+fn queue_full_in_three_cycles_stops_group() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("tc qdisc add dev DEV root netem delay 100s limit 1");
     let (cause, cycles) = robot.stopped_within(&joints, 4);
@@ -371,7 +371,7 @@ fn a_queue_that_is_full_in_three_cycles_stops_the_group() {
 /// The queue holds each frame for 400 ms, and four of them.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn what_a_full_queue_refused_is_never_sent_later() {
+fn refused_frames_are_never_sent_later() {
     let (mut robot, joints) = Robot::active();
     let before = robot.bus().sent;
     robot.disturb("tc qdisc add dev DEV root netem delay 400ms limit 4");
@@ -392,7 +392,7 @@ fn what_a_full_queue_refused_is_never_sent_later() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn an_interface_that_goes_down_stops_the_group_and_comes_back_without_starting() {
+fn interface_down_stops_group_and_returns_stopped() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("ip link set DEV down");
     let (cause, cycles) = robot.stopped_within(&joints, 3);
@@ -405,7 +405,7 @@ fn an_interface_that_goes_down_stops_the_group_and_comes_back_without_starting()
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_starting() {
+fn unplugged_interface_stops_group_and_returns_stopped() {
     let (mut robot, joints) = Robot::active();
     robot.disturb("ip link del DEV");
     let (cause, cycles) = robot.stopped_within(&joints, 3);
@@ -426,7 +426,7 @@ fn an_interface_that_is_unplugged_stops_the_group_and_comes_back_without_startin
 /// again when the daemon is dead and the damping would be over.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_dead_mans_switch_serves_an_interface_that_came_after_it() {
+fn switch_serves_an_interface_that_appears_later() {
     let [interface, motor_side]: [InterfaceName; 2] = ["late", "later"].map(|name| name.parse().unwrap());
     let settings = configured(interface.as_str());
     let directory = tempfile::tempdir().unwrap();

@@ -43,7 +43,7 @@ fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
 }
 
 #[test]
-fn gim_motors_start_and_follow_torque_speed_and_position() {
+fn gim_motors_follow_torque_speed_and_position() {
     for (mode, value) in
         [(SetpointMode::Torque, 0.5), (SetpointMode::Speed, 2.0), (SetpointMode::Position, 0.05)]
     {
@@ -84,7 +84,7 @@ fn gim_motors_are_damped_when_their_owner_dies() {
 }
 
 #[test]
-fn a_request_that_the_motor_cannot_read_is_refused_once_and_waits_no_longer() {
+fn unreadable_request_is_refused_once_without_waiting() {
     let robot = arm();
     let mut drive = Drive::new(&robot.settings.motors[0], Duration::ZERO, false);
     drive.request(&Command::Start, Instant::ZERO);
@@ -94,7 +94,7 @@ fn a_request_that_the_motor_cannot_read_is_refused_once_and_waits_no_longer() {
 }
 
 #[test]
-fn a_temperature_that_no_winding_can_have_so_soon_is_not_believed_once() {
+fn impossible_winding_temperature_is_not_believed_once() {
     let mut robot = arm();
     let joints = setpoints(SetpointMode::Torque, 0.0);
     activate(&mut robot, &joints);
@@ -109,7 +109,7 @@ fn a_temperature_that_no_winding_can_have_so_soon_is_not_believed_once() {
 }
 
 #[test]
-fn a_motor_that_stays_too_hot_for_a_second_stops_its_group() {
+fn motor_too_hot_for_a_second_stops_group() {
     let mut robot = arm();
     let joints = setpoints(SetpointMode::Torque, 0.0);
     activate(&mut robot, &joints);
@@ -126,7 +126,7 @@ fn a_motor_that_stays_too_hot_for_a_second_stops_its_group() {
 
 /// A drive that is told a speed gives what torque it takes, and nothing can be derated.
 #[test]
-fn a_drive_that_has_the_torque_to_itself_is_stopped_before_its_winding_is_too_warm() {
+fn autonomous_drive_is_stopped_before_winding_overheats() {
     let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
     for (id, name) in [(1, "shoulder"), (2, "elbow")] {
         text += &robot::motor(id, name, "can", "overload-seconds = 1.0").replace("\"mit\"", "\"gim\"");
@@ -164,7 +164,7 @@ fn shipped_arm(mode: SetpointMode, load_inertia: f64) -> (Robot, Vec<JointSetpoi
 /// Method: each joint is asked to go into its range, for the wrist farther than its following error permits it to lag, and must be there
 /// a second later.
 #[test]
-fn the_shipped_arm_is_enabled_and_follows_steps_of_its_position_over_its_line() {
+fn shipped_arm_follows_position_steps_over_line() {
     for size in [0.15, 0.3, 1.0] {
         let (mut robot, mut joints) = shipped_arm(SetpointMode::Position, 0.01);
         let targets = [size, -size, size];
@@ -182,7 +182,7 @@ fn the_shipped_arm_is_enabled_and_follows_steps_of_its_position_over_its_line() 
 /// Method: the wrist of the shipped arm turns at 2 rad/s, alone or with a load, when somebody stops it. Its shaft must slow down in
 /// every cycle, and must not turn back.
 #[test]
-fn a_stop_brakes_a_native_joint_over_a_line_at_100_hz_with_and_without_a_load() {
+fn stop_brakes_native_joint_at_100_hz() {
     for load_inertia in [1e-6, 0.01, 0.3] {
         let (mut robot, mut joints) = shipped_arm(SetpointMode::Speed, load_inertia);
         joints[2].velocity = 2.0;
@@ -204,7 +204,7 @@ fn a_stop_brakes_a_native_joint_over_a_line_at_100_hz_with_and_without_a_load() 
 /// Goal: a braked joint hears no command that drives it, whether its states come or not.
 /// Method: its motor falls silent, and what it hears until it is lost goes to zero from the speed that it had.
 #[test]
-fn a_native_joint_that_falls_silent_while_it_is_braked_hears_lower_and_lower_speeds() {
+fn silent_native_joint_brakes_with_falling_speeds() {
     let mut robot = arm();
     let joints = setpoints(SetpointMode::Torque, 0.3);
     activate(&mut robot, &joints);
@@ -224,7 +224,7 @@ fn a_native_joint_that_falls_silent_while_it_is_braked_hears_lower_and_lower_spe
 
 /// A damped joint under a load sinks until something bears it. A braked one stands, and would fall.
 #[test]
-fn a_native_joint_is_let_go_at_rest_and_one_that_bears_a_load_when_the_time_is_over() {
+fn native_joint_is_released_at_rest_or_timeout() {
     for (load, least, most) in [(0.0, 0.05, 0.5), (3.0, 1.99, 2.1)] {
         let mut text = String::from("[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
         for (id, name) in [(1, "shoulder"), (2, "elbow")] {
@@ -248,7 +248,7 @@ fn a_native_joint_is_let_go_at_rest_and_one_that_bears_a_load_when_the_time_is_o
 
 /// 20 rad/s in half a second are 0.04 rad/s in a cycle; 1 rad/s is 60 / 2π rpm. The velocity of a torque setpoint means nothing.
 #[test]
-fn a_speed_setpoint_begins_at_the_speed_of_the_joint_whatever_the_setpoint_before_named() {
+fn speed_setpoint_starts_at_present_speed() {
     let mut robot = arm();
     let mut joints = setpoints(SetpointMode::Torque, 0.0);
     joints.iter_mut().for_each(|joint| joint.velocity = 15.0);
@@ -277,7 +277,7 @@ fn commanded_torque(sent: &robot::Sent) -> Option<f32> {
 }
 
 #[test]
-fn impedance_setpoints_become_torques_that_hold_a_native_joint() {
+fn impedance_setpoints_hold_a_native_joint() {
     let mut robot = arm();
     activate(&mut robot, &stiff(0.05, 30.0));
     robot.take_sent();
@@ -295,7 +295,7 @@ fn impedance_setpoints_become_torques_that_hold_a_native_joint() {
 
 /// 40 N·m/rad over 0.1 rad, from a state that no other follows: it is one turn old, then two, three, four.
 #[test]
-fn the_older_a_state_is_the_less_stiffness_is_computed_from_it() {
+fn older_state_gives_less_computed_stiffness() {
     let mut robot = arm();
     let joints = stiff(0.0, 40.0);
     activate(&mut robot, &joints);
@@ -344,7 +344,7 @@ fn every_control_command_says_how_long_it_lasts() {
 /// Goal: with a duration, and if its end means that, the drive itself lets a killed daemon's motor go; without, it never does.
 /// Method: the cycle is not run any more, and no switch is there. Both readings of the document are simulated.
 #[test]
-fn a_duration_is_a_watchdog_in_the_drive_if_its_end_goes_limp() {
+fn duration_is_watchdog_if_its_end_is_limp() {
     let cases = [
         (30, DurationEnd::GoesLimp, false),
         (30, DurationEnd::HoldsCommand, true),
@@ -375,7 +375,7 @@ fn a_duration_is_a_watchdog_in_the_drive_if_its_end_goes_limp() {
 
 /// Bytes: GIM document, 3.2.17. 1.5 V is 0x3FC00000.
 #[test]
-fn an_indicator_is_kept_apart_from_a_part_of_the_state_though_its_answer_comes_a_cycle_later() {
+fn late_indicator_is_kept_apart_from_state() {
     let settings = arm().settings;
     let mut drive = Drive::new(&settings.motors[0], Duration::ZERO, false);
     let at = |millis| Instant::ZERO + Duration::from_millis(millis);
@@ -387,7 +387,7 @@ fn an_indicator_is_kept_apart_from_a_part_of_the_state_though_its_answer_comes_a
 }
 
 #[test]
-fn indicators_are_asked_for_without_questions_for_faults_however_seldom_and_never_when_off() {
+fn indicators_are_polled_independently_of_fault_questions() {
     let cases: [(f64, &[usize]); 3] = [(1.0, &[22, 22]), (1e-300, &[1, 1]), (0.0, &[])];
     for (hz, expected) in cases {
         let mut settings = arm().settings;
@@ -402,7 +402,7 @@ fn indicators_are_asked_for_without_questions_for_faults_however_seldom_and_neve
 }
 
 #[test]
-fn a_motor_that_is_not_the_configured_one_is_named_for_that_also_when_it_is_silent() {
+fn mismatched_motor_is_named_even_when_silent() {
     let mut settings = arm().settings;
     settings.motors[1].mismatch = true;
     let mut robot = Robot::new(settings, 1);
@@ -415,7 +415,7 @@ fn a_motor_that_is_not_the_configured_one_is_named_for_that_also_when_it_is_sile
 }
 
 #[test]
-fn clients_and_the_wire_name_the_same_indicators_in_the_same_units() {
+fn clients_and_wire_name_indicators_alike() {
     let of_clients = Indicator::ALL.iter().map(|row| (row.code(), row.name(), row.unit()));
     assert!(of_clients.eq(INDICATORS.iter().map(|row| (row.id.into(), row.name, row.unit))));
 }

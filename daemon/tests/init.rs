@@ -36,7 +36,7 @@ fn every_configuration_that_is_written_passes_check() {
 }
 
 #[test]
-fn the_rate_is_the_highest_for_which_the_buses_have_time() {
+fn init_rate_is_highest_the_buses_allow() {
     let directory = tempfile::tempdir().unwrap();
     for (buses, rate_hz) in [("can0,can1,can2,can3", 1000.0), ("can0,can1", 500.0), ("can0", 250.0)] {
         let file = directory.path().join(format!("{rate_hz}.toml"));
@@ -50,7 +50,7 @@ fn the_rate_is_the_highest_for_which_the_buses_have_time() {
 }
 
 #[test]
-fn the_motors_of_a_serial_line_take_turns_that_the_line_has_time_for() {
+fn init_gives_line_motors_affordable_turns() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");
     let loaded = written(&file, &["--legs", "1", "--protocol", "gim", "--buses", "/dev/ttyUSB0", "--yes"]);
@@ -59,7 +59,7 @@ fn the_motors_of_a_serial_line_take_turns_that_the_line_has_time_for() {
 }
 
 #[test]
-fn an_existing_file_is_replaced_only_when_that_is_asked_for() {
+fn existing_file_is_replaced_only_on_request() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");
     fs::write(&file, "mine").unwrap();
@@ -90,7 +90,7 @@ fn an_answer_that_cannot_be_used_is_named() {
 }
 
 #[test]
-fn on_a_terminal_it_asks_and_an_empty_answer_is_the_default() {
+fn terminal_prompts_with_defaults_for_empty_answers() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");
     let terminal = openpty(None, None).unwrap();

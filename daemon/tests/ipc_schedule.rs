@@ -23,7 +23,7 @@ fn schedule(busy_poll: u64, phase: Phase, lease: Option<Lease>) -> Schedule {
 }
 
 #[test]
-fn the_thread_wakes_before_a_cycle_only_where_a_setpoint_may_come_or_a_group_moves() {
+fn thread_wakes_before_cycle_only_if_needed() {
     let lease = Lease::new(1, 1, 0);
     for (phase, lease) in [(Phase::Disarmed, lease), (Phase::Damping, None), (Phase::Active, lease)] {
         let mut schedule = schedule(0, phase, lease);
@@ -39,7 +39,7 @@ fn the_thread_wakes_before_a_cycle_only_where_a_setpoint_may_come_or_a_group_mov
 }
 
 #[test]
-fn a_wake_up_that_is_usually_late_is_asked_for_sooner_and_the_fetch_is_not() {
+fn late_wakeup_is_requested_sooner_fetch_not() {
     let mut schedule = schedule(0, Phase::Active, Lease::new(1, 1, 0));
     for _ in 0..1000 {
         let wake = schedule.next(micros(5700));
@@ -51,7 +51,7 @@ fn a_wake_up_that_is_usually_late_is_asked_for_sooner_and_the_fetch_is_not() {
 }
 
 #[test]
-fn states_are_polled_for_when_they_usually_come_and_seldom_where_that_is_in_vain() {
+fn states_are_polled_when_they_usually_arrive() {
     let mut schedule = schedule(30, Phase::Active, Lease::new(1, 1, 0));
     assert_eq!(schedule.next(micros(5700)).at, micros(5950), "first the fetch");
     let states = schedule.next(micros(5950));

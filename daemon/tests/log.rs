@@ -174,7 +174,7 @@ fn disarmed(state: &StateMessage) -> bool {
 /// Goal: a person who reads the log of a session knows what happened, who did it and why, and sees nothing else.
 /// Method: start, enable, a controller that falls silent, reset, emergency stop, a motor unplugged, stop.
 #[test]
-fn the_journal_of_a_session_has_a_line_for_each_event_with_who_and_why() {
+fn journal_names_actor_and_cause_of_each_event() {
     let session = Session::start(true);
     let instance = session.instance();
     let mut controller = Asker::of(&instance);
@@ -228,7 +228,7 @@ fn the_journal_of_a_session_has_a_line_for_each_event_with_who_and_why() {
 }
 
 #[test]
-fn a_terminal_and_a_file_get_the_time_and_the_level() {
+fn terminal_and_file_logs_have_time_and_level() {
     let session = Session::start(false);
     let _running = Asker::of(&session.instance());
     let lines = session.end();
@@ -237,7 +237,7 @@ fn a_terminal_and_a_file_get_the_time_and_the_level() {
 }
 
 #[test]
-fn a_configuration_that_is_refused_is_an_error_in_the_journal() {
+fn refused_configuration_is_an_error_in_journal() {
     let place = TempDir::new().unwrap();
     let (mut reader, writer) = std::io::pipe().unwrap();
     let stream = nix::sys::stat::fstat(writer.as_fd()).unwrap();

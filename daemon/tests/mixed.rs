@@ -17,7 +17,7 @@ fn vendor(robot: &Robot, joint: usize) -> &'static str {
 }
 
 #[test]
-fn motors_of_three_vendors_follow_the_same_wave_and_report_what_their_vendors_report() {
+fn motors_of_three_vendors_follow_one_wave() {
     let mut robot = mixed();
     let still = robot.activate();
     for cycle in 0..2000_u16 {
@@ -40,7 +40,7 @@ fn motors_of_three_vendors_follow_the_same_wave_and_report_what_their_vendors_re
 }
 
 #[test]
-fn a_fault_of_each_vendors_motor_is_reported_in_the_same_words() {
+fn faults_of_each_vendor_use_the_same_words() {
     for (vendor_name, raised) in [("steadywin", "0x02"), ("damiao", "0x08"), ("robstride", "0x08")] {
         let mut robot = mixed();
         robot.activate();
@@ -55,7 +55,7 @@ fn a_fault_of_each_vendors_motor_is_reported_in_the_same_words() {
 
 /// The two crates share no code, so each has the table.
 #[test]
-fn clients_know_every_fault_by_the_word_and_the_bit_that_the_drives_report() {
+fn clients_know_every_fault_word_and_bit() {
     let reported = FAULTS.map(|fault| (fault.bit, fault.name, fault.sentence));
     let known: Vec<_> =
         Fault::ALL.iter().map(|fault| (fault.bit(), fault.name(), fault.sentence())).collect();
@@ -64,7 +64,7 @@ fn clients_know_every_fault_by_the_word_and_the_bit_that_the_drives_report() {
 
 /// No document names bit 20, and as the shape of a report it is unexpected: after a healthy motor's first reports, too.
 #[test]
-fn a_fault_that_no_document_names_is_reported_by_a_motor_that_was_healthy_before() {
+fn undocumented_fault_of_healthy_motor_is_reported() {
     let mut robot = mixed();
     robot.activate();
     (0..1000).for_each(|_| robot.step());
@@ -78,7 +78,7 @@ fn a_fault_that_no_document_names_is_reported_by_a_motor_that_was_healthy_before
 
 /// A drive that lost its supply for a moment boots disabled, without a fault, and answers every command.
 #[test]
-fn a_motor_that_says_it_is_off_while_it_should_follow_stops_its_group() {
+fn motor_reporting_off_while_following_stops_group() {
     let mut robot =
         Robot::built(robot::settings(include_str!("../../config/mixed-simulated.toml")), 3, |_, motors| {
             motors.iter_mut().for_each(|motor| motor.boot_time = motord_bus::Duration::from_millis(3));

@@ -23,7 +23,7 @@ fn lines(title: &str) -> Vec<String> {
 /// Method: the program itself needs CAN interfaces. Its lines go to the simulated buses of the shipped quadruped, as it
 /// gives them to those behind its interfaces.
 #[test]
-fn every_fault_in_the_help_of_motord_sim_is_one_that_a_simulated_bus_obeys() {
+fn documented_sim_faults_work_on_simulated_bus() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml");
     let settings = config::load(&file).expect("is shipped").settings;
     let mut bus = buses::simulate(&settings, 0, 0);
@@ -36,7 +36,7 @@ fn every_fault_in_the_help_of_motord_sim_is_one_that_a_simulated_bus_obeys() {
 }
 
 #[test]
-fn every_fault_in_the_help_of_motord_sim_for_a_serial_bus_is_one_that_a_port_obeys() {
+fn documented_sim_faults_work_on_serial_port() {
     let settings = BusSettings { name: "gripper".into(), kind: BusKind::Serial, ..BusSettings::default() };
     let slave = SerialSlave::new(SimulatedBus::new(settings, Vec::new(), 0), 0);
     let mut port = SerialPort::open(slave, None).expect("this kernel has pseudo terminals");
@@ -126,7 +126,7 @@ const ARM: &str = "\
 
 /// The last motors first: the id 1 of a new motor must be free until the end.
 #[test]
-fn motors_from_a_bag_get_their_ids_one_after_the_other_and_keep_them() {
+fn new_motors_get_their_ids_in_turn() {
     let folder = tempfile::tempdir().expect("there is a place");
     let config = ARM.replace("FOLDER", folder.path().to_str().expect("is text"));
     std::fs::write(folder.path().join("arm.toml"), config).expect("is written");

@@ -24,7 +24,7 @@ fn claim(child: &Child) -> AdminRequest {
 }
 
 #[test]
-fn the_death_of_an_owner_is_told_once_and_by_its_lease() {
+fn owner_death_is_reported_once_by_lease() {
     let (mut owners, deaths) = owners().unwrap();
     let mut owner = shell("exec sleep 1000");
     assert!(!owners.watch(lease(1), &claim(&owner)));
@@ -37,7 +37,7 @@ fn the_death_of_an_owner_is_told_once_and_by_its_lease() {
 }
 
 #[test]
-fn an_owner_whose_group_was_claimed_anew_is_watched_no_more() {
+fn former_owner_is_no_longer_watched() {
     let (mut owners, deaths) = owners().unwrap();
     let (mut first, mut second) = (shell("exec sleep 1000"), shell("exec sleep 1000"));
     owners.watch(lease(1), &claim(&first));
@@ -51,7 +51,7 @@ fn an_owner_whose_group_was_claimed_anew_is_watched_no_more() {
 
 /// Process 1 of a container is not process 1 of this machine.
 #[test]
-fn an_owner_in_another_namespace_is_not_taken_for_the_process_that_has_its_number_here() {
+fn owner_in_other_namespace_is_not_confused() {
     let (mut owners, deaths) = owners().unwrap();
     let mut other = shell("exec sleep 1000");
     for pid_namespace in [0, pid_namespace() + 1] {
@@ -66,7 +66,7 @@ fn an_owner_in_another_namespace_is_not_taken_for_the_process_that_has_its_numbe
 }
 
 #[test]
-fn an_owner_that_forks_is_watched_and_its_child_is_not() {
+fn forking_owner_is_watched_but_child_not() {
     let (mut owners, deaths) = owners().unwrap();
     let mut parent = shell("true & wait; read -r _; sleep 5 >&- 2>&- & exit");
     owners.watch(lease(1), &claim(&parent));

@@ -33,7 +33,7 @@ fn ask(bus: &mut SimulatedBus, now: &mut u64, request: [u8; 8]) -> [u8; 4] {
 
 /// GIM document, table 7 and table 10.
 #[test]
-fn the_twin_of_every_model_says_its_own_data() {
+fn twin_of_every_model_has_its_data() {
     for model in &MODELS {
         let (mut bus, _) = simulated(model);
         let now = &mut 0;
@@ -54,7 +54,7 @@ fn the_twin_of_every_model_says_its_own_data() {
 }
 
 #[test]
-fn a_smaller_motor_has_a_lighter_rotor_and_less_friction() {
+fn smaller_motor_has_lighter_rotor_and_less_friction() {
     let of = |name| simulated(Model::by_name(name).unwrap()).1;
     let [small, middle, large] = ["GIM3505-8", "GIM8108-8", "GIM10015-9"].map(of);
     for of in [

@@ -80,7 +80,7 @@ fn fresh(robot: &mut Robot) -> usize {
 
 /// The search for a frame that is not there costs the kernel time in every cycle; replies that are late are few.
 #[test]
-fn a_read_asks_for_the_awaited_replies_and_for_all_there_is_while_others_may_come() {
+fn read_waits_for_awaited_replies_only() {
     let (mut robot, reads) = counted(robot::three_motors());
     assert_eq!(reads.asked.get(), 3);
     let takes_all_for = |robot: &mut Robot, cycles: u32, reason: &str| {
@@ -117,7 +117,7 @@ fn after_the_first_read(delay: &str) -> [u64; 3] {
 
 /// A cycle that is woken too soon for the last replies reads the other buses meanwhile.
 #[test]
-fn a_bus_whose_replies_are_overdue_is_read_while_those_of_another_are_awaited() {
+fn overdue_bus_is_read_while_awaiting_another() {
     // The last reply comes 54 µs after those of the other buses.
     let [second, third, last] = after_the_first_read("210us");
     assert!(second <= third && third < 5 && last > 20, "{second}, {third}, {last}");
@@ -125,7 +125,7 @@ fn a_bus_whose_replies_are_overdue_is_read_while_those_of_another_are_awaited() 
 
 /// Replies may come a little later than expected, and a read in vain leaves no calls in the budget but a sleep until the deadline.
 #[test]
-fn a_bus_is_not_read_at_the_time_at_which_its_replies_have_mostly_come() {
+fn bus_is_not_read_at_typical_reply_time() {
     // The last reply comes 19 µs after those of the other buses.
     let [second, third, last] = after_the_first_read("175us");
     assert!(second <= third && third <= last && last < 5, "{second}, {third}, {last}");
@@ -133,7 +133,7 @@ fn a_bus_is_not_read_at_the_time_at_which_its_replies_have_mostly_come() {
 
 /// A reply to the command of an earlier cycle may come in any.
 #[test]
-fn a_bus_whose_motors_take_turns_is_read_in_full() {
+fn bus_with_turns_is_read_in_full() {
     let mut settings = robot::three_motors();
     settings.buses[0].every = 2;
     let (mut robot, reads) = counted(settings);
@@ -146,7 +146,7 @@ fn a_bus_whose_motors_take_turns_is_read_in_full() {
 /// Goal: a frame in front of an awaited reply leaves the reply to this cycle, however late the cycle is woken.
 /// Method: each time the bus has been quiet for long enough that a read asks for no more than the replies.
 #[test]
-fn a_reply_behind_any_other_frame_is_read_in_its_cycle_however_late_the_cycle_is_woken() {
+fn reply_behind_other_frames_is_read_in_time() {
     let (mut robot, reads) = counted(robot::three_motors());
     let joints = robot.activate();
     // From the beginning of a cycle to the sleep for its replies.
@@ -170,7 +170,7 @@ fn a_reply_behind_any_other_frame_is_read_in_its_cycle_however_late_the_cycle_is
 /// Goal: a late answer of a motor that is lost leaves the replies of the others to their cycle.
 /// Method: it comes when the bus has been quiet for long enough.
 #[test]
-fn a_late_answer_of_a_lost_motor_hides_no_reply() {
+fn late_answer_of_lost_motor_hides_nothing() {
     let mut settings = robot::three_motors();
     settings.motors[1].may_be_excluded = true;
     let (mut robot, _) = counted(settings);
@@ -194,7 +194,7 @@ fn a_late_answer_of_a_lost_motor_hides_no_reply() {
 /// Goal: a reply that comes by the deadline is read, although a frame that nobody awaits is in front of it.
 /// Method: both come after the first read of the cycle.
 #[test]
-fn a_reply_at_the_deadline_is_read_behind_any_other_frame() {
+fn reply_at_deadline_is_read_behind_other_frames() {
     let (mut robot, reads) = counted(robot::three_motors());
     let joints = robot.activate();
     for _ in 0..100 {
@@ -209,7 +209,7 @@ fn a_reply_at_the_deadline_is_read_behind_any_other_frame() {
 
 /// Late replies of others are read before the next decision, too, on the bus of a motor that is not there.
 #[test]
-fn on_the_bus_of_an_excluded_motor_one_that_always_answers_too_late_is_lost() {
+fn always_late_motor_beside_excluded_one_is_lost() {
     let mut settings = robot::three_motors();
     settings.motors[1].may_be_excluded = true;
     settings.motors[1].excluded = true;
@@ -226,7 +226,7 @@ fn on_the_bus_of_an_excluded_motor_one_that_always_answers_too_late_is_lost() {
 /// Goal: no traffic makes a cycle call the system more often than its budget says.
 /// Method: one fault after the other on one motor, and on one of each bus; sleeps, waits and reads are counted.
 #[test]
-fn no_traffic_takes_more_system_calls_than_the_budget() {
+fn system_calls_stay_within_budget_under_any_traffic() {
     let faults = [
         "off",
         "garbage",

@@ -146,7 +146,7 @@ impl Client {
 }
 
 #[test]
-fn a_recorded_run_is_sent_again_byte_by_byte() {
+fn recorded_run_is_sent_again_identically() {
     let settings = robot::settings(ROBOT);
     let log = read(LOG).unwrap();
     let sent = replay(&settings, &log);
@@ -164,7 +164,7 @@ fn a_recorded_run_is_sent_again_byte_by_byte() {
 }
 
 #[test]
-fn a_log_replays_the_same_every_time_whatever_was_done_to_it() {
+fn replay_is_deterministic_whatever_was_done() {
     let settings = robot::settings(ROBOT);
     let whole = read(LOG).unwrap();
     robot::for_each_seed("replay", 200, |seed| {
@@ -208,7 +208,7 @@ fn spoil(content: &mut Content, random: &mut Random) {
 }
 
 #[test]
-fn a_line_of_garbage_is_refused_by_its_number() {
+fn garbage_line_is_refused_by_number() {
     let lines: Vec<_> = LOG.lines().collect();
     for (garbage, wrong) in [
         ("", InvalidLine::Shape),

@@ -308,7 +308,7 @@ fn judge(ill: &Can, well: &Can) {
 }
 
 #[test]
-fn nothing_that_happens_to_a_line_changes_anything_on_a_can_bus() {
+fn line_faults_change_nothing_on_can_bus() {
     let (ill, well) = side_by_side(Duration::from_secs(8));
     judge(&ill, &well);
 }
@@ -316,7 +316,7 @@ fn nothing_that_happens_to_a_line_changes_anything_on_a_can_bus() {
 /// On a machine that does nothing else, the cycles take as long, and no more replies are missed.
 #[test]
 #[ignore = "takes a minute of a machine that does nothing else"]
-fn nothing_that_happens_to_a_line_in_a_minute_changes_anything_on_a_can_bus() {
+fn minute_of_line_faults_changes_nothing_on_can() {
     let (ill, well) = side_by_side(Duration::from_secs(60));
     judge(&ill, &well);
     for part in [0.5, 0.99] {

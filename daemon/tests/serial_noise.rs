@@ -133,7 +133,7 @@ fn noise(random: &mut Random, into: &mut Vec<u8>) {
 }
 
 #[test]
-fn ten_million_corrupted_bytes_hide_no_reply_and_make_none_that_its_numbers_betray() {
+fn corrupted_bytes_neither_hide_nor_forge_replies() {
     let (mut line, mut random) = (Line::new(), Random(485));
     let (mut total, mut found, mut forged, mut refused) = (0, 0, 0, 0);
     while total < BYTES {

@@ -153,7 +153,7 @@ fn the_shipped_arm_runs_on_a_line() {
 }
 
 #[test]
-fn the_switch_stops_the_motors_of_a_line_whose_daemon_was_killed() {
+fn switch_stops_motors_of_killed_daemons_line() {
     let arm = Arm::new();
     let _switch = arm.start("deadman", "ready");
     let daemon = arm.start("run", "dead man's switch: yes");
@@ -163,7 +163,7 @@ fn the_switch_stops_the_motors_of_a_line_whose_daemon_was_killed() {
 }
 
 #[test]
-fn a_safe_stop_stops_the_motors_of_a_line() {
+fn safe_stop_stops_motors_of_a_line() {
     let arm = Arm::new();
     arm.start_motors();
     let output = arm.motord("safe-stop", "one").output().unwrap();
@@ -172,7 +172,7 @@ fn a_safe_stop_stops_the_motors_of_a_line() {
 }
 
 #[test]
-fn a_safe_stop_says_that_it_did_not_reach_a_line() {
+fn safe_stop_reports_an_unreachable_line() {
     for (misfortune, complaint) in
         [("arm gone", "there is no such device"), ("arm blocked", "refuses frames")]
     {
@@ -185,7 +185,7 @@ fn a_safe_stop_says_that_it_did_not_reach_a_line() {
 }
 
 #[test]
-fn a_second_daemon_and_a_safe_stop_are_refused_by_the_process_that_drives_the_line() {
+fn driven_line_refuses_second_daemon_and_safe_stop() {
     let arm = Arm::new();
     let daemon = arm.start("run", "ready");
     let holder = format!("is in use by process {}", daemon.child.id());

@@ -79,7 +79,7 @@ fn judge<S: PartialEq + std::fmt::Debug, const STATES: usize>(
 }
 
 #[test]
-fn every_event_in_every_phase_of_a_group_leads_where_the_table_says() {
+fn group_transitions_match_the_table() {
     const PHASES: [Phase; 4] = [Phase::Disarmed, Phase::Starting, Phase::Active, Phase::Damping];
     #[rustfmt::skip]
     const TABLE: [(&str, Event, [&str; 4]); 11] = [
@@ -135,7 +135,7 @@ fn in_mode(mode: MotorMode) -> Robot {
 }
 
 #[test]
-fn every_event_in_every_mode_of_a_motor_leads_where_the_table_says() {
+fn motor_transitions_match_the_table() {
     use MotorMode::{Active, Damping, Excluded, Fault, Idle, Offline, Starting};
     #[rustfmt::skip]
     const TABLE: [(&str, Event, [&str; 7]); 10] = [

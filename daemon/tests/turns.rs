@@ -39,7 +39,7 @@ fn activate(robot: &mut Robot, joints: &[JointSetpoint]) {
 }
 
 #[test]
-fn each_motor_of_a_line_gets_one_command_in_every_five_cycles_and_misses_nothing() {
+fn line_motor_gets_one_command_per_five_cycles() {
     let mut robot = arm_and_leg();
     let joints = torque(0.2);
     activate(&mut robot, &joints);
@@ -66,7 +66,7 @@ fn each_motor_of_a_line_gets_one_command_in_every_five_cycles_and_misses_nothing
 }
 
 #[test]
-fn a_state_from_a_line_is_new_in_one_cycle_of_five() {
+fn line_state_is_new_once_in_five_cycles() {
     let mut robot = arm_and_leg();
     let joints = torque(0.0);
     activate(&mut robot, &joints);
@@ -80,7 +80,7 @@ fn a_state_from_a_line_is_new_in_one_cycle_of_five() {
 
 /// The state is read in the cycle in which the next turn of its motor begins.
 #[test]
-fn a_state_that_comes_at_the_end_of_its_turn_is_new() {
+fn state_at_end_of_turn_is_new() {
     let line = "[[bus]]\nname = \"arm\"\ntype = \"serial\"\ndevice = \"/dev/ttyUSB0\"\nevery = 2\n";
     let motor = robot::motor(1, "elbow", "arm", "host-id = 10").replace("\"mit\"", "\"gim\"");
     let mut robot = Robot::new(robot::settings(&format!("{line}{motor}")), 1);
@@ -99,7 +99,7 @@ fn a_state_that_comes_at_the_end_of_its_turn_is_new() {
 }
 
 #[test]
-fn the_cycle_never_waits_for_a_line_and_its_silence_costs_the_other_buses_nothing() {
+fn cycle_never_waits_for_a_line() {
     let latencies = |fault: Option<&str>| {
         let mut robot = arm_and_leg();
         robot.steps(500);
@@ -129,7 +129,7 @@ fn the_cycle_never_waits_for_a_line_and_its_silence_costs_the_other_buses_nothin
 }
 
 #[test]
-fn a_motor_of_a_line_is_lost_after_ten_turns_of_silence() {
+fn line_motor_is_lost_after_ten_silent_turns() {
     let mut robot = arm_and_leg();
     let joints = torque(0.0);
     activate(&mut robot, &joints);
@@ -145,7 +145,7 @@ fn a_motor_of_a_line_is_lost_after_ten_turns_of_silence() {
 }
 
 #[test]
-fn a_reply_within_the_turn_of_its_motor_is_used_and_not_late() {
+fn reply_within_its_turn_is_not_late() {
     let mut robot = arm_and_leg();
     let joints = torque(0.0);
     activate(&mut robot, &joints);
@@ -180,7 +180,7 @@ fn a_slew_limit_counts_time_and_not_cycles() {
 }
 
 #[test]
-fn a_stopped_line_still_hears_stops_and_tells_where_it_stands() {
+fn stopped_line_receives_stops_and_reports_position() {
     let mut robot = arm_and_leg();
     robot.steps(500);
     robot.take_sent();
@@ -219,7 +219,7 @@ fn motors_take_turns_on_can_too() {
 
 /// Goal: nothing is taken for the velocity of a motor that it had before it was silent: it may have been switched off since.
 #[test]
-fn a_motor_that_comes_back_has_not_the_velocity_that_it_had_before() {
+fn returning_motor_forgets_its_old_velocity() {
     let mut robot = arm_and_leg();
     let turning = JointSetpoint { mode: SetpointMode::Speed.code(), velocity: 3.0, ..Default::default() };
     activate(&mut robot, &[turning; 2]);
@@ -242,7 +242,7 @@ fn a_motor_that_comes_back_has_not_the_velocity_that_it_had_before() {
 /// Goal: a motor that boots is there some turns after its first answer, which only tells that it is back. From there on it is asked
 /// in every turn, and no longer ten times a second.
 #[test]
-fn a_native_motor_that_answers_again_is_asked_for_the_rest_at_once() {
+fn returning_native_motor_is_asked_for_everything() {
     for phase in 0..5 {
         let mut robot = arm_and_leg();
         robot.steps(500);
@@ -258,7 +258,7 @@ fn a_native_motor_that_answers_again_is_asked_for_the_rest_at_once() {
 
 /// Goal: damage that the command and the numbers of a reply do not tell is in no state, as far as physics tells it.
 #[test]
-fn a_speed_that_no_motor_can_have_is_in_no_state() {
+fn impossible_speed_is_in_no_state() {
     let mut robot = arm_and_leg();
     robot.steps(500);
     let [a, b, c, d] = 1e21_f32.to_le_bytes();
@@ -273,7 +273,7 @@ fn a_speed_that_no_motor_can_have_is_in_no_state() {
 
 /// The drive's decoder takes it, and judges it by nothing but its form.
 #[test]
-fn a_state_that_is_not_believed_is_in_no_torque() {
+fn rejected_state_is_in_no_torque() {
     let mut robot = arm_and_leg();
     let stiff = vec![JointSetpoint { position: 0.05, kp: 60.0, kd: 1.0, ..Default::default() }; 2];
     activate(&mut robot, &stiff);
@@ -297,7 +297,7 @@ fn a_state_that_is_not_believed_is_in_no_torque() {
 
 /// Goal: clients see every indicator of table 10, from a line and of motors that move, about once a second.
 #[test]
-fn every_indicator_of_a_native_motor_is_known_after_a_second_and_unknown_when_it_is_lost() {
+fn native_indicators_are_known_after_a_second() {
     let mut robot = arm_and_leg();
     let joints = torque(0.0);
     activate(&mut robot, &joints);

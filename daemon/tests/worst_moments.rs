@@ -344,7 +344,7 @@ impl Row {
 }
 
 #[test]
-fn an_emergency_stop_is_confirmed_in_every_worst_moment_but_that_of_a_frozen_daemon() {
+fn emergency_stop_is_confirmed_in_worst_moments() {
     let moments: [(&str, Begin); 6] = [
         ("none", none),
         ("the directory is emptied", directory_emptied),
@@ -367,8 +367,8 @@ fn an_emergency_stop_is_confirmed_in_every_worst_moment_but_that_of_a_frozen_dae
 
 /// In namespaces of its own: a small file system is mounted.
 #[test]
-fn an_emergency_stop_is_confirmed_while_the_file_system_is_full() {
-    const NAME: &str = "an_emergency_stop_is_confirmed_while_the_file_system_is_full";
+fn emergency_stop_is_confirmed_on_full_filesystem() {
+    const NAME: &str = "emergency_stop_is_confirmed_on_full_filesystem";
     if std::env::var_os(INSIDE).is_none() {
         let mut inside = Command::new("unshare");
         inside.args(["--user", "--map-root-user", "--mount"]).arg(std::env::current_exe().unwrap());

@@ -55,7 +55,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn advice_is_lines_to_paste_with_instance_joint_and_group() {
+    fn advice_lines_name_instance_joint_and_group() {
         let advice = Advice::new(Some(Cause::MotorFault), "demo", "legs", Some("fl-knee"));
         assert_eq!(
             advice.commands,

@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_daemon_is_reached_by_a_line_to_paste() {
+    fn daemon_is_reached_by_pasted_line() {
         let of = |name: &str, runtime: &str| {
             command(&RunningInstance { name: name.into(), runtime: runtime.into(), pid: 1, uid: 0 })
         };

@@ -453,7 +453,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_motorctl_line_for_users_of_other_tools_is_accepted() {
+    fn motorctl_lines_for_other_tools_are_accepted() {
         let table = include_str!("../../docs/tools.md");
         let quoted = table.split('`').skip(1).step_by(2);
         let lines: Vec<&str> =

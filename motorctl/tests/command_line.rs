@@ -81,7 +81,7 @@ fn assert_has_example(command: &[&str]) {
 }
 
 #[test]
-fn without_a_motor_every_command_on_a_bus_says_how_to_name_one() {
+fn bus_commands_without_motor_explain_the_option() {
     for command in ON_A_BUS.into_iter().filter(|command| !["scan", "firmware-mode"].contains(command)) {
         let complete = match command {
             "torque" | "speed" | "position" => format!("{command} 0.1 --seconds 1"),
@@ -104,7 +104,7 @@ fn without_a_motor_every_command_on_a_bus_says_how_to_name_one() {
 }
 
 #[test]
-fn help_lists_every_command_and_hides_the_inner_ones() {
+fn help_lists_public_commands_only() {
     let text = String::from_utf8(motorctl(&["--help"]).stdout).unwrap();
     for command in COMMANDS {
         assert!(text.contains(&format!("\n  {}", command[0])), "{}", command[0]);
@@ -131,7 +131,7 @@ fn a_wrong_call_is_a_usage_error() {
 }
 
 #[test]
-fn without_a_daemon_every_command_says_so_and_how_to_start_one() {
+fn commands_without_daemon_say_how_to_start_one() {
     for arguments in COMMANDS.iter().filter(|command| command[0] != "demo") {
         let output = motorctl(arguments);
         assert_eq!(output.status.code(), Some(69), "{arguments:?}: {}", stderr(&output));
@@ -146,7 +146,7 @@ fn without_a_daemon_every_command_says_so_and_how_to_start_one() {
 }
 
 #[test]
-fn the_instance_can_be_named_by_option_and_by_environment() {
+fn instance_is_named_by_option_or_environment() {
     assert!(stderr(&motorctl(&["--instance", "arm", "status"])).contains("\"arm\""));
     assert!(stderr(&motorctl(&["status", "--instance", "arm"])).contains("\"arm\""));
     let mut command = Command::new(env!("CARGO_BIN_EXE_motorctl"));
@@ -164,7 +164,7 @@ fn a_hostile_instance_name_is_a_usage_error() {
 }
 
 #[test]
-fn a_pipeline_that_has_read_enough_is_no_failure() {
+fn closed_pipeline_is_no_failure() {
     let mut child = Command::new(env!("CARGO_BIN_EXE_motorctl"))
         .arg("--help")
         .stdout(std::process::Stdio::piped())

@@ -81,7 +81,7 @@ fn run(file: &Path) -> Option<i32> {
 }
 
 #[test]
-fn every_shipped_simulated_configuration_runs_until_its_end_is_asked_for() {
+fn shipped_simulated_configurations_run_until_stopped() {
     let simulated: Vec<_> = shipped().into_iter().filter(|file| is_simulated(file)).collect();
     assert!(simulated.len() >= 2, "{simulated:?}");
     for file in simulated {

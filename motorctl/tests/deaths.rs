@@ -56,7 +56,7 @@ fn controller_process() {
 }
 
 #[test]
-fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enables() {
+fn killed_controller_leaves_joints_damped_until_reset() {
     let daemon = Daemon::start(&quadruped());
     let client = daemon.connect();
     let mut controller = controller(&daemon);
@@ -96,7 +96,7 @@ fn a_killed_controller_leaves_every_joint_damped_until_someone_resets_and_enable
 }
 
 #[test]
-fn a_killed_daemon_is_an_error_at_once_and_its_successor_is_found_without_a_restart() {
+fn killed_daemon_is_error_and_successor_is_found() {
     let mut daemon = Daemon::start(&quadruped());
     let client = daemon.connect();
     let killed = Instant::now();

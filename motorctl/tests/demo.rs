@@ -36,7 +36,7 @@ fn demo(seconds: &str, elsewhere: &TempDir) -> Command {
 /// Method: the demo judges itself; what it prints is judged again here, by the figures that were promised. A shared machine
 /// stalls now and then: a run that says so is done again.
 #[test]
-fn twelve_simulated_motors_trot_at_the_promised_rate_and_miss_no_reply_but_in_missed_ticks() {
+fn demo_trots_at_rate_without_missed_replies() {
     let _alone = alone();
     let elsewhere = TempDir::new().unwrap();
     let mut runs = (0..ATTEMPTS).map(|_| demo("3", &elsewhere).output().unwrap());
@@ -113,7 +113,7 @@ fn an_interrupted_demo_leaves_nothing_behind() {
 }
 
 #[test]
-fn a_demo_whose_daemon_dies_says_so_and_leaves_nothing_behind() {
+fn demo_reports_dead_daemon_and_cleans_up() {
     let _alone = alone();
     let elsewhere = TempDir::new().unwrap();
     let running = Running::start(&elsewhere);
@@ -124,7 +124,7 @@ fn a_demo_whose_daemon_dies_says_so_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn a_demo_whose_controller_dies_says_so_and_leaves_nothing_behind() {
+fn demo_reports_dead_controller_and_cleans_up() {
     let _alone = alone();
     let elsewhere = TempDir::new().unwrap();
     let running = Running::start(&elsewhere);

@@ -10,7 +10,7 @@ fn doctor(arguments: &[&str]) -> Output {
 }
 
 #[test]
-fn the_exit_status_is_the_verdict_and_each_finding_that_is_not_good_has_its_reason() {
+fn exit_status_is_verdict_and_findings_have_reasons() {
     let output = doctor(&["--seconds", "0.2", "--json"]);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let is_bad = report["verdict"] == "bad";
@@ -26,7 +26,7 @@ fn the_exit_status_is_the_verdict_and_each_finding_that_is_not_good_has_its_reas
 }
 
 #[test]
-fn a_configuration_that_is_refused_is_a_bad_finding_and_the_rest_is_checked() {
+fn refused_configuration_is_finding_and_checks_continue() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("motord.toml");
     std::fs::write(&file, "[cycle]\nrate-hz = 0\n").unwrap();
@@ -38,7 +38,7 @@ fn a_configuration_that_is_refused_is_a_bad_finding_and_the_rest_is_checked() {
 }
 
 #[test]
-fn a_time_out_of_range_is_a_wrong_call() {
+fn time_out_of_range_is_usage_error() {
     for seconds in ["-1", "nan", "1e9"] {
         assert_eq!(doctor(&[&format!("--seconds={seconds}")]).status.code(), Some(64), "{seconds}");
     }

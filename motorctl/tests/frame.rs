@@ -109,14 +109,14 @@ fn decode_tells_every_key_of_every_golden_vector() {
 }
 
 #[test]
-fn encode_makes_every_golden_vector_of_what_decode_tells_of_it() {
+fn encode_reproduces_vectors_from_decode_output() {
     for vector in vectors().iter().filter(|vector| !vector.name.contains("ALIAS")) {
         assert_eq!(vector.encode(&vector.decode()), vector.encoded_as, "{}", vector.name);
     }
 }
 
 #[test]
-fn encode_makes_every_golden_vector_of_its_own_keys() {
+fn encode_reproduces_vectors_from_their_keys() {
     // A truncating driver's choice of codes, a danger to avoid, and a reply that is longer than the document's.
     let is_ours =
         |name: &str| !["_trunc", "ALIAS", "hazard", "dlc8"].iter().any(|variant| name.contains(variant));
@@ -131,7 +131,7 @@ fn encode_makes_every_golden_vector_of_its_own_keys() {
 /// Method: to every golden vector a member that is not in the frame is added, and each of its members that follow from
 /// others is changed.
 #[test]
-fn encode_refuses_an_unknown_key_and_a_member_that_contradicts_the_frame() {
+fn encode_refuses_unknown_and_contradicting_members() {
     let derived = ["name", "unit", "faults", "cmd"];
     for vector in vectors().iter().filter(|vector| !vector.name.contains("ALIAS")) {
         let whole = vector.decode();
@@ -210,7 +210,7 @@ fn is_identity(layout: &[&str], asked: &str, make: impl Fn(&mut Noise) -> Vec<u8
 }
 
 #[test]
-fn every_frame_that_decode_reads_is_the_frame_that_encode_makes_of_it() {
+fn decoded_frames_encode_to_themselves() {
     const CONSTANTS: [&str; 4] = ["--torque-constant", "0.067", "--gear-ratio", "36"];
     for (direction, asked) in [("to-motor", "state"), ("to-host", "state"), ("to-host", "calibration")] {
         for constants in [&CONSTANTS[..], &[]] {
@@ -227,7 +227,7 @@ fn every_frame_that_decode_reads_is_the_frame_that_encode_makes_of_it() {
 }
 
 #[test]
-fn a_key_that_is_there_twice_or_that_the_frame_does_not_have_is_refused() {
+fn duplicate_and_absent_keys_are_refused() {
     let native = "gim-can";
     let cases = [
         (native, r#"{"kind":"start_motor","kind":"stop_motor"}"#, "'kind' is there twice"),
@@ -269,7 +269,7 @@ fn a_key_that_is_there_twice_or_that_the_frame_does_not_have_is_refused() {
 }
 
 #[test]
-fn encode_makes_the_same_of_physical_values_alone_and_of_raw_codes_alone() {
+fn physical_values_and_raw_codes_encode_alike() {
     let physical = ["pos_rad", "vel_rad_s", "kp", "kd", "torque_nm"];
     let raw = ["pos_int", "vel_int", "kp_int", "kd_int", "torque_int"];
     for vector in vectors().iter().filter(|vector| vector.decoded.get("torque_int").is_some()) {
@@ -298,7 +298,7 @@ fn frames_are_read_as_people_write_them() {
 }
 
 #[test]
-fn a_refused_frame_tells_its_reason_among_the_others_and_in_the_exit_status() {
+fn refused_frame_shows_reason_and_exit_status() {
     let output = frame("decode", &[&MIT[..], &["FFFFFFFFFFFFFFFC", "FF", "", "zz", "123"]].concat(), "");
     let objects = objects(&output);
     let kinds: Vec<_> = objects.iter().map(|object| object["kind"].as_str().unwrap()).collect();
@@ -308,7 +308,7 @@ fn a_refused_frame_tells_its_reason_among_the_others_and_in_the_exit_status() {
 }
 
 #[test]
-fn an_object_that_is_no_frame_is_refused_with_its_reason() {
+fn object_without_frame_is_refused_with_reason() {
     for (object, reason) in [
         (json!({ "kind": "dynamic_control" }), "'pos_int' is missing"),
         (json!({ "kind": "no_such_thing" }), "no_such_thing"),
@@ -332,7 +332,7 @@ fn an_object_that_is_no_frame_is_refused_with_its_reason() {
 }
 
 #[test]
-fn a_control_frame_in_physical_values_never_becomes_a_special_frame_or_all_zeros() {
+fn control_frame_never_becomes_special_or_zeros() {
     let control = |value: f64| {
         json!({ "kind": "dynamic_control", "pos_rad": value, "vel_rad_s": value, "kp": value, "kd": value,
             "torque_nm": value, "torque_constant": 0.1, "gear_ratio": 8 })
@@ -343,7 +343,7 @@ fn a_control_frame_in_physical_values_never_becomes_a_special_frame_or_all_zeros
 }
 
 #[test]
-fn gim_commands_are_padded_for_motors_in_mit_mode_on_request() {
+fn gim_commands_are_padded_for_mit_mode() {
     let gim = ["--protocol", "gim-can", "--direction", "to-motor", "--mit-safe"];
     let output = frame("encode", &gim, r#"{"kind":"stop_motor"} {"kind":"get_fault"}"#);
     assert_eq!(text(&output), "9200800000000800\nB200800000000800\n");
@@ -352,7 +352,7 @@ fn gim_commands_are_padded_for_motors_in_mit_mode_on_request() {
 }
 
 #[test]
-fn a_frame_that_is_not_in_the_documents_is_told_and_made_again() {
+fn undocumented_frame_is_reported_and_reencoded() {
     for (direction, hex, kind) in [
         ("to-motor", "1100000000000000", "unknown"),
         ("to-motor", "FF01020304050607", "unknown"),
@@ -368,7 +368,7 @@ fn a_frame_that_is_not_in_the_documents_is_told_and_made_again() {
 }
 
 #[test]
-fn a_serial_frame_whose_payload_and_meaning_differ_is_refused() {
+fn serial_frame_with_contradicting_payload_is_refused() {
     let layout = ["--protocol", "gim-rs485", "--direction", "to-motor"];
     let object = json!({ "kind": "start_motor", "header": { "id": 1 }, "payload": "9200000000000000" });
     let output = frame("encode", &[&layout[..], &[&object.to_string()]].concat(), "");
@@ -409,7 +409,7 @@ fn decode_log(options: &[&str], config: &str, log: &str) -> Output {
 }
 
 #[test]
-fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked() {
+fn log_is_decoded_with_motor_names_and_requests() {
     let log = "\
         (1436509052.249713) vcan0 001#FFFFFFFFFFFF00FB\n\
         (1436509052.250000) vcan0 101#010200000000\n\
@@ -443,7 +443,7 @@ fn a_log_is_read_with_the_names_of_its_motors_and_each_reply_as_what_was_asked()
 }
 
 #[test]
-fn a_log_from_before_the_protocol_was_changed_is_read_with_the_one_of_then() {
+fn old_log_is_decoded_with_earlier_protocol() {
     let log = "(0.1) vcan0 001#B200000000000000\n(0.2) vcan0 101#B200000000000000\n";
     let output = decode_log(&["--protocol", "gim-can"], ROBOT, log);
     let kinds: Vec<_> = objects(&output).iter().map(|object| object["kind"].clone()).collect();
@@ -452,7 +452,7 @@ fn a_log_from_before_the_protocol_was_changed_is_read_with_the_one_of_then() {
 }
 
 #[test]
-fn what_no_motor_sends_is_refused_and_the_rest_of_the_log_still_read() {
+fn impossible_frame_is_refused_and_log_continues() {
     let log = "\
         (0.1) vcan0 20000040#0000000000000000\n\
         (0.2) vcan0 007#00\n\
@@ -468,7 +468,7 @@ fn what_no_motor_sends_is_refused_and_the_rest_of_the_log_still_read() {
 }
 
 #[test]
-fn wrong_use_and_wrong_configurations_have_their_own_exit_statuses() {
+fn misuse_and_bad_configuration_have_exit_statuses() {
     let status = |arguments: &[&str]| frame("decode", arguments, "").status.code();
     assert_eq!(status(&["FF"]), Some(64), "no protocol");
     assert_eq!(status(&["--protocol", "can-open", "--direction", "to-motor", "FF"]), Some(64));
@@ -488,7 +488,7 @@ fn wrong_use_and_wrong_configurations_have_their_own_exit_statuses() {
 
 /// A FIFO without a writer, a device without an end and a file as large as a disk are refused at once, as the daemon does.
 #[test]
-fn a_configuration_that_no_daemon_would_read_is_refused_at_once() {
+fn unreadable_configuration_is_refused_immediately() {
     let directory = tempfile::tempdir().unwrap();
     let (fifo, huge, open) =
         (directory.path().join("fifo"), directory.path().join("huge"), directory.path().join("open"));
@@ -510,7 +510,7 @@ fn a_configuration_that_no_daemon_would_read_is_refused_at_once() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_is_no_failure() {
+fn satisfied_reader_is_no_failure() {
     let mut child = Command::new(env!("CARGO_BIN_EXE_motorctl"))
         .args(["frame", "decode"])
         .args(MIT)

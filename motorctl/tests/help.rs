@@ -241,7 +241,7 @@ fn every_example_of_motord_works() {
 /// A test has no CAN interface, and must send nothing on one that it finds: the interface of its configuration is not there.
 /// `motord-sim` says so after it took the arguments and the configuration.
 #[test]
-fn every_example_of_motord_sim_is_accepted_up_to_the_missing_interface() {
+fn motord_sim_examples_parse_up_to_missing_interface() {
     const EXIT_UNAVAILABLE: i32 = 69;
     let place = Place::new();
     place.shell("sed -i s/can0/nocan0/ motord.toml");

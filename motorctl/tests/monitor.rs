@@ -45,7 +45,7 @@ fn hold(client: &Client, end: &AtomicBool, enable: &AtomicBool, newest: &Mutex<O
 /// Goal: from one screen a person sees who moves the robot, stops it with one key, learns the cause and the way back, and goes
 /// it. Method: keys of tmux; the screen and the daemon's states are judged.
 #[test]
-fn keys_stop_reset_and_disable_a_robot_and_the_screen_tells_it() {
+fn keys_stop_reset_and_disable_the_robot() {
     let daemon = Daemon::start(&slow_quadruped());
     let Some(tmux) = terminal(&daemon) else { return };
     let client = daemon.connect();
@@ -118,7 +118,7 @@ fn the_first_screen_tells_everything(tmux: &Tmux) {
 /// Method: the real program at 80x24 and at 60x20; a motor in fault and a bus that is off, as the simulator makes them, and an
 /// emergency stop, all at once; then the lines of the screen in another shell, and the key for the reset.
 #[test]
-fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
+fn three_simultaneous_troubles_fit_the_first_screen() {
     let daemon = Daemon::start(&slow_quadruped());
     let (Some(tmux), Some(shell)) = (terminal(&daemon), terminal(&daemon)) else { return };
     let client = daemon.connect();
@@ -163,7 +163,7 @@ fn cause_owner_and_advice_of_three_troubles_at_once_are_on_the_first_screen() {
 }
 
 #[test]
-fn pages_filters_and_sizes_follow_the_keys_and_the_terminal() {
+fn pages_filters_and_sizes_follow_keys() {
     let daemon = Daemon::start(&slow_quadruped());
     let Some(tmux) = terminal(&daemon) else { return };
     let _client = daemon.connect();
@@ -186,7 +186,7 @@ fn pages_filters_and_sizes_follow_the_keys_and_the_terminal() {
 }
 
 #[test]
-fn a_signal_gives_the_terminal_back_and_a_restarted_daemon_is_found() {
+fn signal_restores_terminal_and_restarted_daemon_is_found() {
     let mut daemon = Daemon::start(&slow_quadruped());
     let Some(tmux) = terminal(&daemon) else { return };
     drop(daemon.connect());

@@ -47,7 +47,7 @@ fn status_tells_people_and_scripts_the_same() {
 }
 
 #[test]
-fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
+fn emergency_stop_has_a_slot_when_full() {
     let daemon = started();
     let mut idle = Vec::new();
     let full = loop {
@@ -65,7 +65,7 @@ fn an_emergency_stop_finds_a_place_on_a_robot_that_is_full() {
 
 /// Whoever stops a robot is not told that it failed because nobody could read of it.
 #[test]
-fn what_was_done_is_a_success_whatever_becomes_of_the_output() {
+fn completed_action_succeeds_whatever_the_output_does() {
     let daemon = started();
     for verb in ["estop", "reset", "disable"] {
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
@@ -76,7 +76,7 @@ fn what_was_done_is_a_success_whatever_becomes_of_the_output() {
 }
 
 #[test]
-fn an_emergency_stop_says_what_to_do_and_a_reset_takes_it_back() {
+fn emergency_stop_advises_and_reset_clears_it() {
     let daemon = started();
     assert!(daemon.motorctl(&["estop"]).status.success());
     let status = daemon.status();
@@ -129,7 +129,7 @@ fn while_held(daemon: &Daemon, test: impl FnOnce()) {
 }
 
 #[test]
-fn an_active_group_is_enabled_already_and_a_reset_can_wait_for_a_stop() {
+fn active_group_counts_as_enabled_and_reset_waits() {
     let daemon = started();
     while_held(&daemon, || {
         let until_enabled = Instant::now() + Duration::from_secs(20);
@@ -170,7 +170,7 @@ fn status_names_the_process_that_owns_a_group() {
 }
 
 #[test]
-fn a_check_judges_the_robot_by_its_exit_status() {
+fn check_judges_robot_by_exit_status() {
     let daemon = started();
     let check = || daemon.motorctl(&["status", "--check"]);
     assert_eq!((check().status.code(), text(&check().stdout)), (Some(0), String::new()));
@@ -193,7 +193,7 @@ fn a_check_judges_the_robot_by_its_exit_status() {
 }
 
 #[test]
-fn a_name_is_looked_up_before_anybody_is_asked() {
+fn name_is_resolved_before_any_prompt() {
     let daemon = started();
     // Nobody can be asked here: that would be the complaint.
     let output = daemon.motorctl(&["zero", "leg"]);
@@ -205,7 +205,7 @@ fn a_name_is_looked_up_before_anybody_is_asked() {
 
 /// A running daemon tells of its joints in the form in which `--bus` reads a wire that nobody owns.
 #[test]
-fn faults_and_indicators_of_a_joint_are_read_through_the_daemon() {
+fn joint_faults_and_indicators_are_read_through_daemon() {
     let daemon = Daemon::start(&BENCH.replace("\"mit\"", "\"gim\""));
     daemon.await_status(|status| status["joints"][0]["mode"] == "idle");
     let ask = |arguments: &[&str]| text(&daemon.motorctl(arguments).stdout);
@@ -266,7 +266,7 @@ fn escape_sequences_of_a_file_are_spelled_out() {
 }
 
 #[test]
-fn a_simulated_fault_is_seen_by_clients_and_ends() {
+fn simulated_fault_is_seen_by_clients_and_ends() {
     let daemon = started();
     let sim = |words: &[&str]| daemon.motorctl(&[&["sim"], words].concat());
     let mode = |mode: &'static str| move |status: &Value| status["joints"][0]["mode"] == mode;
@@ -291,7 +291,7 @@ fn a_simulated_fault_is_seen_by_clients_and_ends() {
 }
 
 #[test]
-fn a_fault_that_there_is_not_is_answered_by_the_nearest_one() {
+fn unknown_fault_suggests_the_nearest() {
     let daemon = started();
     let refused = [
         (["arn", "off"].as_slice(), "did you mean `arm`?"),
@@ -358,7 +358,7 @@ fn a_reset_of_the_latencies_begins_them_anew() {
 }
 
 #[test]
-fn the_latencies_of_a_run_come_back_from_their_files() {
+fn latencies_round_trip_through_files() {
     let (daemon, place) = (started(), TempDir::new().unwrap());
     let file = |name: &str| place.path().join(name).to_str().unwrap().to_owned();
     let (log, percentiles, picture) = (file("run.hlog"), file("cycle.hgrm"), file("run.svg"));
@@ -404,7 +404,7 @@ fn a_closed_pipe_ends_a_watch_without_complaint() {
 /// Goal: whoever watches a robot learns that its daemon died, and sees the next one without doing anything.
 /// Method: kill the daemon under a watch, start another one, and read on.
 #[test]
-fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
+fn watch_outlives_daemon_and_finds_next() {
     let mut daemon = started();
     let mut watch =
         daemon.command(&["watch", "--json"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -429,7 +429,7 @@ fn a_watch_outlives_its_daemon_and_finds_the_next_one() {
 }
 
 #[test]
-fn a_configuration_that_was_changed_is_told_and_not_used() {
+fn changed_configuration_is_reported_and_not_used() {
     let daemon = started();
     assert_eq!(daemon.status()["config_changed"], false);
     std::fs::write(daemon.directory.path().join("motord.toml"), "nonsense").unwrap();

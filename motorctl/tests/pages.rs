@@ -41,7 +41,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 #[test]
-fn every_command_that_help_shows_has_a_page_and_no_other_has() {
+fn every_visible_command_has_a_page() {
     let directory = TempDir::new().unwrap();
     for name in PROGRAMS {
         let pages = directory.path().join(name);
@@ -110,7 +110,7 @@ fn offered(shell_name: &str, script: &str, name: &str, line: &str) -> Vec<String
 /// Goal: whatever `--help` lists can be completed. Method: ask the shell for the completions after each command.
 #[test]
 #[ignore = "needs bash and fish: .ci/run installs them"]
-fn bash_and_fish_offer_every_command_and_option_that_help_shows() {
+fn bash_and_fish_complete_every_command_and_option() {
     let scratch = TempDir::new().unwrap();
     for name in PROGRAMS {
         for shell_name in ["bash", "fish"] {
@@ -130,7 +130,7 @@ fn bash_and_fish_offer_every_command_and_option_that_help_shows() {
 /// The completions of zsh need a terminal.
 #[test]
 #[ignore = "needs zsh and tmux: .ci/run installs them"]
-fn zsh_completes_a_command_and_an_option_of_each_program() {
+fn zsh_completes_command_and_option_of_each_program() {
     let scratch = TempDir::new().unwrap();
     for name in PROGRAMS {
         std::fs::rename(script(name, "zsh", scratch.path()), scratch.path().join(format!("_{name}")))

@@ -18,28 +18,26 @@ use std::process::Command;
 type Row = [&'static str; 3];
 
 const COMMANDS_ON_CAN: &str = "every_command_of_the_document_works_over_can";
-const IN_MIT: &str = "a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands";
-const MOVES: &str = "a_motor_moves_for_a_bounded_time_and_stops";
-const WRITTEN_ON_CAN: &str = "every_configuration_item_is_written_over_can_and_reads_back";
-const SET_ON_CAN: &str = "every_writable_item_is_set_by_name_over_can_read_back_and_restored";
-const SET_ON_RS485: &str = "every_writable_item_is_set_by_name_read_back_and_restored";
-const LISTED: &str = "every_configuration_item_of_the_document_is_listed_with_type_access_unit_and_effect";
+const IN_MIT: &str = "mit_motor_is_found_jogged_and_zeroed";
+const MOVES: &str = "motor_moves_for_bounded_time_and_stops";
+const WRITTEN_ON_CAN: &str = "every_configuration_item_is_written_over_can";
+const SET_ON_CAN: &str = "every_writable_item_is_set_over_can";
+const SET_ON_RS485: &str = "every_writable_item_is_set_by_name";
+const LISTED: &str = "every_configuration_item_is_listed_in_full";
 const ADDRESS: &str = "ids_and_protocol_are_changed_and_confirmed";
-const PTS: &str = "pts_control_is_refused_in_the_words_of_the_document";
+const PTS: &str = "pts_control_is_refused_as_documented";
 
 fn command(code: CommandCode) -> Row {
     use CommandCode as Code;
     match code {
         Code::ResetConfiguration => [
             "motorctl config reset",
-            "three_motors_survive_a_factory_reset_over_can_by_dump_and_apply",
-            "three_motors_survive_a_factory_reset_by_dump_and_apply",
+            "factory_reset_is_undone_over_can",
+            "factory_reset_is_undone_by_dump_and_apply",
         ],
-        Code::RefreshConfiguration => [
-            "motorctl config apply FILE",
-            WRITTEN_ON_CAN,
-            "three_motors_survive_a_factory_reset_by_dump_and_apply",
-        ],
+        Code::RefreshConfiguration => {
+            ["motorctl config apply FILE", WRITTEN_ON_CAN, "factory_reset_is_undone_by_dump_and_apply"]
+        }
         Code::ModifyConfiguration => ["motorctl config set NAME VALUE", SET_ON_CAN, SET_ON_RS485],
         Code::RetrieveConfiguration => ["motorctl config list", WRITTEN_ON_CAN, LISTED],
         Code::StartMotor => ["motorctl start", COMMANDS_ON_CAN, MOVES],
@@ -49,28 +47,20 @@ fn command(code: CommandCode) -> Row {
         Code::PositionControl => ["motorctl position RAD", COMMANDS_ON_CAN, MOVES],
         Code::PtsControl => ["motorctl pts", PTS, PTS],
         Code::StopControl => ["motorctl stop --control", COMMANDS_ON_CAN, MOVES],
-        Code::ModifyParameter => [
-            "motorctl parameter set NAME VALUE",
-            COMMANDS_ON_CAN,
-            "every_parameter_of_the_document_is_written_and_read_back",
-        ],
-        Code::RetrieveParameter => [
-            "motorctl parameter get",
-            COMMANDS_ON_CAN,
-            "every_parameter_of_the_document_is_written_and_read_back",
-        ],
-        Code::GetVersion => {
-            ["motorctl version", COMMANDS_ON_CAN, "a_motor_is_pinged_and_tells_its_version_and_address"]
+        Code::ModifyParameter => {
+            ["motorctl parameter set NAME VALUE", COMMANDS_ON_CAN, "every_parameter_is_written_and_read_back"]
         }
+        Code::RetrieveParameter => {
+            ["motorctl parameter get", COMMANDS_ON_CAN, "every_parameter_is_written_and_read_back"]
+        }
+        Code::GetVersion => ["motorctl version", COMMANDS_ON_CAN, "ping_shows_version_and_address"],
         Code::GetFault => ["motorctl fault get", COMMANDS_ON_CAN, "a_fault_is_read_in_words_and_cleared"],
         Code::AcknowledgeFault => {
             ["motorctl fault clear", COMMANDS_ON_CAN, "a_fault_is_read_in_words_and_cleared"]
         }
-        Code::RetrieveIndicator => [
-            "motorctl indicator NAME",
-            COMMANDS_ON_CAN,
-            "every_indicator_of_the_document_is_read_with_its_unit",
-        ],
+        Code::RetrieveIndicator => {
+            ["motorctl indicator NAME", COMMANDS_ON_CAN, "every_indicator_is_read_with_its_unit"]
+        }
         Code::Calibration => {
             ["motorctl calibrate encoder", COMMANDS_ON_CAN, "a_calibration_waits_for_its_end"]
         }
@@ -86,9 +76,7 @@ fn item(item: &ConfigurationItem) -> Row {
         "host-id" => ["motorctl id --set-host-id ID", COMMANDS_ON_CAN, ADDRESS],
         "can-protocol" => ["motorctl protocol mit", IN_MIT, ADDRESS],
         "can-baud-rate" => ["motorctl config set NAME VALUE", SET_ON_CAN, SET_ON_RS485],
-        "zero-position" => {
-            ["motorctl zero --at RAD", COMMANDS_ON_CAN, "a_zero_is_moved_to_a_known_angle_and_checked"]
-        }
+        "zero-position" => ["motorctl zero --at RAD", COMMANDS_ON_CAN, "zero_is_moved_to_angle_and_checked"],
         _ if item.access == Access::ReadOnly => ["motorctl config get NAME", COMMANDS_ON_CAN, LISTED],
         _ => ["motorctl config set NAME VALUE", SET_ON_CAN, SET_ON_RS485],
     }
@@ -152,11 +140,7 @@ fn tables() -> String {
     }
     head(&mut text, "Indicators (GIM, Table 10)", "id");
     for indicator in &INDICATORS {
-        let proof = [
-            "motorctl indicator NAME",
-            COMMANDS_ON_CAN,
-            "every_indicator_of_the_document_is_read_with_its_unit",
-        ];
+        let proof = ["motorctl indicator NAME", COMMANDS_ON_CAN, "every_indicator_is_read_with_its_unit"];
         row(&mut text, &format!("0x{:02X}", indicator.id), indicator.name, proof);
     }
     codes(&mut text);
@@ -180,16 +164,16 @@ fn codes(text: &mut String) {
     for (bit, name) in TABLE_9 {
         let proof = [
             "motorctl fault get",
-            "every_fault_of_the_documents_is_named_and_cleared_over_can",
-            "every_fault_of_the_document_is_named_and_cleared",
+            "every_documented_fault_is_cleared_over_can",
+            "every_documented_fault_is_named_and_cleared",
         ];
         row(text, &format!("0x{bit:02X}"), name, proof);
     }
     head(text, "Result codes (GIM, Table 5)", "RES");
     let proof = [
         "motorctl config set NAME VALUE",
-        "every_result_code_of_the_document_reaches_the_user_over_can_in_its_words",
-        "every_result_code_of_the_document_reaches_the_user_in_its_words",
+        "every_result_code_is_shown_over_can",
+        "every_result_code_is_shown_in_words",
     ];
     row(text, "0x00", "success", proof);
     for code in [0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x0B] {
@@ -202,7 +186,7 @@ fn codes(text: &mut String) {
 const BEGIN: &str = "<!-- written by motorctl/tests/protocol_table.rs -->\n";
 
 #[test]
-fn the_tables_of_the_protocol_page_are_complete_and_present() {
+fn protocol_tables_are_complete_and_present() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/protocol.md");
     let document = std::fs::read_to_string(&path).unwrap();
     let (before, present) = document.split_once(BEGIN).expect("the page has the tables");
@@ -218,7 +202,7 @@ fn the_tables_of_the_protocol_page_are_complete_and_present() {
 }
 
 #[test]
-fn every_line_of_the_tables_is_a_command_of_motorctl() {
+fn every_table_line_is_a_motorctl_command() {
     let tables = tables();
     let lines: BTreeSet<&str> = tables.split('`').filter(|text| text.starts_with("motorctl ")).collect();
     assert!(lines.len() > 20, "{lines:?}");
@@ -236,7 +220,7 @@ fn every_line_of_the_tables_is_a_command_of_motorctl() {
 
 /// Goal: each row names tests that exist, the one on CAN among those of `wire_vcan.rs`, the one on RS485 among those of `wire.rs`.
 #[test]
-fn every_test_of_the_tables_runs_motorctl_on_its_wire() {
+fn every_table_test_runs_motorctl_on_wire() {
     let on_can = include_str!("wire_vcan.rs");
     let on_rs485 = include_str!("wire.rs");
     for row in tables().lines().filter(|row| row.contains("`motorctl ") && !row.contains(PTS)) {
@@ -250,7 +234,7 @@ fn every_test_of_the_tables_runs_motorctl_on_its_wire() {
 }
 
 #[test]
-fn the_faults_of_the_table_are_those_of_the_document() {
+fn table_faults_are_those_of_the_document() {
     let known: u32 = TABLE_9.iter().map(|(bit, _)| u32::from(*bit)).sum();
     let named = FAULTS.iter().map(|fault| fault.bit).filter(|bit| *bit <= 0xFF).sum();
     assert_eq!(known, named);

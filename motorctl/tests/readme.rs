@@ -80,7 +80,7 @@ fn build(example: &str) {
 }
 
 #[test]
-fn now_you_moves_a_simulated_robot_kills_its_controller_and_sees_it_damped() {
+fn readme_commands_move_kill_and_damp_robot() {
     let blocks = commands("Now you");
     let [run, monitor, controller, reset] = &blocks[..] else { panic!("{blocks:?}") };
     assert!(blocks.iter().all(|block| !block.contains('\n')), "one line each: {blocks:?}");

@@ -23,7 +23,7 @@ fn status(output: &Output) -> i32 {
 }
 
 #[test]
-fn every_cycle_of_a_recording_is_in_the_file_or_counted_and_the_file_is_drawn_and_shown() {
+fn recording_holds_every_cycle_and_is_drawn() {
     let daemon = Daemon::start(&slow_quadruped());
     drop(daemon.connect());
     let file = daemon.directory.path().join("run.mcap");
@@ -62,7 +62,7 @@ fn every_cycle_of_a_recording_is_in_the_file_or_counted_and_the_file_is_drawn_an
 }
 
 #[test]
-fn a_daemon_that_ends_ends_the_recording_and_the_file_is_whole() {
+fn exiting_daemon_ends_recording_with_complete_file() {
     let mut daemon = Daemon::start(&slow_quadruped());
     drop(daemon.connect());
     let file = daemon.directory.path().join("run.mcap");
@@ -80,7 +80,7 @@ fn a_daemon_that_ends_ends_the_recording_and_the_file_is_whole() {
 }
 
 #[test]
-fn a_file_that_is_no_recording_is_refused_with_its_name() {
+fn file_without_recording_is_refused_by_name() {
     let daemon = Daemon::start(&slow_quadruped());
     let directory = daemon.directory.path();
     std::fs::write(directory.join("text.mcap"), "not a recording").unwrap();
@@ -143,7 +143,7 @@ fn stop_and_reset(daemon: &Daemon) {
 }
 
 #[test]
-fn each_stop_is_written_with_the_cycles_before_it_and_only_so_many_files_stay() {
+fn each_stop_is_written_and_file_count_limited() {
     let mut daemon = Daemon::start(&slow_quadruped());
     drop(daemon.connect());
     let recorder = FlightRecorder::start(&daemon);
@@ -171,7 +171,7 @@ fn each_stop_is_written_with_the_cycles_before_it_and_only_so_many_files_stay() 
 }
 
 #[test]
-fn a_disk_that_takes_no_file_loses_that_file_and_no_other() {
+fn failing_disk_loses_only_that_file() {
     let daemon = Daemon::start(&slow_quadruped());
     drop(daemon.connect());
     let recorder = FlightRecorder::start(&daemon);

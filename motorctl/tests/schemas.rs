@@ -39,7 +39,7 @@ fn assert_valid(name: &str, line: &str) -> Value {
 }
 
 #[test]
-fn the_schemas_are_schemas_and_each_belongs_to_a_command() {
+fn schemas_are_valid_and_belong_to_commands() {
     let known: BTreeSet<String> = ["motorctl", "motord"]
         .iter()
         .flat_map(|name| {
@@ -72,7 +72,7 @@ fn every_command_with_json_has_a_schema() {
 }
 
 #[test]
-fn the_commands_that_ask_the_daemon_print_what_their_schemas_say() {
+fn daemon_commands_print_what_schemas_state() {
     let daemon = Daemon::start(&config());
     let printed = |arguments: &str| {
         let arguments: Vec<&str> = arguments.split(' ').collect();
@@ -118,7 +118,7 @@ fn the_demo_prints_what_its_schema_says() {
 }
 
 #[test]
-fn the_commands_on_the_wire_print_what_their_schemas_say() {
+fn bus_commands_print_what_schemas_state() {
     let (directory, line) = (TempDir::new().unwrap(), Line::knee());
     let device = line.device();
     let config = format!(
@@ -160,7 +160,7 @@ fn the_commands_on_the_wire_print_what_their_schemas_say() {
 }
 
 #[test]
-fn check_prints_what_its_schema_says_of_a_sound_and_of_a_refused_configuration() {
+fn check_output_matches_schema_when_sound_or_refused() {
     let directory = TempDir::new().unwrap();
     let serial = config()
         .replace("[[bus]]", "[[bus]]\nname = 'line'\ntype = 'serial'\ndevice = '/dev/ttyUSB0'\n[[bus]]");

@@ -56,7 +56,7 @@ fn robot(change: impl FnOnce(&mut [MotorSettings; 2])) -> Line {
 }
 
 #[test]
-fn the_configured_motors_agree_and_the_lock_holds_what_they_said() {
+fn configured_motors_agree_and_lock_stores_reports() {
     let line = robot(|_| {});
     let findings = findings(&line, 0);
     assert!(findings.iter().all(|(_, _, verdict)| verdict == "agrees"), "{findings:?}");
@@ -82,7 +82,7 @@ fn wrong_constants_and_swapped_ids_are_named() {
 }
 
 #[test]
-fn a_silent_motor_is_unknown_and_fails_the_command() {
+fn silent_motor_is_unknown_and_fails_command() {
     let line = robot(|[_, hip]| hip.id = 9);
     let findings = findings(&line, 1);
     assert!(findings.contains(&("hip".into(), "answer".into(), "unknown".into())), "{findings:?}");
@@ -106,7 +106,7 @@ fn constants_are_written_with_consent_only() {
 /// Goal: a technician's way with motors that are not as configured: named, written with consent, and kept without power; the host id
 /// is named with its cure, which is another command's.
 #[test]
-fn wrong_values_are_named_written_and_kept_and_the_rest_has_its_cure() {
+fn wrong_values_are_named_corrected_and_kept() {
     let line = robot(|[knee, hip]| {
         (knee.torque_constant, knee.gear_ratio, knee.pole_pairs) = (0.2, 36.0, 14);
         (hip.torque_constant, hip.host_id) = (0.3, 0x50);
@@ -134,7 +134,7 @@ fn wrong_values_are_named_written_and_kept_and_the_rest_has_its_cure() {
 }
 
 #[test]
-fn a_refused_constant_is_told_in_the_motors_words() {
+fn refused_constant_shows_the_motors_words() {
     let line = robot(|[knee, _]| knee.gear_ratio = 36.0);
     line.inject("knee refuse 0x04");
     let refused = setup(&line, &["--write", "--yes"]);
@@ -147,7 +147,7 @@ fn a_refused_constant_is_told_in_the_motors_words() {
 }
 
 #[test]
-fn one_motor_can_be_asked_and_the_others_keep_their_words() {
+fn one_motor_is_asked_and_others_keep_reports() {
     let line = robot(|_| {});
     assert!(setup(&line, &[]).status.success());
     line.inject("hip power-off");

@@ -12,7 +12,7 @@ use serde_json::Value;
 use std::process::Stdio;
 
 #[test]
-fn a_scan_of_a_line_finds_its_motors_and_tells_their_host_ids() {
+fn scan_of_line_finds_motors_and_host_ids() {
     let line = Line::new(vec![motor("knee", 3), motor("ankle", 4), motor("hip", 9)]);
     let scanned = line.json("scan --bus LINE --ids 1-12");
     let motors: Vec<_> = scanned["motors"]
@@ -29,7 +29,7 @@ fn a_scan_of_a_line_finds_its_motors_and_tells_their_host_ids() {
 }
 
 #[test]
-fn a_motor_is_pinged_and_tells_its_version_and_address() {
+fn ping_shows_version_and_address() {
     let line = Line::knee();
     assert_eq!(line.json("ping @")["host_id"], 0x43);
     assert_eq!(line.json("version @")["version"], 0x0001_0203);
@@ -39,7 +39,7 @@ fn a_motor_is_pinged_and_tells_its_version_and_address() {
 }
 
 #[test]
-fn every_indicator_of_the_document_is_read_with_its_unit() {
+fn every_indicator_is_read_with_its_unit() {
     let line = Line::knee();
     let readings = line.json("indicator @");
     for (row, reading) in INDICATORS.iter().zip(readings.as_array().unwrap()) {
@@ -52,7 +52,7 @@ fn every_indicator_of_the_document_is_read_with_its_unit() {
 }
 
 #[test]
-fn every_parameter_of_the_document_is_written_and_read_back() {
+fn every_parameter_is_written_and_read_back() {
     let line = Line::knee();
     for (index, row) in PARAMETERS.iter().enumerate() {
         let said = line.good(&format!("parameter set {} {} @ --yes", row.name, 500 + index));
@@ -69,7 +69,7 @@ fn every_parameter_of_the_document_is_written_and_read_back() {
 }
 
 #[test]
-fn every_configuration_item_of_the_document_is_listed_with_type_access_unit_and_effect() {
+fn every_configuration_item_is_listed_in_full() {
     let line = Line::knee();
     let rows = line.json("config list @");
     assert_eq!(rows.as_array().unwrap().len(), CONFIGURATION.len());
@@ -85,7 +85,7 @@ fn every_configuration_item_of_the_document_is_listed_with_type_access_unit_and_
 }
 
 #[test]
-fn a_configuration_item_is_written_and_read_back_and_a_refusal_is_the_vendors() {
+fn item_is_written_read_back_or_refused() {
     let line = Line::knee();
     let said = line.good("config set over-voltage 52 @ --yes");
     assert!(said.contains("was 56, reads 52 now"), "{said}");
@@ -107,7 +107,7 @@ fn a_configuration_item_is_written_and_read_back_and_a_refusal_is_the_vendors() 
 }
 
 #[test]
-fn every_writable_item_is_set_by_name_read_back_and_restored() {
+fn every_writable_item_is_set_by_name() {
     let line = Line::knee();
     line::write_every_item(&line);
     line::write_every_address(&line);
@@ -120,17 +120,17 @@ fn every_writable_item_is_set_by_name_read_back_and_restored() {
 }
 
 #[test]
-fn every_fault_of_the_document_is_named_and_cleared() {
+fn every_documented_fault_is_named_and_cleared() {
     line::read_and_clear_every_fault(&Line::knee(), "gim");
 }
 
 #[test]
-fn every_result_code_of_the_document_reaches_the_user_in_its_words() {
+fn every_result_code_is_shown_in_words() {
     line::refuse_with_every_result_code(&Line::knee());
 }
 
 #[test]
-fn a_motor_moves_for_a_bounded_time_and_stops() {
+fn motor_moves_for_bounded_time_and_stops() {
     let line = Line::knee();
     line.good("start @ --yes");
     line.good("stop @ --control");
@@ -160,7 +160,7 @@ fn a_motor_whose_start_nobody_confirms_is_stopped() {
 /// Goal: a motor stands soon after motorctl was killed in the middle of a motion, if its drive ends a command when its duration is
 /// over, and goes on until `stop` if it does not.
 #[test]
-fn a_killed_motorctl_leaves_a_motor_to_the_duration_of_its_last_command() {
+fn killed_motorctl_leaves_motor_to_command_duration() {
     let motions = [
         "torque 0.2 --seconds 20 --max-travel-rad 90 --max-rad-s 60 @ --yes",
         "speed 0.5 --seconds 20 --max-travel-rad 90 @ --yes",
@@ -179,13 +179,13 @@ fn a_killed_motorctl_leaves_a_motor_to_the_duration_of_its_last_command() {
 }
 
 #[test]
-fn a_host_id_is_refused_on_a_line_which_has_no_use_for_it() {
+fn host_id_is_refused_on_a_line() {
     let refused = Line::knee().bad("ping @ --host-id 0x43", 64);
     assert!(refused.contains("leave --host-id out"), "{refused}");
 }
 
 #[test]
-fn a_motion_beyond_its_bounds_is_refused_or_stopped() {
+fn motion_beyond_bounds_is_refused_or_stopped() {
     let line = Line::knee();
     line.bad("speed 9 --seconds 1 @ --yes", 64);
     line.bad("position 3 --seconds 1 @ --yes", 64);
@@ -199,7 +199,7 @@ fn a_motion_beyond_its_bounds_is_refused_or_stopped() {
 }
 
 #[test]
-fn a_zero_is_moved_to_a_known_angle_and_checked() {
+fn zero_is_moved_to_angle_and_checked() {
     let line = Line::knee();
     let said = line.good("zero @ --at 0.5 --yes");
     assert!(said.contains("reports 0.500 rad now"), "{said}");
@@ -257,7 +257,7 @@ fn ids_and_protocol_are_changed_and_confirmed() {
 }
 
 #[test]
-fn pts_control_is_refused_in_the_words_of_the_document() {
+fn pts_control_is_refused_as_documented() {
     let refused = Line::knee().bad("pts", 64);
     assert!(refused.contains("\"Not supported.\"") && refused.contains("3.2.10"), "{refused}");
 }
@@ -272,7 +272,7 @@ fn a_motor_in_firmware_mode_is_silent() {
 }
 
 #[test]
-fn every_command_that_moves_or_changes_a_motor_refuses_without_a_terminal_or_yes() {
+fn moving_commands_need_terminal_or_yes() {
     let line = Line::knee();
     std::fs::write(line.path("knee.toml"), "[configuration]\npole-pairs = 7\n").unwrap();
     let before = line.good("config list @");
@@ -345,7 +345,7 @@ fn wrong_arguments_are_refused_before_anybody_is_asked() {
 
 /// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its line.
 #[test]
-fn three_motors_survive_a_factory_reset_by_dump_and_apply() {
+fn factory_reset_is_undone_by_dump_and_apply() {
     for id in [3, 17, 99] {
         let line = Line::new(vec![motor("knee", id)]);
         let here = format!("--bus LINE --id {id}");
@@ -364,7 +364,7 @@ fn three_motors_survive_a_factory_reset_by_dump_and_apply() {
 }
 
 #[test]
-fn an_application_stops_at_the_first_refusal_and_says_so() {
+fn application_stops_at_first_refusal() {
     let line = Line::knee();
     std::fs::write(
         line.path("knee.toml"),
@@ -393,12 +393,12 @@ fn an_application_stops_at_the_first_refusal_and_says_so() {
 }
 
 #[test]
-fn a_power_cut_in_the_middle_of_an_application_leaves_a_journal_that_tells_it() {
+fn interrupted_application_leaves_a_journal() {
     line::cut_the_power_during_an_application(&Line::knee());
 }
 
 #[test]
-fn a_bus_that_another_process_holds_is_refused_with_its_number() {
+fn held_bus_is_refused_with_process_id() {
     let line = Line::knee();
     let mut first =
         line.command("indicator @ --watch").stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -411,7 +411,7 @@ fn a_bus_that_another_process_holds_is_refused_with_its_number() {
 }
 
 #[test]
-fn a_line_with_an_echo_and_losses_is_read_all_the_same() {
+fn line_with_echo_and_losses_is_read() {
     let line = Line::knee();
     line.inject("line echo");
     line.good("ping @");
@@ -420,7 +420,7 @@ fn a_line_with_an_echo_and_losses_is_read_all_the_same() {
 }
 
 #[test]
-fn a_configuration_file_says_where_a_motor_is_and_which_limits_its_zero_must_keep() {
+fn configuration_gives_place_and_limits_of_zero() {
     let line = Line::knee();
     let config = format!(
         "[[bus]]\nname = \"line\"\ntype = \"serial\"\ndevice = \"{}\"\nevery = 10\n[[motor]]\nname = \"knee\"\nbus = \"line\"\nid = 3\n\

@@ -27,7 +27,7 @@ fn positions(screen: &str) -> Vec<f64> {
 }
 
 #[test]
-fn at_a_terminal_only_the_word_yes_lets_a_motor_turn() {
+fn only_yes_at_terminal_lets_motor_turn() {
     let line = Line::knee();
     let Some(terminal) = terminal(&line) else { return };
     for (answer, outcome) in [("y", "not done"), ("", "not done"), ("yes", "done 0")] {
@@ -45,7 +45,7 @@ fn at_a_terminal_only_the_word_yes_lets_a_motor_turn() {
 /// Goal: a joint moves while a key is held, and stands when it is let go.
 /// Method: keys of a real terminal; `jog` shows the position that the motor reports.
 #[test]
-fn a_jog_moves_while_a_key_comes_stands_without_one_and_gives_the_terminal_back() {
+fn jog_moves_while_keys_arrive_and_restores_terminal() {
     let line = Line::knee();
     let Some(terminal) = terminal(&line) else { return };
     enter(&terminal, &line, "jog --yes");

@@ -21,7 +21,7 @@ fn knee() -> Line {
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn a_scan_finds_twelve_motors_on_four_interfaces_and_three_on_a_line_in_one_pass() {
+fn scan_finds_motors_on_can_and_line_together() {
     let of = |id: u16| {
         let name = format!("m{id}");
         if id.is_multiple_of(2) {
@@ -86,7 +86,7 @@ fn every_command_of_the_document_works_over_can() {
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn every_configuration_item_is_written_over_can_and_reads_back() {
+fn every_configuration_item_is_written_over_can() {
     let line = knee();
     let rows = line.json("config list @");
     let changed = CONFIGURATION.iter().zip(rows.as_array().unwrap()).filter(|(item, _)| {
@@ -110,7 +110,7 @@ fn every_configuration_item_is_written_over_can_and_reads_back() {
 /// Goal: as over RS485, and the motor is out of reach until the bus has its new bit rate.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn every_writable_item_is_set_by_name_over_can_read_back_and_restored() {
+fn every_writable_item_is_set_over_can() {
     let line = knee();
     line::write_every_item(&line);
     line::write_every_address(&line);
@@ -128,21 +128,21 @@ fn every_writable_item_is_set_by_name_over_can_read_back_and_restored() {
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn every_fault_of_the_documents_is_named_and_cleared_over_can() {
+fn every_documented_fault_is_cleared_over_can() {
     line::read_and_clear_every_fault(&knee(), "gim");
     line::read_and_clear_every_fault(&Line::on_can("vcan0", vec![in_mit("knee", 3)]), "mit");
 }
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn every_result_code_of_the_document_reaches_the_user_over_can_in_its_words() {
+fn every_result_code_is_shown_over_can() {
     line::refuse_with_every_result_code(&knee());
 }
 
 /// Goal: dump, factory reset, apply and diff leave no difference, for three motors, one after the other on its interface.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn three_motors_survive_a_factory_reset_over_can_by_dump_and_apply() {
+fn factory_reset_is_undone_over_can() {
     for id in [3, 17, 99] {
         let line = Line::on_can("vcan0", vec![MotorSettings { host_id: 0x100 + id, ..motor("knee", id) }]);
         let here = format!("--bus LINE --id {id}");
@@ -158,19 +158,19 @@ fn three_motors_survive_a_factory_reset_over_can_by_dump_and_apply() {
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn a_power_cut_in_the_middle_of_an_application_over_can_leaves_a_journal_that_tells_it() {
+fn interrupted_application_over_can_leaves_a_journal() {
     line::cut_the_power_during_an_application(&knee());
 }
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn a_write_over_can_survives_a_loss_of_power() {
+fn write_over_can_survives_power_loss() {
     line::lose_power_after_every_write(&knee());
 }
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn a_motor_whose_start_nobody_confirms_over_can_is_stopped() {
+fn unconfirmed_start_over_can_is_stopped() {
     line::lose_the_answer_to_a_start(&knee(), "70ms");
 }
 
@@ -178,7 +178,7 @@ fn a_motor_whose_start_nobody_confirms_over_can_is_stopped() {
 /// for 1.5 s, and as long again afterwards; a jog that hardly moves it tells where it is.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn a_motor_in_mit_goes_on_when_a_jog_is_killed_until_it_is_stopped() {
+fn mit_motor_continues_after_killed_jog_until_stopped() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     let position = || -> f64 {
         let said = line.good("jog @ --seconds 0.01 --rad-s 0.001 --yes");
@@ -199,7 +199,7 @@ fn a_motor_in_mit_goes_on_when_a_jog_is_killed_until_it_is_stopped() {
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
+fn mit_motor_is_found_jogged_and_zeroed() {
     let line = Line::on_can("vcan0", vec![in_mit("knee", 3)]);
     assert_eq!(line.json("ping @")["protocol"], "mit");
     line.good("jog @ --seconds 0.4 --kd 5 --yes");
@@ -222,7 +222,7 @@ fn a_motor_in_mit_is_found_jogged_zeroed_and_has_no_native_commands() {
 
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
-fn an_interface_that_another_process_uses_is_refused_with_its_number() {
+fn interface_in_use_is_refused_with_process_id() {
     let line = knee();
     let mut first = line.command("indicator @ --watch").stdout(std::process::Stdio::null()).spawn().unwrap();
     let deadline = std::time::Instant::now() + std::time::Duration::from_secs(10);

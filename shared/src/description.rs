@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_stand_beside_the_names_of_a_joint_and_durations_are_seconds() {
+    fn limits_stand_beside_joint_names_in_seconds() {
         let text = r#"{"rate_hz":500.0,"setpoint_timeout":0.02,"joints":[{"name":"hip","position":[-1.0,1.5],"kd":5.0}]}"#;
         let robot = described(text).unwrap();
         assert_eq!(
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_time_that_is_none_is_refused_and_a_rate_that_is_none_has_no_period() {
+    fn invalid_time_is_refused_and_invalid_rate_periodless() {
         for time in ["-1.0", "1e300", "null", "\"1\""] {
             assert!(described(&format!(r#"{{"setpoint_timeout":{time}}}"#)).is_err(), "{time}");
         }

@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_of_a_dead_daemon_is_woken_by_its_successor() {
+    fn client_of_dead_daemon_is_woken_by_successor() {
         with_lock(|lock| {
             let first = Waker::open(lock).unwrap();
             let waiter = Waiter::open(lock.instance()).unwrap();
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_a_number_is_refused_by_clients_and_completed_by_a_daemon() {
+    fn numberless_file_is_refused_or_completed() {
         with_lock(|lock| {
             let path = lock.instance().futex_path();
             assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::ENOENT);
@@ -171,7 +171,7 @@ mod tests {
 
     /// A runtime directory belongs to a group; any of its members may run a second instance there.
     #[test]
-    fn a_client_trusts_the_owner_of_the_directory_of_its_instance() {
+    fn client_trusts_owner_of_instance_directory() {
         const OWNER: u32 = 65_534;
         with_lock(|lock| {
             let waker = Waker::open(lock).unwrap();
@@ -185,7 +185,7 @@ mod tests {
 
     /// Every member may make files beside it.
     #[test]
-    fn a_file_or_link_that_a_client_prepared_is_neither_used_by_clients_nor_written_by_a_daemon() {
+    fn file_prepared_by_client_is_never_used() {
         const NOBODY: u32 = 65_534;
         with_lock(|lock| {
             let path = lock.instance().futex_path();
@@ -212,7 +212,7 @@ mod tests {
 
     /// Those who could write could keep others asleep.
     #[test]
-    fn a_group_may_read_the_number_and_only_its_owner_may_write_it() {
+    fn group_reads_number_and_only_owner_writes() {
         with_lock(|lock| {
             let _waker = Waker::open(lock).unwrap();
             let mode = fs::metadata(lock.instance().futex_path()).unwrap().permissions().mode();

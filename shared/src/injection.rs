@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_reaches_the_daemon_with_its_asker_and_the_refusal_comes_back() {
+    fn line_reaches_daemon_with_requester_and_refusal_returns() {
         with_listener(|instance, listener| {
             std::thread::scope(|scope| {
                 let asker = scope.spawn(|| inject(instance, "fl-knee  off\nfl-hip off"));
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_without_an_end_is_cut_and_an_asker_that_leaves_asks_nothing() {
+    fn endless_line_is_cut_and_departed_requester_ignored() {
         with_listener(|instance, listener| {
             let mut endless = UnixStream::connect(path(instance)).unwrap();
             endless.write_all(&[b'x'; 4096]).unwrap();
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_socket_and_with_that_of_a_dead_daemon_an_instance_is_not_simulated() {
+    fn instance_without_live_socket_is_not_simulated() {
         let place = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();
         assert!(matches!(inject(&instance, "fl-knee off"), Err(InjectionError::NotSimulated)));

@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn the_named_directory_comes_before_the_service_and_the_service_before_the_session() {
+    fn named_directory_precedes_service_precedes_session() {
         let (named, service, session) = (place(), place(), place());
         let path = |place: &tempfile::TempDir| place.path().to_owned();
         let missing = Path::new("/nonexistent/motord");
@@ -419,7 +419,7 @@ mod tests {
     }
 
     #[test]
-    fn a_private_directory_that_others_prepared_or_can_enter_is_refused() {
+    fn accessible_private_directory_is_refused() {
         let place = place();
         let (open, link, file) =
             (place.path().join("open"), place.path().join("link"), place.path().join("file"));
@@ -437,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_leaves_no_room_for_sockets_is_refused() {
+    fn path_too_long_for_sockets_is_refused() {
         let runtime = Path::new("/tmp").join("x".repeat(60));
         assert!(matches!(Instance::below(&runtime, "robot"), Err(InstanceError::PathLength { .. })));
         let longest = "0123456789abcdef0123456789abcdef";
@@ -445,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn a_starting_daemon_removes_what_the_dead_left_unless_a_client_waits_for_it() {
+    fn starting_daemon_removes_leftovers_without_waiting_clients() {
         let place = place();
         let instance = Instance::below(place.path(), "robot").unwrap();
         drop(instance.lock().unwrap());
@@ -461,7 +461,7 @@ mod tests {
     }
 
     #[test]
-    fn a_daemon_that_died_of_the_files_of_the_dead_has_a_successor_without_them_although_a_client_waits() {
+    fn daemon_killed_by_leftovers_has_clean_successor() {
         let place = place();
         let instance = Instance::below(place.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
@@ -479,7 +479,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_registers_itself_keeps_no_daemon_from_beginning_anew() {
+    fn registering_client_blocks_no_fresh_start() {
         let place = place();
         let instance = Instance::below(place.path(), "robot").unwrap();
         drop(instance.lock().unwrap());
@@ -502,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn the_instance_lies_open_to_exactly_those_who_may_enter_the_runtime_directory() {
+    fn instance_is_open_to_directory_members_only() {
         for mode in [0o700, 0o2770] {
             let place = place();
             fs::set_permissions(place.path(), Permissions::from_mode(mode)).unwrap();
@@ -513,7 +513,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_below_the_runtime_directory_is_not_followed_and_its_target_stays_as_it_is() {
+    fn link_below_runtime_directory_is_not_followed() {
         for link in ["iox", "iox/robot", "iox/robot/services"] {
             let (place, other) = (place(), place());
             fs::create_dir_all(other.path().join("robot/services")).unwrap();
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn a_runtime_directory_with_a_character_that_iceoryx2_refuses_is_refused_in_words() {
+    fn character_refused_by_iceoryx2_is_refused_clearly() {
         let place = place();
         for odd in ["r\u{f6}bot", "a*b", "a?b", "a<b", "a\nb", "a\\b", "a\"b"] {
             let refused = Instance::below(&place.path().join(odd), "robot").unwrap_err();
@@ -541,7 +541,7 @@ mod tests {
     }
 
     #[test]
-    fn only_its_owner_may_remove_what_a_daemon_made_in_a_directory_of_a_group() {
+    fn only_owner_may_remove_daemon_files() {
         let place = place();
         fs::set_permissions(place.path(), Permissions::from_mode(0o2770)).unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();

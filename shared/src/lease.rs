@@ -77,7 +77,7 @@ mod tests {
 
     /// Numbers worked out by hand from the table of the layout.
     #[test]
-    fn a_lease_holds_boot_id_epoch_and_group_in_the_bits_of_its_table() {
+    fn lease_holds_boot_epoch_and_group_bits() {
         for (boot_id, epoch, group, raw) in [
             (0, 0, 0, 0x0000_0000_0000_0001),
             (0, 1, 0, 0x0000_0000_0000_0101),
@@ -92,12 +92,12 @@ mod tests {
     }
 
     #[test]
-    fn only_the_low_half_of_a_boot_id_is_in_a_lease() {
+    fn lease_holds_low_half_of_boot_id() {
         assert_eq!(Lease::new(0xAAAA_AAAA_0000_0001, 1, 0), Lease::new(1, 1, 0));
     }
 
     #[test]
-    fn a_number_that_names_no_possible_group_is_no_lease() {
+    fn impossible_group_number_is_no_lease() {
         for raw in [0, 0x0123_4567_89AB_CD00, 0x0123_4567_89AB_CD09, u64::MAX] {
             assert_eq!(Lease::from_raw(raw), None, "{raw:#x}");
         }

@@ -106,7 +106,7 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     #[test]
-    fn the_files_of_clients_that_were_killed_while_they_registered_go_and_those_of_others_stay() {
+    fn files_of_clients_killed_while_registering_are_removed() {
         let place = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn the_files_of_listeners_that_were_killed_while_they_registered_go_and_those_of_others_stay() {
+    fn files_of_listeners_killed_while_registering_are_removed() {
         const WAIT: Duration = Duration::from_secs(5);
         let place = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();

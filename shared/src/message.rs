@@ -535,7 +535,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_of_setpoints_has_all_that_is_in_use_and_nothing_of_what_was_there_before() {
+    fn copied_setpoints_hold_used_part_only() {
         let setpoint = JointSetpoint { position: 1.0, velocity: 2.0, kp: 3.0, kd: 4.0, torque: 5.0, mode: 1 };
         let mut copy = SetpointMessage::default();
         for joint_count in [JOINTS_MAX as u32, 12, u32::MAX, 0, 3] {
@@ -555,7 +555,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_has_all_that_is_in_use_and_nothing_of_what_was_there_before() {
+    fn copy_holds_used_part_only() {
         let most = [JOINTS_MAX, GROUPS_MAX, BUSES_MAX, INDICATOR_JOINTS_MAX].map(|most| most as u32);
         let mut copy = StateMessage::default();
         for counts in [most, [12, 1, 4, 2], [u32::MAX; 4], [0; 4], [1; 4], [13, 2, 5, 3]] {
@@ -571,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn an_emergency_stop_is_never_refused_for_its_argument() {
+    fn emergency_stop_is_never_refused_for_argument() {
         for argument in [0.0, -0.0, 1.0, f64::NAN, f64::INFINITY] {
             let stop =
                 AdminRequest { operation: Operation::EmergencyStop.code(), argument, ..Default::default() };
@@ -580,7 +580,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_with_an_argument_that_its_operation_does_not_take_is_malformed() {
+    fn request_with_unexpected_argument_is_malformed() {
         let request =
             |argument| AdminRequest { operation: Operation::Enable.code(), argument, ..Default::default() };
         assert_eq!(request(0.0).operation(), Ok(Operation::Enable));

@@ -27,7 +27,7 @@ mod tests {
     use std::os::unix::fs::{MetadataExt, PermissionsExt};
 
     #[test]
-    fn whoever_may_not_enter_is_told_which_group_may() {
+    fn refused_process_learns_the_permitted_group() {
         let place = tempfile::tempdir_in("/tmp").unwrap();
         let gid = Gid::from_raw(fs::metadata(place.path()).unwrap().gid());
         let name = Group::from_gid(gid).unwrap().unwrap().name;

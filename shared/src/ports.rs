@@ -585,7 +585,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_that_came_after_the_look_lets_nobody_sleep_and_an_older_one_wakes_nobody() {
+    fn newer_state_prevents_sleep_and_older_never_wakes() {
         let Ends { ports, client, .. } = &Ends::open();
         assert_eq!(client.newest_state().unwrap(), None);
         let waiter = client.waiter();
@@ -602,7 +602,7 @@ mod tests {
 
     /// Its file is another one when another user starts it, or when somebody removed the file.
     #[test]
-    fn a_client_whose_daemon_has_another_file_is_woken_by_it_after_one_sleep() {
+    fn client_with_other_file_wakes_after_one_sleep() {
         let ends = Ends::open();
         ends.client.sleep(None, Duration::ZERO).unwrap();
         std::fs::remove_file(ends._lock.instance().futex_path()).unwrap();
@@ -664,7 +664,7 @@ mod tests {
 
     /// A client whose process is slow gives up, and its answer comes all the same.
     #[test]
-    fn answers_to_questions_that_their_asker_dropped_leave_room_for_others() {
+    fn dropped_questions_leave_room_for_others() {
         let ends = Ends::open();
         let Ends { ports, client, .. } = &ends;
         for question in 0..2 * ANSWERS {
@@ -687,7 +687,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_files_that_a_client_keeps_alive_keep_no_daemon_from_starting() {
+    fn damaged_files_of_client_block_no_start() {
         for kind in [".service", ".global_mgmt", ".details", "node_monitor_context"] {
             let place = tempfile::tempdir_in("/tmp").unwrap();
             let instance = Instance::below(place.path(), "robot").unwrap();
@@ -722,7 +722,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_asks_more_than_it_may_damages_nothing() {
+    fn client_exceeding_requests_damages_nothing() {
         let ends = Ends::open();
         let Ends { ports, client, .. } = &ends;
         let mut kept = Vec::new();

@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn a_daemon_whose_files_are_removed_or_replaced_has_lost_them() {
+    fn daemon_with_removed_files_has_lost_them() {
         for place in 0..7 {
             with_daemon(|instance, presence| {
                 let path = presence.0[place].0.clone();
@@ -78,7 +78,7 @@ mod tests {
 
     /// A client that ends and the files of the dead, which are removed now and then, are no loss.
     #[test]
-    fn whatever_else_comes_and_goes_in_the_directory_is_no_loss() {
+    fn other_changes_in_directory_are_no_loss() {
         let place = tempfile::tempdir_in("/tmp").unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();
         let lock = instance.lock().unwrap();
@@ -94,7 +94,7 @@ mod tests {
 
     /// A client removes the services that it is the last to have; it finds them by their names.
     #[test]
-    fn a_client_of_a_dead_daemon_that_leaves_takes_no_file_of_a_successor_that_began_anew() {
+    fn leaving_client_removes_no_file_of_successor() {
         for is_damaged in [false, true] {
             let place = tempfile::tempdir_in("/tmp").unwrap();
             let instance = Instance::below(place.path(), "robot").unwrap();
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_looked_at_is_not_lost() {
+    fn unreadable_file_is_not_lost() {
         let long = PathBuf::from(format!("/tmp/{}", "x".repeat(300)));
         assert_eq!(identity(&long), Err(Errno::ENAMETOOLONG));
         assert_eq!(Presence(vec![(long, Some((1, 1)))]).lost(), None);

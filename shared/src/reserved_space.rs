@@ -71,7 +71,7 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     #[test]
-    fn a_sparse_file_is_sparse_no_more_and_keeps_what_it_holds() {
+    fn sparse_file_is_filled_and_keeps_content() {
         let directory = tempfile::tempdir_in("/tmp").unwrap();
         let path = directory.path().join("below/file");
         fs::create_dir(path.parent().unwrap()).unwrap();

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_listener_no_motord_runs_and_with_one_it_is_listed() {
+    fn instance_is_listed_only_with_listener() {
         let place = tempfile::tempdir().unwrap();
         let instance = Instance::below(place.path(), "robot").unwrap();
         let is_listed = || running().into_iter().find(|found| found.runtime == place.path());

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_processor_may_be_used_that_the_process_does_not_run_on() {
+    fn process_may_use_processors_outside_its_affinity() {
         let all = processors();
         let mut first = CpuSet::new();
         first.set(all[0]).unwrap();

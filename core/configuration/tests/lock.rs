@@ -60,7 +60,7 @@ fn differing(change: impl FnOnce(&mut ReportedMotor)) -> Vec<String> {
 }
 
 #[test]
-fn a_motor_that_says_what_is_configured_is_no_mismatch() {
+fn motor_that_reports_its_configuration_is_no_mismatch() {
     assert!(differing(|_| {}).is_empty());
     assert!(differing(|motor| *motor.values.get_mut("torque-constant").unwrap() *= 1.04).is_empty());
 }
@@ -116,7 +116,7 @@ fn a_motor_of_another_family_is_named() {
 }
 
 #[test]
-fn a_value_that_cannot_be_read_is_unknown_and_not_agreed() {
+fn unreadable_value_is_unknown_not_agreed() {
     let settings = settings();
     let hip = settings.motors.iter().find(|motor| motor.name == "hip").unwrap();
     let said = ReportedMotor {
@@ -137,7 +137,7 @@ fn a_value_that_cannot_be_read_is_unknown_and_not_agreed() {
 }
 
 #[test]
-fn a_lock_survives_its_file_and_another_file_is_refused() {
+fn lock_round_trips_and_other_file_is_refused() {
     let directory = tempfile::tempdir().unwrap();
     let config = directory.path().join("robot.toml");
     assert_eq!(Lock::load(&config).unwrap(), None);

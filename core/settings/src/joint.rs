@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reversed_joint_asks_for_the_same_torque_on_both_sides() {
+    fn reversed_joint_has_equal_torque_on_both_sides() {
         let transmission = Transmission::new(-1.0, 0.3);
         let motor = Measured::<Motor>::new(0.8, -2.0, 1.5, None);
         let joint = transmission.to_joint(&motor);

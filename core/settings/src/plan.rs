@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn three_mit_motors_fill_a_bus_only_in_a_cycle_with_a_fault_poll() {
+    fn three_mit_motors_fill_bus_with_fault_poll() {
         let plan = BusPlan::of_turns(&[mit(0), mit(0), mit(0)], 1_000_000, 1000.0);
         assert_eq!((plan.worst_case_utilisation, plan.unstuffed_utilisation), (0.75, 0.618));
         assert_eq!(plan.fault_poll_utilisation, 1.0);
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn motors_that_take_turns_need_the_bus_in_their_own_cycles_only() {
+    fn motors_in_turns_need_bus_in_own_cycles() {
         let plan = BusPlan::of_turns(&[mit(0), mit(1), mit(0), mit(1)], 1_000_000, 1000.0);
         assert_eq!((plan.motors, plan.worst_case_utilisation), (4, 0.5));
         assert_eq!(plan.fault_poll_utilisation, 0.75);

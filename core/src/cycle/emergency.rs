@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_request_is_taken_once_and_done_when_its_cycle_is_over() {
+    fn request_is_taken_once_and_completed_with_cycle() {
         let stops = Arc::new(EmergencyStops::default());
         let mut asked = AskedStops::new(Arc::clone(&stops));
         assert_eq!(asked.take(), None);
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_a_request_is_never_that_of_none() {
+    fn request_number_is_never_that_of_none() {
         let stops = EmergencyStops { asked: AtomicU64::new(u64::MAX), done: AtomicU64::new(0) };
         assert!(!stops.is_done(stops.ask(0)));
     }

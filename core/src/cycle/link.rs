@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn every_state_reaches_a_recorder_in_order_or_is_counted_and_none_while_nobody_records() {
+    fn recorder_receives_states_in_order_or_counts_them() {
         let (mut link, Ends { mut history, counters, .. }) = link(1);
         let publish = |link: &mut Link, cycle| {
             link.state().0.cycle = cycle;
@@ -485,7 +485,7 @@ mod tests {
     }
 
     #[test]
-    fn no_thread_sees_half_a_message_and_every_stop_is_taken_once() {
+    fn messages_are_never_torn_and_stops_taken_once() {
         let (mut link, mut ends) = link(1);
         let (stops, counters) = (Arc::clone(&ends.stops), Arc::clone(&ends.counters));
         let alive = Alive { others: AtomicU32::new(3), cycle: AtomicU32::new(1) };

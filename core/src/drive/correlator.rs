@@ -422,7 +422,7 @@ mod tests {
     /// Goal: every payload in every state at every time has the verdict that the table says, and leaves the state it says.
     /// Method: all states that differ in any column, each looked up in the table; exactly one row speaks of each.
     #[test]
-    fn every_payload_in_every_state_is_judged_as_the_table_says() {
+    fn every_payload_in_every_state_matches_the_table() {
         for (before, time) in every_state() {
             let at = if time == Soon { SENT + FASTEST / 2 } else { SENT + FASTEST };
             let rows = rows(&before, time);
@@ -441,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_makes_the_open_one_owed_for_as_long_as_its_reply_may_come() {
+    fn new_request_leaves_the_open_one_owed() {
         let open = asked(Correlator::new(FASTEST), State, SENT);
         assert_eq!((open.owed, open.is_open()), (0, true));
         let in_time = asked(open, State, SENT + LATEST_REPLY);
@@ -454,7 +454,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_after_an_unanswered_fault_request_is_distrusted_until_that_is_fifty_milliseconds_old() {
+    fn request_after_unanswered_fault_request_is_distrusted() {
         let unanswered = asked(Correlator::new(FASTEST), Fault, SENT);
         let state = asked(unanswered, State, SENT + Duration::from_millis(1));
         assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
@@ -466,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_whose_reports_lose_their_shape_is_believed_after_ten_requests() {
+    fn motor_with_shapeless_reports_is_believed_after_ten() {
         let after = |requests: u32| {
             let seen = Correlator { reports: SEEN, ..Correlator::new(FASTEST) };
             (0..requests).fold(seen, |state, _| asked(state, Fault, SENT))
@@ -481,7 +481,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_that_was_not_sent_leaves_nothing_open() {
+    fn unsent_request_leaves_nothing_open() {
         let before = Correlator::new(FASTEST);
         assert_eq!(asked(before, Fault, SENT).withdraw(), before);
     }

@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_of_a_thousand_frames_is_within_a_thousandth_of_a_code() {
+    fn mean_of_thousand_frames_is_within_thousandth_code() {
         let scales = scales();
         let code = 2.0 * f64::from(scales.full_scale()) / 4095.0;
         for thirds in -30..30 {
@@ -277,7 +277,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_mean_of_many_frames_is_the_torque_asked_for(
+        fn mean_of_many_frames_is_requested_torque(
             before in vec(-19.0_f32..19.0, 0..5),
             torque in -19.0_f32..19.0,
             frames in 1_u16..2000,
@@ -299,7 +299,7 @@ mod tests {
         }
 
         #[test]
-        fn no_code_asks_for_more_torque_than_the_joint_may_have(
+        fn no_code_exceeds_the_allowed_torque(
             limit in 0.06_f32..25.0,
             shares in vec(-1.0_f32..=1.0, 1..50),
         ) {

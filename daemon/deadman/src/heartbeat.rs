@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_can_cut_the_memory_away_under_the_cycle() {
+    fn no_process_can_truncate_memory_under_the_cycle() {
         let (_heartbeat, pulse) = Heartbeat::create().unwrap();
         assert_eq!(ftruncate(&pulse, 0), Err(Errno::EPERM));
         let unsealed = memfd_create("test", MFdFlags::MFD_ALLOW_SEALING).unwrap();
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_heartbeat_has_no_pulse() {
+    fn file_without_heartbeat_has_no_pulse() {
         let file = memfd_create("test", MFdFlags::empty()).unwrap();
         assert_eq!(Pulse::from(file).read(), None);
     }

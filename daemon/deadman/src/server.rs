@@ -265,7 +265,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn callers_that_ask_for_nothing_are_counted_in_one_line_a_second() {
+    fn idle_callers_are_counted_once_a_second() {
         let (mut refused, begun) = (Refused::default(), Instant::ZERO + Duration::from_secs(1000));
         assert_eq!(refused.next_line(begun), Some(1));
         for caller in 0..5000 {

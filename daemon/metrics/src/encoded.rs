@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn pages_give_every_histogram_once_and_each_fits_into_an_answer() {
+    fn pages_list_each_histogram_once_and_fit_answer() {
         let histograms = [full(0), full(20_000), full(50_000), full(40_000), full(100)];
         let (mut from, mut names) = (0, Vec::new());
         loop {
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_histogram_that_is_too_long_is_sent_with_two_digits_and_every_count() {
+    fn oversized_histogram_is_sent_with_two_digits() {
         let full = full(10_000_000_000);
         let page = page(0, 0, [("wake_latency".to_owned(), Cow::Borrowed(&full))].into_iter());
         assert!(serde_json::to_string(&page).unwrap().len() <= ANSWER_BYTES_MAX);

@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_metrics_are_given_and_only_to_get() {
+    fn http_serves_only_metrics_and_only_get() {
         assert_eq!(asked(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\n\r\n"), Some(Target::Metrics));
         assert_eq!(asked(b"GET /metrics?name=a HTTP/1.0\r\n\r\n"), Some(Target::Metrics));
         assert_eq!(asked(b"GET /. HTTP/1.1\r\n\r\n"), Some(Target::Other));
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_says_nothing_holds_up_others_for_a_bounded_time_only() {
+    fn silent_http_client_delays_others_boundedly() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         std::thread::spawn(move || run(&listener, &Latest::default()));

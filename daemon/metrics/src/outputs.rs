@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_is_taken_does_not_keep_the_file_from_being_written() {
+    fn address_in_use_does_not_stop_textfile() {
         let taken = TcpListener::bind("127.0.0.1:0").unwrap();
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("motord.prom");

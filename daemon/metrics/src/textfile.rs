@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_replaced_as_a_whole_and_nothing_else_is_left() {
+    fn textfile_is_replaced_atomically() {
         let place = tempfile::tempdir().unwrap();
         let file = place.path().join("motord.prom");
         replace(&file, "first, and longer\n").unwrap();

@@ -15,7 +15,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_has_its_program_and_no_process_has_none() {
+    fn process_has_program_and_absent_process_none() {
         let own = std::env::current_exe().unwrap();
         let own = own.file_name().unwrap().to_str().unwrap();
         // Threads of a test have names of their own; the process keeps the program's.

@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_adapter_that_stays_away_is_looked_for_after_1_2_4_and_then_every_8_seconds() {
+    fn absent_adapter_is_retried_with_growing_delay() {
         let mut back_off = BackOff(BACK_OFF);
         let waits: Vec<u64> = (0..6).map(|_| back_off.after(true).as_secs()).collect();
         assert_eq!(waits, [1, 2, 4, 8, 8, 8]);

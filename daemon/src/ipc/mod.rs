@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_that_gives_up_over_and_over_leaves_places_to_an_emergency_stop() {
+    fn retrying_client_leaves_slots_for_emergency_stops() {
         let place = tempfile::tempdir().unwrap();
         unanswered(place.path(), |thread, client| {
             for _ in 0..2 * REQUESTS_MAX {
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn questions_of_clients_that_gave_up_are_bounded_and_hinder_no_request() {
+    fn abandoned_questions_are_bounded_and_block_nothing() {
         let place = tempfile::tempdir().unwrap();
         unanswered(place.path(), |thread, client| {
             for _ in 0..2 * QUESTIONS_MAX {

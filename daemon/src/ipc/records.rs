@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_record_has_the_setpoint_that_the_cycle_used_and_no_other() {
+    fn record_holds_the_setpoint_used_by_its_cycle() {
         let lease = Lease::new(9, 7, 1).unwrap();
         let mut records = Records::new(vec![vec![0, 2], vec![1, 3]]);
         for sequence in 1..=RECENT as u64 + 1 {

@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_program_of_an_asker_is_known_after_its_end() {
+    fn requester_program_is_known_after_its_exit() {
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
         let (pid, askers) = (child.id(), Askers::default());
         while askers.program(pid).as_deref() != Some("sleep") {

@@ -45,7 +45,7 @@ mod tests {
     use motord_shared::{Cause, Phase};
 
     #[test]
-    fn the_last_owner_is_remembered_and_a_reset_forgets_the_stop() {
+    fn last_owner_is_kept_and_reset_clears_stop() {
         let mut groups = Groups::new(2);
         let (pid, askers) = (std::process::id(), Askers::default());
         groups.record(5, Event::Owner { group: 1, pid: Some(pid) }, &askers);

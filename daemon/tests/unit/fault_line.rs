@@ -11,13 +11,13 @@ fn said(line: &str) -> Result<Fault, String> {
 }
 
 #[test]
-fn a_vendor_s_fault_may_be_named_or_numbered() {
+fn vendor_fault_may_be_named_or_numbered() {
     assert_eq!(said("fl-knee fault over-voltage"), Ok(Fault::Raise(2)));
     assert_eq!(said("fl-knee fault 0x04"), Ok(Fault::Raise(4)));
 }
 
 #[test]
-fn a_word_that_is_unknown_is_answered_by_the_nearest_one() {
+fn unknown_word_suggests_the_nearest() {
     let cases = [
         ("fl-kne off", "no motor or bus \"fl-kne\": did you mean `fl-knee`?"),
         ("front-lft bus-off", "no motor or bus \"front-lft\": did you mean `front-left`?"),

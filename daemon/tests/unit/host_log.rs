@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixStream;
 
 #[test]
-fn a_log_that_nobody_reads_blocks_no_thread_and_counts_dropped_lines() {
+fn unread_log_blocks_no_thread_and_counts_drops() {
     let (reader, writer) = UnixStream::pair().unwrap();
     let log = Log::to(writer, false).unwrap();
     for line in 0..100_000 {
@@ -29,7 +29,7 @@ fn lines_before_the_end_are_written() {
 }
 
 #[test]
-fn every_line_for_the_journal_begins_with_its_priority() {
+fn journal_lines_begin_with_their_priority() {
     assert_eq!(with_priority(Level::WARN, b"one\ntwo\n"), b"<4>one\n<4>two\n");
     let priority = |level| with_priority(level, b"x")[1];
     assert_eq!([Level::ERROR, Level::INFO, Level::DEBUG].map(priority), *b"367");

@@ -11,7 +11,7 @@ fn settings(file: &str) -> Settings {
 }
 
 #[test]
-fn a_configuration_with_a_real_bus_takes_no_faults() {
+fn configuration_with_real_bus_takes_no_faults() {
     assert!(Injectors::open(&settings("quadruped.toml")).is_none());
     assert!(Injectors::open(&settings("quadruped-simulated.toml")).is_some());
 }
@@ -34,7 +34,7 @@ fn with_cycle(mut bus: Box<dyn Bus>, test: impl FnOnce()) -> Box<dyn Bus> {
 }
 
 #[test]
-fn a_fault_is_obeyed_by_the_bus_of_its_motor_and_a_refusal_comes_back() {
+fn fault_reaches_bus_of_motor_and_refusal_returns() {
     let (mut buses, mut injectors) = Injectors::open(&settings("quadruped-simulated.toml")).unwrap();
     with_cycle(buses.swap_remove(0), || {
         assert_eq!(injectors.obey("fl-knee off"), Ok(()));
@@ -46,7 +46,7 @@ fn a_fault_is_obeyed_by_the_bus_of_its_motor_and_a_refusal_comes_back() {
 }
 
 #[test]
-fn the_late_outcome_of_an_earlier_verb_is_not_taken_for_that_of_the_next_one() {
+fn late_outcome_is_not_taken_for_next_verb() {
     let (mut bus, mut injector) = Injector::of(&settings("quadruped-simulated.toml"), 0, 0);
     std::thread::scope(|scope| {
         let injects = scope.spawn(move || injector.inject("fl-knee off".parse().unwrap()));

@@ -211,7 +211,7 @@ mod tests {
     use super::rate_code;
 
     #[test]
-    fn the_unit_of_a_bit_rate_is_inferred_or_nothing_is_written() {
+    fn bit_rate_unit_is_inferred_or_nothing_written() {
         assert_eq!(rate_code(10, None, 500_000), Ok(5));
         assert_eq!(rate_code(500, Some(500_000), 1_000_000), Ok(1000));
         assert_eq!(rate_code(1_000_000, Some(1_000_000), 500_000), Ok(500_000));

@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_lost_only_its_end_gets_it_before_the_next_line() {
+    fn line_without_its_end_is_completed_first() {
         let path = std::env::temp_dir().join(format!("motord-journal-{}", std::process::id()));
         std::fs::write(&path, r#"{"event":"refreshing"}"#).unwrap();
         let mut journal = Journal::open(&path, Some(&path)).unwrap();

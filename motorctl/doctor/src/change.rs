@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_that_fails_says_why_and_one_that_is_not_there_too() {
+    fn failing_and_missing_programs_are_explained() {
         let missing = Change::run("motord-no-such-program 1").apply().unwrap_err();
         assert_eq!(missing.kind(), io::ErrorKind::NotFound);
         let refused = Change::run("ls /motord-no-such-file").apply().unwrap_err();

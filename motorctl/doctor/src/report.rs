@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finding_that_is_not_good_has_its_reason_and_its_command_below_it() {
+    fn bad_finding_shows_reason_and_command() {
         let findings = vec![
             Finding::good("kernel", "6.1.0-rt"),
             Finding::warn("governor", "powersave", "the clock falls")

@@ -117,14 +117,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_list_of_processors_survives_being_read_and_written() {
+    fn processor_list_survives_reading_and_writing() {
         for text in ["", "0", "0-3", "0-2,5", "1,3,5-7"] {
             assert_eq!(list(&processors(text)), text);
         }
     }
 
     #[test]
-    fn a_list_that_is_none_names_no_processor_and_takes_no_memory() {
+    fn invalid_list_names_nothing_and_allocates_nothing() {
         for text in ["(null)", "5-2", "-", "0-99999999999", "0-4294967295", "a-b,,"] {
             assert_eq!(processors(text), [0_usize; 0], "{text}");
         }

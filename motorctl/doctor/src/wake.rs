@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_latency_is_good_up_to_its_share_and_bad_above_the_larger_one() {
+    fn latency_thresholds_are_good_share_and_bad_share() {
         for (p99_9, max, level) in [
             (0.0, 0.0, Level::Good),
             (0.05, 0.2, Level::Good),
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn every_latency_is_in_the_bar_of_its_edge() {
+    fn every_latency_falls_into_its_bar() {
         let mut latencies = Histogram::new_with_bounds(1, LATENCY_MAX_NS, DIGITS).unwrap();
         for ns in [3_000, 4_990, 5_000, 40_000, LATENCY_MAX_NS] {
             latencies.saturating_record(ns);

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_distribution_is_written_as_hdrhistogram_prints_it_and_read_back() {
+    fn distribution_round_trips_in_hdrhistogram_format() {
         let mut values = Histogram::new_with_bounds(1, 10_000_000_000, 3).unwrap();
         (1..=10).for_each(|value| values.record(value * 1000).unwrap());
         let mut text = Vec::new();

@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn each_decade_of_the_axis_comes_ten_times_closer_to_all_values() {
+    fn each_decade_is_ten_times_closer_to_all() {
         assert_eq!([0.0, 1.0, 2.0, 3.0, 5.0].map(percent), ["0 %", "90 %", "99 %", "99.9 %", "99.999 %"]);
         assert_eq!(percent(0.5), "");
         assert!((decades(0.999) - 3.0).abs() < 1e-9);
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_names_every_run_and_its_axes_hold_every_value() {
+    fn picture_names_runs_and_axes_hold_values() {
         let curves = [
             curve("before", &[(0.0, 3.0), (0.5, 14.0), (0.999, 90.0), (1.0, 210.0)]),
             curve("after <b>", &[(0.0, 2.0), (0.99, 40.0), (1.0, 41.0)]),

@@ -136,7 +136,7 @@ mod tests {
     use motord_shared::description::{GroupDescription, JointDescription};
 
     #[test]
-    fn each_change_is_an_event_once_and_no_change_is_none() {
+    fn each_change_is_one_event() {
         let joint = JointDescription { name: "knee".into(), ..JointDescription::default() };
         let group = GroupDescription { name: "legs".into(), joints: vec![0] };
         let robot = RobotDescription { joints: vec![joint], groups: vec![group], ..Default::default() };

@@ -115,7 +115,7 @@ fn every_cycle_is_read_as_it_was_written() {
 }
 
 #[test]
-fn a_file_whose_recorder_was_killed_is_read_up_to_its_last_flush() {
+fn killed_recorder_leaves_file_readable_to_last_flush() {
     let bytes = written(false);
     let (cycles, _) = read(&bytes).unwrap();
     assert!(cycles.len() as u64 >= CYCLES);
@@ -166,7 +166,7 @@ fn remembered(bytes_max: usize) -> Vec<u8> {
 }
 
 #[test]
-fn a_memory_keeps_the_last_seconds_in_as_many_bytes_as_it_may() {
+fn memory_keeps_last_seconds_within_its_bytes() {
     let bytes = remembered(usize::MAX);
     let expected: Vec<u64> = (3001..=6000).collect();
     assert_eq!(read(&bytes).unwrap(), (expected, false), "and up to a second more");
@@ -176,7 +176,7 @@ fn a_memory_keeps_the_last_seconds_in_as_many_bytes_as_it_may() {
 }
 
 #[test]
-fn a_stop_is_found_once_and_one_before_the_first_cycle_is_not() {
+fn stop_is_found_once_after_first_cycle() {
     let mut stops = Stops::default();
     let mut of = |cause: u32| {
         let mut record = record(1);

@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_disk_holds_nobody_up_and_every_cycle_is_recorded_or_counted_as_dropped() {
+    fn slow_disk_delays_nothing_and_counts_drops() {
         let space = Space { most: usize::MAX, delay: Duration::from_millis(100), ..Space::default() };
         let mut disk = begin(&space, u64::MAX);
         let cycles = 4 * WAITING_MAX as u64;
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_ends_the_file_and_what_was_recorded_can_be_read() {
+    fn full_disk_ends_file_that_stays_readable() {
         let space = Space { most: 100_000, ..Space::default() };
         let mut disk = begin(&space, u64::MAX);
         let mut cycle = 0;

@@ -242,7 +242,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_files_of_the_instance_go_and_those_of_others_stay() {
+    fn oldest_files_of_this_instance_are_removed() {
         let directory = std::env::temp_dir().join(format!("motord-flight-{}", std::process::id()));
         fs::create_dir(&directory).unwrap();
         let place = Place { directory: directory.clone(), instance: "arm".to_owned(), files_max: 2 };

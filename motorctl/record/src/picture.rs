@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_curve_has_few_steps_and_keeps_its_peaks() {
+    fn long_curve_is_reduced_and_keeps_peaks() {
         let mut curve = Curve::new("reported");
         for index in 0..100_000_u32 {
             let value = if index == 77_777 { 9.0 } else { (index % 7) as f32 };
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_has_a_panel_for_each_quantity_and_names_the_curves() {
+    fn picture_has_panel_per_quantity_and_curve_names() {
         let mut panel = ["position, rad", "velocity, rad/s", "torque, N·m"].map(|quantity| Panel {
             title: format!("knee <b>: {quantity}"),
             curves: ["setpoint", "applied", "reported"].map(Curve::new),

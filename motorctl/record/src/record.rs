@@ -273,7 +273,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_gap_in_the_cycle_numbers_is_counted_with_the_ticks_that_were_missed() {
+    fn gap_in_cycle_numbers_counts_missed_ticks() {
         let mut tally = Tally::default();
         let mut record = CycleRecord::default();
         for (cycle, overruns) in [(7, 3), (8, 3), (12, 5), (13, 5)] {

@@ -61,7 +61,7 @@ mod tests {
     const STEP: f64 = 1e-3;
 
     #[test]
-    fn a_trot_begins_where_the_robot_stands_and_at_rest() {
+    fn trot_begins_at_current_pose_at_rest() {
         for joint in ["fl-hip", "fl-thigh", "fr-knee", "rr-knee", "gripper"] {
             assert_eq!(Swing::of(joint).at(0.0), (0.0, 0.0), "{joint}");
         }
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn diagonal_legs_move_together_and_the_pairs_against_each_other() {
+    fn diagonal_legs_move_together_in_antiphase() {
         for part in ["thigh", "knee"] {
             let distance = |leg: &str| Swing::of(&format!("{leg}-{part}")).at(2.345).0;
             assert!((distance("fl") - distance("rr")).abs() < 1e-12);

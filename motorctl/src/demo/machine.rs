@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn a_build_that_has_just_ended_is_no_overload() {
+    fn recently_finished_build_is_no_overload() {
         assert_eq!(running("2.20 1.80 0.90 1/512 4711\n"), Some(1.0));
         assert_eq!(running(""), None);
         assert_eq!(running("2.20 1.80 0.90 x/512"), None);

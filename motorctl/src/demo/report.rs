@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn missed_ticks_excuse_the_replies_of_their_time_and_no_more() {
+    fn missed_ticks_excuse_only_their_replies() {
         let stalled = |missed_replies| Telemetry { cycles: 2998, overruns: 3, missed_replies, ..telemetry() };
         let tracking = [tracked(0.0), tracked(0.0)];
         assert_eq!(shortfalls(&stalled(6), &tracking), []);
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_that_is_off_or_unknown_falls_short() {
+    fn wrong_or_unknown_rate_falls_short() {
         for seconds in [2.9, 3.1, 0.0] {
             let telemetry = Telemetry { seconds, ..telemetry() };
             let shortfalls = shortfalls(&telemetry, &[tracked(0.0), tracked(0.0)]);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tenth_of_the_ticks_may_be_missed_and_is_told() {
+    fn tenth_of_ticks_may_be_missed_and_reported() {
         let stalled = |overruns| Telemetry { cycles: 3001 - overruns, overruns, ..telemetry() };
         let tracking = [tracked(0.0), tracked(0.0)];
         assert_eq!(shortfalls(&stalled(300), &tracking), []);
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn an_overloaded_computer_is_told_first_and_only_of_a_run_that_failed() {
+    fn overload_is_reported_only_for_failed_runs() {
         let mut report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.01)]);
         report.judge(&description(), Some("overloaded"));
         assert!(report.passed && report.failures.is_empty());

@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sine_of_error_has_its_amplitude_over_the_root_of_two() {
+    fn sine_error_rms_is_amplitude_over_root_two() {
         let mut tracking = Tracking::default();
         for step in 0..1000_u16 {
             tracking.count((f32::from(step) * std::f32::consts::TAU / 1000.0).sin(), 0.0);
@@ -43,7 +43,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_that_was_never_seen_has_no_error_to_be_proud_of() {
+    fn unseen_joint_has_no_tracking_error() {
         assert!(Tracking::default().rms().is_nan());
     }
 }

@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_is_the_wire_time_of_the_frames_between_two_readings() {
+    fn bus_load_is_wire_time_between_readings() {
         let mut picture = Picture::default();
         picture.take(reading(1000, u32::MAX - 99));
         assert_eq!(picture.loads, [None]);

@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_stop_that_is_not_confirmed_stays_on_the_screen_until_one_is() {
+    fn unconfirmed_stop_stays_on_screen() {
         let mut notice = Notice::default();
         notice.stop_asked();
         notice.stop_done(Err("no motord runs".to_owned()));
@@ -194,14 +194,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_without_an_answer_is_an_alarm_soon() {
+    fn stop_without_answer_is_soon_an_alarm() {
         let long_ago = Instant::now().checked_sub(2 * CONFIRMED_MAX).unwrap();
         let notice = Notice { stop: Stop::Asked(long_ago), ..Notice::default() };
         assert_eq!(notice.texts()[0].0, Tone::Alarm);
     }
 
     #[test]
-    fn a_refusal_by_one_group_is_told_beside_the_others() {
+    fn refusal_by_one_group_is_shown_beside_others() {
         let mut notice = Notice::default();
         let outcomes = [("legs".to_owned(), Ok(())), ("arm".to_owned(), Err("refused".to_owned()))];
         notice.done(Action::Reset, &outcomes);

@@ -90,7 +90,7 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn a_stop_that_is_confirmed_at_once_is_told_after_its_key_and_one_that_nobody_sees_is_made() {
+    fn confirmed_stop_is_shown_and_unseen_one_made() {
         let space = Event::Key(KeyCode::Char(' ').into());
         let (news, heard) = std::sync::mpsc::channel();
         let confirmed = news.clone();
@@ -124,7 +124,7 @@ mod tests {
 
     /// The key may be that of the emergency stop.
     #[test]
-    fn a_key_and_a_new_size_that_come_at_once_are_both_heard() {
+    fn simultaneous_key_and_resize_are_both_read() {
         let Some(tmux) = Tmux::start(&[]) else { return };
         let program = std::env::current_exe().unwrap();
         let line = "--ignored --exact --nocapture monitor::terminal::tests::counting_process";

@@ -171,7 +171,7 @@ fn check_file(name: &str, drawn: &str) {
 }
 
 #[test]
-fn the_first_screen_of_a_stopped_robot_has_cause_owner_and_advice() {
+fn first_screen_shows_cause_owner_and_advice() {
     for (width, height) in [(80, 24), (60, 20)] {
         let drawn = drawn(width, height, &picture(stopped()), &mut View::default());
         let text = drawn.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -256,12 +256,12 @@ fn colour(colour: Color) -> &'static str {
 }
 
 #[test]
-fn the_picture_of_the_readme_is_the_monitor_of_today() {
+fn readme_picture_is_the_current_monitor() {
     check_file("../docs/monitor.svg", &svg(&buffer(80, 24, &picture(stopped()), &mut View::default())));
 }
 
 #[test]
-fn a_robot_that_is_well_shows_all_its_joints_on_a_small_terminal() {
+fn healthy_robot_shows_all_joints_on_small_terminal() {
     let drawn = drawn(80, 24, &picture(trotting()), &mut View::default());
     for (prefix, _) in LEGS {
         assert!(drawn.contains(&format!("{prefix}-knee")), "{drawn}");
@@ -278,7 +278,7 @@ fn every_page_has_its_picture() {
 }
 
 #[test]
-fn the_help_fits_the_small_terminal_of_a_robot_that_is_well() {
+fn help_fits_the_small_terminal() {
     let mut view = View { page: Page::Help, ..View::default() };
     let drawn = drawn(60, 20, &picture(trotting()), &mut view);
     assert!(
@@ -288,7 +288,7 @@ fn the_help_fits_the_small_terminal_of_a_robot_that_is_well() {
 }
 
 #[test]
-fn a_lost_daemon_is_told_above_the_last_state() {
+fn lost_daemon_is_shown_above_last_state() {
     let mut picture = picture(trotting());
     let reason = "no motord runs instance \"demo\" in /run/motord: start it with `motord run`".to_owned();
     picture.loss = Some(Loss { lasting: Duration::from_secs(7), reason });
@@ -336,7 +336,7 @@ fn a_name_with_escapes_reaches_no_cell() {
 }
 
 #[test]
-fn no_size_of_a_terminal_and_no_lying_state_ends_the_monitor() {
+fn no_size_and_no_state_crash_monitor() {
     let mut lying = stopped();
     lying.report.rate_hz = f64::NAN;
     lying.telemetry = Telemetry::default();
@@ -363,7 +363,7 @@ fn picture_of(reading: Reading) -> Picture {
 
 /// Goal: a robot of the largest size leaves the cause, the owner and the keys on a small screen.
 #[test]
-fn many_groups_and_buses_leave_the_joints_their_place() {
+fn many_groups_and_buses_leave_joints_visible() {
     let mut reading = stopped();
     let mut robot = RobotDescription::clone(&reading.robot);
     for index in 1..8 {

@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn letters_of_a_filter_ask_for_nothing_and_a_space_stays_the_emergency_stop() {
+    fn filter_letters_do_nothing_and_space_stops() {
         let mut view = View::default();
         typed(&mut view, "/drq knee");
         assert!(is_stop(&key(STOP_KEY)));
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn no_key_with_control_or_of_a_release_asks_for_anything_but_the_end() {
+    fn control_and_release_keys_request_nothing() {
         let mut view = View::default();
         let control = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
         assert_eq!(view.press(&control('d')), None);
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn scrolling_ends_where_the_rows_end_and_begins_anew_on_another_page() {
+    fn scrolling_ends_with_rows_and_restarts_per_page() {
         let mut view = View::default();
         view.fit(12, 5);
         view.press(&key(KeyCode::End));
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn a_group_that_is_gone_is_chosen_no_more() {
+    fn removed_group_is_no_longer_selected() {
         let mut view = View::default();
         view.know_groups(2);
         typed(&mut view, "gg");

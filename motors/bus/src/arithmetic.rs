@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn three_motors_at_one_kilohertz_take_three_quarters_of_a_bus() {
+    fn three_motors_at_1_khz_use_three_quarters() {
         let worst = utilisation(3 * SHORT_REPLY.worst_case_bits(), 1000.0, 1_000_000);
         let unstuffed = utilisation(3 * SHORT_REPLY.unstuffed_bits(), 1000.0, 1_000_000);
         assert!((worst - 0.75).abs() < 1e-12 && (unstuffed - 0.618).abs() < 1e-12);

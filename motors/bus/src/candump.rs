@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_log_line_is_read_with_and_without_a_direction_mark() {
+    fn log_line_is_read_with_direction_optional() {
         let frame = Frame::new(FrameId::new(0x044).unwrap(), &[0x2A, 0x36]).unwrap();
         let at = Duration::new(1436509052, 249_713_000);
         let expected = LogLine { at, interface: "vcan0", content: Content::Frame(frame) };
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_no_motor_sends_are_read_as_the_kernel_reports_them() {
+    fn unsendable_frames_are_read_as_kernel_reports() {
         let error = |class, data| Ok(Content::Error(ErrorFrame { class, data }));
         assert_eq!(content_of("20000040#0000000000000000"), error(ErrorFrame::BUS_OFF, [0; 8]));
         assert_eq!(content_of("20000004#0020"), error(ErrorFrame::CONTROLLER, [0, 0x20, 0, 0, 0, 0, 0, 0]));
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_not_of_a_log_is_refused_for_its_first_mistake() {
+    fn malformed_line_is_refused_for_first_mistake() {
         for (line, wrong) in [
             ("", InvalidLine::Shape),
             ("(0.0) can0", InvalidLine::Shape),

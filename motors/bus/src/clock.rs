@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stamp_becomes_the_instant_it_was_taken_at() {
+    fn stamp_becomes_its_instant() {
         let mut offset = RealtimeOffset::measure();
         let before = monotonic();
         let stamp = stamp_now();
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn the_difference_is_measured_again_when_it_is_a_second_old() {
+    fn clock_difference_is_measured_again_each_second() {
         let mut offset = RealtimeOffset::measure();
         let right = offset.offset;
         let measured = offset.measured;
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn no_stamp_is_later_than_now_even_when_now_runs_backwards() {
+    fn no_stamp_is_later_than_now() {
         let mut offset = RealtimeOffset::measure();
         let (earliest, now) = (Instant::from_nanos(9), Instant::from_nanos(5));
         for stamp in [0, 1, u64::MAX] {

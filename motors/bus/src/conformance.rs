@@ -346,7 +346,7 @@ pub fn a_stalled_bus_refuses_at_once_and_forgets(fixture: &mut dyn Fixture) {
 }
 
 /// A bus that is down refuses with that reason, and works again once it is up.
-pub fn a_bus_that_is_down_says_so_and_recovers(fixture: &mut dyn Fixture) {
+pub fn bus_that_is_down_reports_and_recovers(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Down);
     fixture.pass(SETTLED);
     for _ in 0..3 {

@@ -281,7 +281,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_frame_holds_at_most_eight_bytes_and_eleven_bits_of_id() {
+    fn frame_holds_eight_bytes_and_eleven_id_bits() {
         let id = FrameId::new(0x7FF).unwrap();
         assert_eq!(FrameId::new(0x800), None);
         assert_eq!(Frame::new(id, &[0; 9]), None);
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn the_controller_state_is_the_worst_that_is_announced() {
+    fn controller_state_is_the_worst_announced() {
         let report = |class, detail| ErrorFrame { class, data: [0, detail, 0, 0, 0, 0, 0, 0] };
         assert_eq!(report(ErrorFrame::BUS_OFF, 0).state(), Some(ControllerState::Off));
         assert_eq!(report(ErrorFrame::CONTROLLER, 0x20 | 0x08).state(), Some(ControllerState::Passive));

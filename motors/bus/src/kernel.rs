@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_carries_messages_in_order_and_no_more_than_asked() {
+    fn batch_carries_messages_in_order_up_to_size() {
         let (near, far) = UnixDatagram::pair().unwrap();
         let (mut outgoing, mut incoming) = (Batch::new(4, 16), Batch::new(4, FRAME_BYTES));
         for index in 0..4 {
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_takes_a_part_and_does_not_block() {
+    fn full_queue_takes_part_without_blocking() {
         let (near, _far) = UnixDatagram::pair().unwrap();
         let mut outgoing = Batch::new(64, 16);
         let refused = (0..100).find_map(|_| outgoing.send(near.as_fd(), 64).err());

@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_reply_comes_mostly_between_the_earliest_and_the_latest_time() {
+    fn last_reply_falls_between_earliest_and_latest() {
         let mut reply = ReplyTime::new(Duration::from_micros(100));
         // Between 600 and 650 µs, all alike often.
         let times = || (0..2000_u64).map(|place| Duration::from_micros(600 + place * 23 % 51));
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_always_in_vain_is_soon_attempted_in_one_of_64_cycles_and_a_success_ends_that() {
+    fn fruitless_attempts_become_rare_until_success() {
         let mut backoff = Backoff::default();
         let mut attempts = |cycles: u32, in_vain: bool| {
             let attempt = |_: &u32| {
@@ -156,12 +156,12 @@ mod tests {
     }
 
     #[test]
-    fn a_computer_that_is_no_longer_late_is_not_thought_late_for_ever() {
+    fn punctual_computer_is_not_thought_late_forever() {
         assert_eq!(after([50_000].into_iter().chain([0; 1000])), Duration::ZERO);
     }
 
     #[test]
-    fn most_wake_ups_come_by_the_time_that_was_learned_and_a_stall_is_soon_forgotten() {
+    fn learned_time_covers_most_wakeups_and_forgets_stalls() {
         // Between 10 and 20 µs, all alike often.
         let wake_ups = || (0..1000).map(|place| 10 + place * 7 % 11);
         let learned = after(wake_ups());

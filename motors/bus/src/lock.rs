@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_holder_is_told_the_process_id_of_the_first() {
+    fn second_holder_learns_process_of_first() {
         let name = interface(0);
         assert_eq!(BusLock::holder_of_interface(name.as_str()), None);
         let first = BusLock::interface(name).unwrap();
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_device_has_one_lock_under_all_its_names() {
+    fn device_has_one_lock_under_all_names() {
         let directory = tempfile::tempdir().unwrap();
         let (device, link) = (directory.path().join("device"), directory.path().join("adapter"));
         std::fs::write(&device, "").unwrap();
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lock_that_is_asked_for_without_end_still_holds() {
+    fn repeatedly_requested_lock_still_holds() {
         let name = interface(3);
         let _held = BusLock::interface(name).unwrap();
         let asked: Vec<_> = (0..5000).map(|_| BusLock::interface(name)).collect();

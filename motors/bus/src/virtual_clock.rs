@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn virtual_time_moves_to_the_first_bus_that_is_due_and_never_back() {
+    fn virtual_time_moves_to_first_due_bus() {
         let mut clock = VirtualClock::new(Instant::from_nanos(100));
         let at = |nanos| Readiness::At(Instant::from_nanos(nanos));
         let ready = clock.wait(&[at(300), Readiness::Never, at(200)], Instant::from_nanos(250));

@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn waiting_ends_at_its_deadline_with_or_without_descriptors() {
+    fn wait_ends_at_deadline_without_descriptors_too() {
         let (silent, _far) = UnixDatagram::pair().unwrap();
         for readiness in [&[Readiness::Readable(silent.as_fd())][..], &[Readiness::Never], &[]] {
             let now = clock::monotonic();
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bus_that_knows_its_time_is_ready_then_and_not_before() {
+    fn bus_with_known_time_is_ready_exactly_then() {
         let now = clock::monotonic();
         let readiness = [Readiness::At(now + SOON), Readiness::At(now + 2 * SOON)];
         let ready = wait(&readiness, now, now + Duration::from_secs(60));
@@ -125,7 +125,7 @@ mod tests {
 
     /// An unplugged adapter gives `POLLERR`, a closed serial line `POLLHUP`: both are reported unasked.
     #[test]
-    fn a_bus_whose_other_end_is_gone_is_ready_at_once_and_every_time() {
+    fn disconnected_bus_is_always_ready() {
         let (near, far) = UnixStream::pair().unwrap();
         let (silent, _far) = UnixDatagram::pair().unwrap();
         drop(far);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn buses_beyond_the_most_that_are_watched_are_ignored() {
+    fn buses_beyond_watch_limit_are_ignored() {
         let (silent, _far) = UnixDatagram::pair().unwrap();
         let (talking, peer) = UnixDatagram::pair().unwrap();
         peer.send(&[1]).unwrap();

@@ -17,7 +17,7 @@ fn vectors() -> Vec<Value> {
 }
 
 #[test]
-fn every_serial_frame_is_read_as_the_document_says_and_written_back() {
+fn serial_frames_are_read_and_written_as_documented() {
     let vectors = vectors();
     assert!(vectors.len() >= 10, "{}", vectors.len());
     for vector in vectors {

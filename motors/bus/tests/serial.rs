@@ -93,7 +93,7 @@ fn received(bus: &mut SerialBus) -> Vec<Content> {
 }
 
 #[test]
-fn every_byte_passes_as_it_is_in_both_directions() {
+fn every_byte_passes_unchanged_in_both_directions() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     assert_eq!(bus.send(clock::monotonic(), &[frame(1, CONTROL_BYTES)]), Sent::all(1));
@@ -103,7 +103,7 @@ fn every_byte_passes_as_it_is_in_both_directions() {
 }
 
 #[test]
-fn one_request_is_in_flight_and_a_late_one_gives_way() {
+fn one_request_is_open_and_late_one_yields() {
     let motors = Motors::new();
     let mut bus = motors.bus();
     let refused = Sent { accepted: 0, refusal: Some(Refusal::Full) };
@@ -116,7 +116,7 @@ fn one_request_is_in_flight_and_a_late_one_gives_way() {
 }
 
 #[test]
-fn a_frame_that_no_serial_line_can_carry_is_refused() {
+fn unsendable_frame_is_refused_by_line() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     let refused = Sent { accepted: 0, refusal: Some(Refusal::Error(22)) };
@@ -126,7 +126,7 @@ fn a_frame_that_no_serial_line_can_carry_is_refused() {
 }
 
 #[test]
-fn replies_may_come_in_pieces_and_behind_an_echo() {
+fn replies_arrive_in_pieces_and_behind_echo() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     assert_eq!(ask(&mut bus, 2), Sent::all(1));
@@ -142,7 +142,7 @@ fn replies_may_come_in_pieces_and_behind_an_echo() {
 }
 
 #[test]
-fn a_flood_costs_a_read_no_more_than_its_buffer_and_hides_no_reply() {
+fn flood_costs_one_buffer_and_hides_nothing() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     ask(&mut bus, 1);
@@ -160,7 +160,7 @@ fn a_flood_costs_a_read_no_more_than_its_buffer_and_hides_no_reply() {
 }
 
 #[test]
-fn bytes_that_were_there_before_the_port_was_opened_are_thrown_away() {
+fn bytes_from_before_opening_are_discarded() {
     let mut motors = Motors::new();
     drop(motors.bus());
     motors.reply([0xB1; 8]);
@@ -170,7 +170,7 @@ fn bytes_that_were_there_before_the_port_was_opened_are_thrown_away() {
 }
 
 #[test]
-fn an_unplugged_adapter_is_gone_to_sender_and_reader() {
+fn unplugged_adapter_fails_sender_and_reader() {
     for reads_first in [true, false] {
         let mut motors = Motors::new();
         let (mut bus, settings) = (motors.bus(), motors.settings());
@@ -192,7 +192,7 @@ fn an_unplugged_adapter_is_gone_to_sender_and_reader() {
 }
 
 #[test]
-fn a_port_that_blocks_refuses_at_once_and_sends_no_part_of_a_frame_later() {
+fn blocked_port_refuses_and_never_sends_partially() {
     let motors = Motors::new();
     let mut bus = motors.bus();
     let mut now = clock::monotonic();
@@ -206,7 +206,7 @@ fn a_port_that_blocks_refuses_at_once_and_sends_no_part_of_a_frame_later() {
 }
 
 #[test]
-fn a_port_has_one_owner_and_the_switch_beside_it() {
+fn port_has_one_owner_beside_the_switch() {
     let mut motors = Motors::new();
     let settings = motors.settings();
     let first = motors.bus();
@@ -220,7 +220,7 @@ fn a_port_has_one_owner_and_the_switch_beside_it() {
 }
 
 #[test]
-fn a_port_runs_at_the_rate_that_was_asked_for_even_an_odd_one() {
+fn port_runs_at_requested_odd_rate() {
     let motors = Motors::new();
     for baud in [115_200, 921_600, 2_000_000, 250_000, 1_234_567] {
         let bus = SerialBus::open(&Settings { baud, ..motors.settings() }).unwrap();
@@ -231,7 +231,7 @@ fn a_port_runs_at_the_rate_that_was_asked_for_even_an_odd_one() {
 }
 
 #[test]
-fn files_that_are_no_ports_are_refused_by_name() {
+fn files_that_are_no_ports_are_refused() {
     let open = |device: &str| {
         SerialBus::open(&Settings { device: device.into(), ..Motors::new().settings() }).err().unwrap()
     };

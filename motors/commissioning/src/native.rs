@@ -508,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_without_values_asks_a_motor_in_mit_mode_for_no_torque() {
+    fn valueless_request_means_no_torque_in_mit_mode() {
         for code in CommandCode::ALL {
             let command = decode_command(&[code as u8, 1, 3, 0, 0, 0, 0, 0]).unwrap();
             let codes = ControlCodes::unpack(command.encode_over(FILLER));
@@ -518,7 +518,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_moves_or_changes_a_motor_is_repeated() {
+    fn moving_or_changing_requests_are_never_repeated() {
         for code in CommandCode::ALL {
             let command = decode_command(&[code as u8, 0, 0, 0, 0, 0, 0, 0]).unwrap();
             let harmless = [0x82, 0x84, 0x92, 0x97, 0xA2, 0xB1, 0xB2, 0xB4].contains(&(code as u8));

@@ -57,7 +57,7 @@ fn inject(bus: &SharedBus, link: &Link, verb: &str) {
 }
 
 #[test]
-fn every_item_parameter_and_indicator_of_the_tables_is_read_on_both_wires() {
+fn every_readable_value_is_read_on_both_wires() {
     on_both_wires(|_, link| {
         let mut knee = Native::new(link, 3, None);
         for item in &CONFIGURATION {
@@ -75,7 +75,7 @@ fn every_item_parameter_and_indicator_of_the_tables_is_read_on_both_wires() {
 }
 
 #[test]
-fn every_writable_item_and_parameter_is_written_and_reads_back_on_both_wires() {
+fn every_writable_value_round_trips_on_both_wires() {
     on_both_wires(|_, link| {
         let mut knee = Native::new(link, 3, None);
         // The items that change the link have tests of their own.
@@ -103,7 +103,7 @@ fn every_writable_item_and_parameter_is_written_and_reads_back_on_both_wires() {
 }
 
 #[test]
-fn a_refusal_is_told_in_the_words_of_the_document() {
+fn refusal_uses_the_words_of_the_document() {
     on_both_wires(|_, link| {
         let mut knee = Native::new(link, 3, None);
         let item = ConfigurationItem::POWER_OFF_POSITION.item().unwrap();
@@ -122,7 +122,7 @@ fn a_refusal_is_told_in_the_words_of_the_document() {
 }
 
 #[test]
-fn a_motor_starts_follows_and_stops_on_both_wires() {
+fn motor_starts_follows_and_stops_on_both_wires() {
     on_both_wires(|bus, link| {
         let mut knee = Native::new(link, 3, None);
         assert_eq!(knee.read_scales().unwrap()[1], 8.0);
@@ -144,7 +144,7 @@ fn a_motor_starts_follows_and_stops_on_both_wires() {
 }
 
 #[test]
-fn a_fault_is_read_and_cleared_even_when_the_motor_answers_nothing_else() {
+fn fault_is_read_when_nothing_else_answers() {
     on_both_wires(|bus, link| {
         inject(bus, link, "knee fault 2");
         let mut knee = Native::new(link, 3, None);
@@ -157,7 +157,7 @@ fn a_fault_is_read_and_cleared_even_when_the_motor_answers_nothing_else() {
 }
 
 #[test]
-fn a_motor_whose_id_and_host_id_change_is_read_back_where_it_answers_now() {
+fn changed_ids_are_read_back_at_new_place() {
     on_both_wires(|_, link| {
         let mut knee = Native::new(link, 3, None);
         let host = ConfigurationItem::HOST_ID.item().unwrap();
@@ -174,7 +174,7 @@ fn a_motor_whose_id_and_host_id_change_is_read_back_where_it_answers_now() {
 
 /// Longer than an answer may take at first.
 #[test]
-fn an_answer_that_is_held_back_is_waited_for_longer_each_time() {
+fn withheld_answer_is_awaited_longer_each_time() {
     on_both_wires(|bus, link| {
         inject(bus, link, "knee delayed 70ms");
         assert!(is_taken(link, 3).unwrap());
@@ -188,7 +188,7 @@ fn an_answer_that_is_held_back_is_waited_for_longer_each_time() {
 }
 
 #[test]
-fn a_write_that_nobody_confirms_says_that_the_motor_may_have_either_value() {
+fn unconfirmed_write_reports_either_value_possible() {
     on_both_wires(|bus, link| {
         inject(bus, link, "knee off");
         let own = ConfigurationItem::CAN_ID.item().unwrap();
@@ -198,7 +198,7 @@ fn a_write_that_nobody_confirms_says_that_the_motor_may_have_either_value() {
 }
 
 #[test]
-fn a_motor_is_changed_to_mit_over_can_and_back_over_its_serial_port() {
+fn motor_changes_to_mit_and_back_over_serial() {
     let item = ConfigurationItem::PROTOCOL.item().unwrap();
     let can = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
     let mut over_can = link(&can, BusKind::Can);
@@ -215,7 +215,7 @@ fn a_motor_is_changed_to_mit_over_can_and_back_over_its_serial_port() {
 }
 
 #[test]
-fn a_motor_with_another_bit_rate_is_told_to_be_out_of_reach() {
+fn motor_with_other_bit_rate_is_unreachable() {
     let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
     let mut link = link(&bus, BusKind::Can);
     let rate = ConfigurationItem::by_name("can-baud-rate").unwrap();
@@ -224,7 +224,7 @@ fn a_motor_with_another_bit_rate_is_told_to_be_out_of_reach() {
 }
 
 #[test]
-fn a_calibration_is_waited_for_with_progress_and_can_be_broken_off() {
+fn calibration_reports_progress_and_can_be_aborted() {
     on_both_wires(|bus, link| {
         let mut seen = Vec::new();
         let mut knee = Native::new(link, 3, None);
@@ -241,7 +241,7 @@ fn a_calibration_is_waited_for_with_progress_and_can_be_broken_off() {
 }
 
 #[test]
-fn a_calibration_without_an_answer_in_time_is_stopped() {
+fn unanswered_calibration_is_stopped() {
     for kind in [BusKind::Can, BusKind::Serial] {
         let calibration_time = CALIBRATION_MAX + Duration::from_secs(60);
         let knee = MotorSettings { calibration_time, ..motor("knee", 3, Dialect::Gim) };
@@ -262,7 +262,7 @@ fn firmware_mode_is_confirmed_by_silence() {
 }
 
 #[test]
-fn lost_answers_are_asked_for_again_only_where_that_is_harmless() {
+fn lost_answers_are_requested_again_when_harmless() {
     on_both_wires(|bus, link| {
         inject(bus, link, "knee intermittent 60%");
         let mut knee = Native::new(link, 3, None);
@@ -274,7 +274,7 @@ fn lost_answers_are_asked_for_again_only_where_that_is_harmless() {
 }
 
 #[test]
-fn a_write_whose_answer_is_lost_is_confirmed_by_reading_back() {
+fn write_with_lost_answer_is_confirmed_by_reading() {
     on_both_wires(|bus, link| {
         inject(bus, link, "knee intermittent 50%");
         let item = ConfigurationItem::by_name("rated-current").unwrap();
@@ -294,7 +294,7 @@ fn a_write_whose_answer_is_lost_is_confirmed_by_reading_back() {
 }
 
 #[test]
-fn a_motor_in_mit_stops_starts_zeroes_and_tells_its_fault() {
+fn mit_motor_stops_starts_zeroes_and_reports_fault() {
     let hip = MotorSettings { initial_position: 0.7, ..motor("hip", 4, Dialect::Mit) };
     let bus = bus(BusKind::Can, vec![hip]);
     let mut link = link(&bus, BusKind::Can);
@@ -346,7 +346,7 @@ fn assert_harmless(bytes: [u8; 8]) {
 }
 
 #[test]
-fn a_scan_finds_every_motor_in_its_mode_and_sends_nothing_that_moves_one() {
+fn scan_finds_every_motor_and_moves_none() {
     for (kind, bus) in robot() {
         let mut link = link(&bus, kind);
         let mut steps = 0;
@@ -375,7 +375,7 @@ fn a_scan_finds_every_motor_in_its_mode_and_sends_nothing_that_moves_one() {
 }
 
 #[test]
-fn two_motors_with_one_id_are_both_heard_or_their_collision_is() {
+fn two_motors_with_one_id_are_detected() {
     let twin = |host_id, initial_position| {
         let name = format!("m{host_id:x}");
         MotorSettings { name, host_id, initial_position, ..motor("", 1, Dialect::Mit) }
@@ -395,7 +395,7 @@ fn two_motors_with_one_id_are_both_heard_or_their_collision_is() {
 }
 
 #[test]
-fn a_motor_with_a_fault_that_is_silent_is_found_when_the_scan_may_ask_for_faults() {
+fn silent_faulty_motor_is_found_by_fault_question() {
     for (in_fault, behaviour, found) in
         [(false, InFault::Silent, 0), (true, InFault::Silent, 1), (false, InFault::Refuses, 1)]
     {
@@ -412,7 +412,7 @@ fn a_motor_with_a_fault_that_is_silent_is_found_when_the_scan_may_ask_for_faults
 }
 
 #[test]
-fn nothing_is_sent_on_a_bus_where_somebody_else_talks() {
+fn nothing_is_sent_on_a_busy_bus() {
     let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
     let mut link = link(&bus, BusKind::Can);
     inject(&bus, &link, "can0 flood 1000");
@@ -423,7 +423,7 @@ fn nothing_is_sent_on_a_bus_where_somebody_else_talks() {
 }
 
 #[test]
-fn ids_that_are_commands_to_a_driver_with_a_heartbeat_are_not_asked() {
+fn ids_that_command_other_drivers_are_not_asked() {
     use motord_bus::{Content, Frame, FrameId};
     let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Gim)]);
     let mut link = link(&bus, BusKind::Can);
@@ -436,7 +436,7 @@ fn ids_that_are_commands_to_a_driver_with_a_heartbeat_are_not_asked() {
 
 /// Goal: a dump, a reset of the configuration, and an application of the dump leave no difference.
 #[test]
-fn a_configuration_survives_a_factory_reset_by_dump_and_apply_on_both_wires() {
+fn configuration_survives_factory_reset_on_both_wires() {
     on_both_wires(|bus, link| {
         let mut knee = Native::new(link, 3, None);
         let item = ConfigurationItem::by_name("rated-current").unwrap();
@@ -473,7 +473,7 @@ fn dump(motor: &mut Native<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
 }
 
 #[test]
-fn nothing_is_written_after_a_refusal_and_the_journal_tells_how_far_it_came() {
+fn refusal_ends_writing_and_journal_shows_progress() {
     on_both_wires(|_, link| {
         let mut knee = Native::new(link, 3, None);
         let before = dump(&mut knee);
@@ -507,7 +507,7 @@ fn nothing_is_written_after_a_refusal_and_the_journal_tells_how_far_it_came() {
 }
 
 #[test]
-fn a_journal_that_cannot_be_written_ends_an_application_before_the_write() {
+fn unwritable_journal_ends_application_before_write() {
     on_both_wires(|_, link| {
         let mut knee = Native::new(link, 3, None);
         let before = dump(&mut knee);
@@ -560,7 +560,7 @@ fn an_echo_is_never_an_answer() {
 
 /// GIM document, Table 9.
 #[test]
-fn every_fault_of_the_document_is_read_and_cleared_on_both_wires() {
+fn every_fault_is_cleared_on_both_wires() {
     on_both_wires(|bus, link| {
         for bit in [0x01_u8, 0x02, 0x04, 0x08, 0x10, 0x40, 0x80] {
             inject(bus, link, &format!("knee fault {bit}"));
@@ -576,7 +576,7 @@ fn every_fault_of_the_document_is_read_and_cleared_on_both_wires() {
 /// Goal: each result code of Table 5, where each command has it, becomes an error with the document's word; the others keep
 /// their number. Method: a bus that answers every request with one result.
 #[test]
-fn every_result_code_of_the_document_is_an_error_with_its_word_on_both_wires() {
+fn every_result_code_is_error_on_both_wires() {
     use motord_bus::{Arrival, Bus, Content, Frame, FrameId, Inbox, Readiness, Sent};
     struct Refuser(u8, Option<Frame>);
     impl Bus for Refuser {

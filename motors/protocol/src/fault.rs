@@ -173,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_bit_is_either_named_or_kept_as_unknown() {
+    fn every_bit_is_named_or_kept_unknown() {
         for raw in 0..=u8::MAX {
             let faults = FaultBits(raw).faults();
             let named = faults.named().fold(0, |sum, fault| sum | fault.bit);
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn every_word_has_a_bit_of_its_own_outside_the_byte_of_numbers() {
+    fn every_fault_word_has_a_distinct_bit() {
         let bits = FAULTS.iter().fold(0_u32, |bits, fault| {
             assert_eq!((fault.bit.count_ones(), bits & fault.bit), (1, 0), "{}", fault.name);
             bits | fault.bit

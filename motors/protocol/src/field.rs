@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn every_code_of_every_field_survives_a_round_trip() {
+    fn every_code_survives_a_round_trip() {
         for field in every_field() {
             for code in 0..=field.code_max() {
                 let value = field.decode(code);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_takes_the_nearest_code_on_both_sides_of_every_midpoint() {
+    fn value_takes_nearest_code_around_midpoints() {
         for field in every_field() {
             for code in 0..field.code_max() {
                 let midpoint = field.decode(code) + field.step() / 2.0;
@@ -185,7 +185,7 @@ mod tests {
 
     /// 250 N·m/rad is half way between two codes, and its product with the codes of one unit is rounded down.
     #[test]
-    fn the_exact_middle_between_two_codes_takes_the_upper() {
+    fn exact_midpoint_takes_the_upper_code() {
         let [_, _, kp, kd, _] = every_field();
         assert_eq!((kp.encode(250.0), kp.encode(f64::from(249.999_98_f32))), (Some(2048), Some(2047)));
         assert_eq!((kd.encode(2.5), kd.encode(f64::from(2.499_999_8_f32))), (Some(2048), Some(2047)));
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn values_beyond_the_range_take_the_end_codes_and_what_is_not_finite_takes_none() {
+    fn excess_takes_end_codes_and_nonfinite_none() {
         for field in every_field() {
             assert_eq!(field.encode(f64::MAX), Some(field.code_max()));
             assert_eq!(field.encode(f64::MIN), Some(0));
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_lies_half_way_between_two_codes_of_every_symmetric_field() {
+    fn zero_lies_between_two_codes_of_symmetric_fields() {
         for field in every_field().into_iter().filter(|field| field.min() < 0.0) {
             let middle = f64::from(field.code_max()) / 2.0;
             assert_eq!(field.quantise(0.0), Some(middle), "{field:?}");
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_code_too_wide_for_its_field_never_reaches_its_neighbour() {
+    fn wide_code_never_reaches_neighbouring_field() {
         assert_eq!(unpack([12, 12], pack([12, 12], [0, 0xFFFF])), [0, 0x0FFF]);
         let [_, _, kp, ..] = every_field();
         assert_eq!(kp.decode(0xFFFF), 500.0);

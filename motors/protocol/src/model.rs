@@ -137,7 +137,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_model_is_found_by_its_name_which_ends_in_its_gear_ratio() {
+    fn model_is_found_by_name_with_gear_ratio() {
         for model in &MODELS {
             let (_, ratio) = model.name.split_once('-').unwrap();
             assert_eq!(ratio.parse(), Ok(model.gear_ratio));
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn every_models_peak_torque_lies_within_its_torque_code_and_above_its_rated_torque() {
+    fn peak_torque_lies_between_rated_and_code_end() {
         for model in crate::profile::PROFILES.iter().flat_map(|profile| profile.models) {
             assert!(model.peak_torque <= model.scales().unwrap().full_scale(), "{}", model.name);
             assert!(model.rated_torque < model.peak_torque, "{}", model.name);

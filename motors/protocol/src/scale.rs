@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn full_scale_is_225_amperes_through_torque_constant_and_gear() {
+    fn full_scale_is_225_amperes_through_gear() {
         assert_eq!(Scales::by_current(0.1_f32, 8.0_f32).unwrap().full_scale(), 180.0);
         // A published driver of a GIM4310-36 uses 686.07 N·m: 225 A · 0.0847 N·m/A · 36.
         let full_scale = Scales::by_current(0.0847, 36.0).unwrap().full_scale();
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_that_would_turn_torques_into_nonsense_is_refused() {
+    fn nonsensical_scale_is_refused() {
         for nonsense in [0.0, -0.1, f64::NAN, f64::INFINITY] {
             assert!(matches!(Scales::by_current(nonsense, 8.0), Err(ScaleError::TorqueConstant { .. })));
             assert!(matches!(Scales::by_current(0.1, nonsense), Err(ScaleError::GearRatio { .. })));

@@ -77,7 +77,7 @@ fn json_of_mit_command(command: CommandCodes) -> Value {
 }
 
 #[test]
-fn every_mit_command_is_read_as_the_document_says_and_written_back() {
+fn mit_commands_round_trip_as_documented() {
     for vector in vectors("mit", "to_motor") {
         let command = CommandCodes::decode(&vector.bytes).unwrap();
         assert_agrees(&vector, &json_of_mit_command(command));
@@ -86,7 +86,7 @@ fn every_mit_command_is_read_as_the_document_says_and_written_back() {
 }
 
 #[test]
-fn every_request_in_physical_values_takes_the_nearest_codes() {
+fn physical_requests_take_the_nearest_codes() {
     let mut held = 0;
     for vector in vectors("mit", "to_motor") {
         let request = &vector.decoded["request"];
@@ -128,7 +128,7 @@ fn json_of_mit_reply(reply: mit::Reply) -> Value {
 }
 
 #[test]
-fn every_mit_reply_is_read_as_what_was_asked_and_written_back() {
+fn mit_replies_round_trip_as_requested() {
     for vector in vectors("mit", "to_host") {
         let asked = match vector.decoded["kind"].as_str().unwrap() {
             "fault_reply" => Asked::Fault,
@@ -186,7 +186,7 @@ fn json_of_gim_command(command: gim::Command) -> Value {
 }
 
 #[test]
-fn every_gim_command_is_read_as_the_document_says_and_written_back() {
+fn gim_commands_round_trip_as_documented() {
     for vector in vectors("gim-can", "to_motor") {
         let command = gim::decode_command(&vector.bytes).unwrap();
         assert_agrees(&vector, &json_of_gim_command(command));
@@ -235,7 +235,7 @@ fn json_of_gim_reply(reply: gim::Reply) -> Value {
 }
 
 #[test]
-fn every_gim_reply_is_read_as_the_document_says_and_written_back() {
+fn gim_replies_round_trip_as_documented() {
     for vector in vectors("gim-can", "to_host") {
         let reply = gim::decode_reply(&vector.bytes, Pending::Other, &scales()).unwrap();
         assert_agrees(&vector, &json_of_gim_reply(reply));
@@ -245,7 +245,7 @@ fn every_gim_reply_is_read_as_the_document_says_and_written_back() {
 
 /// The header is held against the vectors where it is read, in `motord-bus`.
 #[test]
-fn every_payload_on_a_serial_line_is_read_as_the_document_says() {
+fn serial_payloads_are_read_as_documented() {
     const HEADER: usize = 4;
     for direction in ["to_motor", "to_host"] {
         let normal = |vector: &Vector| vector.decoded["kind"] != "ack_error";

@@ -113,7 +113,7 @@ fn assert_reply(profile: &Profile, row: &Row) {
 }
 
 #[test]
-fn every_golden_frame_of_every_profile_is_made_and_read_as_its_source_says() {
+fn golden_frames_of_profiles_round_trip_as_sourced() {
     for profile in PROFILES {
         let rows = rows(profile);
         for row in &rows {
@@ -132,7 +132,7 @@ fn every_golden_frame_of_every_profile_is_made_and_read_as_its_source_says() {
 }
 
 #[test]
-fn every_number_that_is_not_zero_is_a_fault_whatever_the_documents_name() {
+fn every_nonzero_number_is_a_fault() {
     for profile in PROFILES {
         match &profile.faults {
             FaultReport::Asked(reply) => {

@@ -68,7 +68,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(4096))]
 
     #[test]
-    fn a_control_frame_means_the_nearest_values_or_names_one_that_is_not_finite(asked in impedance()) {
+    fn control_frame_means_nearest_values_or_names_nonfinite(asked in impedance()) {
         let values = [asked.position, asked.velocity, asked.kp, asked.kd, asked.torque];
         let Ok(bytes) = mit::Command::Control(asked).encode(&scales()) else {
             prop_assert!(values.iter().any(|value| !value.is_finite()));
@@ -87,7 +87,7 @@ proptest! {
     }
 
     #[test]
-    fn no_codes_ever_make_a_special_frame_or_all_zeros(codes in control_codes()) {
+    fn no_codes_make_special_frame_or_zeros(codes in control_codes()) {
         let bytes = codes.pack();
         prop_assert_ne!(bytes, [0; 8]);
         prop_assert_ne!(&bytes[..6], &[0xFF; 6][..]);
@@ -95,14 +95,14 @@ proptest! {
     }
 
     #[test]
-    fn a_control_frame_that_is_allowed_is_written_back_unchanged(bytes in any::<[u8; 8]>()) {
+    fn allowed_control_frame_is_written_back_unchanged(bytes in any::<[u8; 8]>()) {
         if let Ok(CommandCodes::Control(codes)) = CommandCodes::decode(&bytes) {
             prop_assert_eq!(codes.pack(), bytes);
         }
     }
 
     #[test]
-    fn whatever_bytes_arrive_what_is_read_of_them_is_finite(bytes in payload()) {
+    fn arbitrary_bytes_decode_to_finite_values(bytes in payload()) {
         for (profile, asked) in PROFILES.iter().flat_map(|profile| {
             [Asked::State, Asked::Fault, Asked::Clear].map(|asked| (profile, asked))
         }) {
@@ -122,7 +122,7 @@ proptest! {
     }
 
     #[test]
-    fn a_gim_frame_that_is_understood_is_written_back_unchanged(bytes in payload()) {
+    fn understood_gim_frame_is_written_back_unchanged(bytes in payload()) {
         let Ok(filler) = <[u8; 8]>::try_from(&bytes[..]) else { return Ok(()) };
         if let Ok(command) = gim::decode_command(&bytes) {
             prop_assert_eq!(command.encode_over(filler), filler);

@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_falling_load_reaches_the_speed_where_friction_holds_it() {
+    fn falling_load_reaches_friction_limited_speed() {
         let mut body = body(MotorSettings { load_torque: 0.55, ..MotorSettings::default() });
         run(&mut body, Law::LIMP, 10.0);
         assert!((body.velocity - (0.55 - 0.15) / 0.02).abs() < 1e-3, "{}", body.velocity);
@@ -236,14 +236,14 @@ mod tests {
     }
 
     #[test]
-    fn a_spring_and_a_damper_settle_on_the_target() {
+    fn spring_and_damper_settle_on_target() {
         let mut body = body(MotorSettings { coulomb_friction: 0.0, ..MotorSettings::default() });
         run(&mut body, Law { reference: 0.5, target: 0.5, kp: 50.0, kd: 1.5, ..Law::LIMP }, 1.0);
         assert!((body.position - 0.5).abs() < 1e-6 && body.velocity.abs() < 1e-6);
     }
 
     #[test]
-    fn torque_saturates_at_the_peak_and_fades_with_speed() {
+    fn torque_saturates_at_peak_and_fades() {
         let mut body = body(MotorSettings::default());
         let full = Law { torque: 225.0, ..Law::LIMP };
         run(&mut body, full, STEP);
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn the_winding_warms_by_copper_loss_with_its_time_constant() {
+    fn winding_warms_with_its_time_constant() {
         let settings = MotorSettings::default();
         let mut body = body(MotorSettings { viscous_friction: 1e6, ..settings.clone() });
         run(&mut body, Law { torque: 7.0, ..Law::LIMP }, settings.thermal_time);

@@ -491,7 +491,7 @@ mod tests {
 
     /// Goal: the help is true. Method: every verb of the list goes to a motor, to a bus and to a serial bus.
     #[test]
-    fn every_verb_is_for_the_targets_that_the_list_says() {
+    fn verbs_apply_to_their_listed_targets() {
         use crate::{BusKind, BusSettings, MotorSettings, SerialSlave, SimulatedBus};
         use motord_bus::Instant;
         let bus = |kind| {
@@ -518,7 +518,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_no_verb_says_what_is_expected() {
+    fn invalid_verb_says_what_is_expected() {
         let expected = |text| VerbError::Argument { expected: text };
         let cases = [
             ("", VerbError::Words { received: 0 }),

@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn the_crc_is_that_of_a_frame_worked_by_hand() {
+    fn crc_matches_a_frame_worked_by_hand() {
         // Id 0, no data: 19 zero bits leave the register at zero.
         assert_eq!(crc(0, 19), 0);
         // The CRC of a single 1 is the polynomial itself. A 0 behind it shifts and reduces that, as in long division.
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn stuff_bits_follow_every_five_equal_bits_and_count_themselves() {
+    fn stuff_bits_follow_five_equal_bits() {
         assert_eq!(stuff_bits(0, 4), 0);
         assert_eq!(stuff_bits(0, 5), 1);
         // 00000 1 1111: the stuffed one and four more make the next five.
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn no_frame_is_shorter_or_longer_than_the_formula_allows() {
+    fn frame_lengths_stay_within_the_formula() {
         let mut random = crate::random::Random::new(1);
         for _ in 0..20_000 {
             let bytes = random.next().to_le_bytes();

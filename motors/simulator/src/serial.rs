@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_is_answered_with_the_framing_of_the_document() {
+    fn request_is_answered_with_documented_framing() {
         assert_eq!(answers(&mut slave(), &GET_VERSION), VERSION);
         assert!(matches!(slave().readiness(), Readiness::Never));
     }
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_header_is_answered_once_and_the_next_request_is_heard() {
+    fn damaged_header_is_answered_once() {
         let mut damaged = GET_VERSION;
         damaged[3] ^= 0x40;
         let expected = [&[0x00, 0x01, 0x00, 0x01][..], &VERSION].concat();
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn other_addresses_and_lengths_do_not_reach_the_motor() {
+    fn other_addresses_do_not_reach_the_motor() {
         let other = [0x02, 0x00, 0x08, 0x0A, 0xB1, 0, 0, 0, 0, 0, 0, 0];
         assert!(answers(&mut slave(), &other).is_empty());
         assert_eq!(answers(&mut slave(), &[0x01, 0x00, 0x07, 0x06]), [0x00, 0x01, 0x00, 0x01]);
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn an_echoing_adapter_gives_the_request_back_before_the_answer() {
+    fn echoing_adapter_returns_request_before_answer() {
         let mut echoing = slave();
         inject(&mut echoing, "echo");
         assert_eq!(answers(&mut echoing, &GET_VERSION), [GET_VERSION, VERSION].concat());
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn glued_answers_come_in_one_piece_when_the_adapter_hands_over() {
+    fn glued_answers_arrive_in_one_piece() {
         let mut slave = slave();
         inject(&mut slave, "glue 16ms");
         let mut read = Vec::new();
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_line_loses_and_changes_the_share_that_it_was_told_and_the_same_bytes_again() {
+    fn bad_line_corrupts_reproducibly_at_its_rate() {
         let damage = |verb: &str, seed| {
             let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
             let mut slave = SerialSlave::new(SimulatedBus::new(settings, Vec::new(), 0), seed);
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_line_moves_no_motor_and_brings_no_byte() {
+    fn silent_line_moves_and_sends_nothing() {
         let mut slave = slave();
         inject(&mut slave, "silent");
         inject(&mut slave, "echo");
@@ -285,14 +285,14 @@ mod tests {
     }
 
     #[test]
-    fn a_motor_that_is_unplugged_complains_of_no_header() {
+    fn unplugged_motor_reports_no_header() {
         let mut slave = slave();
         slave.inject(Instant::ZERO, &"motor off".parse().unwrap()).unwrap();
         assert!(answers(&mut slave, &[0x01, 0x00, 0x07, 0x06]).is_empty());
     }
 
     #[test]
-    fn two_motors_with_one_id_answer_over_each_other() {
+    fn two_motors_with_one_id_overlap() {
         let settings = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
         let motor =
             |name: &str| MotorSettings { name: name.into(), is_new: true, ..MotorSettings::default() };

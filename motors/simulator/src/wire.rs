@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_mit_command_means_what_the_document_says() {
+    fn golden_mit_commands_mean_as_documented() {
         let vectors = golden("mit", "to_motor");
         assert!(vectors.len() > 30);
         for (bytes, vector) in vectors {
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_mit_state_is_sent_as_those_bytes() {
+    fn golden_mit_states_are_sent_exactly() {
         for (bytes, vector) in golden("mit", "to_host") {
             let decoded = &vector["decoded"];
             if decoded["kind"] == "state" {
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_gim_state_is_sent_as_those_bytes() {
+    fn golden_gim_states_are_sent_exactly() {
         let states =
             golden("gim-can", "to_host").into_iter().filter(|(_, v)| v["decoded"]["pos_int"].is_u64());
         let mut count = 0;
@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_gim_answer_has_result_and_data_where_its_command_has_them() {
+    fn golden_gim_answers_have_result_and_data() {
         for (bytes, vector) in golden("gim-can", "to_host") {
             let decoded = &vector["decoded"];
             if decoded["pos_int"].is_u64() || decoded["res"].is_null() {
@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_position_beyond_the_range_wraps_or_clamps_and_velocity_never_bleeds() {
+    fn position_beyond_range_wraps_or_clamps_alone() {
         let encode = |position, beyond| State::encode([position, 100.0, -1e9], scales(), true, beyond);
         let wrapped = encode(12.5 + 25.0 / 65535.0 * 10.5, BeyondRange::Wraps);
         assert_eq!(wrapped, State { position: 9, velocity: 4095, torque: 0 });

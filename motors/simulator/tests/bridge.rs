@@ -67,7 +67,7 @@ impl Robot {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_motor_answers_a_host_through_the_kernel_no_sooner_than_the_wire_allows() {
+fn kernel_answers_are_never_faster_than_wire() {
     let mut robot = Robot::new("vcan0");
     let asked = robot.stop(2);
     let inbox = robot.listen();
@@ -84,7 +84,7 @@ fn a_motor_answers_a_host_through_the_kernel_no_sooner_than_the_wire_allows() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn faults_of_motors_and_of_the_bus_reach_the_host() {
+fn motor_and_bus_faults_reach_the_host() {
     let mut robot = Robot::new("vcan1");
     robot.inject("hip off");
     robot.stop(1);
@@ -105,7 +105,7 @@ fn faults_of_motors_and_of_the_bus_reach_the_host() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_motor_whose_id_changes_is_heard_under_the_new_one() {
+fn motor_with_changed_id_is_received_under_it() {
     /// GIM document 3.2.3 and 3.2.14.
     const NEW_ID: [u8; 8] = [0x83, 0x00, 0x12, 0, 9, 0, 0, 0];
     const VERSION: [u8; 8] = [0xB1, 0, 0, 0, 0, 0, 0, 0];

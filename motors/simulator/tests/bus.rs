@@ -44,7 +44,7 @@ fn inject(bus: &mut SimulatedBus, now: Instant, line: &str) {
 }
 
 #[test]
-fn an_answer_arrives_after_both_frames_and_the_latency() {
+fn answer_arrives_after_frames_and_latency() {
     let mut bus = bus(vec![motor(1)]);
     assert!(matches!(bus.readiness(), Readiness::Never));
     let command = to(1, NEUTRAL);
@@ -78,7 +78,7 @@ fn the_lowest_id_that_waits_goes_first() {
 }
 
 #[test]
-fn an_answer_with_a_low_id_outranks_the_hosts_commands() {
+fn low_id_answer_outranks_host_commands() {
     let mut bus = bus(vec![MotorSettings { host_id: 0, ..motor(1) }, motor(2), motor(3)]);
     bus.send(at(0), &[to(1, NEUTRAL), to(2, NEUTRAL), to(3, NEUTRAL)]);
     received(&mut bus, at(2000));
@@ -87,7 +87,7 @@ fn an_answer_with_a_low_id_outranks_the_hosts_commands() {
 }
 
 #[test]
-fn readiness_is_never_later_than_the_next_arrival_and_leads_there_in_few_steps() {
+fn readiness_never_exceeds_the_next_arrival() {
     let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
     bus.send(at(0), &[to(1, NEUTRAL), to(2, NEUTRAL), to(3, NEUTRAL)]);
     let truth: Vec<Instant> = received(&mut bus.clone(), at(5000)).iter().map(|arrival| arrival.at).collect();
@@ -103,7 +103,7 @@ fn readiness_is_never_later_than_the_next_arrival_and_leads_there_in_few_steps()
 }
 
 #[test]
-fn the_queue_is_as_long_as_it_is_set_and_refuses_the_rest() {
+fn queue_has_set_length_and_refuses_rest() {
     let mut bus = bus(vec![motor(1)]);
     let sent = bus.send(at(0), &[to(1, NEUTRAL); 12]);
     assert_eq!((sent.accepted, sent.refusal), (10, Some(Refusal::Full)));
@@ -112,7 +112,7 @@ fn the_queue_is_as_long_as_it_is_set_and_refuses_the_rest() {
 }
 
 #[test]
-fn two_motors_of_one_id_that_say_the_same_are_one_on_the_wire() {
+fn identical_motors_of_one_id_appear_as_one() {
     let twin = MotorSettings { name: "twin".into(), ..motor(1) };
     let mut bus = bus(vec![motor(1), twin]);
     bus.send(at(0), &[to(1, NEUTRAL)]);
@@ -120,7 +120,7 @@ fn two_motors_of_one_id_that_say_the_same_are_one_on_the_wire() {
 }
 
 #[test]
-fn two_motors_of_one_id_that_differ_collide_and_then_both_answer() {
+fn different_motors_of_one_id_collide() {
     let twin = MotorSettings { name: "twin".into(), initial_position: 1.0, ..motor(1) };
     let mut bus = bus(vec![motor(1), twin]);
     bus.send(at(0), &[to(1, NEUTRAL)]);
@@ -130,7 +130,7 @@ fn two_motors_of_one_id_that_differ_collide_and_then_both_answer() {
 }
 
 #[test]
-fn a_motor_obeys_the_answers_that_bear_its_id() {
+fn motor_obeys_answers_with_its_id() {
     // Motor 1 answers on motor 2's id: 6 bytes are no command, but a native answer of 8 bytes is one.
     let gim = |id, host_id| MotorSettings { dialect: motord_simulator::Dialect::Gim, host_id, ..motor(id) };
     let mut bus = bus(vec![gim(1, 2), gim(2, 0x102)]);
@@ -140,7 +140,7 @@ fn a_motor_obeys_the_answers_that_bear_its_id() {
 }
 
 #[test]
-fn the_record_keeps_the_newest_frames_with_their_direction() {
+fn record_keeps_newest_frames_with_direction() {
     let mut bus = SimulatedBus::new(BusSettings { record: 3, ..BusSettings::default() }, vec![motor(1)], 0);
     for cycle in 0..5 {
         bus.send(at(1000 * cycle), &[to(1, NEUTRAL)]);
@@ -152,7 +152,7 @@ fn the_record_keeps_the_newest_frames_with_their_direction() {
 }
 
 #[test]
-fn a_request_that_nobody_answers_holds_no_other_back_on_a_serial_line() {
+fn unanswered_serial_request_blocks_no_other() {
     let settings =
         BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
     let mut bus = SimulatedBus::new(settings, vec![motor(1), motor(2)], 0);
@@ -199,7 +199,7 @@ fn life(seed: u64, interval: usize) -> Vec<String> {
 }
 
 #[test]
-fn one_seed_is_one_run_however_often_it_is_looked_at() {
+fn one_seed_is_one_run_however_polled() {
     let run = life(1, 1000);
     assert!(run.len() > 1500, "{}", run.len());
     assert!(run == life(1, 1000), "the same calls");
@@ -208,7 +208,7 @@ fn one_seed_is_one_run_however_often_it_is_looked_at() {
 }
 
 #[test]
-fn a_shared_bus_is_one_bus_with_many_ends() {
+fn shared_bus_is_one_bus_with_many_ends() {
     let shared = SharedBus::new(bus(vec![motor(1)]));
     let mut host = shared.clone();
     host.send(at(0), &[to(1, NEUTRAL)]);
@@ -225,7 +225,7 @@ fn a_motor_that_cannot_be_is_not_simulated() {
 }
 
 #[test]
-fn a_bus_is_born_at_its_first_call_whatever_the_clock_says() {
+fn bus_starts_at_its_first_call() {
     let day = 86_400_000_000;
     let mut bus = bus(vec![MotorSettings { load_torque: 5.0, ..motor(1) }]);
     bus.send(at(day), &[to(1, NEUTRAL)]);
@@ -234,7 +234,7 @@ fn a_bus_is_born_at_its_first_call_whatever_the_clock_says() {
 }
 
 #[test]
-fn an_hour_without_a_look_is_over_at_once_and_leaves_every_motor_at_a_finite_place() {
+fn unpolled_hour_leaves_motors_at_finite_positions() {
     let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
     inject(&mut bus, at(0), "can0 flood 8000");
     bus.send(at(0), &[to(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC])]);

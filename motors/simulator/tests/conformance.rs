@@ -65,7 +65,7 @@ impl Fixture for Simulated {
 motord_bus::conformance! {
     []
     mod conforms = Simulated::new;
-    a_bus_that_is_down_says_so_and_recovers,
+    bus_that_is_down_reports_and_recovers,
     a_bus_that_is_gone_says_so,
     a_flood_fills_an_inbox_and_no_more,
     a_stalled_bus_refuses_at_once_and_forgets,

@@ -25,7 +25,7 @@ fn neutral() -> Frame {
 }
 
 #[test]
-fn off_neither_hears_nor_answers_and_goes_on_with_what_it_did() {
+fn off_motor_is_deaf_and_mute_but_continues() {
     let mut bench = running();
     push(&mut bench);
     bench.inject("off");
@@ -48,7 +48,7 @@ fn stuck_reports_one_place_while_the_shaft_turns() {
 }
 
 #[test]
-fn garbage_has_the_right_id_and_length_and_nothing_else() {
+fn garbage_has_only_right_id_and_length() {
     let mut bench = running();
     let sane = push(&mut bench);
     bench.inject("garbage");
@@ -121,7 +121,7 @@ fn short_answers_lack_two_bytes() {
 }
 
 #[test]
-fn a_power_cycle_is_a_silence_and_then_a_stopped_motor_in_another_turn() {
+fn power_cycle_ends_stopped_in_another_turn() {
     let mut bench = running();
     push(&mut bench);
     bench.inject("power-cycle");
@@ -148,7 +148,7 @@ fn load_pushes_a_limp_shaft() {
 }
 
 #[test]
-fn bus_off_is_reported_loses_what_is_sent_and_ends_with_a_restart() {
+fn bus_off_drops_frames_until_restart() {
     let mut bench = running();
     bench.bus.send(bench.now, &[neutral()]);
     bench.inject_into("can0", "bus-off");
@@ -167,7 +167,7 @@ fn bus_off_is_reported_loses_what_is_sent_and_ends_with_a_restart() {
 }
 
 #[test]
-fn a_full_queue_accepts_what_it_has_room_for_and_keeps_nothing_else() {
+fn full_queue_accepts_only_what_fits() {
     let mut bench = running();
     bench.inject_into("can0", "tx-full 1");
     let sent = bench.bus.send(bench.now, &[neutral(); 3]);
@@ -178,7 +178,7 @@ fn a_full_queue_accepts_what_it_has_room_for_and_keeps_nothing_else() {
 }
 
 #[test]
-fn without_acknowledge_the_queue_fills_and_is_sent_late() {
+fn missing_acknowledge_fills_queue_and_delays_sending() {
     let mut bench = running();
     bench.inject_into("can0", "no-ack");
     assert_eq!(bench.bus.send(bench.now, &[neutral(); 11]).refusal, Some(Refusal::Full));
@@ -191,7 +191,7 @@ fn without_acknowledge_the_queue_fills_and_is_sent_late() {
 }
 
 #[test]
-fn an_interface_that_is_down_or_gone_says_so_and_hears_nothing() {
+fn down_or_gone_interface_reports_and_receives_nothing() {
     for (verb, refusal) in [("down", Refusal::Down), ("gone", Refusal::Gone)] {
         let mut bench = running();
         bench.bus.send(bench.now, &[neutral()]);
@@ -204,7 +204,7 @@ fn an_interface_that_is_down_or_gone_says_so_and_hears_nothing() {
 }
 
 #[test]
-fn a_flood_keeps_its_rate_and_lets_the_motors_through() {
+fn flood_keeps_rate_and_passes_motors() {
     let mut bench = running();
     bench.inject_into("can0", "flood 4000");
     let arrivals: Vec<_> = (0..100).flat_map(|_| bench.answers(NEUTRAL)).collect();
@@ -237,7 +237,7 @@ fn reports_and_unsupported_frames_reach_the_host_once() {
 }
 
 #[test]
-fn a_fault_that_its_target_cannot_have_is_refused() {
+fn inapplicable_fault_is_refused() {
     let mut bench = running();
     let mut inject = |line: &str| {
         let verb: FaultVerb = line.parse().unwrap();

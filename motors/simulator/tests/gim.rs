@@ -95,7 +95,7 @@ fn a_duration_of_zero_has_no_end() {
 }
 
 #[test]
-fn a_speed_is_reached_in_rpm_and_limited_as_configured() {
+fn speed_is_reached_and_limited_as_configured() {
     let mut bench = bench();
     bench.ask(bare(0x91));
     bench.ask(control(0x94, -60.0, 0));
@@ -114,7 +114,7 @@ fn holding() -> Bench {
 }
 
 #[test]
-fn a_position_is_reached_when_its_duration_is_over_and_held() {
+fn position_is_reached_at_end_of_duration() {
     let mut bench = holding();
     bench.ask(bare(0x91));
     bench.ask(control(0x95, 20.0, 2000));
@@ -129,7 +129,7 @@ fn a_position_is_reached_when_its_duration_is_over_and_held() {
 /// Goal: a controller may give a position in every turn, however short its turns are, and the shaft keeps up.
 /// Method: the target moves at 3 rad/s, in steps of 1 ms and of 10 ms. A critically damped loop lags 2 / 60 s behind.
 #[test]
-fn a_position_that_is_commanded_anew_again_and_again_is_followed_at_its_speed() {
+fn repeated_position_command_is_followed_at_its_speed() {
     for period in [1, 10] {
         let mut bench = bench();
         bench.ask(bare(0x91));
@@ -145,7 +145,7 @@ fn a_position_that_is_commanded_anew_again_and_again_is_followed_at_its_speed() 
 }
 
 #[test]
-fn a_command_ends_limp_or_not_at_all_when_its_duration_is_over() {
+fn command_ends_limp_or_continues_after_duration() {
     for (command, value) in [(0x93, 1.5), (0x94, 60.0), (0x95, 1.0)] {
         for (mut bench, is_limp) in [(bench(), true), (holding(), false)] {
             // A load that only a drive holds up.
@@ -172,7 +172,7 @@ fn a_value_that_is_no_number_is_refused() {
 }
 
 #[test]
-fn every_item_of_the_configuration_can_be_read_and_all_but_one_written() {
+fn every_item_is_readable_and_one_unwritable() {
     let assigned = (0x00..=0x02).chain(0x06..=0x09).chain(0x0C..=0x1A).chain([0x1C, 0x20]);
     let ints: Vec<u8> = assigned.collect();
     for id in 0..=u8::MAX {
@@ -192,7 +192,7 @@ fn every_item_of_the_configuration_can_be_read_and_all_but_one_written() {
 }
 
 #[test]
-fn what_is_written_is_read_back_low_byte_first() {
+fn written_value_is_read_back_little_endian() {
     let mut bench = bench();
     bench.ask(modify(0x00, 0x08, [1, 2, 3, 4]));
     assert_eq!(bench.ask([0x84, 0x00, 0x08, 0, 0, 0, 0, 0]), [0x84, 0, 0x08, 0, 1, 2, 3, 4]);
@@ -205,7 +205,7 @@ fn what_is_written_is_read_back_low_byte_first() {
 }
 
 #[test]
-fn a_torque_constant_that_is_configured_wrong_gives_the_wrong_torque() {
+fn wrong_torque_constant_gives_wrong_torque() {
     let mut bench = bench();
     bench.ask(modify(0x01, 0x03, 0.25_f32.to_le_bytes()));
     bench.ask(bare(0x91));
@@ -214,7 +214,7 @@ fn a_torque_constant_that_is_configured_wrong_gives_the_wrong_torque() {
 }
 
 #[test]
-fn a_new_id_counts_from_the_next_command_on() {
+fn new_id_counts_from_next_command() {
     let mut bench = bench();
     assert_eq!(bench.answers(modify(0x00, 0x12, [9, 0, 0, 0]))[0].id().raw(), 0x101);
     assert!(bench.is_silent(bare(0xB2)));
@@ -224,7 +224,7 @@ fn a_new_id_counts_from_the_next_command_on() {
 }
 
 #[test]
-fn the_protocol_changes_at_once_and_there_is_no_way_back_over_can() {
+fn protocol_change_is_immediate_and_irreversible_over_can() {
     let mut bench = bench();
     assert_eq!(bench.ask(modify(0x00, 0x1C, [1, 0, 0, 0]))[3], SUCCESS);
     assert_eq!(bench.ask(STOP).len(), 6);
@@ -233,7 +233,7 @@ fn the_protocol_changes_at_once_and_there_is_no_way_back_over_can() {
 }
 
 #[test]
-fn an_mit_frame_is_the_gim_command_its_first_byte_says() {
+fn mit_frame_is_gim_command_of_first_byte() {
     assert_eq!(bench().ask(NEUTRAL), [0x7F, UNKNOWN_COMMAND, 0, 0, 0, 0, 0, 0]);
     assert_eq!(bench().ask(STOP), [0xFF, UNKNOWN_COMMAND, 0, 0, 0, 0, 0, 0]);
     let mut bench = bench();
@@ -250,7 +250,7 @@ fn a_wrong_baud_rate_makes_the_motor_deaf() {
 }
 
 #[test]
-fn reset_configuration_forgets_the_id_and_the_protocol_of_the_commissioning() {
+fn reset_configuration_forgets_commissioned_id_and_protocol() {
     let mut bench = Bench::new(MotorSettings { id: 5, ..settings() });
     bench.ask(bare(0x81));
     assert!(bench.is_silent(bare(0xB2)));
@@ -259,7 +259,7 @@ fn reset_configuration_forgets_the_id_and_the_protocol_of_the_commissioning() {
 }
 
 #[test]
-fn the_zero_position_is_an_angle_within_one_turn() {
+fn zero_position_is_angle_within_one_turn() {
     let mut bench = Bench::new(MotorSettings { initial_position: 7.0, ..settings() });
     // A quarter of a turn is 16384 codes.
     bench.ask(modify(0x00, 0x14, [0x00, 0x40, 0, 0]));
@@ -290,7 +290,7 @@ fn a_motor_in_fault_may_also_be_silent() {
 }
 
 #[test]
-fn the_temperature_in_answers_is_signed_and_warms_with_the_winding() {
+fn answer_temperature_is_signed_and_follows_winding() {
     let mut bench = bench();
     bench.ask(bare(0x91));
     for (celsius, byte) in [("-5", 0xFB), ("90.5", 90)] {
@@ -300,7 +300,7 @@ fn the_temperature_in_answers_is_signed_and_warms_with_the_winding() {
 }
 
 #[test]
-fn every_indicator_is_a_number_and_they_agree_with_each_other() {
+fn indicators_are_numbers_that_agree() {
     let mut bench = bench();
     bench.ask(bare(0x91));
     bench.ask(control(0x94, 60.0, 0));
@@ -317,7 +317,7 @@ fn every_indicator_is_a_number_and_they_agree_with_each_other() {
 }
 
 #[test]
-fn a_calibration_turns_the_shaft_refuses_control_and_answers_at_its_end() {
+fn calibration_turns_shaft_and_answers_at_end() {
     let mut bench = bench();
     assert!(bench.is_silent([0xB5, 0x01, 0, 0, 0, 0, 0, 0]));
     bench.pass(Duration::from_secs(2));
@@ -332,7 +332,7 @@ fn a_calibration_turns_the_shaft_refuses_control_and_answers_at_its_end() {
 }
 
 #[test]
-fn firmware_mode_leaves_the_bus_until_the_power_is_cycled() {
+fn firmware_mode_leaves_bus_until_power_cycle() {
     let mut bench = bench();
     assert!(bench.is_silent(bare(0xC1)) && bench.is_silent(bare(0xB2)));
     bench.inject("power-cycle");

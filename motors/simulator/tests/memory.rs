@@ -60,7 +60,7 @@ fn power_cycle(bench: &mut Bench) {
 }
 
 #[test]
-fn a_written_item_survives_without_power_once_it_is_refreshed_or_at_once() {
+fn written_item_survives_power_loss_when_stored() {
     let at_once = Behaviour { persistence: Persistence::AtOnce, ..Behaviour::default() };
     for (mut bench, refreshes, kept) in
         [(bench(), false, false), (bench(), true, true), (behaving(at_once), false, true)]
@@ -76,7 +76,7 @@ fn a_written_item_survives_without_power_once_it_is_refreshed_or_at_once() {
 }
 
 #[test]
-fn a_default_gain_is_in_effect_at_once_and_a_runtime_gain_until_the_next_reboot() {
+fn default_gain_acts_immediately_runtime_until_reboot() {
     let gains = [0x08, 0x09, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x19, 0x1A];
     for (place, item) in (0_u8..).zip(gains) {
         let mut bench = bench();
@@ -101,7 +101,7 @@ fn the_pwm_frequency_alone_waits_for_a_reboot() {
 }
 
 #[test]
-fn values_outside_of_what_the_document_allows_change_nothing() {
+fn values_outside_documented_range_change_nothing() {
     let cases = [
         (0x1C, 2),
         (0x1C, -1),
@@ -125,7 +125,7 @@ fn values_outside_of_what_the_document_allows_change_nothing() {
 }
 
 #[test]
-fn reset_makes_every_item_that_of_a_new_motor() {
+fn reset_restores_every_factory_value() {
     let mut used = Bench::new(MotorSettings { id: 5, host_id: 0x234, ..settings() });
     for id in [0x01, 0x02, 0x06, 0x07, 0x08, 0x10, 0x11, 0x14, 0x17, 0x19] {
         assert_eq!(set(&mut used, id, 22), 0);
@@ -147,7 +147,7 @@ fn reset_makes_every_item_that_of_a_new_motor() {
 }
 
 #[test]
-fn a_motor_without_power_is_limp_and_silent_until_it_has_booted() {
+fn unpowered_motor_is_limp_and_silent_until_booted() {
     let mut bench = Bench::new(MotorSettings { has_power: false, ..settings() });
     let version = [0xB1, 0, 0, 0, 0, 0, 0, 0];
     assert!(bench.is_silent(version));
@@ -173,7 +173,7 @@ fn a_calibration_that_loses_its_power_never_answers() {
 }
 
 #[test]
-fn a_motor_that_refuses_writes_says_the_code_and_changes_nothing() {
+fn motor_refusing_writes_returns_code_unchanged() {
     for code in [0x01, 0x03, 0x04, 0x05, 0x06, 0x07, 0x0B] {
         let mut bench = bench();
         let before = int(&mut bench, 0x01);
@@ -206,7 +206,7 @@ fn bytes_without_a_meaning_may_be_stale() {
 }
 
 #[test]
-fn an_mit_motor_may_answer_for_its_fault_with_stale_bytes_too() {
+fn mit_fault_answer_may_have_stale_bytes() {
     let behaviour = Behaviour { stale_bytes: true, ..Behaviour::default() };
     let mut stale =
         Bench::new(MotorSettings { behaviour, initial_position: 3.0, ..MotorSettings::default() });
@@ -218,7 +218,7 @@ fn an_mit_motor_may_answer_for_its_fault_with_stale_bytes_too() {
 }
 
 #[test]
-fn the_zero_of_an_mit_motor_survives_without_power() {
+fn zero_of_mit_motor_survives_power_loss() {
     let mut bench = Bench::new(MotorSettings { initial_position: 1.0, ..MotorSettings::default() });
     bench.ask(SET_ZERO);
     power_cycle(&mut bench);
@@ -226,7 +226,7 @@ fn the_zero_of_an_mit_motor_survives_without_power() {
 }
 
 #[test]
-fn a_new_bit_rate_is_heard_by_a_host_that_follows() {
+fn new_bit_rate_works_for_following_host() {
     let mut bench = bench();
     assert_eq!(set(&mut bench, 0x18, 5), 0);
     assert!(bench.is_silent([0xB1, 0, 0, 0, 0, 0, 0, 0]));
@@ -237,7 +237,7 @@ fn a_new_bit_rate_is_heard_by_a_host_that_follows() {
 }
 
 #[test]
-fn motors_of_two_rates_share_a_bus_and_each_hears_its_own() {
+fn motors_of_two_rates_share_a_bus() {
     let motor = |name: &str, id| MotorSettings { name: name.into(), id, host_id: 0x100 + id, ..settings() };
     let mut bus = SimulatedBus::new(BusSettings::default(), vec![motor("a", 1), motor("b", 2)], 0);
     let heard = |bus: &mut SimulatedBus, now: u64, id, bytes| {
@@ -254,7 +254,7 @@ fn motors_of_two_rates_share_a_bus_and_each_hears_its_own() {
 }
 
 #[test]
-fn a_motor_of_another_rate_may_destroy_sixteen_frames_which_are_sent_again() {
+fn wrong_rate_motor_destroys_frames_sent_again() {
     let behaviour = Behaviour { other_bitrate: OtherBitrate::Disturbs, ..Behaviour::default() };
     let motor = |name: &str, id| MotorSettings {
         name: name.into(),
@@ -282,7 +282,7 @@ fn a_motor_of_another_rate_may_destroy_sixteen_frames_which_are_sent_again() {
 }
 
 #[test]
-fn the_rate_of_the_wire_is_not_the_rate_that_motors_are_configured_for() {
+fn wire_rate_differs_from_configured_motor_rate() {
     let bus = BusSettings { wire_bitrate: Some(8_000_000), ..BusSettings::default() };
     let mut bench = bench();
     bench.bus = SimulatedBus::new(bus, vec![MotorSettings { name: "joint".into(), ..settings() }], 0);
@@ -290,7 +290,7 @@ fn the_rate_of_the_wire_is_not_the_rate_that_motors_are_configured_for() {
 }
 
 #[test]
-fn the_rate_of_a_serial_line_is_not_the_rate_of_a_motor_s_can() {
+fn serial_rate_differs_from_can_rate() {
     let bus = BusSettings { kind: BusKind::Serial, bitrate: 921_600, ..BusSettings::default() };
     let mut bench = bench();
     bench.bus = SimulatedBus::new(bus, vec![MotorSettings { name: "joint".into(), ..settings() }], 0);
@@ -298,7 +298,7 @@ fn the_rate_of_a_serial_line_is_not_the_rate_of_a_motor_s_can() {
 }
 
 #[test]
-fn a_memory_that_was_kept_is_the_memory_of_the_next_motor() {
+fn kept_memory_is_memory_of_next_motor() {
     let memory = bench().motor().memory();
     assert!(memory.starts_with("int 0x00 21\n"), "{memory}");
     let memory =

@@ -62,7 +62,7 @@ fn a_held_position_is_reached() {
 }
 
 #[test]
-fn an_answer_holds_the_state_before_or_after_its_command() {
+fn answer_holds_state_around_its_command() {
     let torque = |timing| {
         let mut bench = with(Behaviour { reply_timing: timing, ..Behaviour::default() });
         bench.ask(START);
@@ -120,7 +120,7 @@ fn a_position_beyond_the_range_wraps_or_clamps() {
 }
 
 #[test]
-fn a_fault_stops_the_motor_until_it_is_cleared() {
+fn fault_stops_motor_until_cleared() {
     let behaviour = Behaviour { in_fault: InFault::Refuses, ..Behaviour::default() };
     let mut bench = with(behaviour);
     bench.ask(START);
@@ -136,7 +136,7 @@ fn a_fault_stops_the_motor_until_it_is_cleared() {
 }
 
 #[test]
-fn a_silent_motor_in_fault_still_tells_its_fault() {
+fn silent_faulty_motor_still_reports_fault() {
     let mut bench = bench();
     bench.inject("fault 0x06");
     assert!(bench.is_silent(NEUTRAL) && bench.is_silent(START));
@@ -168,7 +168,7 @@ fn full_torque_against_a_stop_overheats_the_winding() {
 }
 
 #[test]
-fn a_lost_host_leaves_the_last_command_or_a_limp_motor() {
+fn lost_host_leaves_last_command_or_limp() {
     let torque = |host_loss| {
         let mut bench = with(Behaviour { host_loss, ..Behaviour::default() });
         bench.ask(START);
@@ -181,7 +181,7 @@ fn a_lost_host_leaves_the_last_command_or_a_limp_motor() {
 }
 
 #[test]
-fn a_gim_frame_with_zeros_is_full_negative_torque() {
+fn gim_zero_frame_is_full_negative_torque() {
     let mut bench = bench();
     bench.ask(START);
     // The native stop command.
@@ -190,7 +190,7 @@ fn a_gim_frame_with_zeros_is_full_negative_torque() {
 }
 
 #[test]
-fn a_host_that_stalls_for_two_seconds_finds_a_stable_motor() {
+fn stalled_host_finds_a_stable_motor() {
     let mut bench = bench();
     bench.ask(START);
     // kp 500, kd 5 at 1 rad, from 0.

@@ -86,7 +86,7 @@ impl Bench {
 }
 
 #[test]
-fn a_shaft_that_one_motor_drives_turns_the_motor_of_another_bus() {
+fn shaft_turned_by_another_bus_moves_motor() {
     let mut bench = Bench::new();
     assert_eq!(bench.shafts(), [[0.5, 0.0]; 2]);
     bench.push(MILLISECOND);
@@ -102,7 +102,7 @@ fn a_shaft_that_one_motor_drives_turns_the_motor_of_another_bus() {
 }
 
 #[test]
-fn a_plant_is_given_the_same_torques_however_often_somebody_looks() {
+fn plant_receives_same_torques_however_polled() {
     let [seldom, often] = [MILLISECOND, Duration::from_micros(37)].map(|interval| {
         let mut bench = Bench::new();
         bench.push(interval);
@@ -126,7 +126,7 @@ fn a_load_acts_through_the_plant() {
 
 #[test]
 #[should_panic(expected = "the shaft of joint")]
-fn a_plant_that_blows_up_is_told_by_its_motor() {
+fn diverging_plant_is_reported_by_motor() {
     struct Diverged;
     impl Plant for Diverged {
         fn step(&mut self, _: &[f64], _: f64, shafts: &mut [Shaft]) {

@@ -51,7 +51,7 @@ fn ask(port: &mut SerialPort, host: &mut File) -> Vec<u8> {
 }
 
 #[test]
-fn a_host_may_close_the_device_and_open_it_again() {
+fn host_may_reopen_the_device() {
     let mut port = port(None);
     let device = port.path().unwrap().to_owned();
     for _ in 0..3 {
@@ -63,7 +63,7 @@ fn a_host_may_close_the_device_and_open_it_again() {
 }
 
 #[test]
-fn a_port_that_is_unplugged_hangs_up_and_its_link_leads_to_the_next_one() {
+fn unplugged_port_hangs_up_and_link_moves() {
     let folder = tempfile::tempdir().unwrap();
     let link = folder.path().join("ttyUSB0");
     let mut port = port(Some(link.clone()));
@@ -78,7 +78,7 @@ fn a_port_that_is_unplugged_hangs_up_and_its_link_leads_to_the_next_one() {
 }
 
 #[test]
-fn a_blocked_port_takes_no_byte_and_then_works_on() {
+fn blocked_port_takes_no_byte_then_recovers() {
     let mut port = port(None);
     let mut host = open(port.path().unwrap());
     inject(&mut port, "arm blocked");
@@ -89,7 +89,7 @@ fn a_blocked_port_takes_no_byte_and_then_works_on() {
 }
 
 #[test]
-fn a_link_never_replaces_what_is_not_a_link() {
+fn link_never_replaces_other_files() {
     let folder = tempfile::tempdir().unwrap();
     let link = folder.path().join("ttyUSB0");
     File::create(&link).unwrap();

@@ -12,7 +12,7 @@ fn bench() -> Bench {
 }
 
 #[test]
-fn what_a_motor_stored_is_there_after_a_restart_and_what_it_did_not_store_is_not() {
+fn stored_values_survive_restart_and_others_not() {
     let folder = tempfile::tempdir().unwrap();
     let mut store = Store::open(&folder.path().join("memories")).unwrap();
     let mut first = bench();

@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn examples_stay_as_they_are_in_a_manual_page() {
+    fn examples_stay_verbatim_in_manual_page() {
         let text = "Examples:\n  robot walk --to 'home' | jq .x\n\nExit status: 0 done,\n1 not.";
         let roff = "\
 .SH \"EXAMPLES\"

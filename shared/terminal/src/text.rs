@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_outside_its_range_and_no_number_are_refused() {
+    fn out_of_range_and_nonnumbers_are_refused() {
         assert_eq!(within("0.5", 0.5, 2.0), Ok(0.5));
         for wrong in ["0.4", "2.1", "nan", "inf", "", "1s"] {
             assert_eq!(within(wrong, 0.5, 2.0), Err("expected 0.5 to 2".to_owned()));

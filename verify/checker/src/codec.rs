@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_of_another_motor_or_length_and_a_report_on_faults_tell_no_state() {
+    fn foreign_replies_and_fault_reports_hold_no_state() {
         let damiao = Reply::DAMIAO;
         let read = |reply: Reply, payload: &[u8]| reply.read(payload, 1, &RANGES);
         assert!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0]).is_some());

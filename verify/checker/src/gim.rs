@@ -91,7 +91,7 @@ mod tests {
     /// 1.5 is 0x3FC00000, π is 0x40490FDB, 60.0 is 0x42700000 (IEEE 754); 60 rpm is a turn in a second. Durations of 0, 2000
     /// and 100 ms.
     #[test]
-    fn a_control_command_is_read_as_the_document_says() {
+    fn control_command_is_read_as_documented() {
         let of = |bytes: u64| Meaning::of(bytes.to_be_bytes());
         assert_eq!(of(0x9300_00C0_3F00_0000), Meaning::Torque(1.5));
         assert_eq!(of(0x95DB_0F49_40D0_0700), Meaning::Position(f64::from(std::f32::consts::PI)));
@@ -120,7 +120,7 @@ mod tests {
 
     /// 0x3412 · 25 / 65535 − 12.5 rad and 0x567 · 130 / 4095 − 65 rad/s, by hand. 1.5 rad; 60 rpm. 0x01 is a failure.
     #[test]
-    fn a_reply_tells_position_and_velocity_or_one_of_them_or_nothing() {
+    fn reply_holds_position_velocity_both_or_neither() {
         let reported = |bytes: u64| Reported::of(&bytes.to_be_bytes());
         for command in [0x93_u64, 0x94, 0x95] {
             let Some(Reported::State([position, velocity])) =

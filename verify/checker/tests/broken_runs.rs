@@ -261,7 +261,7 @@ fn refuses_next(rule: &str, change: impl FnOnce(&mut Next)) {
 }
 
 #[test]
-fn a_robot_that_starts_follows_is_damped_and_stopped_is_accepted() {
+fn start_follow_damp_stop_is_accepted() {
     let mut robot = Script::active();
     let mut next = robot.next(Phase::Damping, Mode::Damping, DAMPING);
     next.state.groups[0].cause = Cause::EmergencyStop;
@@ -284,7 +284,7 @@ fn i1_commands_that_nobody_asked_for() {
 }
 
 #[test]
-fn i1_a_question_to_a_motor_that_takes_it_for_a_command() {
+fn i1_question_misread_as_command_is_refused() {
     refuses("I1: a question", || {
         let reply = Reply { report: None, ..Reply::STEADYWIN };
         Script::of(robot(mit(reply))).cycle(Phase::Disarmed, Mode::Idle, GET_FAULT);
@@ -397,7 +397,7 @@ fn i10_faults_that_nobody_notices() {
 }
 
 #[test]
-fn a_native_motor_that_starts_follows_is_damped_and_stopped_is_accepted() {
+fn native_start_follow_damp_stop_is_accepted() {
     let mut robot = Script::active_native();
     // 19.1 rpm are 2 rad/s: the joint has that speed already.
     for command in [native(0x94, 19.1), native(0x95, 0.5), native(0x95, 0.51), TORQUE] {
@@ -416,7 +416,7 @@ fn a_native_motor_that_starts_follows_is_damped_and_stopped_is_accepted() {
 }
 
 #[test]
-fn i1_native_commands_that_nobody_asked_for_or_that_a_cycle_never_sends() {
+fn i1_unrequested_native_commands_are_refused() {
     let idle = |rule: &str, command: u64| {
         refuses(rule, || Script::native().cycle(Phase::Disarmed, Mode::Idle, command));
     };
@@ -485,7 +485,7 @@ fn i3_and_i4_native_motion_without_a_reason() {
 }
 
 #[test]
-fn i5_and_i6_native_commands_in_one_cycle_and_states_that_nobody_told() {
+fn i5_i6_double_commands_and_invented_states_refused() {
     let next = |rule: &str, change: fn(&mut Next)| {
         refuses(rule, || {
             let mut robot = Script::active_native();
@@ -515,7 +515,7 @@ fn i5_and_i6_native_commands_in_one_cycle_and_states_that_nobody_told() {
 }
 
 #[test]
-fn i10_a_native_motor_that_is_driven_or_goes_limp_while_it_should_be_damped() {
+fn i10_undamped_native_motor_is_refused() {
     // Torques against its motion and with it; a speed beyond its own, and one that turns it back; a position that it was not held
     // at.
     for command in [native(0x93, -0.5), TORQUE, native(0x94, 25.0), native(0x94, -1.0), native(0x95, 0.1)] {
@@ -554,7 +554,7 @@ fn i10_a_native_motor_that_is_driven_or_goes_limp_while_it_should_be_damped() {
 }
 
 #[test]
-fn a_motor_that_takes_turns_is_judged_by_them() {
+fn motor_in_turns_is_judged_by_them() {
     let mut robot = Script::damped_in_turns();
     (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[BRAKE]));
     (0..10).for_each(|_| robot.turn(Phase::Disarmed, Mode::Idle, &[NATIVE_STOP]));

@@ -159,7 +159,7 @@ const DEATHS: &[&str] = &[
 ];
 
 #[test]
-fn after_a_death_nothing_but_damping_and_then_a_stop_is_accepted() {
+fn after_death_only_damping_then_stop_accepted() {
     let rig = deaths();
     rig.is_good();
     for wrong in WRONG {
@@ -172,7 +172,7 @@ fn after_a_death_nothing_but_damping_and_then_a_stop_is_accepted() {
 }
 
 #[test]
-fn a_death_counts_only_when_the_whole_robot_trotted_and_the_log_is_whole() {
+fn death_counts_only_after_complete_trot() {
     let rig = deaths();
     rig.refuses_without("the robot did not trot on vcan0", |line| line.is("vcan0", TROT));
     rig.refuses_without("11 motors of 12", |line| line.place == "vcan0 003");
@@ -182,7 +182,7 @@ fn a_death_counts_only_when_the_whole_robot_trotted_and_the_log_is_whole() {
 }
 
 #[test]
-fn every_death_that_is_due_must_be_judged_on_every_bus() {
+fn every_due_death_is_judged_per_bus() {
     let rig = deaths();
     let both = [DEATHS, &["1000.900000 both"]].concat();
     rig.refuses_marks("no damping for vcan0 001 (both, repetition 1)", &both);
@@ -197,7 +197,7 @@ fn every_death_that_is_due_must_be_judged_on_every_bus() {
 }
 
 #[test]
-fn a_late_median_and_a_late_maximum_are_refused() {
+fn late_median_and_maximum_are_refused() {
     let rig = deaths();
     // Half of the deaths, one bus of one death, and a robot that trots on.
     rig.refuses_without("and 20 ms: MEDIAN TOO LATE", |line| (453..460).contains(&line.at));
@@ -235,7 +235,7 @@ fn disturbances() -> Rig {
 }
 
 #[test]
-fn what_belongs_to_others_may_move_before_the_reset_and_hears_no_nonsense() {
+fn other_groups_may_move_before_the_reset() {
     let rig = disturbances();
     let wrong = |place: &str, heard: &str, others: &[&str]| {
         let is_heard = |line: &Line| line.place == place && line.at == 200;
@@ -250,7 +250,7 @@ fn what_belongs_to_others_may_move_before_the_reset_and_hears_no_nonsense() {
 }
 
 #[test]
-fn from_a_stop_to_its_reset_nothing_that_moves_is_accepted() {
+fn nothing_moves_between_stop_and_reset() {
     let rig = disturbances();
     rig.is_good();
     for wrong in WRONG {
@@ -270,7 +270,7 @@ fn from_a_stop_to_its_reset_nothing_that_moves_is_accepted() {
 }
 
 #[test]
-fn no_position_beyond_the_limits_of_a_joint_is_accepted_in_any_log() {
+fn position_beyond_joint_limits_is_refused() {
     let rig = disturbances();
     // 1.05 rad and -0.55 rad; the motors of the second bus turn against their joints.
     for (place, beyond, within) in [("vcan0 002", "8AC0", "85A1"), ("vcan1 002", "85A1", "7A5E")] {
@@ -343,7 +343,7 @@ impl Rig {
 }
 
 #[test]
-fn a_service_that_dies_or_is_stopped_damps_and_then_stops() {
+fn dying_service_damps_and_then_stops() {
     let rig = service();
     rig.is_good();
     for wrong in WRONG {
@@ -360,7 +360,7 @@ fn a_service_that_dies_or_is_stopped_damps_and_then_stops() {
 }
 
 #[test]
-fn a_service_that_ended_is_silent_and_one_that_rests_moves_nothing() {
+fn ended_service_is_silent_and_resting_moves_nothing() {
     let rig = service();
     for wrong in [TROT, DAMPING, STOP, QUESTION] {
         rig.refuses_also("after mark 8 silent", 900, wrong);
@@ -384,7 +384,7 @@ fn trot() -> Rig {
 }
 
 #[test]
-fn a_trot_is_one_control_frame_to_every_motor_in_nearly_every_cycle() {
+fn trot_is_one_control_frame_per_cycle() {
     let rig = trot();
     rig.is_good();
     rig.refuses_without("0 control frames to 2-hip", |line| {
@@ -437,7 +437,7 @@ fn replies() -> Rig {
 }
 
 #[test]
-fn every_motor_replies_as_soon_while_something_beside_its_bus_suffers() {
+fn motors_reply_on_time_beside_disturbed_bus() {
     let rig = replies();
     rig.is_good();
     let is_ill = |line: &Line| (400..800).contains(&line.at);
@@ -477,7 +477,7 @@ fn replies_count_only_when_every_part_was_there() {
 }
 
 #[test]
-fn motors_of_a_serial_line_are_in_no_log_of_candump() {
+fn serial_motors_are_in_no_candump_log() {
     let text = "[[bus]]\nname = \"leg\"\ninterface = \"vcan0\"\n[[bus]]\nname = \"hand\"\ndevice = \"/dev/ttyUSB0\"\n\
                 [[motor]]\nname = \"hip\"\nbus = \"leg\"\nid = 1\n[[motor]]\nname = \"jaw\"\nbus = \"hand\"\nid = 1\n";
     let wiring = Wiring::parse(text).unwrap();
@@ -486,7 +486,7 @@ fn motors_of_a_serial_line_are_in_no_log_of_candump() {
 }
 
 #[test]
-fn each_vendors_replies_have_their_ids_and_a_motor_that_would_obey_a_question_is_not_asked() {
+fn vendor_reply_ids_and_questions_are_respected() {
     let mut text = String::from("[[bus]]\nname = \"leg\"\ninterface = \"vcan0\"\n");
     for (id, model) in [(1, "GIM8108-8"), (2, "DM-J8009-2EC"), (3, "RS00")] {
         writeln!(text, "[[motor]]\nname = \"{model}\"\nbus = \"leg\"\nid = {id}\nmodel = \"{model}\"")
@@ -507,7 +507,7 @@ fn each_vendors_replies_have_their_ids_and_a_motor_that_would_obey_a_question_is
 }
 
 #[test]
-fn the_replies_of_motors_are_not_judged_and_a_strange_id_is() {
+fn replies_are_not_judged_but_strange_ids() {
     let rig = trot();
     let with = |frame: &str| (rig.judge)(&[], &(candump(&rig.lines) + "(1001.500000) vcan1 " + frame + "\n"));
     assert_eq!(with("102#028000800800").wrong, 0);

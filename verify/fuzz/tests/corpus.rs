@@ -11,7 +11,7 @@ fn corpus() -> PathBuf {
 }
 
 #[test]
-fn every_input_of_the_corpus_keeps_the_promises_of_its_target() {
+fn corpus_inputs_keep_promises_of_their_target() {
     for (name, target) in TARGETS {
         let mut inputs = 0;
         for file in fs::read_dir(corpus().join(name)).unwrap_or_else(|error| panic!("{name}: {error}")) {
@@ -26,7 +26,7 @@ fn every_input_of_the_corpus_keeps_the_promises_of_its_target() {
 }
 
 #[test]
-fn a_target_survives_nothing_at_all_and_one_byte() {
+fn target_survives_empty_input_and_one_byte() {
     for (_, target) in TARGETS {
         target(&[]);
         (0..=u8::MAX).for_each(|byte| target(&[byte]));

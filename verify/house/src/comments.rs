@@ -17,7 +17,7 @@ fn no_doc_line_begins_with_what() {
 }
 
 #[test]
-fn a_doc_line_that_begins_with_what_is_found() {
+fn vague_doc_line_is_found() {
     let bad = concat!("/// The", " time.\n    /// What", " it does.\n//! What", " this is.\n// What now?\n");
     assert_eq!(vague(bad), [2, 3]);
 }

@@ -145,7 +145,7 @@ impl House {
 
 /// The change log tells of the past.
 #[test]
-fn every_test_and_file_that_a_document_names_is_there() {
+fn documented_tests_and_files_exist() {
     let sources = sources::files(&[""]);
     let house = House::new(&sources);
     for document in &sources {
@@ -157,7 +157,7 @@ fn every_test_and_file_that_a_document_names_is_there() {
 }
 
 #[test]
-fn a_test_and_a_file_that_are_not_there_are_seen() {
+fn missing_tests_and_files_are_found() {
     let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
     let rust = "m! { #[test] fn a_lost_motor_is_stopped() {} }";
     let house = House::new(&[source("bus/src/limit.rs", rust), source("verify/rigs/common.sh", "")]);

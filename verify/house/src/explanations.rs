@@ -41,7 +41,7 @@ fn assert_pages(pages: &Pages, codes: &[(&str, &str)], parts: &[&str]) {
 const FULL: [&str; 4] = ["", "**What happened.** ", "**Look at.** ", "**Do.** "];
 
 #[test]
-fn every_cause_fault_and_refusal_has_its_page_and_every_page_its_code() {
+fn every_code_has_a_page_and_vice_versa() {
     let causes = file("causes");
     assert_pages(
         &causes,
@@ -64,7 +64,7 @@ fn named(code: &str) -> impl Iterator<Item = &str> {
 }
 
 #[test]
-fn every_named_line_of_the_log_has_its_page_and_every_page_its_line() {
+fn every_named_log_line_has_a_page() {
     let is_of_program = |path: &str| path.contains("/src/") && !path.starts_with("verify/");
     let programs = sources::rust().into_iter().filter(|source| is_of_program(&source.path));
     let mut lines: BTreeSet<String> =
@@ -84,7 +84,7 @@ fn every_named_line_of_the_log_has_its_page_and_every_page_its_line() {
 }
 
 #[test]
-fn a_page_without_a_part_and_a_name_in_a_line_are_found() {
+fn missing_page_part_and_named_line_are_found() {
     let pages = pages(
         "# Title\n\n## a\n\nA sentence\nof some words.\n\n**Do.** Nothing at all.\n\n## b\n\n**Do.** \n",
     );

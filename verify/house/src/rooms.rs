@@ -89,7 +89,7 @@ fn vendors(source: &Source) -> BTreeSet<String> {
 }
 
 #[test]
-fn the_rooms_of_core_and_daemon_import_what_the_tables_say() {
+fn rooms_of_core_and_daemon_match_tables() {
     let sources = sources::rust();
     assert_eq!(rooms(circles::below_src(&sources, "core")), table(CORE), "core");
     assert_eq!(rooms(circles::below_src(&sources, "daemon")), table(DAEMON), "daemon");

@@ -24,7 +24,7 @@ fn is_unsafe(code: TokenStream) -> bool {
 }
 
 #[test]
-fn unsafe_code_stands_only_in_the_files_that_are_named_for_it() {
+fn unsafe_code_stands_in_listed_files_only() {
     let mut found = Vec::new();
     for source in sources::rust() {
         if is_unsafe(source.text.parse().unwrap()) {
@@ -35,7 +35,7 @@ fn unsafe_code_stands_only_in_the_files_that_are_named_for_it() {
 }
 
 #[test]
-fn unsafe_is_found_in_any_shape_and_not_in_words_about_it() {
+fn unsafe_is_found_in_code_not_words() {
     for code in
         ["fn f() { unsafe { g() } }", "pub unsafe fn f() {}", "m!(unsafe{x})", "unsafe impl A for B {}"]
     {

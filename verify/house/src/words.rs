@@ -54,6 +54,9 @@ const RETIRED: &[(&str, &str, Where)] = &[
     ("rough", "client fuzz", Names),
 ];
 
+/// Most words of a function's name.
+const WORDS_MAX: usize = 8;
+
 /// Names of other people's libraries with a retired word.
 const OF_OTHERS: &[&str] = &["compare_exchange", "Home"];
 
@@ -155,7 +158,7 @@ fn no_retired_word_comes_back() {
 }
 
 #[test]
-fn a_retired_word_is_found_where_it_is_refused_and_nowhere_else() {
+fn retired_word_is_found_only_where_refused() {
     let source = |path: &str, text: &str| Source { path: path.into(), text: text.into() };
     let found = |text: &str| retired(&source("bus/src/a.rs", text));
     assert_eq!(found("/// The will of\n/// a motor. What will it do?\nfn f() {}"), [""; 0]);
@@ -170,4 +173,31 @@ fn a_retired_word_is_found_where_it_is_refused_and_nowhere_else() {
     assert_eq!(found("// A place on\n// the grid.\n"), ["place on the grid"]);
     assert_eq!(found("// Towards the storage, rewards.\n"), [""; 0]);
     assert_eq!(retired(&source("docs/a.md", "Each roster.")), ["roster"]);
+}
+
+/// The names of functions with more than [`WORDS_MAX`] words.
+fn too_long(code: TokenStream) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut follows_fn = false;
+    walk(code, &mut |token| {
+        let name = token.to_string();
+        if follows_fn && parts(&name).len() > WORDS_MAX {
+            found.push(name.clone());
+        }
+        follows_fn = name == "fn";
+    });
+    found
+}
+
+#[test]
+fn function_names_have_at_most_eight_words() {
+    for source in sources::rust() {
+        assert_eq!(too_long(source.text.parse().unwrap()), [""; 0], "{}", source.path);
+    }
+}
+
+#[test]
+fn a_name_of_nine_words_is_found() {
+    let code = "fn a_b_c_d_e_f_g_h() {} m! { fn a_b_c_d_e_f_g_h_i() {} }";
+    assert_eq!(too_long(code.parse().unwrap()), ["a_b_c_d_e_f_g_h_i"]);
 }

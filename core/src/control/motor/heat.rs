@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rated_torque_is_allowed_for_good_and_no_torque_cools() {
+    fn rated_torque_is_sustained_and_zero_torque_cools() {
         let mut heat = COLD;
         assert!(give(&mut heat, RATED, 1000) >= RATED);
         assert!(heat.value <= 1.0 && !heat.is_overheated());
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn twice_the_rated_torque_warms_a_cold_winding_in_the_time_that_is_configured() {
+    fn twice_rated_torque_heats_in_configured_time() {
         let mut heat = COLD;
         for _ in 0..10_000 {
             heat.warm(2.0 * RATED, CYCLE);
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn too_much_torque_sinks_to_the_rated_and_never_warms_the_winding_beyond_it() {
+    fn excess_torque_falls_to_rated_without_overheating() {
         let mut heat = COLD;
         assert!(give(&mut heat, 2.0 * RATED, 5) >= 2.0 * RATED, "for a while it is allowed");
         assert!(
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torque_that_no_motor_has_warms_it_as_much_as_its_peak() {
+    fn impossible_torque_heats_as_much_as_peak() {
         let [mut reported, mut given] = [COLD; 2];
         for _ in 0..50 {
             reported.warm(-225.0, CYCLE);
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_below_the_rated_torque_stays_the_limit() {
+    fn limit_below_rated_torque_stays_the_limit() {
         let mut heat = COLD;
         for _ in 0..100 {
             heat.warm(10.0 * RATED, 1.0);

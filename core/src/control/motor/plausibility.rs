@@ -214,7 +214,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_speed_at_the_end_of_its_code_is_overspeed_and_one_at_the_highest_limit_is_not() {
+    fn speed_at_code_end_is_overspeed() {
         // RS00: the code ends at 33 rad/s, and so high a limit is the default.
         let (end, limit) = (33.0, 0.995 * 33.0);
         let threshold = overspeed(limit, Some(end));
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_temperature_that_no_motor_can_have_is_never_believed() {
+    fn impossible_temperature_is_never_believed() {
         // Five degrees of frost, read without a sign: Damiao's 0xFB, RobStride's 0xFFCE.
         for celsius in [251.0, 6548.6] {
             let reported = Measured::new(0.0, 0.0, 0.0, Some(celsius));

@@ -20,7 +20,7 @@ fn pty() -> (File, OwnedFd, String) {
 }
 
 #[test]
-fn every_motor_of_a_line_hears_its_stop_with_time_to_answer_in_between() {
+fn every_motor_of_line_gets_stop_and_time() {
     let (mut motors, _slave, device) = pty();
     let mut port = Port::open(&device, 921_600).unwrap();
     std::thread::sleep(Duration::from_millis(50));
@@ -34,7 +34,7 @@ fn every_motor_of_a_line_hears_its_stop_with_time_to_answer_in_between() {
 }
 
 #[test]
-fn a_round_that_was_taken_leaves_before_the_port_is_given_up() {
+fn accepted_round_leaves_before_port_is_released() {
     let (mut motors, _slave, device) = pty();
     let mut port = Port::open(&device, 921_600).unwrap();
     std::thread::sleep(Duration::from_millis(50));
@@ -44,7 +44,7 @@ fn a_round_that_was_taken_leaves_before_the_port_is_given_up() {
 }
 
 #[test]
-fn a_port_that_is_missing_refuses_at_once_and_serves_when_it_is_there() {
+fn missing_port_refuses_immediately_and_serves_when_present() {
     let directory = tempfile::tempdir().unwrap();
     let link = directory.path().join("adapter");
     let mut port = Port::open(link.to_str().unwrap(), 921_600).unwrap();

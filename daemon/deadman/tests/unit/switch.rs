@@ -45,7 +45,7 @@ impl Story {
 }
 
 #[test]
-fn a_daemon_that_dies_is_acted_on_at_once_until_every_bus_is_served() {
+fn dead_daemon_is_acted_on_until_buses_served() {
     let mut story = Story::begin();
     story.dies();
     assert_eq!(story.pass(1000), Some((0, Cause::Died)));
@@ -55,7 +55,7 @@ fn a_daemon_that_dies_is_acted_on_at_once_until_every_bus_is_served() {
 }
 
 #[test]
-fn a_heartbeat_that_stands_still_is_acted_on_within_a_fifth_of_the_patience() {
+fn stalled_heartbeat_is_noticed_within_fifth_of_patience() {
     let mut story = Story::begin();
     story.beats = false;
     // The last beat was a millisecond before.
@@ -66,7 +66,7 @@ fn a_heartbeat_that_stands_still_is_acted_on_within_a_fifth_of_the_patience() {
 }
 
 #[test]
-fn a_switch_looks_at_the_heartbeat_five_times_within_its_patience() {
+fn heartbeat_is_checked_five_times_per_patience() {
     let mut story = Story::begin();
     let first = story.switch.due();
     story.pass(1);
@@ -74,7 +74,7 @@ fn a_switch_looks_at_the_heartbeat_five_times_within_its_patience() {
 }
 
 #[test]
-fn a_daemon_that_goes_on_gets_its_motors_back_at_the_next_look() {
+fn resumed_daemon_gets_its_motors_back() {
     let mut story = Story::begin();
     story.beats = false;
     assert!(story.pass(30).is_some());
@@ -86,7 +86,7 @@ fn a_daemon_that_goes_on_gets_its_motors_back_at_the_next_look() {
 }
 
 #[test]
-fn a_daemon_that_leaves_a_stopped_robot_is_not_acted_on() {
+fn daemon_that_left_stopped_robot_is_ignored() {
     for millis_until_it_closes in [0, 500] {
         let mut story = Story::begin();
         (story.beats, story.heartbeat) = (false, AT_REST);
@@ -97,7 +97,7 @@ fn a_daemon_that_leaves_a_stopped_robot_is_not_acted_on() {
 }
 
 #[test]
-fn a_daemon_that_beats_once_more_and_dies_is_acted_on() {
+fn daemon_that_beats_once_and_dies_is_handled() {
     let mut story = Story::begin();
     story.beats = false;
     story.pass(1000);

@@ -27,7 +27,7 @@ fn record(cycle: u64, answered: u64) -> Record {
 }
 
 #[test]
-fn the_control_latency_lasts_from_the_states_to_the_cycle_that_uses_the_answer() {
+fn control_latency_spans_states_to_answering_cycle() {
     let mut distributions = Distributions::new(1, 2, PERIOD);
     // In time, one cycle late, without a new setpoint, after a record was lost, and from another age.
     for (cycle, answered) in [(1, 0), (2, 1), (3, 1), (4, 0), (6, 5), (100, 1)] {
@@ -43,7 +43,7 @@ fn the_control_latency_lasts_from_the_states_to_the_cycle_that_uses_the_answer()
 }
 
 #[test]
-fn every_missed_tick_counts_as_late_until_the_cycle_after_it() {
+fn missed_ticks_count_as_late_until_next_cycle() {
     let mut distributions = Distributions::new(1, 1, PERIOD);
     distributions.record(&Record { wake_latency_ns: 40_000, ..record(1, 0) });
     // The thread sleeps for tick 2 and begins 3.25 ms after it: ticks 2, 3 and 4 are missed, and the cycle is that of tick 5.
@@ -73,7 +73,7 @@ fn the_largest_value_is_one_that_was_measured() {
 }
 
 #[test]
-fn at_a_missed_tick_the_setpoint_in_use_is_older_by_the_time_that_passed() {
+fn missed_tick_ages_setpoint_in_use() {
     let mut distributions = Distributions::new(1, 1, PERIOD);
     let aged = |number, age| Record { setpoint_age_ns: age, ..record(number, 0) };
     distributions.record(&Record { wake_latency_ns: 100_000, ..aged(1, Some(300_000)) });
@@ -91,7 +91,7 @@ fn at_a_missed_tick_the_setpoint_in_use_is_older_by_the_time_that_passed() {
 }
 
 #[test]
-fn a_stall_of_a_day_is_taken_in_at_once_and_every_tick_of_it_counts() {
+fn stall_of_a_day_counts_every_tick() {
     let mut distributions = Distributions::new(1, 1, PERIOD);
     distributions.record(&Record { setpoint_age_ns: Some(0), ..record(1, 0) });
     let (day, ticks) = (86_400_000_000_000, 86_400_000);
@@ -110,7 +110,7 @@ fn a_stall_of_a_day_is_taken_in_at_once_and_every_tick_of_it_counts() {
 }
 
 #[test]
-fn a_reset_begins_everything_anew_but_what_the_next_cycle_needs() {
+fn reset_clears_all_but_next_cycle_data() {
     let mut distributions = Distributions::new(1, 1, PERIOD);
     let replied = |cycle, answered, missed| {
         let mut record = Record { missed, missed_ticks: 0, ..record(cycle, answered) };

@@ -14,7 +14,7 @@ fn lines(text: &str, name: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_bucket_counts_the_values_up_to_its_bound() {
+fn bucket_counts_values_up_to_its_bound() {
     let mut values = crate::histogram::histogram();
     for value in [900, 1_900, 2_100, 4_000, 700_000, 2_000_000_000] {
         values.record(value).unwrap();
@@ -67,7 +67,7 @@ fn the_metrics_of_a_robot_bear_its_names() {
 }
 
 #[test]
-fn a_robot_without_a_state_yet_has_text_that_is_whole() {
+fn robot_without_state_has_complete_metrics_text() {
     let distributions = Distributions::new(2, 1, Duration::from_millis(1));
     let text = metrics().text(&distributions, &StateMessage::default(), 0);
     assert!(!text.contains("motord_state"), "nothing is made up: {text}");

@@ -74,7 +74,7 @@ fn assert_finding(finding: &Finding, level: Level, measured: &str, command: Opti
 }
 
 #[test]
-fn a_kernel_with_preempt_rt_is_known_by_its_file_or_its_version() {
+fn preempt_rt_is_known_by_file_or_version() {
     let release = ("proc/sys/kernel/osrelease", "6.1.0-28-rt-amd64");
     let version = |text| ("proc/sys/kernel/version", text);
     let rt = Fixture::new(&[release, version("#1 SMP PREEMPT_RT Debian 6.1.119-1")]);
@@ -84,7 +84,7 @@ fn a_kernel_with_preempt_rt_is_known_by_its_file_or_its_version() {
 }
 
 #[test]
-fn another_kernel_is_worth_a_warning_with_the_package_of_the_distribution() {
+fn other_kernel_is_warning_with_distribution_package() {
     let kernel = |id, arch| {
         let fixture = Fixture::new(&[
             ("proc/sys/kernel/osrelease", "6.1.0"),
@@ -106,7 +106,7 @@ fn another_kernel_is_worth_a_warning_with_the_package_of_the_distribution() {
 }
 
 #[test]
-fn real_time_threads_must_get_most_of_the_time_and_polling_ones_all_of_it() {
+fn realtime_threads_must_get_most_time() {
     let runtime = |runtime, spins_at| {
         let fixture = Fixture::new(&[
             ("proc/sys/kernel/sched_rt_runtime_us", runtime),
@@ -124,7 +124,7 @@ fn real_time_threads_must_get_most_of_the_time_and_polling_ones_all_of_it() {
 }
 
 #[test]
-fn a_slow_clock_is_replaced_by_a_fast_one_where_there_is_one() {
+fn slow_clock_is_replaced_by_a_fast_one() {
     let directory = "sys/devices/system/clocksource/clocksource0";
     let clock = |current, available| {
         let path = |name| format!("{directory}/{name}");
@@ -140,7 +140,7 @@ fn a_slow_clock_is_replaced_by_a_fast_one_where_there_is_one() {
 }
 
 #[test]
-fn a_daemon_that_runs_is_found_and_must_have_its_priority() {
+fn running_daemon_must_have_its_priority() {
     let with = |policy, priority, slack| {
         let fixture = Fixture::new(&[
             ("proc/700/comm", "motord"),
@@ -167,7 +167,7 @@ fn a_daemon_that_runs_is_found_and_must_have_its_priority() {
 }
 
 #[test]
-fn the_rights_are_those_of_the_daemon_or_of_its_unit_or_of_this_shell() {
+fn rights_are_read_from_daemon_unit_or_shell() {
     let limits = |priority: &str, memory: &str| {
         format!(
             "Limit                     Soft Limit           Hard Limit           Units\n\
@@ -210,7 +210,7 @@ fn root_may_have_any_priority_and_memory() {
 }
 
 #[test]
-fn the_cycle_is_pinned_to_an_isolated_processor_or_the_parameters_that_isolate_one_are_named() {
+fn unpinned_cycle_names_isolating_parameters() {
     let isolation = |isolated, online, cpu| {
         let fixture = Fixture::new(&[
             ("sys/devices/system/cpu/isolated", isolated),
@@ -230,7 +230,7 @@ fn the_cycle_is_pinned_to_an_isolated_processor_or_the_parameters_that_isolate_o
 }
 
 #[test]
-fn the_governor_counts_on_the_processors_of_the_cycle_only() {
+fn governor_matters_on_cycle_processors_only() {
     let cpu = |number: usize| format!("sys/devices/system/cpu/cpu{number}/cpufreq/scaling_governor");
     let fixture = Fixture::new(&[
         (&cpu(0), "powersave"),
@@ -252,7 +252,7 @@ fn the_governor_counts_on_the_processors_of_the_cycle_only() {
 }
 
 #[test]
-fn deep_sleep_is_good_where_it_is_shallow_or_off_or_the_daemon_may_forbid_it() {
+fn deep_sleep_must_be_shallow_off_or_forbidden() {
     use std::os::unix::fs::PermissionsExt;
     let state =
         |number: usize, file: &str| format!("sys/devices/system/cpu/cpu1/cpuidle/state{number}/{file}");
@@ -285,7 +285,7 @@ fn deep_sleep_is_good_where_it_is_shallow_or_off_or_the_daemon_may_forbid_it() {
 }
 
 #[test]
-fn an_interface_that_motors_cannot_be_reached_through_is_bad_and_has_its_commands() {
+fn unusable_interface_is_bad_and_names_commands() {
     let good = Link {
         interface: "can0".parse().unwrap(),
         index: 3,
@@ -321,7 +321,7 @@ fn an_interface_that_motors_cannot_be_reached_through_is_bad_and_has_its_command
 }
 
 #[test]
-fn a_queue_holds_the_commands_of_a_cycle_and_not_a_second_of_old_ones() {
+fn queue_holds_one_cycle_not_old_commands() {
     let queue = |length| {
         let fixture = Fixture::new(&[("sys/class/net/can0/tx_queue_len", length)]);
         interface::queue(&fixture.tree(), &can0())
@@ -332,7 +332,7 @@ fn a_queue_holds_the_commands_of_a_cycle_and_not_a_second_of_old_ones() {
 }
 
 #[test]
-fn an_adapter_that_waits_for_more_frames_is_bad_and_one_that_waits_for_a_time_is_worth_a_warning() {
+fn frame_coalescing_is_bad_and_time_coalescing_warns() {
     let judge = |settings| interface::coalescing("can0", Ok(Some(settings)));
     let none = Coalescing { rx_usecs_irq: Some(0), rx_frames_irq: Some(1), ..Coalescing::default() };
     assert_finding(&judge(none), Level::Good, "rx-usecs-irq 0 rx-frames-irq 1", None);
@@ -366,7 +366,7 @@ fn on_spi(affinity: &str, priority: u8) -> Fixture {
 }
 
 #[test]
-fn an_interrupt_is_served_beside_the_cycle_and_above_it() {
+fn interrupt_runs_beside_and_above_the_cycle() {
     let interrupts = |fixture: &Fixture| interface::interrupts(&fixture.tree(), &robot(Some(3)), "can0");
     let good = interrupts(&on_spi("0", 90));
     assert_finding(&good, Level::Good, "54 on processors 0, thread 90 at real-time priority 90", None);
@@ -380,7 +380,7 @@ fn an_interrupt_is_served_beside_the_cycle_and_above_it() {
 }
 
 #[test]
-fn a_program_that_bears_the_name_of_a_kernel_thread_gets_no_priority() {
+fn program_named_like_kernel_thread_gets_no_priority() {
     let fixture = on_spi("0", 90);
     let robot = Robot { interfaces: vec![can0()], ..robot(Some(3)) };
     for pid in ["13", "90"] {
@@ -411,7 +411,7 @@ fn received_frames_wait_behind_no_controller() {
 }
 
 #[test]
-fn an_adapter_on_usb_has_the_interrupts_of_its_controller() {
+fn usb_adapter_has_interrupts_of_its_controller() {
     let fixture = Fixture::new(&[
         ("sys/devices/pci0000:00/0000:00:14.0/irq", "0"),
         ("sys/devices/pci0000:00/0000:00:14.0/msi_irqs/124", "msi"),
@@ -431,7 +431,7 @@ fn an_adapter_on_usb_has_the_interrupts_of_its_controller() {
 }
 
 #[test]
-fn the_owner_of_an_interface_is_known_by_its_lock_and_others_by_their_filters() {
+fn interface_owner_is_known_by_lock_and_filters() {
     // A lock holds on all of this computer: no interface and no other test has the name.
     let pid = std::process::id();
     let name = format!("d{pid}");
@@ -452,7 +452,7 @@ fn the_owner_of_an_interface_is_known_by_its_lock_and_others_by_their_filters() 
 }
 
 #[test]
-fn a_serial_port_is_there_and_fast_and_used_by_nobody_else() {
+fn serial_port_is_present_fast_and_unshared() {
     let timer = "sys/bus/usb-serial/devices/ttyUSB0/latency_timer";
     let fixture = Fixture::new(&[("dev/ttyUSB0", ""), (timer, "1")]);
     fixture.link("dev/serial/by-id/arm", "../../ttyUSB0");
@@ -470,7 +470,7 @@ fn a_serial_port_is_there_and_fast_and_used_by_nobody_else() {
 }
 
 #[test]
-fn files_with_anything_in_them_make_no_check_panic() {
+fn arbitrary_file_contents_never_panic_a_check() {
     for text in [
         "",
         "-1",

@@ -15,7 +15,7 @@ fn interval(begun: SystemTime, values: &[u64]) -> Interval {
 }
 
 #[test]
-fn a_log_is_whole_after_every_interval_and_gives_back_every_value() {
+fn log_is_complete_after_each_interval() {
     let place = tempfile::tempdir().unwrap();
     let path = place.path().join("run.hlog");
     let mut log = Hlog::create(&path, &RobotDescription::default()).unwrap();
@@ -35,7 +35,7 @@ fn a_log_is_whole_after_every_interval_and_gives_back_every_value() {
 }
 
 #[test]
-fn a_line_that_is_none_is_refused_and_a_log_without_one_is_empty() {
+fn invalid_line_is_refused_and_empty_log_accepted() {
     for wrong in [
         "Tag=a,0.0,1.0,2.0,!!!!\n",
         "Tag=a,0.0,1.0,2.0,SERSAAAA\n",

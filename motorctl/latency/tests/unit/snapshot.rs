@@ -15,7 +15,7 @@ fn snapshot(boot_id: u64, resets: u64, cycles: u64, wake: Histogram<u64>) -> Sna
 }
 
 #[test]
-fn an_interval_has_the_samples_between_two_totals_and_no_other() {
+fn interval_holds_samples_between_two_totals() {
     let before = snapshot(1, 0, 2, total(&[10_000, 900_000]));
     let now = snapshot(1, 0, 5, total(&[10_000, 900_000, 20_000, 20_000, 30_000]));
     let interval = now.since(&before).telemetry(&RobotDescription::default());
@@ -35,7 +35,7 @@ fn totals_that_began_anew_are_all_new() {
 }
 
 #[test]
-fn an_interval_survives_a_total_that_comes_with_fewer_digits() {
+fn interval_survives_total_with_fewer_digits() {
     let (before, now) = (total(&[10_000, 50_000]), total(&[10_000, 50_000, 70_000]));
     let coarse = difference(&rounded(&now, 2), Some(&before));
     assert_eq!((coarse.len(), coarse.sigfig()), (1, 2));

@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn every_header_is_a_frame_or_refused_for_its_first_fault() {
+    fn every_header_is_frame_or_first_fault() {
         for (header, refused) in [
             ([1, 0, 8, 8], FrameError::Checksum { expected: 9, received: 8 }),
             ([1, 2, 8, 11], FrameError::Type { received: 2 }),
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_with_a_lost_byte_costs_no_other_frame() {
+    fn frame_with_lost_byte_costs_no_other() {
         let first = SerialFrame::normal(0, [0x93, 0, 0x30, 0x32, 0x73, 0x8E, 0xB8, 0x70]);
         let second = SerialFrame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
         for lost in 0..FRAME_LEN_MAX {
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_request_does_not_wait_for_half_an_old_reply() {
+    fn new_request_discards_half_an_old_reply() {
         let frame = SerialFrame::normal(0, [0xB1, 0, 0, 0, 1, 2, 3, 4]);
         let mut decoder = Decoder::new();
         let half = bytes(&frame).0.into_iter().take(7);
@@ -354,7 +354,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_that_came_before_hides_the_frame_waited_for(
+        fn earlier_bytes_never_hide_the_awaited_frame(
             noise in prop::collection::vec(prop_oneof![any::<u8>(), 0..=9_u8], 0..64),
             receiver in any::<u8>(),
             payload in any::<[u8; 8]>(),

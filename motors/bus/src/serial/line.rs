@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_bears_the_id_of_the_motor_that_was_asked() {
+    fn reply_has_id_of_asked_motor() {
         let mut line = line();
         for id in [1, 2] {
             ask(&mut line, id, 0);
@@ -328,7 +328,7 @@ mod tests {
 
     /// Goal: a motor that is one turn late for ever starves none of its neighbours: one that hears nothing keeps its last command.
     #[test]
-    fn a_motor_that_is_always_late_takes_each_turn_of_another_once_in_two_rounds() {
+    fn always_late_motor_takes_alternate_turns_only() {
         let mut line = Line::new(&Settings {
             device: String::new(),
             baud: 921_600,
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_for_others_other_commands_and_bytes_that_nobody_asked_for_are_no_replies() {
+    fn unrequested_frames_and_bytes_are_no_replies() {
         let mut line = line();
         assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "nothing was asked");
         ask(&mut line, 3, 0);
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_busy_until_the_reply_or_its_timeout() {
+    fn line_is_busy_until_reply_or_timeout() {
         let mut line = line();
         assert!(!line.is_busy(START));
         ask(&mut line, 1, 0);
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn an_echo_is_dropped_whole_in_pieces_and_behind_noise() {
+    fn echo_is_dropped_whole_split_or_noisy() {
         for noise in [&[][..], &[0x00, 0x01], &[0x01]] {
             let mut line = line();
             for round in 0..3 {
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_echo_is_no_reply_of_a_motor() {
+    fn damaged_echo_is_no_reply() {
         let mut line = line();
         let echo = ask(&mut line, 1, 0);
         assert_eq!(read(&mut line, &[echo.clone(), reply(HOST)].concat()), [from(1)]);
@@ -401,14 +401,14 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_that_begins_like_its_request_is_no_echo() {
+    fn reply_beginning_like_request_is_no_echo() {
         let mut line = line();
         ask(&mut line, 1, 0);
         assert_eq!(read(&mut line, &reply(1)), [from(1)], "the header and the command are the same");
     }
 
     #[test]
-    fn an_ack_refuses_the_request_unless_a_reply_follows() {
+    fn ack_refuses_request_unless_reply_follows() {
         let mut line = line();
         ask(&mut line, 1, 0);
         assert_eq!(read(&mut line, &ack(HOST)), [Content::Refused(FrameId::from(1))]);
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_reply_is_never_taken_for_that_of_the_motor_asked_next() {
+    fn late_reply_is_not_taken_for_next_motor() {
         let mut line = line();
         for round in 0..5 {
             ask(&mut line, 1, 10 * round);
@@ -433,7 +433,7 @@ mod tests {
 
     /// Each reply comes a turn late, as with an adapter that is slower than its turnaround says.
     #[test]
-    fn replies_that_are_all_a_turn_late_are_never_taken_for_those_of_others() {
+    fn uniformly_late_replies_are_never_confused() {
         let mut line = line();
         let (mut asked, mut distinct) = (None, 0);
         for turn in 0..100 {
@@ -453,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_motor_costs_its_neighbour_one_reply_and_no_more() {
+    fn silent_motor_costs_neighbour_one_reply() {
         let mut line = line();
         let mut lost = 0;
         for round in 0..20 {
@@ -471,7 +471,7 @@ mod tests {
     }
 
     #[test]
-    fn motors_with_host_ids_of_their_own_are_never_taken_for_each_other() {
+    fn motors_with_distinct_host_ids_are_never_confused() {
         let mut line = line();
         for round in 0..5 {
             ask(&mut line, 1, 10 * round);
@@ -482,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_byte_costs_one_reply_and_not_the_next() {
+    fn lost_byte_costs_one_reply_only() {
         for lost in 0..FRAME_LEN_MAX {
             let mut line = line();
             ask(&mut line, 1, 0);

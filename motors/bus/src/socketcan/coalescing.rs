@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_kernel_that_knows_ethtool_tells_that_an_interface_has_nothing_to_keep_back_or_is_not_there() {
+    fn ethtool_reports_coalescing_or_missing_interface() {
         let read = |name: &str| Coalescing::read(name.parse().unwrap());
         // Without the kernel's `CONFIG_ETHTOOL_NETLINK` there is no such family.
         if read("lo") != Err(Errno::ENOENT) {

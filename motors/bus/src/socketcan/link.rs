@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn every_unfit_interface_is_refused_with_the_commands_that_mend_it() {
+    fn unfit_interface_is_refused_with_mending_commands() {
         let commands = |modes| {
             format!(
                 "as root: ip link set can0 down; \
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bit_rate_that_the_clock_rounds_is_not_refused() {
+    fn bit_rate_rounded_by_clock_is_accepted() {
         for (received, fits) in [(999_001, true), (1_004_999, true), (994_000, false), (1_006_000, false)] {
             assert_eq!(
                 Link { bitrate: Some(received), ..good() }.check(1_000_000, 8).is_ok(),
@@ -394,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_virtual_interface_needs_to_be_up_and_nothing_else() {
+    fn virtual_interface_only_needs_to_be_up() {
         let vcan = Link { bitrate: None, restart_ms: None, state: None, is_virtual: true, ..good() };
         assert_eq!(vcan.check(1_000_000, 8), Ok(()));
         let text = Link { up: false, ..vcan }.check(1_000_000, 8).unwrap_err().to_string();

@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_safe_in_a_path_and_in_a_command() {
+    fn name_is_safe_in_path_and_command() {
         for name in ["can0", "vcan12", "front-left_3.1", "a23456789012345"] {
             assert_eq!(name.parse::<InterfaceName>().unwrap().as_str(), name);
         }

@@ -165,7 +165,7 @@ mod tests {
 
     /// Three motors, their replies, and the kernel's own look-up table for single ids.
     #[test]
-    fn a_frame_of_a_motor_is_compared_with_one_filter() {
+    fn motor_frame_is_compared_with_one_filter() {
         let filters = others(&ids(&[1, 2, 3, 0x101, 0x102, 0x103]));
         assert_eq!(filters.iter().filter(|(_, mask)| *mask != EXACT).count(), 1, "{filters:X?}");
     }

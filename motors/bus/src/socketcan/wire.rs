@@ -202,7 +202,7 @@ mod tests {
 
     /// `cansend vcan0 20000040#0000000000000000`, the bus-off report of `linux/can/error.h`.
     #[test]
-    fn an_error_report_is_never_a_frame_whatever_its_other_flags() {
+    fn error_report_is_never_a_frame() {
         let mut report = bytes(0x2000_0040, 8, 0);
         report[field::DATA].fill(0);
         assert_eq!(decode(report), Content::Error(ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] }));
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn stamp_and_loss_are_found_in_any_order_among_other_messages() {
+    fn stamp_and_loss_are_found_in_any_order() {
         let mut time = [0; 16];
         time[..8].copy_from_slice(&7_u64.to_ne_bytes());
         time[8..].copy_from_slice(&9_u64.to_ne_bytes());
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn no_control_bytes_make_it_panic_or_run_on() {
+    fn no_control_bytes_panic_or_overrun() {
         let good = control(libc::SO_TIMESTAMPNS, &[1; 16]);
         for cut in 0..good.len() {
             let _ = ancillary(&good[..cut]);

@@ -115,7 +115,7 @@ impl Fixture for Sja1000 {
 motord_bus::conformance! {
     [ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
     mod conforms = Sja1000::new;
-    a_bus_that_is_down_says_so_and_recovers,
+    bus_that_is_down_reports_and_recovers,
     a_bus_that_is_gone_says_so,
     a_flood_fills_an_inbox_and_no_more,
     a_running_bus_allocates_nothing,
@@ -150,7 +150,7 @@ impl Drop for Nobody {
 
 #[test]
 #[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
-fn with_the_right_to_a_controller_is_brought_from_down_to_up() {
+fn permitted_process_brings_controller_up() {
     let _pair = take_pair();
     assert!(!Link::read(name("can0")).unwrap().up);
     let bus = SocketCanBus::open(&settings("can0")).unwrap();
@@ -167,7 +167,7 @@ fn with_the_right_to_a_controller_is_brought_from_down_to_up() {
 
 #[test]
 #[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
-fn a_wrong_bit_rate_is_mended_with_the_right_to_and_explained_without() {
+fn wrong_bit_rate_is_mended_or_explained() {
     let _pair = take_pair();
     assert!(run("ip link set can0 type can bitrate 500000") && run("ip link set can0 up"));
     let nobody = Nobody::new();
@@ -192,7 +192,7 @@ fn a_wrong_bit_rate_is_mended_with_the_right_to_and_explained_without() {
 
 #[test]
 #[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
-fn a_controller_that_only_listens_is_refused_or_mended() {
+fn listen_only_controller_is_mended_or_refused() {
     let _pair = take_pair();
     assert!(run("ip link set can0 type can bitrate 1000000 listen-only on") && run("ip link set can0 up"));
     let nobody = Nobody::new();
@@ -205,7 +205,7 @@ fn a_controller_that_only_listens_is_refused_or_mended() {
 
 #[test]
 #[ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
-fn a_bit_rate_the_controller_cannot_have_is_refused() {
+fn impossible_bit_rate_is_refused() {
     let _pair = take_pair();
     for bitrate in [0, 1] {
         let refused = SocketCanBus::open(&Settings { bitrate, ..settings("can0") }).err();

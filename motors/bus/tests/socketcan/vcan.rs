@@ -105,7 +105,7 @@ impl Fixture for Vcan {
 motord_bus::conformance! {
     [ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
     mod conforms = Vcan::new;
-    a_bus_that_is_down_says_so_and_recovers,
+    bus_that_is_down_reports_and_recovers,
     a_bus_that_is_gone_says_so,
     a_flood_fills_an_inbox_and_no_more,
     a_running_bus_allocates_nothing,
@@ -146,7 +146,7 @@ fn frames_the_kernel_had_to_drop_are_counted() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn unexpected_ids_are_counted_off_the_real_time_path_and_never_received() {
+fn unexpected_ids_are_counted_outside_realtime_path() {
     const FLOOD: u64 = 2000;
     let mut vcan = Vcan::new();
     let commands = [0x001, 0x002, 0x003].map(frame);
@@ -167,7 +167,7 @@ fn unexpected_ids_are_counted_off_the_real_time_path_and_never_received() {
 
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
+fn reopened_bus_leaks_no_descriptor() {
     let descriptors = || std::fs::read_dir("/proc/self/fd").unwrap().count();
     let mut vcan = Vcan::new();
     let before = descriptors();
@@ -188,7 +188,7 @@ fn a_bus_unplugged_and_opened_again_leaks_no_descriptor() {
 /// never waits for the search.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
-fn a_sender_finds_the_interface_that_has_its_name_now() {
+fn sender_finds_the_current_interface_of_name() {
     let frames = [frame(1), frame(2)];
     let send = |sender: &mut Sender| sender.send(clock::monotonic(), &frames);
     let mut vcan = Vcan::new();

@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_padded_for_safety_asks_a_motor_in_mit_mode_for_no_torque() {
+    fn padded_command_means_no_torque_in_mit_mode() {
         let scales = Scales::by_current(0.1, 8.0).unwrap();
         for code in CommandCode::ALL {
             let command = decode_command(&[code as u8, 1, 3, 0, 0, 0, 0, 0]).unwrap();
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn commands_that_carry_values_have_no_padding_that_is_safe_in_mit_mode() {
+    fn commands_with_values_have_no_safe_padding() {
         let value = Value::Integer(1);
         for command in [
             Command::ModifyConfiguration { conf_id: 0x1C, value },
@@ -368,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn a_float_that_is_not_finite_is_refused_wherever_it_stands() {
+    fn nonfinite_float_is_refused_everywhere() {
         let nan = [0x00, 0x00, 0xC0, 0x7F];
         let refused = Err(DecodeError::NotFinite { received: 0x7FC0_0000 });
         for code in [0x93, 0x94, 0x95] {

@@ -165,7 +165,7 @@ mod tests {
     use crate::gim::{INDICATORS, Indicator, PARAMETERS, Parameter};
 
     #[test]
-    fn every_row_of_the_tables_is_found_by_its_number_and_by_its_name() {
+    fn table_rows_are_found_by_number_and_name() {
         for item in &CONFIGURATION {
             assert_eq!((item.key().item(), ConfigurationItem::by_name(item.name)), (Some(item), Some(item)));
         }
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_power_off_position_cannot_be_written_and_only_the_pwm_frequency_waits_for_a_reboot() {
+    fn only_documented_items_are_readonly_or_need_reboot() {
         let read_only = |item: &&ConfigurationItem| item.access == Access::ReadOnly;
         let late = |item: &&ConfigurationItem| item.effective == Effective::AfterReboot;
         assert!(CONFIGURATION.iter().filter(read_only).map(|item| item.name).eq(["power-off-position"]));
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quarter_turn_is_16384_whatever_the_upper_bits_hold() {
+    fn quarter_turn_is_16384_whatever_upper_bits() {
         assert_eq!(single_turn_position(16384), core::f64::consts::FRAC_PI_2);
         assert_eq!(single_turn_position(-49152), core::f64::consts::FRAC_PI_2);
     }

@@ -313,7 +313,7 @@ mod tests {
 
     /// How many numbers of each request its reply repeats: 3.2.3, 3.2.4, 3.2.12, 3.2.13, 3.2.17, 3.2.18.
     #[test]
-    fn a_reply_repeats_its_command_and_the_numbers_of_the_document() {
+    fn reply_repeats_command_and_documented_numbers() {
         for code in 0..=u8::MAX {
             let repeated = match code {
                 0x83 | 0x84 => 2,
@@ -343,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn an_indicator_byte_is_a_calibration_only_while_one_is_pending() {
+    fn indicator_byte_is_calibration_only_while_pending() {
         let printed = [0xB4, 1, 0, 0, 0, 0, 0, 0];
         let own = [0xB5, 1, 0, 0, 0, 0, 0, 0];
         let encoder = Command::Calibration(Calibration::ENCODER);
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_with_another_number_than_asked_is_no_answer() {
+    fn reply_with_other_number_is_no_answer() {
         let reply = decode_reply(&[0xA2, 6, 0, 0, 1, 0, 0, 0], Pending::Other, &scales()).unwrap();
         assert!(reply.answers(&Command::RetrieveParameter { para_id: 6 }));
         assert!(!reply.answers(&Command::RetrieveParameter { para_id: 5 }));
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn every_code_a_motor_can_tell_survives_a_round_trip() {
+    fn every_reported_code_survives_a_round_trip() {
         for code in 0..=u16::MAX {
             let codes = StateCodes { position: code, velocity: code >> 4, torque: code & 0x0FFF };
             let state = State::new(code as i8, codes, &scales());

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_result_byte_but_zero_is_a_refusal_that_keeps_its_code() {
+    fn nonzero_result_byte_is_refusal_with_code() {
         assert_eq!(Refusal::check(0), Ok(()));
         for res in 1..=u8::MAX {
             assert_eq!(Refusal::check(res).map_err(Refusal::code), Err(res));

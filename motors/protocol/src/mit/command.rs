@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn none_of_the_259_special_frames_comes_from_the_codes_that_spell_it() {
+    fn special_frames_never_result_from_spelling_codes() {
         assert_eq!(special_frames().count(), 259);
         for bytes in special_frames() {
             let codes = ControlCodes::unpack(bytes);
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn no_frame_with_six_leading_ff_is_ever_packed_from_any_gain_and_torque() {
+    fn six_leading_ff_are_never_packed() {
         for tail in 0..=u16::MAX {
             let [a, b] = tail.to_be_bytes();
             let codes = ControlCodes::unpack([0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, a, b]);
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn every_special_frame_is_read_as_its_command_and_written_back() {
+    fn special_frames_are_read_and_written_back() {
         for bytes in special_frames() {
             let command = CommandCodes::decode(&bytes).unwrap();
             assert!(!matches!(command, CommandCodes::Control(_)), "{bytes:02X?}");

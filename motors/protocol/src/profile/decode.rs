@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_bytes_of_a_steadywin_motor_are_read_as_what_was_asked() {
+    fn steadywin_reply_is_read_as_requested() {
         let bytes = [7, 0x02, 0x34, 0x56, 0x78, 0x9A];
         let codes = StateCodes { position: 0x0234, velocity: 0x567, torque: 0x89A };
         let reply = |asked| STEADYWIN.decode(&bytes, asked, &scales()).unwrap();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reply_of_another_length_than_the_profiles_is_refused() {
+    fn reply_of_other_length_is_refused() {
         for profile in PROFILES {
             let [least, most] = profile.reply.lengths;
             for received in 0..=64 {
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn every_code_a_motor_can_report_survives_a_round_trip() {
+    fn every_motor_code_survives_a_round_trip() {
         for profile in PROFILES {
             for code in 0..=u16::MAX {
                 let codes = StateCodes { position: code, velocity: code >> 4, torque: code & 0x0FFF };
@@ -212,7 +212,7 @@ mod tests {
 
     /// Damiao's codes 2 to 7 and 15 are in no document.
     #[test]
-    fn a_status_that_is_in_no_document_does_not_say_that_the_motor_is_off() {
+    fn undocumented_status_does_not_mean_off() {
         let is_on = |profile: &Profile, code: u8| {
             let state =
                 profile.decode_state(&[code << 4 | 1, 0x80, 0, 0x80, 0x08, 0, 25, 25], &scales()).unwrap();
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn no_state_of_a_moving_motor_is_taken_for_a_fault_report() {
+    fn moving_state_is_never_a_fault_report() {
         for profile in PROFILES {
             // Every state but those whose velocity and torque are both at their most negative ends.
             for velocity in 0x020..=0xFFF {

@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn every_golden_command_means_to_its_twin_what_the_source_says() {
+    fn golden_commands_mean_to_twin_as_sourced() {
         for twin in TWINS {
             for row in golden(twin).iter().filter(|row| row[0] == "to-motor") {
                 let command = (twin.hear)(unhex(&row[3]).try_into().unwrap());

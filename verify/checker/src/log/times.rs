@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_distribution_of_ten_times_is_told_by_hand() {
+    fn distribution_of_ten_times_matches_hand_calculation() {
         let times = Distribution::of([10, 9, 8, 7, 6, 5, 4, 3, 2, 1].map(f64::from).to_vec()).unwrap();
         assert_eq!(
             [times.minimum(), times.median(), times.ninety_percent(), times.maximum()],
