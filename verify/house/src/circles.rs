@@ -1,7 +1,7 @@
 //! No circle between the files of a crate.
 //!
-//! A file imports the file that defines what a path of it leads to: re-exports are followed. The file of a folder (`mod.rs`,
-//! `lib.rs`, `main.rs`) counts as any other; its own re-exports do not.
+//! A file imports the file that defines the item of each path it uses: the test follows re-exports. The file of a
+//! folder (`mod.rs`, `lib.rs`, `main.rs`) counts like any other; its own re-exports do not.
 
 use crate::paths;
 use crate::sources::{self, Source};
@@ -90,7 +90,7 @@ fn reached<'a>(graph: &'a Graph, start: &'a Module) -> BTreeSet<&'a Module> {
 pub(crate) fn below_src<'a>(sources: &'a [Source], folder: &str) -> impl Iterator<Item = (&'a str, &'a str)> {
     let src = format!("{folder}/src/");
     let files = sources.iter().filter_map(move |source| Some((source.path.strip_prefix(&src)?, source)));
-    // Executables are crates of their own.
+    // Each executable is a separate crate.
     files.filter(|(path, _)| !path.starts_with("bin/")).map(|(path, source)| (path, source.text.as_str()))
 }
 

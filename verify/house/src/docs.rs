@@ -1,16 +1,16 @@
-//! The documents name what there is: tests, functions and files.
+//! Documents name only tests, functions and files that exist.
 
 use crate::sources::{self, Source};
 use proc_macro2::{TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A name of so many words in code marks is the name of a test, or of another function.
+/// A name in code marks with at least this many words is the name of a function.
 const FUNCTION_MIN: usize = 4;
 
 /// A name with one of these endings is a file's.
 const ENDINGS: &[&str] = &[".rs", ".sh", ".toml", ".service", ".md", ".csv", ".conf", ".rules", ".network"];
 
-/// The beginnings of names that look like ours and are not.
+/// Prefixes of names that belong to other programs.
 const ELSEWHERE: &[&str] = &[
     // Linux.
     "can_ethtool_op_get_ts_info_hwts",
@@ -19,12 +19,12 @@ const ELSEWHERE: &[&str] = &[
     "damiao.rs",
     "parse_motor_state_data",
     "protocol.rs",
-    // A robot's own files.
+    // Files of a robot.
     "motord.lock.toml",
     "motord.toml",
     "robot.toml",
     "arm.toml",
-    // What is built.
+    // Files that a build makes.
     "target/debian",
     // Metrics and quantities, docs/latency.md.
     "motord_",
@@ -73,7 +73,7 @@ fn is_function(name: &str) -> bool {
     name.chars().all(is_plain) && name.split('_').filter(|word| !word.is_empty()).count() >= FUNCTION_MIN
 }
 
-/// A path of the workspace: an absolute one is of the machine.
+/// Returns whether `name` is a path of the workspace. Absolute paths are of the machine.
 fn is_path(name: &str) -> bool {
     let has_form = name.contains('/') || ENDINGS.iter().any(|ending| name.ends_with(ending));
     has_form && !name.starts_with('/') && name.chars().all(is_of_path)
@@ -87,7 +87,7 @@ fn placed(document: &str) -> impl Iterator<Item = (&str, &str)> {
     })
 }
 
-/// The workspace as the documents may name it.
+/// The functions and files that a document may name.
 struct House {
     /// Every function, with the files that have one of this name.
     functions: BTreeMap<String, BTreeSet<String>>,
@@ -108,7 +108,7 @@ impl House {
         Self { functions, files: sources.iter().map(|source| source.path.clone()).collect() }
     }
 
-    /// A path from the workspace, from the folder of the document, or the end of a file's path.
+    /// Returns whether `path` exists, from the workspace, from `folder`, or as the end of a path.
     fn has(&self, path: &str, folder: &str) -> bool {
         let path = path.trim_end_matches('/').trim_start_matches("../");
         let is_at = |place: &str| {
@@ -119,7 +119,7 @@ impl House {
             || self.files.iter().any(|file| file.ends_with(&format!("/{path}")))
     }
 
-    /// The names in a document of which there is nothing.
+    /// The names in a document that do not exist.
     fn missing(&self, document: &Source) -> Vec<String> {
         let folder = document.path.rsplit_once('/').map_or("", |(folder, _)| folder);
         let names: BTreeSet<&str> = marked(&document.text).chain(rust_files(&document.text)).collect();
@@ -133,7 +133,7 @@ impl House {
         names.into_iter().filter(is_ours).filter(is_missing).map(str::to_owned).collect()
     }
 
-    /// The functions in a document that are in another file than the one beside them.
+    /// The functions in a document that stand in another file than the one beside them.
     fn misplaced<'a>(&self, document: &'a str) -> Vec<(&'a str, &'a str)> {
         let is_in = |name: &str, file: &str| {
             let mut files = self.functions.get(name).into_iter().flatten();
@@ -143,7 +143,7 @@ impl House {
     }
 }
 
-/// The change log tells of the past.
+/// CHANGELOG.md is exempt: it names removed things.
 #[test]
 fn documented_tests_and_files_exist() {
     let sources = sources::files(&[""]);

@@ -22,13 +22,13 @@ fn file(name: &str) -> Pages {
     pages(&found.unwrap().text)
 }
 
-/// Whether a page has the parts that are asked for, in this order and no others, each with some text.
+/// Returns whether a page has exactly these parts, in this order, each with text.
 fn has_parts(page: &[String], parts: &[&str]) -> bool {
     page.len() == parts.len()
         && page.iter().zip(parts).all(|(text, part)| text.starts_with(part) && text.len() > part.len() + 10)
 }
 
-/// The pages begin with the sentences of their codes, which are in the states and in the log.
+/// Checks that each page begins with the sentence of its code, as states and log print it.
 fn assert_pages(pages: &Pages, codes: &[(&str, &str)], parts: &[&str]) {
     let names: BTreeSet<&str> = pages.keys().map(String::as_str).collect();
     assert_eq!(names, codes.iter().map(|(name, _)| *name).collect());

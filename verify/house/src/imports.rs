@@ -1,4 +1,4 @@
-//! The imports between crates: the table of `ARCHITECTURE.md` is exact, and no arrow points to a room further down.
+//! The imports between crates: the table of `ARCHITECTURE.md` is exact, and no crate imports from a higher room.
 
 use crate::sources;
 use serde_json::Value;
@@ -20,8 +20,8 @@ const TEST_IMPORTS: &[(&str, &[&str])] = &[
     ("motorctl", &["motord-bus", "motord-protocol", "motord-simulator"]),
 ];
 
-/// The packages that another program takes in with `motord-core`, procedural macros apart: no command line, no log, no system
-/// calls, no shared memory.
+/// The packages that `motord-core` depends on, without procedural macros: no command line, log, system call or shared
+/// memory.
 const CORE: &[&str] = &[
     "crossbeam-utils",
     "motord-bus",
@@ -65,7 +65,7 @@ fn room(row: &Row) -> usize {
     ROOMS.iter().position(|room| *room == top).unwrap_or_else(|| panic!("{top} is not in ROOMS"))
 }
 
-/// The imports of a table that point to a room further down.
+/// The imports of a table that point to a higher room.
 fn upward(table: &BTreeMap<String, Row>) -> Vec<String> {
     let mut found = Vec::new();
     for (name, row) in table {
@@ -108,7 +108,7 @@ fn imports(package: &Value, in_tests: bool) -> BTreeSet<String> {
         .collect()
 }
 
-/// How the imports of a crate differ from its row, which is exact: an unused import leaves the table.
+/// The differences between the imports of a crate and its row. An unused import is a difference.
 fn difference(name: &str, imports: &BTreeSet<String>, row: &BTreeSet<String>) -> Vec<String> {
     let forbidden = imports.difference(row).map(|import| format!("{name} must not import {import}"));
     let unused = row.difference(imports).map(|import| format!("{name} does not import {import} any more"));

@@ -1,5 +1,5 @@
-//! The rules of the house that a compiler does not know. Each rule is a function over text: one test applies it to the
-//! workspace, another one to a bad example that it must refuse.
+//! The architecture test: rules that the compiler does not check. Each rule is a function over text. One test applies it
+//! to the workspace, another to a bad example that it must reject.
 
 #![cfg(test)]
 

@@ -48,7 +48,7 @@ fn scan(tokens: TokenStream, place: &Place, found: &mut Found) {
     }
 }
 
-/// The tokens that `#[cfg(test)] mod tests { … }` or `#[cfg(test)] mod tests;` takes, if it is here.
+/// The number of tokens of `#[cfg(test)] mod tests { … }` or `#[cfg(test)] mod tests;`, if it begins here.
 fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
     let texts: Vec<String> = tokens.iter().take(3).map(ToString::to_string).collect();
     let is_test = matches!(&texts[..], [hash, cfg, module]
@@ -56,7 +56,7 @@ fn unit_tests(tokens: &[TokenTree]) -> Option<usize> {
     is_test.then_some(5)
 }
 
-/// The tokens of a `use` item, if one is here. Its names are bound; a private one uses what it names.
+/// The number of tokens of a `use` item, if one begins here. Binds its names; a private item also uses them.
 fn import(tokens: &[TokenTree], at: usize, place: &Place, found: &mut Found) -> Option<usize> {
     if text(tokens.get(at)) != "use" {
         return None;
@@ -78,7 +78,7 @@ fn import(tokens: &[TokenTree], at: usize, place: &Place, found: &mut Found) -> 
     Some(length + 1)
 }
 
-/// The token at `at` is the `(crate)` of `pub(crate)`.
+/// Returns whether the token at `at` is the `(crate)` of `pub(crate)`.
 fn is_restriction(tokens: &[TokenTree], at: usize) -> bool {
     matches!(&tokens[at], TokenTree::Group(_)) && at > 0 && text(tokens.get(at - 1)) == "pub"
 }
@@ -103,7 +103,7 @@ fn start(tokens: &[TokenTree], at: usize, place: &Place) -> Option<Vec<String>> 
     }
 }
 
-/// Follows `::name`, `::{…}`, `::*` and `as name` after the prefix. Each path with the name that it binds.
+/// Follows `::name`, `::{…}`, `::*` and `as name` after the prefix. Adds each path with the name that it binds.
 fn follow(
     tokens: &[TokenTree],
     at: &mut usize,

@@ -5,10 +5,10 @@ use crate::sources::{self, Source};
 use crate::words;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A room and the rooms that it imports. Every row is exact: an import that nobody uses leaves the table.
+/// A room and the rooms that it imports. Every row is exact: an unused import is an error.
 type Rows = &'static [(&'static str, &'static [&'static str])];
 
-/// `control` knows motors by what they can do, `drive` puts that into frames, `cycle` sends them: one way.
+/// `control` decides by capabilities, `drive` makes frames, `cycle` sends them.
 const CORE: Rows = &[
     ("clock", &[]),
     ("control", &[]),
@@ -17,7 +17,7 @@ const CORE: Rows = &[
     ("stopper", &["drive"]),
 ];
 
-/// `threads` wires the rooms together, `commands` is what a person starts.
+/// `threads` connects the rooms; `commands` are the subcommands of `motord`.
 const DAEMON: Rows = &[
     ("arming", &[]),
     ("buses", &[]),
@@ -33,21 +33,21 @@ const DAEMON: Rows = &[
 
 /// Where code may name a vendor or its protocols.
 const VENDORS_ALLOWED: &[&str] = &[
-    // It judges the frames of every vendor, with a codec of its own.
+    // Judges the frames of every vendor, with a separate codec.
     "verify/checker/src",
     "motors/commissioning/src",
     "core/src/drive",
     "daemon/src/commands/init",
     "core/configuration/src",
     "motorctl/frame/src",
-    // A target for each protocol.
+    // One target per protocol.
     "verify/fuzz/src",
     "motorctl/direct/src",
     "motors/protocol/src",
     "motors/simulator/src",
-    // The setting itself: it names the protocol that a configuration chooses, and decides nothing by it.
+    // Stores the configured protocol, and decides nothing by it.
     "core/settings/src/settings.rs",
-    // The configured protocol becomes the simulator's: the two crates share no word.
+    // Converts the configured protocol to that of the simulator, which shares no type with it.
     "daemon/src/buses/physics.rs",
 ];
 

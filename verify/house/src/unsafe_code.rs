@@ -1,4 +1,4 @@
-//! `unsafe` stands only in the files that are named for it.
+//! `unsafe` stands only in the listed files.
 
 use crate::sources;
 use proc_macro2::{TokenStream, TokenTree};
@@ -14,7 +14,7 @@ const UNSAFE: &[&str] = &[
     "shared/src/iceoryx.rs",
 ];
 
-/// The code has the keyword: neither a comment nor a string nor the name of a lint counts.
+/// Returns whether the code has the keyword. Comments, strings and names of lints do not count.
 fn is_unsafe(code: TokenStream) -> bool {
     code.into_iter().any(|token| match token {
         TokenTree::Ident(name) => name == "unsafe",

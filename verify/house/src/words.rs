@@ -1,4 +1,4 @@
-//! One word per thing: words that were retired do not come back.
+//! One word per thing: retired words are rejected.
 
 use crate::sources::{self, Source};
 use proc_macro2::{TokenStream, TokenTree};
@@ -40,7 +40,7 @@ const RETIRED: &[(&str, &str, Where)] = &[
     ("wish", "scheduling request", Names),
     // "A foreign key" is plain English.
     ("foreign", "unsupported frame", Names),
-    // "Is told to stop" is plain English.
+    // Plain English in a sentence.
     ("told", "commanded, or reported", Names),
     // The table `[exchange]` of a configuration is a promise to users.
     ("exchange", "ipc thread, or transaction", Names),
@@ -60,7 +60,7 @@ const WORDS_MAX: usize = 8;
 /// Names of other people's libraries with a retired word.
 const OF_OTHERS: &[&str] = &["compare_exchange", "Home"];
 
-/// A name of so many words is the sentence of a test.
+/// A name with at least this many words counts as a sentence.
 const SENTENCE_MIN: usize = 5;
 
 /// The names in Rust code, also inside of macros.
@@ -140,7 +140,7 @@ fn retired(source: &Source) -> Vec<&'static str> {
     RETIRED.iter().filter(is_used).map(|(word, _, _)| *word).collect()
 }
 
-/// Every file with words of ours, but the ones with this table, and the change log, which names what was renamed.
+/// The files of the workspace, without this crate and CHANGELOG.md, which name retired words.
 fn written() -> Vec<Source> {
     let mut files = sources::files(&[".rs", ".md", ".toml", ".service", ".ci/run"]);
     files.extend(sources::files(&[""]).into_iter().filter(|file| file.path.starts_with("verify/rigs/")));
