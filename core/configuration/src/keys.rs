@@ -56,7 +56,7 @@ sections! {
     Cycle "cycle" {
         // The buses bound it: one motor alone fills a bus of 1 Mbit/s at 4 kHz.
         "rate-hz" rate_hz: f64, "Hz" = is(1000.0).within(1.0, 10_000.0),
-            "Cycles per second, as far as the buses have time for them: `motord check` tells. One MIT motor alone fills a CAN bus of 1 Mbit/s at 4 kHz.";
+            "Cycles per second. `motord check` prints the highest rate that the buses permit.";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the cycle is pinned to.";
         // 99 belongs to the kernel's own threads.
@@ -72,19 +72,19 @@ sections! {
         "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
             "Share of the period. A reply that comes later is missed.";
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
-            "How often each indicator of a native motor (GIM document, table 10) is asked for, where its bus has room. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
+            "Rate at which the cycle requests each indicator of a native motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
         "busy-poll-us" busy_poll_us: Option<f64>, "µs" = follows("30 with `cpu`, else 0").within(0.0, 1000.0),
-            "When the last replies of a cycle usually come, the cycle polls the buses for at most this long, so that it publishes them at once. Shorter than a cycle. 0 never polls. Costs and gains: [decision 21](adr/0021-the-cycle-polls-for-the-last-replies.md).";
+            "When the last replies of a cycle usually arrive, the cycle polls the buses for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 21](adr/0021-the-cycle-polls-for-the-last-replies.md).";
     }
 
     /// `[ipc]`, in older files `[exchange]`.
     Ipc "ipc" {
         "mode" mode: IpcMode, "" = is(IpcMode::Timed),
-            "`timed` wakes when states are ready and before each cycle. `spin` polls, and needs a processor of its own.";
+            "`timed` wakes when states are ready and before each cycle. `spin` polls, and needs a separate processor.";
         "lead-us" lead_us: f64, "µs" = is(20.0).within(10.0, 10_000.0),
             "Setpoints that are sent until this long before a cycle are used in it. Shorter than a cycle.";
         "busy-poll-us" busy_poll_us: f64, "µs" = is(60.0).within(0.0, 1000.0),
-            "`timed`: while somebody owns a group, the IPC thread polls for the states of each cycle, for at most this long, so that it publishes them at once. Shorter than a cycle. 0 never polls. Costs and gains: [decision 24](adr/0024-the-ipc-thread-polls-for-the-states.md).";
+            "`timed`: while a group has an owner, the ipc thread polls for the states of each cycle for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 24](adr/0024-the-ipc-thread-polls-for-the-states.md).";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the IPC thread is pinned to. With `spin` not that of the cycle.";
         "priority" priority: Option<i64>, "" = follows("70, or below the cycle; 0 with `spin`").within(0.0, 98.0),
@@ -104,7 +104,7 @@ sections! {
         "setpoint-timeout-ms" setpoint_timeout_ms: Option<f64>, "ms" = follows("20, or 2 cycles").within(1.0, 1000.0),
             "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles.";
         "safe-stop" safe_stop: SafeStop, "" = is(SafeStop::Damp),
-            "How a group stops for a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a native motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp at once.";
+            "Reaction of a group to a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a native motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp immediately.";
         "damp-seconds" damp_seconds: f64, "s" = is(2.0).within(0.1, 30.0),
             "The longest time that motors are damped before they are stopped.";
         "rest-velocity-rad-s" rest_velocity_rad_s: f64, "rad/s" = is(0.2).within(0.01, 10.0),
@@ -118,11 +118,11 @@ sections! {
         "start-timeout-ms" start_timeout_ms: f64, "ms" = is(1000.0).within(10.0, 10_000.0),
             "A motor that has not started after this time does not start.";
         "fault-poll-hz" fault_poll_hz: f64, "Hz" = is(10.0).within(0.0, 100.0),
-            "How often each motor is asked for its faults, where the cycle has room on the wire. 0 never asks.";
+            "Rate at which each motor is asked for its faults, if its bus has time. 0 never asks.";
         "deadman-ms" deadman_ms: Option<f64>, "ms" = follows("`max-lateness-ms` and 2 cycles").within(0.5, 10_000.0),
-            "The dead man's switch acts when the heartbeat stands still for this long. When the daemon dies it acts at once. At least 2 cycles. A warning below the default: the switch would act on a daemon that is only late.";
+            "The dead man's switch acts when the heartbeat stalls for this time. When the daemon dies it acts immediately. At least 2 cycles. A warning below the default: the switch would act on a daemon that is only late.";
         "require-deadman" require_deadman: bool, "" = is(false),
-            "Stop every group while the dead man's switch is away or hangs (`switch-lost`), and enable none. A robot without a bus of this machine needs no switch.";
+            "Stop every group while the dead man's switch is missing or hangs (`switch-lost`), and enable none. A robot without a bus of this machine needs no switch.";
         "error-feedback" error_feedback: bool, "" = is(true),
             "Carry the rounding error of the torque from cycle to cycle. This makes the mean torque exact.";
     }
@@ -146,7 +146,7 @@ sections! {
         "turnaround-us" turnaround_us: f64, "µs" = is(500.0).within(0.0, 100_000.0),
             "The longest time from the end of a request to the beginning of its reply, as the computer sees it; for `serial`. USB adapters: 1500, or what `motorctl ping` measures. A later reply is late, and the next request may be refused.";
         "every" every: i64, "cycles" = is(1).within(1.0, 100.0),
-            "The motors of this bus take turns: each gets a command once in so many cycles, and its replies, misses and age count in its own turns. A serial bus has one request at a time, so it needs a number of cycles for each motor, and one turn more for the questions about faults and indicators; `check` says the least. A stop reaches a motor at its next turn.";
+            "The motors of this bus take turns: each receives a command once in this number of cycles; its replies, misses and age count in turns. A serial bus has one request at a time, so it needs some cycles for each motor and one more turn for requests for faults and indicators; `motord check` prints the least value. A stop reaches a motor at its next turn.";
         "seed" seed: Option<i64>, "" = follows("from the name"),
             "Seed of all that is random; for `simulated`.";
     }
@@ -187,11 +187,11 @@ sections! {
         "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 5.0),
             "`mit` only: damping of a safe stop. A native motor is braked by the speed loop of its drive. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
         "control-duration-ms" control_duration_ms: i64, "ms" = is(0).within(0.0, 60_000.0),
-            "`gim` only: the execution time that is sent with each torque, speed and position command (GIM document, 3.2.7 to 3.2.9). The document does not say how such a time ends: the motor may go limp, which would make it a watchdog in the drive, or hold its last command. In a position command it may be the time of the travel. Leave it at 0, without an end, until a bench has shown what your motor does. At least 3 turns of the motor.";
+            "`gim` only: the execution time that is sent with each torque, speed and position command (GIM document, 3.2.7 to 3.2.9). The document does not define the end of such a time: the motor may go limp, which would make it a watchdog in the drive, or hold its last command. In a position command it may be the time of the travel. Leave it at 0, without an end, until a bench has shown what your motor does. At least 3 turns of the motor.";
         "beyond-range" beyond_range: BeyondRange, "" = is(BeyondRange::Stop),
             "Behaviour of the motor past the end of its position scale; SteadyWin's documents do not state it. `stop`: not known, never go there. `wrap`: the code wraps round, and positions are unwrapped.";
         "fault-policy" fault_policy: FaultPolicy, "" = is(FaultPolicy::StopGroup),
-            "Who stops when this motor reports a fault.";
+            "The motors that stop when this motor reports a fault.";
         "may-be-excluded" may_be_excluded: bool, "" = is(false),
             "Its group may run without this joint while the joint is excluded (`motorctl exclude`).";
         "excluded" excluded: bool, "" = is(false),
