@@ -31,7 +31,7 @@ fn commands(section: &str) -> Vec<String> {
 fn here(line: &str) -> String {
     let line = line.replace("target/release", programs().to_str().unwrap());
     let is_release = programs().ends_with("release");
-    if is_release { line } else { line.replace("--release -p motord-client", "--workspace") }
+    if is_release { line } else { line.replace("--release ", "") }
 }
 
 /// Three terminals of one robot, in the repository.
@@ -73,7 +73,7 @@ impl Desk {
 
 /// Builds an example of the client. `cargo test -p motorctl` alone does not, and an old one speaks another version.
 fn build(example: &str) {
-    let line = here(&format!("cargo build --release -p motord-client --example {example}"));
+    let line = here(&format!("cargo build --release --workspace --example {example}"));
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
     let built = Command::new(cargo).current_dir(root()).args(line.split(' ').skip(1)).status().unwrap();
     assert!(built.success(), "{line}");
