@@ -2,8 +2,6 @@
 //! callgrind. Prints lines of a name, a median and a 99 % quantile, ns; of a codec both are the time of one frame.
 
 mod echo;
-#[path = "../../daemon/tests/robot/mod.rs"]
-mod robot;
 mod robots;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -13,6 +11,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use motord_bus::{Bus, Frame, Inbox, Instant as RobotTime, Readiness, Sent};
 use motord_client::{Client, Setpoint};
 use motord_core::cycle::{LocalClient, Tick, assemble};
+use motord_harness::robot;
 use motord_protocol::Scales;
 use motord_protocol::mit::{ControlCodes, DecodeError, Impedance, State};
 use motord_protocol::profile::STEADYWIN;

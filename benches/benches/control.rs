@@ -1,13 +1,11 @@
 //! The decisions of one cycle, for an active robot of 12 motors: take a setpoint, make the commands, take the answers,
 //! write the states. No buses, no threads.
 
-#[path = "../../daemon/tests/robot/mod.rs"]
-mod robot;
-
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Control, Reported, Status, Wake};
 use motord_core::joint::Measured;
+use motord_harness::robot;
 use motord_protocol::Faults;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use std::hint::black_box;

@@ -4,16 +4,14 @@
 //! reported apart: `host` is everything else, `with simulator` is all of it. Each call into a bus costs one reading of
 //! the clock that `host` pays for, some 30 ns.
 
-#[path = "../../daemon/tests/robot/mod.rs"]
-mod robot;
 mod robots;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use motord_core::cycle::{LocalClient, Tick, assemble};
+use motord_harness::robot::Robot;
 use motord_shared::{JointSetpoint, Phase};
 use motord_simulator::SharedBus;
-use robot::Robot;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;

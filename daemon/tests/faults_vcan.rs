@@ -8,8 +8,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-mod robot;
-
 use ::socketcan::{CanErrorFrame, CanSocket, Socket};
 use motord::buses;
 use motord_bus::Monotonic;
@@ -23,12 +21,12 @@ use motord_deadman::heartbeat::Heartbeat;
 use motord_deadman::interfaces::expect_interface;
 use motord_deadman::safe_frames::SafeFrames;
 use motord_deadman::server::Server;
+use motord_harness::robot::{self, Meaning};
 use motord_shared::instance::Instance;
 use motord_shared::{
     BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase, StateMessage,
 };
 use motord_simulator::Bridge;
-use robot::Meaning;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};

@@ -1,7 +1,7 @@
 //! Robots of any size, for the benchmarks of the cycle.
 
-use crate::robot;
 use motord_core::settings::Settings;
+use motord_harness::robot;
 use motord_shared::limits::BUSES_MAX;
 
 /// As many as fit on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.

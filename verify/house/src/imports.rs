@@ -10,11 +10,11 @@ const ROOMS: &[&str] = &["shared", "motors", "core", "client", "daemon", "motorc
 
 /// The imports that only the tests of a crate have.
 const TEST_IMPORTS: &[(&str, &[&str])] = &[
-    ("motord", &["motord-checker"]),
+    ("motord", &["motord-checker", "motord-harness"]),
     ("motord-bus", &["motord-bus"]),
     ("motord-client", &["iceoryx2"]),
     ("motord-commissioning", &["motord-checker", "motord-simulator"]),
-    ("motord-core", &["motord-simulator"]),
+    ("motord-core", &["motord-harness", "motord-simulator"]),
     ("motord-direct", &["motord-simulator"]),
     ("motord-simulator", &["motord-bus", "motord-simulator"]),
     ("motorctl", &["motord-bus", "motord-protocol", "motord-simulator"]),
@@ -56,7 +56,10 @@ fn table(document: &str) -> BTreeMap<String, Row> {
 }
 
 fn full_name(short: &str) -> String {
-    if short == "iceoryx2" { short.to_owned() } else { format!("motord-{short}") }
+    match short {
+        "iceoryx2" | "motord" => short.to_owned(),
+        _ => format!("motord-{short}"),
+    }
 }
 
 /// The index in [`ROOMS`] of a crate's folder.

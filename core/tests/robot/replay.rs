@@ -5,16 +5,16 @@
 //! sent on the day, byte by byte. `verify/rigs/record-log` records the log.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
-
-mod robot;
+#![expect(clippy::disallowed_types, reason = "the test reads what its bus recorded")]
 
 use motord_bus::candump::{InvalidLine, LogLine};
 use motord_bus::time::nanos;
 use motord_bus::{Arrival, Bus, Content, Duration, Frame, Inbox, Instant, Readiness, Sent};
 use motord_core::settings::{BusKind, Settings};
+use motord_harness::robot;
+use motord_harness::robot::Robot;
+use motord_harness::robot::random::Random;
 use motord_shared::{AdminRequest, JointSetpoint, Operation};
-use robot::Robot;
-use robot::random::Random;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
@@ -167,7 +167,7 @@ fn recorded_run_is_sent_again_identically() {
 fn replay_is_deterministic_whatever_was_done() {
     let settings = robot::settings(ROBOT);
     let whole = read(LOG).unwrap();
-    robot::for_each_seed("replay", 200, |seed| {
+    robot::for_each_seed("robot replay", 200, |seed| {
         let mut random = Random::new(seed);
         let mut log = whole.clone();
         (0..=random.below(40)).for_each(|_| mutate(&mut log, &mut random));

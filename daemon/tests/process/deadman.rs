@@ -180,7 +180,7 @@ impl Daemon {
 
     fn start_on(runtime: &Path, interface: &str) -> Self {
         let child = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "plays_the_daemon", "--nocapture"])
+            .args(["--exact", "deadman::plays_the_daemon", "--nocapture"])
             .env(PLAY, runtime)
             .env(PLAY_ON, interface)
             .stdout(Stdio::piped())

@@ -1,8 +1,9 @@
-//! Shows the robot of the tests to the invariant checker, in the checker's own words.
+//! Converts the robot's data to the types of the invariant checker.
 
 use super::Robot;
+use super::ranges::ranges;
 use motord_bus::Instant;
-use motord_checker::codec::{Ranges, Reply};
+use motord_checker::codec::Reply;
 use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
@@ -20,16 +21,17 @@ pub use motord_checker::run::WRONG_LEASE_VELOCITY;
 pub struct Checker(run::Checker);
 
 impl Checker {
+    /// Begins to judge `robot`.
     pub fn new(robot: &Robot) -> Self {
         Self(run::Checker::new(description(robot), robot.now()))
     }
 
-    /// Buses lose frames from now on, so that counters and the wire cannot be compared any more.
+    /// Buses lose frames from now on: counters no longer match the wire.
     pub fn allow_loss(&mut self) {
         self.0.allow_loss();
     }
 
-    /// This is done to a bus.
+    /// Notes a fault of a bus.
     pub fn disturbed_bus(&mut self, bus: usize, fault: &str) {
         match fault {
             "gone" | "down" | "bus-off" => self.0.disturb_bus(bus, BusFault::Cut),
@@ -39,7 +41,7 @@ impl Checker {
         }
     }
 
-    /// This is done to a motor.
+    /// Notes a fault of a motor.
     pub fn disturbed_motor(&mut self, motor: usize, fault: &str) {
         match fault {
             "off" => self.0.disturb_motor(motor, MotorFault::Off),
@@ -48,7 +50,7 @@ impl Checker {
         }
     }
 
-    /// Somebody asks for this.
+    /// Notes a request.
     pub fn asked(&mut self, request: &AdminRequest) {
         let (group, motor) = (request.group as usize, request.joint as usize);
         self.0.asked(match Operation::try_from(request.operation) {
@@ -60,12 +62,12 @@ impl Checker {
         });
     }
 
-    /// The group's owner sends a message that is good in every respect.
+    /// Notes a valid message of the group's owner.
     pub fn good_setpoint(&mut self, group: usize, now: Instant) {
         self.0.good_setpoint(group, now);
     }
 
-    /// A message is under way that names the group.
+    /// Notes any message that names the group.
     pub fn delivered(&mut self, group: usize) {
         self.0.delivered(group);
     }
@@ -111,18 +113,6 @@ fn protocol(settings: &MotorSettings) -> Protocol {
     match settings.protocol {
         MotorProtocol::Mit => Protocol::Mit { ranges: ranges(settings), reply: reply(settings) },
         MotorProtocol::Gim => Protocol::Native,
-    }
-}
-
-/// The ranges of the codes of a motor.
-pub fn ranges(settings: &MotorSettings) -> Ranges {
-    let scales = &settings.scales;
-    Ranges {
-        position: scales.position.max(),
-        velocity: scales.velocity.max(),
-        kp: scales.kp.max(),
-        kd: scales.kd.max(),
-        torque: scales.torque.max(),
     }
 }
 

@@ -1,11 +1,10 @@
 //! The fault catalogue, part C: what the clock and the scheduler do to the cycle. `docs/faults.md` tells which item each
 //! test holds.
 
-mod robot;
-
 use motord_bus::{Duration, Instant};
+use motord_harness::robot;
+use motord_harness::robot::Robot;
 use motord_shared::{Cause, Phase};
-use robot::Robot;
 
 #[test]
 fn slightly_late_cycle_skips_and_continues() {

@@ -1,14 +1,13 @@
 //! How often, and for how many frames, a cycle asks its buses.
 
-mod robot;
-
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_core::settings::Settings;
+use motord_harness::robot;
+use motord_harness::robot::line::Wire;
+use motord_harness::robot::{Robot, Shared};
 use motord_shared::message::JOINT_FRESH;
 use motord_shared::{Cause, MotorMode};
 use motord_simulator::SharedBus;
-use robot::line::Wire;
-use robot::{Robot, Shared};
 
 /// The reads of a bus.
 #[derive(Debug, Clone, Default)]

@@ -1,18 +1,17 @@
 //! The fault catalogue, part A: what motors and buses do, against simulated buses on virtual time. `docs/faults.md`
 //! tells which item each test holds.
 
-mod robot;
-
 use motord_bus::{Duration, Instant};
 use motord_core::control::{Command, Event, Reported};
 use motord_core::drive::{Drive, Received};
 use motord_core::settings::{BeyondRange, FaultPolicy, Settings};
+use motord_harness::robot;
+use motord_harness::robot::random::Random;
+use motord_harness::robot::{Meaning, PERIOD, Robot};
 use motord_shared::{
     AdminRequest, BusCondition, Cause, JointSetpoint, Limit, MotorMode, Operation, Phase, Refusal, message,
 };
 use motord_simulator::{Dialect, MotorSettings};
-use robot::random::Random;
-use robot::{Meaning, PERIOD, Robot};
 
 /// An active robot of three motors, and what its owner asks.
 fn active() -> (Robot, Vec<JointSetpoint>) {
@@ -194,7 +193,7 @@ fn no_bytes_decode_to_a_nonfinite_state() {
     let (mut random, settings) = (Random::new(9), robot::three_motors());
     for _ in 0..1_000_000 {
         let (mut drive, later) = asked_drive(&settings, random.pick(&[Command::Stop, Command::GetFault]));
-        let bytes = random.next().to_be_bytes();
+        let bytes = random.draw().to_be_bytes();
         if let Received::Reply(Reported::State(state, ..)) = drive.receive(&bytes[..random.below(9)], later) {
             assert!([state.position, state.velocity, state.torque].iter().all(|value| value.is_finite()));
         }

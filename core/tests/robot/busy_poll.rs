@@ -1,11 +1,10 @@
 //! The sleep for replies and busy polling, on virtual time.
 
-mod robot;
-
 use motord_bus::Duration;
 use motord_core::cycle::Polled;
+use motord_harness::robot;
+use motord_harness::robot::{Meaning, Robot};
 use motord_shared::MotorMode;
-use robot::{Meaning, Robot};
 
 const CYCLES: u32 = 1000;
 

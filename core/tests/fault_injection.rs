@@ -6,17 +6,16 @@
 //! `MOTORD_SEEDS` sets how many, `MOTORD_ROBOT_SECONDS` how long each, and `MOTORD_SEED` runs one alone, as the message of a
 //! failure says.
 
-mod robot;
-
 use motord_bus::Duration;
 use motord_core::settings::{BusSettings, Settings};
+use motord_harness::robot;
+use motord_harness::robot::Robot;
+use motord_harness::robot::checker::Checker;
+use motord_harness::robot::fuzz_client::FuzzClient;
+use motord_harness::robot::random::Random;
 use motord_protocol::MotorProtocol;
 use motord_shared::{AdminRequest, BusCondition, JointSetpoint, MotorMode, Operation, Phase};
 use motord_simulator::Mode;
-use robot::Robot;
-use robot::checker::Checker;
-use robot::fuzz_client::FuzzClient;
-use robot::random::Random;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Runs of a plain `cargo test`.
@@ -260,7 +259,7 @@ impl Run {
             self.robot.oversleep(Duration::from_secs_f32(late));
         }
         if self.random.once_in(4 * self.interval) {
-            let back = Duration::from_nanos(self.random.next() % 1_000_000);
+            let back = Duration::from_nanos(self.random.draw() % 1_000_000);
             self.robot.turn_clock_back(back);
         }
         if self.random.once_in(16 * self.interval) {
@@ -534,7 +533,7 @@ mod sane {
     /// A cycle that begins late, or a reply that is lost, now and then.
     fn disturb(random: &mut Random, robot: &mut Robot) {
         if random.once_in(1000) {
-            robot.oversleep(Duration::from_nanos(random.next() % 1_500_000));
+            robot.oversleep(Duration::from_nanos(random.draw() % 1_500_000));
         }
         if random.once_in(1000) {
             let joint = random.below(robot.settings.motors.len());

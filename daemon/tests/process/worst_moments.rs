@@ -1,6 +1,6 @@
 //! The emergency stop in the worst moments: the real programs, a robot that moves, and one misfortune after the other.
 //!
-//! Prints the table of docs/safety.md: `cargo test -p motord --test worst_moments -- --nocapture`.
+//! Prints the table of docs/safety.md: `cargo test -p motord --test process worst_moments -- --nocapture`.
 //!
 //! The time of the stop is that of the cycle in which it was latched: the commands that damp the motors leave in the same cycle.
 
@@ -241,7 +241,9 @@ fn places_taken(robot: &Robot) -> Misfortune {
 fn crowd(robot: &Robot) -> Misfortune {
     let asker = || {
         let mut asker = Command::new(std::env::current_exe().unwrap());
-        asker.args(["--exact", "one_of_the_crowd", "--nocapture"]).env(ASK, robot.place.path());
+        asker
+            .args(["--exact", "worst_moments::one_of_the_crowd", "--nocapture"])
+            .env(ASK, robot.place.path());
         asker.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     };
     let mut crowd: Vec<Child> = (0..CROWD).map(|_| asker()).collect();
@@ -368,7 +370,7 @@ fn emergency_stop_is_confirmed_in_worst_moments() {
 /// In namespaces of its own: a small file system is mounted.
 #[test]
 fn emergency_stop_is_confirmed_on_full_filesystem() {
-    const NAME: &str = "emergency_stop_is_confirmed_on_full_filesystem";
+    const NAME: &str = "worst_moments::emergency_stop_is_confirmed_on_full_filesystem";
     if std::env::var_os(INSIDE).is_none() {
         let mut inside = Command::new("unshare");
         inside.args(["--user", "--map-root-user", "--mount"]).arg(std::env::current_exe().unwrap());
@@ -407,7 +409,9 @@ fn nobody_else_may_stop_the_robot() {
     }
     let robot = Robot::start(TempDir::new().unwrap());
     let mut intruder = Command::new(std::env::current_exe().unwrap());
-    intruder.args(["--exact", "an_intruder_asks", "--nocapture"]).env(INTRUDE, robot.place.path());
+    intruder
+        .args(["--exact", "worst_moments::an_intruder_asks", "--nocapture"])
+        .env(INTRUDE, robot.place.path());
     assert!(intruder.status().unwrap().success());
     assert_eq!(robot.phase(), Some(Phase::Active));
 }

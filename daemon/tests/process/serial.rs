@@ -6,19 +6,18 @@
 //! unplugged; that of the other stays well. Short:
 //!
 //! ```text
-//! cargo test -p motord --test serial -- --nocapture
+//! cargo test -p motord --test process serial:: -- --nocapture
 //! ```
 //!
 //! As long as it takes to judge the histograms, 60 s, on a machine that does nothing else:
 //!
 //! ```text
-//! cargo test --release -p motord --test serial -- --ignored --nocapture
+//! cargo test --release -p motord --test process serial:: -- --ignored --nocapture
 //! ```
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-mod robot;
-
+use crate::port::{Motors, prepare_thread};
 use hdrhistogram::Histogram;
 use motord::buses::{self, reconnector::Reconnector};
 use motord_bus::Monotonic;
@@ -27,8 +26,8 @@ use motord_core::clock::Clock;
 use motord_core::control::Event;
 use motord_core::cycle::{Cycle, LocalClient, Tick, assemble, link};
 use motord_core::settings::{BusKind, Settings};
+use motord_harness::robot;
 use motord_shared::{BusCondition, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
-use robot::port::{Motors, prepare_thread};
 use std::path::Path;
 use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, Ordering};

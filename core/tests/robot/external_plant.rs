@@ -2,11 +2,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-mod robot;
-
+use motord_harness::robot;
+use motord_harness::robot::Robot;
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase};
 use motord_simulator::{MotorSettings, Plant, Shaft};
-use robot::Robot;
 use std::f32::consts::TAU;
 
 const MOTORS: usize = 12;

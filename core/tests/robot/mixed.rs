@@ -1,14 +1,13 @@
 //! Goal: motors of several vendors work side by side in one robot.
 //! Method: the shipped configuration of three vendors' motors, on virtual time with their simulated twins.
 
-mod robot;
-
+use motord_harness::robot;
+use motord_harness::robot::Robot;
 use motord_protocol::fault::FAULTS;
 use motord_shared::{Fault, JointSetpoint, MotorMode, Phase};
-use robot::Robot;
 
 fn mixed() -> Robot {
-    let text = include_str!("../../config/mixed-simulated.toml");
+    let text = include_str!("../../../config/mixed-simulated.toml");
     Robot::built(robot::settings(text), 3, |_, _| {})
 }
 
@@ -79,10 +78,13 @@ fn undocumented_fault_of_healthy_motor_is_reported() {
 /// A drive that lost its supply for a moment boots disabled, without a fault, and answers every command.
 #[test]
 fn motor_reporting_off_while_following_stops_group() {
-    let mut robot =
-        Robot::built(robot::settings(include_str!("../../config/mixed-simulated.toml")), 3, |_, motors| {
+    let mut robot = Robot::built(
+        robot::settings(include_str!("../../../config/mixed-simulated.toml")),
+        3,
+        |_, motors| {
             motors.iter_mut().for_each(|motor| motor.boot_time = motord_bus::Duration::from_millis(3));
-        });
+        },
+    );
     let joints = robot.activate();
     let joint = (0..12).find(|&joint| vendor(&robot, joint) == "damiao").expect("one of each");
     let name = robot.settings.motors[joint].name.clone();

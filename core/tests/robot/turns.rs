@@ -1,9 +1,8 @@
 //! Motors that take turns on their bus, on virtual time: on a serial line, and on CAN.
 
-mod robot;
-
+use motord_harness::robot;
+use motord_harness::robot::{Meaning, Robot};
 use motord_shared::{Cause, JointSetpoint, MotorMode, Operation, Phase, SetpointMode};
-use robot::{Meaning, Robot};
 
 /// Two native motors on a line at 200 Hz beside three MIT motors at 1 kHz, in two groups.
 fn arm_and_leg() -> Robot {

@@ -1,4 +1,4 @@
-//! A client that sends anything at any time: good, bad, absurd and old messages, requests, silence.
+//! A client that sends valid, invalid, extreme and outdated messages and requests, or nothing.
 
 use super::checker::{Checker, WRONG_LEASE_VELOCITY};
 use super::random::Random;
@@ -26,35 +26,38 @@ const ABSURD: [f32; 12] = [
 const MODES: [SetpointMode; 4] =
     [SetpointMode::Impedance, SetpointMode::Torque, SetpointMode::Speed, SetpointMode::Position];
 
-/// The would-be owner of a group.
+/// A client that tries to own a group.
 #[derive(Debug)]
 pub struct FuzzClient {
     group: usize,
+    /// The lease that the daemon granted; 0 without one.
     pub lease: u64,
     sequence: u64,
     claim: u32,
-    /// Cycles for which it says nothing.
+    /// Remaining cycles without a message.
     silent: usize,
+    /// The setpoints of the next message.
     pub setpoints: Vec<JointSetpoint>,
 }
 
 impl FuzzClient {
+    /// A client that wants `group`.
     pub fn new(group: usize) -> Self {
         Self { group, lease: 0, sequence: 0, claim: 0, silent: 0, setpoints: Vec::new() }
     }
 
-    /// Whether the daemon takes it for the owner.
+    /// Returns whether this client owns the group in the daemon's newest state.
     pub fn owns(&self, robot: &mut Robot) -> bool {
         self.lease != 0 && robot.state().groups[self.group].lease == self.lease
     }
 
-    /// Asks for its group; the answer comes with the next cycle, to [`FuzzClient::hear`].
+    /// Claims the group. The answer of the next cycle is for [`FuzzClient::hear`].
     pub fn claim(&mut self, robot: &mut Robot) {
         let operation = Operation::Claim.code();
         self.claim = robot.post(AdminRequest { operation, group: self.group as u32, ..Default::default() });
     }
 
-    /// Takes an answer, if it is its own.
+    /// Takes over the lease if the answer is for this client's claim.
     pub fn hear(&mut self, robot: &mut Robot, ticket: u32, reply: &AdminReply) {
         if ticket == self.claim && reply.lease != 0 {
             (self.lease, self.sequence) = (reply.lease, 0);
@@ -62,7 +65,7 @@ impl FuzzClient {
         }
     }
 
-    /// Asks for something, at the right time or not. The answer will bear the ticket that is returned.
+    /// Posts a random request at any time, and returns the ticket of its answer.
     pub fn request(&self, random: &mut Random, robot: &mut Robot, checker: &mut Checker) -> u32 {
         let operation = *random.pick(&[
             Operation::Enable,
@@ -84,14 +87,14 @@ impl FuzzClient {
         robot.post(request)
     }
 
-    /// Sends a message that is good in every respect.
+    /// Sends a valid message.
     pub fn follow(&mut self, robot: &mut Robot, checker: &mut Checker) {
         let message = self.message(robot.now());
         checker.good_setpoint(self.group, robot.now());
         self.deliver(robot, checker, &message);
     }
 
-    /// Sends what is good, bad, or nothing.
+    /// Sends a valid message, an invalid one, or nothing.
     pub fn misbehave(&mut self, random: &mut Random, robot: &mut Robot, checker: &mut Checker) {
         if self.silent > 0 {
             self.silent -= 1;
@@ -101,7 +104,7 @@ impl FuzzClient {
             0..=1 => {}
             2 => {
                 self.silent = if random.once_in(10) { 40 } else { random.below(19) };
-                // Of the processes that fall silent for so long, the kernel tells of every second one that it has ended.
+                // The kernel reports the exit of every second process that stays silent for 40 cycles.
                 let dies = self.silent == 40 && self.sequence.is_multiple_of(2);
                 let lease = Lease::from_raw(self.lease).filter(|_| dies);
                 lease.into_iter().for_each(|lease| robot.client.alarms().owner_ended(lease));
@@ -131,7 +134,7 @@ impl FuzzClient {
         }
     }
 
-    /// Motors that take setpoints of several modes get another each.
+    /// Chooses another mode for each motor that supports several.
     fn change_modes(&mut self, random: &mut Random, robot: &Robot) {
         for (setpoint, motor) in self.setpoints.iter_mut().zip(&robot.settings.groups[self.group].motors) {
             let mode = *random.pick(&MODES);
@@ -154,7 +157,8 @@ impl FuzzClient {
     }
 }
 
-/// Makes a message one that must be rejected, or whose values must be limited: then it is as good as any.
+/// Changes a message so that the daemon must reject it or limit its values. Returns whether it stays
+/// valid.
 fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bool {
     let joint = random.below(3);
     let mut only_values = false;
@@ -171,8 +175,8 @@ fn spoil(random: &mut Random, message: &mut SetpointMessage, now: Instant) -> bo
             }
             only_values = true;
         }
-        5 => message.joints[joint].mode = random.next() as u32,
-        6 => message.joint_count = random.next() as u32,
+        5 => message.joints[joint].mode = random.draw() as u32,
+        6 => message.joint_count = random.draw() as u32,
         7 => message.time_ns = *random.pick(&[0, u64::MAX, (now - Duration::from_millis(21)).as_nanos()]),
         8 => message.sequence = *random.pick(&[0, message.sequence / 2, 1 << 63, u64::MAX]),
         _ => {

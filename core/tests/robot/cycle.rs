@@ -1,10 +1,9 @@
 //! The cycle with simulated motors, on virtual time.
 
-mod robot;
-
 use motord_bus::Duration;
+use motord_harness::robot;
+use motord_harness::robot::{Meaning, Robot};
 use motord_shared::{AdminRequest, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal};
-use robot::{Meaning, Robot};
 
 #[test]
 fn stopped_motors_receive_only_stops_and_questions() {

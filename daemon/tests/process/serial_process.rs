@@ -5,14 +5,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-mod robot;
-
+use crate::port::Motors;
 use motord_bus::serial::SerialSender;
 use motord_bus::{Frame, FrameId, Refusal};
+use motord_harness::robot;
 use motord_simulator::Mode;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
-use robot::port::Motors;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Output, Stdio};
@@ -128,7 +127,7 @@ fn text(output: &Output) -> String {
 
 #[test]
 fn the_shipped_arm_runs_on_a_line() {
-    let shipped = include_str!("../../config/arm-native.toml");
+    let shipped = include_str!("../../../config/arm-native.toml");
     assert!(shipped.contains("device = \"/dev/ttyUSB0\""));
     let arm = Arm::of(|device| vec![("one", shipped.replace("/dev/ttyUSB0", device))]);
     let mut daemon = arm.motord("run", "one").env("MOTORD_LOG", "debug").spawn().unwrap();

@@ -3,17 +3,16 @@
 //! of other owners, requests at the wrong time, and death. A seed that fails is printed; `MOTORD_SEED=n` runs it alone, and
 //! `MOTORD_SEEDS=n` runs more than the thousand.
 
-mod robot;
-
+use motord_harness::robot;
+use motord_harness::robot::Robot;
+use motord_harness::robot::checker::Checker;
+use motord_harness::robot::fuzz_client::FuzzClient;
+use motord_harness::robot::random::Random;
 use motord_shared::Phase;
-use robot::Robot;
-use robot::checker::Checker;
-use robot::fuzz_client::FuzzClient;
-use robot::random::Random;
 
 #[test]
 fn client_fuzz_never_sends_forbidden_frames() {
-    robot::for_each_seed("client_fuzz", 1000, run);
+    robot::for_each_seed("robot client_fuzz", 1000, run);
 }
 
 /// One controller, from its claim to well after its death.

@@ -1,4 +1,4 @@
-//! A serial line on virtual time: the bus of a real one, whose bytes go to simulated motors.
+//! A serial line on virtual time: a [`SerialBus`] whose bytes go to simulated motors.
 
 use motord::buses;
 use motord_bus::serial::{ByteStream, SerialBus};
@@ -14,15 +14,17 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 const HEADER: usize = 4;
 const FRAME: usize = HEADER + 8;
 
-/// A bus of the robot, as its motors hear it.
+/// A bus of the robot, on the side of the motors.
 #[derive(Clone)]
 pub enum Wire {
+    /// A simulated CAN bus.
     Bus(SharedBus),
+    /// A serial line.
     Line(SharedLine),
 }
 
 impl Wire {
-    /// The simulated bus behind it, at `now`.
+    /// Calls `of` with the simulated bus.
     pub fn with<T>(&self, of: impl FnOnce(&mut SimulatedBus) -> T) -> T {
         match self {
             Self::Bus(bus) => of(&mut bus.lock()),
@@ -30,7 +32,11 @@ impl Wire {
         }
     }
 
-    /// The bus of a robot that has no line.
+    /// Returns the CAN bus.
+    ///
+    /// # Panics
+    ///
+    /// If it is a serial line.
     pub fn bus(&self) -> &SharedBus {
         match self {
             Self::Bus(bus) => bus,
@@ -38,7 +44,7 @@ impl Wire {
         }
     }
 
-    /// The frames that were on the wire since the last call.
+    /// Takes the frames that were on the wire since the last call.
     pub fn take_record(&self) -> Vec<Recorded> {
         match self {
             Self::Bus(bus) => bus.lock().take_record().collect(),
@@ -46,9 +52,11 @@ impl Wire {
         }
     }
 
+    /// Injects a fault.
+    ///
     /// # Errors
     ///
-    /// As those of the simulator.
+    /// Those of the simulator.
     pub fn inject(&self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         match self {
             Self::Bus(bus) => bus.lock().inject(now, verb),
@@ -56,7 +64,7 @@ impl Wire {
         }
     }
 
-    /// As the cycle sees it. A line that is unplugged cannot be opened.
+    /// Opens the cycle's side; `None` for a line that is unplugged.
     pub fn open(&self, settings: &Settings, index: usize) -> Option<Box<dyn Bus>> {
         match self {
             Self::Bus(bus) => Some(Box::new(bus.clone())),
@@ -65,7 +73,7 @@ impl Wire {
     }
 }
 
-/// The motors of a line behind their port. Clones lead to the same port.
+/// The motors of a line behind their port. Clones share the port.
 #[derive(Clone)]
 pub struct SharedLine(Arc<Mutex<Port>>);
 
@@ -73,23 +81,23 @@ pub struct SharedLine(Arc<Mutex<Port>>);
 pub struct Port {
     slave: SerialSlave,
     now: Instant,
-    /// Bytes that wait for the host to read them.
+    /// Bytes that the host has not read.
     arrived: Vec<u8>,
-    /// Bytes of the host that the port has not taken.
+    /// Bytes of the host that the port has not accepted.
     unsent: Vec<u8>,
     blocked: bool,
     unplugged: bool,
     record: Vec<Recorded>,
-    /// The last bytes that the host read: the beginning of a frame, perhaps.
+    /// The last bytes that the host read, which may begin a frame.
     tail: Vec<u8>,
     /// The ids that the motors' replies name, by motor id.
     host_ids: [u8; 256],
-    /// The motor that was asked last: a reply does not say who sent it.
+    /// The motor of the last request: a reply does not name its sender.
     asked: u8,
 }
 
 impl SharedLine {
-    /// Of the bus with this index.
+    /// The line with index `bus` in `settings`.
     pub fn new(slave: SerialSlave, settings: &Settings, bus: usize) -> Self {
         let mut host_ids = [0; 256];
         for motor in settings.motors.iter().filter(|motor| motor.bus == bus) {
@@ -113,13 +121,13 @@ impl SharedLine {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The host hears a frame that none of the motors sent.
+    /// Delivers a frame to the host that no motor sent.
     pub fn hear(&self, to: u8, payload: &[u8]) {
         let len = payload.len() as u8;
         self.lock().arrived.extend([&[to, 0, len, to ^ len], payload].concat());
     }
 
-    /// Opens the port anew: what waited in either direction is thrown away.
+    /// Opens the port again and discards the pending bytes of both directions.
     fn open(&self, settings: &Settings, index: usize) -> Option<Line> {
         let mut port = self.lock();
         if port.unplugged {
@@ -133,7 +141,7 @@ impl SharedLine {
 }
 
 impl Port {
-    /// Moves the bytes that are there by now, in both directions.
+    /// Moves the pending bytes in both directions.
     fn serve(&mut self, sent: &[u8]) {
         let Self { slave, arrived, now, .. } = self;
         slave.transact(*now, sent, arrived);
@@ -166,8 +174,8 @@ impl Port {
         self.record.push(Recorded { ready: self.now, at: self.now, direction, frame });
     }
 
-    /// Records each frame that can be found anywhere in the bytes that the host has read, and that names the host of the motor
-    /// that was asked last, as one of this motor.
+    /// Records each frame that the host has read and that has the host id of the motor of the last
+    /// request, as a frame of this motor.
     fn note_read(&mut self, bytes: &[u8]) {
         self.tail.extend_from_slice(bytes);
         let read = std::mem::take(&mut self.tail);
@@ -221,7 +229,7 @@ impl ByteStream for SharedLine {
     }
 }
 
-/// A line as the cycle sees it.
+/// The cycle's side of a line.
 struct Line {
     bus: SerialBus<SharedLine>,
     port: SharedLine,

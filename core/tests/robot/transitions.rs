@@ -1,11 +1,10 @@
 //! Every event in every state: what becomes of a group, and of a motor. The drawings are above `Group` and `Motor` in
 //! `core/src/control`.
 
-mod robot;
-
 use motord_bus::Duration;
+use motord_harness::robot;
+use motord_harness::robot::Robot;
 use motord_shared::{AdminRequest, MotorMode, Operation, Phase, Refusal};
-use robot::Robot;
 
 /// Three motors that are asked for their faults often, so that every event is seen while a group is damped.
 fn robot() -> Robot {

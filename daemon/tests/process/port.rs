@@ -14,13 +14,13 @@ use std::thread::{JoinHandle, sleep, spawn};
 const TURN: Duration = Duration::from_micros(100);
 
 /// Real-time scheduling, where it is permitted.
-pub fn prepare_thread(priority: u8) {
+pub(crate) fn prepare_thread(priority: u8) {
     let _not_permitted =
         motord_realtime::prepare_thread(SchedulingRequest { cpu: None, priority: Some(priority) });
 }
 
 /// The motors of one line.
-pub struct Motors {
+pub(crate) struct Motors {
     port: Arc<Mutex<SerialPort>>,
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -28,7 +28,7 @@ pub struct Motors {
 
 impl Motors {
     /// The motors of the bus with this index. `link` leads to their terminal.
-    pub fn start(settings: &Settings, bus: usize, link: PathBuf) -> Self {
+    pub(crate) fn start(settings: &Settings, bus: usize, link: PathBuf) -> Self {
         let (wire, motors) = buses::physics(settings, bus);
         let slave = SerialSlave::new(SimulatedBus::new(wire, motors, 7), 7);
         let port =
@@ -47,14 +47,14 @@ impl Motors {
     }
 
     /// Gives the line, or one of its motors, a fault.
-    pub fn suffer(&self, verb: &str) {
+    pub(crate) fn suffer(&self, verb: &str) {
         let verb = verb.parse().unwrap_or_else(|error| panic!("{verb}: {error}"));
         let mut port = self.port.lock().expect("nobody panicked");
         port.inject(clock::monotonic(), &verb).expect("the line has it");
     }
 
     /// Looks at every motor.
-    pub fn each<T>(&self, of: impl Fn(&Motor) -> T) -> Vec<T> {
+    pub(crate) fn each<T>(&self, of: impl Fn(&Motor) -> T) -> Vec<T> {
         self.port.lock().expect("nobody panicked").bus().motors().iter().map(of).collect()
     }
 }

@@ -1,14 +1,13 @@
 //! The cycle with motors in native mode, on virtual time.
 
-mod robot;
-
 use motord_bus::{Bus, Duration, Inbox, Instant};
 use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
+use motord_harness::robot;
+use motord_harness::robot::Robot;
 use motord_protocol::gim::INDICATORS;
 use motord_shared::{Cause, Indicator, JointSetpoint, MotorMode, Operation, Phase, Refusal, SetpointMode};
 use motord_simulator::DurationEnd;
-use robot::Robot;
 
 fn arm() -> Robot {
     let mut text =
@@ -143,7 +142,7 @@ fn autonomous_drive_is_stopped_before_winding_overheats() {
 
 /// The arm's joints that follow setpoints of one mode, in turns of 10 ms, and how its shafts are loaded.
 fn shipped_arm(mode: SetpointMode, load_inertia: f64) -> (Robot, Vec<JointSetpoint>) {
-    let settings = robot::settings(include_str!("../../config/arm-native.toml"));
+    let settings = robot::settings(include_str!("../../../config/arm-native.toml"));
     let mut robot = Robot::built(settings, 1, |_, motors| {
         motors.iter_mut().for_each(|motor| motor.load_inertia = load_inertia);
     });

@@ -1,16 +1,15 @@
 //! The fault catalogue, part B: what controllers and operators do, as far as it reaches the cycle. `docs/faults.md` tells
 //! which item each test holds.
 
-mod robot;
-
 use motord_bus::Duration;
+use motord_harness::robot;
+use motord_harness::robot::{Meaning, Robot};
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::FLAG_EMERGENCY_STOP;
 use motord_shared::{
     AdminRequest, Cause, JointSetpoint, Lease, MotorMode, Operation, Phase, Refusal, Rejection,
     SetpointMessage,
 };
-use robot::{Meaning, Robot};
 
 fn active() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);

@@ -1,0 +1,15 @@
+//! The cycle with simulated motors, on virtual time.
+
+mod busy_poll;
+mod client_fuzz;
+mod cycle;
+mod external_plant;
+mod faults_bus;
+mod faults_client;
+mod faults_time;
+mod gim;
+mod mixed;
+mod reads;
+mod replay;
+mod transitions;
+mod turns;

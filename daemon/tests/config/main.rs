@@ -1,0 +1,7 @@
+//! Configuration files: what they say, what `motord check` says about them, and how `motord init` writes one.
+
+mod arming;
+mod document;
+mod init;
+mod ipc_schedule;
+mod physics;

@@ -1,0 +1,13 @@
+//! Programs that run: `motord`, its dead man's switch, `motord-sim`, and serial lines with the clock of the wall.
+
+mod deadman;
+mod deadman_serial;
+mod faults_process;
+mod log;
+mod motord_sim;
+mod owners;
+mod port;
+mod serial;
+mod serial_noise;
+mod serial_process;
+mod worst_moments;
