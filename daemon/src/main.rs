@@ -8,7 +8,7 @@ use motord::run_error::RunError;
 use motord_deadman::DeadmanError;
 use motord_deadman::interfaces::open_interface;
 use motord_deadman::safe_stop::{SafeStopError, safe_stop};
-use motord_terminal::{Pages, printable};
+use motord_terminal::{Pages, exit_status, printable};
 use std::fmt::Display;
 use std::io::Write;
 use std::path::PathBuf;
@@ -84,27 +84,24 @@ const VERSION: &str = if cfg!(feature = "panic-on-request") {
     env!("CARGO_PKG_VERSION")
 };
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
-const EXIT_USAGE: u8 = 64;
-const EXIT_OS: u8 = 71;
-const EXIT_IO: u8 = 74;
 
 fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
             let _unwritable = error.print();
-            return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
+            return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
         }
     };
     let log = arguments.log;
     match arguments.command {
         Command::Check { config, joints, json } => {
             let status = check(&config, Wanted { json, joints }, &mut std::io::stdout().lock());
-            ExitCode::from(status.unwrap_or(EXIT_IO))
+            ExitCode::from(status.unwrap_or(exit_status::IO))
         }
         Command::Init(init) => ended(init.run(), InitError::exit_status, &mut std::io::stderr()),
         Command::Pages(pages) => {
-            ended(pages.write(Arguments::command()), |_| EXIT_IO, &mut std::io::stderr())
+            ended(pages.write(Arguments::command()), |_| exit_status::IO, &mut std::io::stderr())
         }
         Command::Run { config } => logged(log, || motord::commands::run::run(&config), RunError::exit_status),
         Command::Deadman { config } => {
@@ -130,7 +127,7 @@ fn logged<E: Display>(
 ) -> ExitCode {
     let log = match Log::to_stderr() {
         Ok(log) => log,
-        Err(error) => return ended(Err(error), |_| EXIT_OS, &mut std::io::stderr()),
+        Err(error) => return ended(Err(error), |_| exit_status::OS, &mut std::io::stderr()),
     };
     log.hear_panics();
     log.hear_tracing(most);

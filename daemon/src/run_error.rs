@@ -6,6 +6,7 @@ use motord_configuration::ConfigError;
 use motord_realtime::descriptors::TooFewDescriptors;
 use motord_shared::instance::InstanceError;
 use motord_shared::service::ServiceError;
+use motord_terminal::exit_status;
 use std::io;
 use std::path::PathBuf;
 
@@ -62,14 +63,16 @@ impl RunError {
     #[must_use]
     pub fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::Lock(_) | Self::Realtime { .. } => 78,
-            Self::Instance(error) if error.is_a_setting() => 78,
+            Self::Config(_) | Self::Lock(_) | Self::Realtime { .. } => exit_status::CONFIG,
+            Self::Instance(error) if error.is_a_setting() => exit_status::CONFIG,
             Self::Instance(InstanceError::AlreadyRunning { .. })
-            | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => 75,
-            Self::Instance(_) => 77,
-            Self::Bus(_) | Self::Service(_) | Self::DirectoryLost(_) | Self::Unstopped(_) => 69,
-            Self::Descriptors(_) | Self::System(_) => 71,
-            Self::Thread(_) => 70,
+            | Self::Bus(BusError::Lock { source: LockError::Held { .. }, .. }) => exit_status::BUSY,
+            Self::Instance(_) => exit_status::PERMISSION,
+            Self::Bus(_) | Self::Service(_) | Self::DirectoryLost(_) | Self::Unstopped(_) => {
+                exit_status::UNAVAILABLE
+            }
+            Self::Descriptors(_) | Self::System(_) => exit_status::OS,
+            Self::Thread(_) => exit_status::SOFTWARE,
         }
     }
 }

@@ -34,6 +34,7 @@ use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
 use motord_realtime::{SchedulingRequest, lock_memory, prepare_thread, systemd, tighten_timers};
 use motord_shared::instance::{Instance, InstanceError};
+use motord_terminal::exit_status;
 use server::Server;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::io;
@@ -71,11 +72,11 @@ impl DeadmanError {
     #[must_use]
     pub fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) => 78,
-            Self::Instance(error) if error.is_a_setting() => 78,
-            Self::AlreadyRunning { .. } => 75,
-            Self::Instance(_) => 77,
-            Self::System(_) => 71,
+            Self::Config(_) => exit_status::CONFIG,
+            Self::Instance(error) if error.is_a_setting() => exit_status::CONFIG,
+            Self::AlreadyRunning { .. } => exit_status::BUSY,
+            Self::Instance(_) => exit_status::PERMISSION,
+            Self::System(_) => exit_status::OS,
         }
     }
 }

@@ -7,6 +7,7 @@ use motord_bus::{BusLock, Duration, LockError, Monotonic, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
 use motord_shared::instance::Instance;
+use motord_terminal::exit_status;
 use std::io;
 use std::path::Path;
 
@@ -56,8 +57,8 @@ impl SafeStopError {
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) => 78,
-            Self::LeftOut(_) => 69,
+            Self::Config(_) => exit_status::CONFIG,
+            Self::LeftOut(_) => exit_status::UNAVAILABLE,
         }
     }
 }

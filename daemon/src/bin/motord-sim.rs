@@ -10,7 +10,7 @@ use motord_core::settings::{BusKind, Settings};
 use motord_simulator::{
     Bridge, FaultTarget, FaultVerb, InjectError, SerialPort, SerialSlave, SimulatedBus, Store, Verb,
 };
-use motord_terminal::{Pages, printable};
+use motord_terminal::{Pages, exit_status, printable};
 use std::convert::Infallible;
 use std::io::{Stdin, Write};
 use std::os::fd::AsFd;
@@ -94,11 +94,6 @@ fn after_help() -> String {
     format!("{EXAMPLES}\n{}{EXIT_STATUSES}", lists.concat())
 }
 
-const EXIT_USAGE: u8 = 64;
-const EXIT_UNAVAILABLE: u8 = 69;
-const EXIT_IO: u8 = 74;
-const EXIT_CONFIG: u8 = 78;
-
 #[derive(Debug, thiserror::Error)]
 enum Failure {
     #[error(transparent)]
@@ -120,9 +115,9 @@ enum Failure {
 impl Failure {
     fn exit_status(&self) -> u8 {
         match self {
-            Self::Config(_) | Self::NoBus | Self::Name(_) => EXIT_CONFIG,
-            Self::Pages(_) => EXIT_IO,
-            Self::Open(_) | Self::Terminal { .. } | Self::Store(_) => EXIT_UNAVAILABLE,
+            Self::Config(_) | Self::NoBus | Self::Name(_) => exit_status::CONFIG,
+            Self::Pages(_) => exit_status::IO,
+            Self::Open(_) | Self::Terminal { .. } | Self::Store(_) => exit_status::UNAVAILABLE,
         }
     }
 }
@@ -132,7 +127,7 @@ fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => {
             let _unwritable = error.print();
-            return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
+            return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
         }
     };
     let ended = match (&arguments.pages, &arguments.config) {

@@ -2,6 +2,7 @@
 
 use crate::robot::RobotError;
 use motord_protocol::ScaleError;
+use motord_terminal::exit_status;
 use std::io;
 
 /// Why the command did not do all it was asked to.
@@ -27,14 +28,14 @@ pub enum FrameFailure {
 }
 
 impl FrameFailure {
-    /// The exit status, of sysexits(3).
+    /// Returns the exit status.
     #[must_use]
     pub fn status(&self) -> u8 {
         match self {
-            Self::Refused { .. } => 65,
-            Self::Scale(_) => 64,
-            Self::Robot(_) => 78,
-            Self::Io(_) => 74,
+            Self::Refused { .. } => exit_status::DATA,
+            Self::Scale(_) => exit_status::USAGE,
+            Self::Robot(_) => exit_status::CONFIG,
+            Self::Io(_) => exit_status::IO,
         }
     }
 }

@@ -1,20 +1,30 @@
-//! Exit statuses, of sysexits(3).
+//! The exit statuses of every program, from sysexits(3) where it has one.
+//!
+//! A client library must not depend on a command line: `motord_client::Error::exit_status` repeats the numbers that it needs.
 
 /// The command was called wrongly, or names a joint or group that does not exist.
 pub const USAGE: u8 = 64;
-/// A file with mistakes.
+/// A file has mistakes.
 pub const DATA: u8 = 65;
-/// Something that is needed is not there.
+/// A daemon, a motor, a bus or a file that the command needs is missing.
 pub const UNAVAILABLE: u8 = 69;
-/// The output could not be written.
+/// An internal error: a thread ended.
+pub const SOFTWARE: u8 = 70;
+/// The operating system refused a resource.
+pub const OS: u8 = 71;
+/// A file cannot be created.
+pub const CANNOT_CREATE: u8 = 73;
+/// The output cannot be written.
 pub const IO: u8 = 74;
 /// A daemon or another tool uses the bus.
 pub const BUSY: u8 = 75;
-/// The user may not.
+/// The peer speaks another version of the protocol.
+pub const PROTOCOL: u8 = 76;
+/// The user lacks a permission.
 pub const PERMISSION: u8 = 77;
-/// A configuration with mistakes.
+/// A configuration has mistakes.
 pub const CONFIG: u8 = 78;
-/// An emergency stop was not confirmed. No status of sysexits(3): nothing else may be taken for it.
+/// An emergency stop was not confirmed. Not a status of sysexits(3), so that no other error looks like it.
 pub const NOT_STOPPED: u8 = 79;
-/// Ended by Ctrl-C, as a shell reports it: 128 + SIGINT.
+/// A signal ended the command: 128 + SIGINT, as a shell reports it.
 pub const INTERRUPTED: u8 = 130;

@@ -16,8 +16,8 @@ use motord_terminal::printable;
 
 use joints::JointReport;
 
-/// Exit status of a configuration that is refused, `EX_CONFIG` of `sysexits.h`.
-pub const EXIT_CONFIG: u8 = 78;
+/// The exit status of a configuration that is refused.
+pub use motord_terminal::exit_status::CONFIG as EXIT_CONFIG;
 
 /// 8N1: a start bit, eight data bits, a stop bit.
 const SERIAL_BYTE_BITS: u32 = 10;

@@ -9,6 +9,7 @@ pub use options::Options;
 
 use motord_configuration::{self as config, ConfigError, Machine};
 use motord_core::settings::Settings;
+use motord_terminal::exit_status;
 use std::fs::OpenOptions;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -49,9 +50,9 @@ impl InitError {
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
-            Self::Answer(_) | Self::Unanswered(_) => 64,
-            Self::Refused(_) => 78,
-            Self::Exists(_) | Self::Write { .. } => 73,
+            Self::Answer(_) | Self::Unanswered(_) => exit_status::USAGE,
+            Self::Refused(_) => exit_status::CONFIG,
+            Self::Exists(_) | Self::Write { .. } => exit_status::CANNOT_CREATE,
         }
     }
 }
