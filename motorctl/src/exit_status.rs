@@ -20,3 +20,18 @@ pub(crate) fn of_client(error: &Error) -> u8 {
         error => error.exit_status(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use motord_client::Operation;
+    use motord_terminal::exit_status::PROTOCOL;
+
+    #[test]
+    fn client_errors_have_the_listed_statuses() {
+        let version = Error::NotUnderstood { operation: Operation::Claim };
+        let missing = Error::NotRunning { instance: "arm".into(), runtime: "/run".into() };
+        let statuses = [Error::OtherClaim, version, missing].map(|error| error.exit_status());
+        assert_eq!(statuses, [USAGE, PROTOCOL, UNAVAILABLE]);
+    }
+}

@@ -1,6 +1,6 @@
 //! Why a command failed: a sentence for operators and a status for scripts.
 
-use crate::demo::DemoError;
+use crate::demo::error::DemoError;
 use crate::exit_status;
 use motord_client::{Error, FaultError};
 use motord_direct::WireFailure;

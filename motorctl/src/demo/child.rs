@@ -1,6 +1,6 @@
 //! Processes that the demo starts, and that never outlive it.
 
-use crate::demo::DemoError;
+use crate::demo::error::DemoError;
 use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::{Pid, getppid};

@@ -7,8 +7,8 @@
 //! It sleeps until the states of a cycle are there, answers them with setpoints, and tells its parent how it goes, one
 //! JSON object a line on standard output.
 
-use crate::demo::DemoError;
-use crate::demo::gait::{BLEND, Swing};
+use crate::demo::error::DemoError;
+use crate::demo::gait::{BLEND, GROUP, Swing};
 use crate::demo::tracking::Tracking;
 use crate::failure::Failure;
 use motord_client::{Claim, Client, Phase, Setpoint, State};
@@ -17,8 +17,6 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::time::Duration;
 
-/// The group that trots.
-pub(crate) const GROUP: &str = "legs";
 /// Stiffness, N·m/rad.
 const KP: f32 = 70.0;
 /// Damping, N·m·s/rad.

@@ -1,14 +1,16 @@
 //! The daemon of a demo.
 
 use crate::demo::child::Child;
+use crate::demo::error::{DemoError, READY_MAX};
 use crate::demo::work_directory::WorkDirectory;
-use crate::demo::{DemoError, GLANCE, READY_MAX};
 use motord_client::{Client, Error, RUNTIME_DIR_VARIABLE};
 use motord_terminal::Interrupt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+/// Time between two attempts to connect.
+const POLL: Duration = Duration::from_millis(50);
 /// The names of the logs.
 const DAEMON_LOG: &str = "motord.log";
 const CONTROLLER_LOG: &str = "controller.log";
@@ -53,7 +55,7 @@ impl<'a> Daemon<'a> {
             if Instant::now() > deadline {
                 return Err(DemoError::NotReady { log: self.log() });
             }
-            interrupt.pause_until(Instant::now() + GLANCE);
+            interrupt.pause_until(Instant::now() + POLL);
             if interrupt.came() {
                 return Err(DemoError::Interrupted);
             }

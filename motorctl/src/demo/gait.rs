@@ -2,6 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
+/// The group that trots.
+pub(crate) const GROUP: &str = "legs";
 /// Strides per second, Hz.
 const STRIDE_HZ: f64 = 1.5;
 /// How far a thigh swings to each side of where it stood, rad.

@@ -10,6 +10,7 @@
 mod child;
 mod controller;
 mod daemon;
+pub(crate) mod error;
 mod gait;
 mod machine;
 mod progress;
@@ -20,125 +21,25 @@ mod work_directory;
 pub(crate) use child::guard;
 pub(crate) use controller::run as control;
 
-use crate::exit_status;
 use child::Child;
-use controller::{GROUP, Message};
+use controller::Message;
 use daemon::Daemon;
+use error::{DemoError, SILENCE_MAX};
 use machine::Machine;
-use motord_client::{Cause, Error};
 use motord_terminal::{Interrupt, Palette, json};
 use progress::Display;
-use report::{Report, Shortfall};
+use report::Report;
 use serde_json::json;
 use std::io::{self, BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
-use std::process::ExitStatus;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 use tracking::Tracking;
 use work_directory::WorkDirectory;
 
-/// The daemon must have its services open within this time.
-const READY_MAX: Duration = Duration::from_secs(10);
-/// The controller must say something at least this often; finding and starting the motors takes the longest.
-const SILENCE_MAX: Duration = Duration::from_secs(20);
-/// How often the demo looks whether everybody still runs.
-const GLANCE: Duration = Duration::from_millis(50);
-
-/// Why the demo failed.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum DemoError {
-    /// The daemon's executable is missing.
-    #[error("{} is missing: build it with `cargo build --release --workspace`", .0.display())]
-    NoDaemon(PathBuf),
-    /// A file or process could not be used.
-    #[error("cannot {doing}: {source}")]
-    System {
-        /// The action that failed.
-        doing: &'static str,
-        /// Why it failed.
-        source: io::Error,
-    },
-    /// The daemon ended although nobody had asked it to.
-    #[error("motord ended with {status}; the end of its log:\n{log}")]
-    DaemonEnded {
-        /// How.
-        status: ExitStatus,
-        /// The end of its log.
-        log: String,
-    },
-    /// The daemon runs, but offers no services.
-    #[error("motord was not ready after {} s; the end of its log:\n{log}", READY_MAX.as_secs())]
-    NotReady {
-        /// The end of its log.
-        log: String,
-    },
-    /// The daemon was asked to end, and failed at it.
-    #[error("motord ended with {status} when it was stopped; the end of its log:\n{log}")]
-    DaemonStop {
-        /// How.
-        status: ExitStatus,
-        /// The end of its log.
-        log: String,
-    },
-    /// The daemon stopped the group in mid-trot.
-    #[error("the group {GROUP} was stopped: {}", .0.map_or("no cause is latched", Cause::sentence))]
-    Stopped(Option<Cause>),
-    /// Motors were not found, started or stopped in time.
-    #[error("the group {GROUP} was not {change} within {seconds} s")]
-    Slow {
-        /// The state that it did not reach.
-        change: &'static str,
-        /// The time it had, s.
-        seconds: f64,
-    },
-    /// The controller failed.
-    #[error("the controller ended with {status}; the end of its log:\n{log}")]
-    Controller {
-        /// How.
-        status: ExitStatus,
-        /// The end of its log.
-        log: String,
-    },
-    /// The controller hangs.
-    #[error("the controller sent no message for {} s", SILENCE_MAX.as_secs())]
-    ControllerSilent,
-    /// The daemon cannot be reached.
-    #[error(transparent)]
-    Client(#[from] Error),
-    /// The run ended, but missed a limit.
-    #[error("{}", report::failures(.overload.as_deref(), .shortfalls).join("; "))]
-    Shortfalls {
-        /// A reason of the computer's own, to be told first.
-        overload: Option<String>,
-        /// The limits.
-        shortfalls: Vec<Shortfall>,
-    },
-    /// It failed with this exit status, and standard output says why.
-    #[error("the demo failed")]
-    Printed(u8),
-    /// A signal ended the demo, for example by Ctrl-C.
-    #[error("interrupted; the daemon and its controller are stopped")]
-    Interrupted,
-}
-
-impl DemoError {
-    /// The exit status.
-    pub(crate) fn status(&self) -> u8 {
-        match self {
-            Self::NoDaemon(_) => exit_status::UNAVAILABLE,
-            Self::Interrupted => exit_status::INTERRUPTED,
-            Self::Printed(status) => *status,
-            Self::Client(error) => exit_status::of_client(error),
-            _ => 1,
-        }
-    }
-
-    fn system(doing: &'static str) -> impl FnOnce(io::Error) -> Self {
-        move |source| Self::System { doing, source }
-    }
-}
+/// Time between two checks of the processes.
+const POLL: Duration = Duration::from_millis(50);
 
 /// Reads a duration.
 ///
@@ -214,11 +115,11 @@ fn trot(
     let mut heard = Instant::now();
     let mut tracking = None;
     loop {
-        let goes_on = display.turn(GLANCE).map_err(DemoError::system("use the terminal"))?;
+        let goes_on = display.turn(POLL).map_err(DemoError::system("use the terminal"))?;
         if !goes_on || interrupt.came() {
             return Err(DemoError::Interrupted);
         }
-        match messages.recv_timeout(display.patience(GLANCE)) {
+        match messages.recv_timeout(display.patience(POLL)) {
             Ok(message) => {
                 heard = Instant::now();
                 match message {

@@ -1,6 +1,6 @@
 //! The private directory of a demo: it holds the runtime files of its processes, and their logs.
 
-use crate::demo::DemoError;
+use crate::demo::error::DemoError;
 use motord_client::DEFAULT_INSTANCE;
 use serde::Deserialize;
 use std::fs::{self, File};
