@@ -12,10 +12,11 @@ use motord_bus::{Bus, Frame, Inbox, Instant as RobotTime, Readiness, Sent};
 use motord_client::{Client, Setpoint};
 use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_harness::robot;
+use motord_ports::{Payload, clock};
 use motord_protocol::Scales;
 use motord_protocol::mit::{ControlCodes, DecodeError, Impedance, State};
 use motord_protocol::profile::STEADYWIN;
-use motord_shared::{JointSetpoint, SetpointMessage, StateMessage, clock};
+use motord_shared::{JointSetpoint, SetpointMessage, StateMessage};
 use motord_simulator::SharedBus;
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use std::hint::{black_box, spin_loop};
@@ -206,8 +207,8 @@ fn iceoryx2_trips(count: usize, trip: Trip) {
                 continue;
             };
             stay_awake(trip.pause());
-            (state.cycle, state.publish_ns) = (setpoint.sequence, clock::now_ns());
-            states.send_copy(state).expect("a subscriber is there");
+            (state.cycle, state.publish_ns) = (setpoint.0.sequence, clock::now_ns());
+            states.send_copy(Payload(state)).expect("a subscriber is there");
             event.notify().expect("a listener is there");
         }
     });
@@ -220,14 +221,14 @@ fn iceoryx2_trips(count: usize, trip: Trip) {
     time_trips(&format!("iceoryx2-{}", trip.name()), count, || {
         setpoint.sequence += 1;
         let begun_ns = clock::now_ns();
-        setpoints.send_copy(setpoint).expect("a subscriber is there");
+        setpoints.send_copy(Payload(setpoint)).expect("a subscriber is there");
         loop {
             if trip != Trip::Spin {
                 event.timed_wait(|_| (), Duration::from_secs(1)).expect("a notifier is there");
             }
             let state = states.receive().expect("the services are there");
-            if let Some(state) = state.filter(|state| state.cycle == setpoint.sequence) {
-                return trip.time_ns(begun_ns, state.publish_ns);
+            if let Some(state) = state.filter(|state| state.0.cycle == setpoint.sequence) {
+                return trip.time_ns(begun_ns, state.0.publish_ns);
             }
         }
     });
@@ -237,8 +238,8 @@ fn iceoryx2_trips(count: usize, trip: Trip) {
 
 /// The services of bare iceoryx2 in one thread.
 struct Services {
-    setpoint: publish_subscribe::PortFactory<ipc::Service, SetpointMessage, ()>,
-    state: publish_subscribe::PortFactory<ipc::Service, StateMessage, ()>,
+    setpoint: publish_subscribe::PortFactory<ipc::Service, Payload<SetpointMessage>, ()>,
+    state: publish_subscribe::PortFactory<ipc::Service, Payload<StateMessage>, ()>,
     event: event::PortFactory<ipc::Service>,
     _node: Node<ipc::Service>,
 }
@@ -255,12 +256,12 @@ impl Services {
         let of = |service| node.service_builder(&name(service));
         Self {
             setpoint: of("setpoint")
-                .publish_subscribe::<SetpointMessage>()
+                .publish_subscribe::<Payload<SetpointMessage>>()
                 .subscriber_max_buffer_size(1)
                 .open_or_create()
                 .expect("sound"),
             state: of("state")
-                .publish_subscribe::<StateMessage>()
+                .publish_subscribe::<Payload<StateMessage>>()
                 .subscriber_max_buffer_size(1)
                 .open_or_create()
                 .expect("sound"),

@@ -9,7 +9,7 @@ use motord::buses;
 use motord::threads::Daemon;
 use motord_client::{Claim, Client, Error, Phase, State};
 use motord_configuration::{self as config, Machine};
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;

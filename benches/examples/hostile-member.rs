@@ -8,13 +8,13 @@
 
 use iceoryx2::prelude::*;
 use motord_client::Client;
+use motord_ports::instance::{Instance, pid_namespace};
+use motord_ports::service::Service;
+use motord_ports::{ClientPorts, Payload, Question, SetpointPort, clock, stop_socket};
 use motord_realtime::descriptors::raise_descriptors;
-use motord_shared::instance::{Instance, pid_namespace};
 use motord_shared::limits::{JOINTS_MAX, RECORDERS_MAX, WATCHERS_MAX};
 use motord_shared::message::{AdminAnswer, AdminReply, AdminRequest, CycleRecord, JointSetpoint};
-use motord_shared::ports::{ClientPorts, Question, SetpointPort};
-use motord_shared::service::Service;
-use motord_shared::{Operation, SetpointMessage, StateMessage, clock, stop_socket};
+use motord_shared::{Operation, SetpointMessage, StateMessage};
 use nix::sys::socket::{SockFlag, connect};
 use std::error::Error;
 use std::hash::{BuildHasher, RandomState};
@@ -321,17 +321,21 @@ fn connections(instance: &str, length: Duration) -> Outcome<String> {
 /// Takes samples and never gives them back, does not read what it asked for, and does not send what it borrowed.
 fn held(instance: &str, length: Duration) -> Outcome<String> {
     let node = node(instance)?;
-    let states =
-        node.service_builder(&service(instance, "state")?).publish_subscribe::<StateMessage>().open()?;
-    let records =
-        node.service_builder(&service(instance, "record")?).publish_subscribe::<CycleRecord>().open()?;
+    let states = node
+        .service_builder(&service(instance, "state")?)
+        .publish_subscribe::<Payload<StateMessage>>()
+        .open()?;
+    let records = node
+        .service_builder(&service(instance, "record")?)
+        .publish_subscribe::<Payload<CycleRecord>>()
+        .open()?;
     let setpoints = node
         .service_builder(&service(instance, "setpoint")?)
-        .publish_subscribe::<SetpointMessage>()
+        .publish_subscribe::<Payload<SetpointMessage>>()
         .open()?;
     let admin = node
         .service_builder(&service(instance, "admin")?)
-        .request_response::<AdminRequest, AdminAnswer>()
+        .request_response::<Payload<AdminRequest>, Payload<AdminAnswer>>()
         .open()?;
     let watchers = (0..WATCHERS_MAX - LEFT)
         .map(|_| states.subscriber_builder().create())
@@ -347,7 +351,7 @@ fn held(instance: &str, length: Duration) -> Outcome<String> {
         kept_states.extend(watchers.iter().filter_map(|watcher| watcher.receive().ok().flatten()));
         kept_records.extend(recorders.iter().filter_map(|recorder| recorder.receive().ok().flatten()));
         let request = AdminRequest { operation: Operation::Describe.code(), ..Default::default() };
-        unread.extend(asker.send_copy(request).ok());
+        unread.extend(asker.send_copy(Payload(request)).ok());
         std::thread::sleep(Duration::from_millis(1));
     }
     let counts = (kept_states.len(), kept_records.len(), unread.len());
@@ -382,7 +386,11 @@ fn other_layouts(node: &Node<Service>, name: &ServiceName) -> [bool; 5] {
     [
         builder().publish_subscribe::<u64>().open_or_create().is_ok(),
         builder().publish_subscribe::<[u8]>().open_or_create().is_ok(),
-        builder().publish_subscribe::<SetpointMessage>().max_publishers(200).open_or_create().is_ok(),
+        builder()
+            .publish_subscribe::<Payload<SetpointMessage>>()
+            .max_publishers(200)
+            .open_or_create()
+            .is_ok(),
         builder().request_response::<u64, u64>().open_or_create().is_ok(),
         builder().event().event_id_max_value(1000).open_or_create().is_ok(),
     ]

@@ -10,7 +10,7 @@ use motord::threads::Daemon;
 use motord_bus::{Bus, clock};
 use motord_client::{Cause, Client, Error, Phase, RUNTIME_DIR_VARIABLE, State};
 use motord_configuration::{self as config, Machine};
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use motord_simulator::{FaultVerb, SharedBus};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;

@@ -8,7 +8,7 @@ use motord::buses::{self, Buses};
 use motord::threads::Daemon;
 use motord_client::{Claim, Client, Group, Rejection, Setpoint, State};
 use motord_configuration::{self as config, Machine};
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use motord_simulator::{BusSettings, Direction, SharedBus, SimulatedBus};
 use std::path::Path;
 use std::process::Command;

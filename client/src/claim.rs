@@ -3,9 +3,9 @@
 use crate::link::{ANSWER_TIMEOUT, Link, Subject};
 use crate::members::{JointKey, Members, Slot};
 use crate::{Error, Setpoint, State};
+use motord_ports::{SetpointPort, clock};
 use motord_shared::description::{JointLimits, RobotDescription};
-use motord_shared::ports::SetpointPort;
-use motord_shared::{Lease, Operation, Phase, SetpointMessage, clock};
+use motord_shared::{Lease, Operation, Phase, SetpointMessage};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

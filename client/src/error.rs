@@ -1,12 +1,13 @@
 //! Errors between a controller and the daemon, as sentences that say what to do next.
 
 use crate::state::Group;
+use motord_ports::permission::advice;
+use motord_ports::service::{self, Obstacle, Part};
+use motord_ports::stop_socket::StopError;
+use motord_ports::{Instance, InstanceError, ServiceError};
 use motord_shared::codes::{Detail, UnknownCode};
 use motord_shared::description::RobotDescription;
-use motord_shared::permission::advice;
-use motord_shared::service::{self, Obstacle, Part};
-use motord_shared::stop_socket::StopError;
-use motord_shared::{Cause, Instance, InstanceError, Operation, Phase, Refusal, Rejection, ServiceError};
+use motord_shared::{Cause, Operation, Phase, Refusal, Rejection};
 use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,8 +1,8 @@
 //! Faults for simulated motors and buses: so that a controller can be tried against them without a robot.
 
 use crate::{Client, Error};
-use motord_shared::Instance;
-use motord_shared::injection::{self, InjectionError};
+use motord_ports::Instance;
+use motord_ports::injection::{self, InjectionError};
 use std::io;
 
 /// Why no fault was injected into a simulated motor or bus.

@@ -133,14 +133,14 @@ pub use error::{About, Error, Stop};
 pub use group_view::GroupView;
 pub use injection::{FaultError, inject_fault};
 pub use members::{JointKey, Slot};
+pub use motord_ports::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
+pub use motord_ports::service::{Obstacle, Part, ServiceError};
+pub use motord_ports::stop_socket::{RunningInstance, StopError, running as running_instances};
 pub use motord_shared::DEFAULT_INSTANCE;
 pub use motord_shared::description::{
     ControlLatency, EncodedHistogram, GroupDescription, GroupHistory, Histograms, JointDescription,
     JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
-pub use motord_shared::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
-pub use motord_shared::service::{Obstacle, Part, ServiceError};
-pub use motord_shared::stop_socket::{RunningInstance, StopError, running as running_instances};
 pub use motord_shared::{
     Applied, BusCondition, Cause, CycleRecord, Fault, Indicator, Lease, Limit, MotorMode, Operation, Phase,
     Refusal, Rejection, SetpointMode,

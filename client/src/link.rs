@@ -12,13 +12,13 @@
 
 use crate::error::{Error, Stop};
 use crate::state::{Group, Places, State};
+use motord_ports::instance::{Attachment, pid_namespace, process_exists};
+use motord_ports::service::{Obstacle, ServiceError};
+use motord_ports::{ClientPorts, Instance, RecordPort, SetpointPort, clock};
 use motord_shared::description::RobotDescription;
-use motord_shared::instance::{Attachment, pid_namespace, process_exists};
 use motord_shared::limits::JOINTS_MAX;
 use motord_shared::message::AdminReply;
-use motord_shared::ports::{ClientPorts, RecordPort, SetpointPort};
-use motord_shared::service::{Obstacle, ServiceError};
-use motord_shared::{AdminRequest, Instance, Lease, Operation, Phase, Refusal, clock};
+use motord_shared::{AdminRequest, Lease, Operation, Phase, Refusal};
 use serde::de::DeserializeOwned;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -2,8 +2,8 @@
 
 use crate::Error;
 use crate::link::Link;
+use motord_ports::RecordPort;
 use motord_shared::CycleRecord;
-use motord_shared::ports::RecordPort;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

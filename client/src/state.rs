@@ -3,13 +3,14 @@
 //! Everything that comes through shared memory is checked here: a number that is no code of its table becomes `None`, an index
 //! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
 
+use motord_ports::clock;
 use motord_shared::message::{
     FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
     JOINT_VALID,
 };
 use motord_shared::{
     Applied, BusCondition, BusState, Cause, Fault, GroupState, Indicator, JointIndicators, JointState, Lease,
-    Limit, MotorMode, Phase, Rejection, StateMessage, clock,
+    Limit, MotorMode, Phase, Rejection, StateMessage,
 };
 use std::fmt;
 use std::sync::Arc;

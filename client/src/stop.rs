@@ -4,10 +4,10 @@
 
 use crate::link::ANSWER_TIMEOUT;
 use crate::{Error, RobotDescription};
+use motord_ports::stop_socket::{AskedStop, StopError};
+use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::ALL_GROUPS;
-use motord_shared::ports::ClientPorts;
-use motord_shared::stop_socket::{AskedStop, StopError};
-use motord_shared::{AdminRequest, Instance, Operation};
+use motord_shared::{AdminRequest, Operation};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 

@@ -7,13 +7,13 @@ use motord_client::{
     Cause, Claim, Client, Error, InstanceError, JointLimits, Obstacle, Phase, Refusal, Rejection, Setpoint,
     State, Stop,
 };
+use motord_ports::{DaemonPorts, Housekeeper, Instance, Request, clock};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription, Telemetry};
 use motord_shared::limits::CONTROLLERS_MAX;
 use motord_shared::message::{
     AdminReply, GroupState, JOINT_VALID, JointState, SetpointMessage, StateMessage,
 };
-use motord_shared::ports::{DaemonPorts, Housekeeper, Request};
-use motord_shared::{Instance, JointSetpoint, Lease, MotorMode, Operation, clock};
+use motord_shared::{JointSetpoint, Lease, MotorMode, Operation};
 use std::os::unix::ffi::OsStrExt as _;
 use std::path::Path;
 use std::process::{Child, Command};
@@ -799,7 +799,7 @@ fn watcher_that_never_reads_leaks_no_memory() {
     let lock = Instance::below(place.path(), INSTANCE).unwrap().lock().unwrap();
     let ports = DaemonPorts::open(&lock).unwrap();
     let housekeeper = Housekeeper::open(&lock).unwrap();
-    let attach = || motord_shared::ClientPorts::open(lock.instance().attach().unwrap().unwrap()).unwrap();
+    let attach = || motord_ports::ClientPorts::open(lock.instance().attach().unwrap().unwrap()).unwrap();
     let (idle, reader) = (attach(), attach());
     assert!(idle.newest_state().unwrap().is_none() && reader.newest_state().unwrap().is_none());
     for cycle in 1..=10_000 {
@@ -856,7 +856,7 @@ fn another_layout_is_told_as_another_version() {
     let root = place.path().join("iox").join(INSTANCE);
     config.global.set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_bytes()).unwrap());
     config.global.prefix = FileName::new(b"m_").unwrap();
-    let node = NodeBuilder::new().config(&config).create::<motord_shared::service::Service>().unwrap();
+    let node = NodeBuilder::new().config(&config).create::<motord_ports::service::Service>().unwrap();
     let name = ServiceName::new("motord/robot/state").unwrap();
     let _newer = node.service_builder(&name).publish_subscribe::<Newer>().create().unwrap();
     let error = Client::connect_in(place.path(), INSTANCE).unwrap_err();

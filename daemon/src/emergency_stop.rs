@@ -1,4 +1,4 @@
-//! The thread of the emergency stop's socket, [`motord_shared::stop_socket`].
+//! The thread of the emergency stop's socket, [`motord_ports::stop_socket`].
 //!
 //! ```text
 //! asker ── abstract socket ──▶ this thread ── one word ──▶ cycle ──▶ motors
@@ -14,12 +14,12 @@
 use crate::telemetry::askers::Askers;
 use motord_bus::{Duration, Instant, clock};
 use motord_core::cycle::EmergencyStops;
-use motord_realtime::descriptors::keep_only;
-use motord_realtime::process::{GROUPS_OF_A_PROCESS_MAX, peer_groups};
-use motord_shared::instance::Instance as MotordInstance;
-use motord_shared::stop_socket::{
+use motord_ports::instance::Instance as MotordInstance;
+use motord_ports::stop_socket::{
     self, CONFIRMED, MESSAGE_BYTES_MAX, NO_CYCLE, NOT_PERMITTED, REQUEST, StopError,
 };
+use motord_realtime::descriptors::keep_only;
+use motord_realtime::process::{GROUPS_OF_A_PROCESS_MAX, peer_groups};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{

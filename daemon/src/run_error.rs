@@ -3,9 +3,9 @@
 use crate::buses::BusError;
 use motord_bus::LockError;
 use motord_configuration::ConfigError;
+use motord_ports::instance::InstanceError;
+use motord_ports::service::ServiceError;
 use motord_realtime::descriptors::TooFewDescriptors;
-use motord_shared::instance::InstanceError;
-use motord_shared::service::ServiceError;
 use motord_terminal::exit_status;
 use std::io;
 use std::path::PathBuf;

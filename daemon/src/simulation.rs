@@ -2,8 +2,8 @@
 
 use crate::buses::injection::Injectors;
 use motord_bus::Duration;
+use motord_ports::injection::InjectionListener;
 use motord_realtime::process::program;
-use motord_shared::injection::InjectionListener;
 
 /// Between two failures of the system, such as that no descriptors are left.
 const BACK_OFF: Duration = Duration::from_secs(1);

@@ -22,7 +22,7 @@ use motord_deadman::interfaces::expect_interface;
 use motord_deadman::safe_frames::SafeFrames;
 use motord_deadman::server::Server;
 use motord_harness::robot::{self, Meaning};
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use motord_shared::{
     BusCondition, BusState, Cause, GroupState, JointSetpoint, MotorMode, Operation, Phase, StateMessage,
 };

@@ -7,8 +7,9 @@ use crate::codes::{Operation, Refusal, Rejection};
 use crate::limits::{
     ANSWER_BYTES_MAX, BUSES_MAX, GROUPS_MAX, INDICATOR_JOINTS_MAX, INDICATORS_MAX, JOINTS_MAX,
 };
-#[cfg(feature = "ports")]
-use iceoryx2::prelude::ZeroCopySend;
+use crate::plain::plain;
+
+pub use crate::plain::Message;
 
 /// `StateMessage::flags`: the emergency stop is latched.
 pub const FLAG_EMERGENCY_STOP: u32 = 1 << 0;
@@ -32,195 +33,166 @@ pub const ALL_GROUPS: u32 = u32::MAX;
 /// A joint index that means none in particular.
 pub const NO_JOINT: u32 = u32::MAX;
 
-/// The command that went to the motor in a cycle, after all limits, joint side.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.Applied.v1"))]
-#[repr(C)]
-pub struct Applied {
-    /// rad.
-    pub position: f32,
-    /// rad/s.
-    pub velocity: f32,
-    /// Stiffness, N·m/rad.
-    pub kp: f32,
-    /// Damping, N·m·s/rad.
-    pub kd: f32,
-    /// N·m.
-    pub torque: f32,
-}
-
-/// One joint in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointState.v2"))]
-#[repr(C)]
-pub struct JointState {
-    /// rad. The last one received; see `age_cycles`.
-    pub position: f32,
-    /// rad/s.
-    pub velocity: f32,
-    /// N·m, as the motor estimates it.
-    pub torque: f32,
-    /// °C, NaN when the protocol does not tell.
-    pub temperature: f32,
-    /// The command that was sent to the motor last.
-    pub applied: Applied,
-    /// `Limit` bits that acted on `applied`.
-    pub limits: u32,
-    /// `MotorMode` code.
-    pub mode: u32,
-    /// `Fault` bits that the motor reports; 0 for none.
-    pub fault: u32,
-    /// `JOINT_*` flags.
-    pub flags: u32,
-    /// Turns of the motor since the last reply; 0 when it came since the states before were published. On most buses a turn is a
-    /// cycle; with `every = N` it is N cycles.
-    pub age_cycles: u32,
-    /// Turns without a reply since the daemon started.
-    pub missed: u32,
-    /// Time from the command to its reply, ns; 0 before the first.
-    pub reply_latency_ns: u32,
-    /// Replies that came after their turn was over.
-    pub late: u32,
-    /// States that decoded, but that the joint cannot have had; none of them was used. Modulo 2³².
-    pub implausible: u32,
-    /// When the last reply arrived, ns of `CLOCK_MONOTONIC`; 0 before the first.
-    pub receive_ns: u64,
-}
-
-/// One group in a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.GroupState.v3"))]
-#[repr(C)]
-pub struct GroupState {
-    /// The owner's [`Lease`](crate::Lease); 0 for none.
-    pub lease: u64,
-    /// Sequence number of the setpoint in use; 0 for none.
-    pub sequence: u64,
-    /// Age of the setpoint in use when the cycle began, ns.
-    pub setpoint_age_ns: u64,
-    /// Number of the cycle whose states the setpoint in use answers, as its owner tells; 0 when it tells none that has been.
-    pub answered_cycle: u64,
-    /// Number of the cycle that first used the setpoint in use; 0 for none.
-    pub used_cycle: u64,
-    /// `Phase` code.
-    pub phase: u32,
-    /// `Cause` code that is latched; 0 for none.
-    pub cause: u32,
-    /// Index of the joint that gave the cause; `u32::MAX` when it was none in particular.
-    pub cause_joint: u32,
-    /// Id of the process that asked for the stop; 0 when none did, or none is known.
-    pub cause_pid: u32,
-    /// Setpoint messages accepted, modulo 2³².
-    pub accepted: u32,
-    /// Accepted messages that came too late for the first cycle after the one that they answer, modulo 2³².
-    pub late: u32,
-    /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
-    pub rejected: [u32; Rejection::COUNT],
-}
-
-/// The indicators of one joint's motor.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointIndicators.v1"))]
-#[repr(C)]
-pub struct JointIndicators {
-    /// Index of the joint.
-    pub joint: u32,
-    /// By `Indicator` code, in the unit of [`Indicator::unit`](crate::Indicator::unit), motor side; NaN where it is not known.
-    pub values: [f32; INDICATORS_MAX],
-}
-
-impl Default for JointIndicators {
-    fn default() -> Self {
-        Self { joint: 0, values: [0.0; INDICATORS_MAX] }
+plain! {
+    /// The command that went to the motor in a cycle, after all limits, joint side.
+    pub struct Applied {
+        /// rad.
+        pub position: f32,
+        /// rad/s.
+        pub velocity: f32,
+        /// Stiffness, N·m/rad.
+        pub kp: f32,
+        /// Damping, N·m·s/rad.
+        pub kd: f32,
+        /// N·m.
+        pub torque: f32,
     }
 }
 
-/// One bus in a cycle. All counters are modulo 2³².
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.BusState.v2"))]
-#[repr(C)]
-pub struct BusState {
-    /// `BusCondition` code.
-    pub condition: u32,
-    /// Frames that the bus accepted.
-    pub sent: u32,
-    /// Frames that it did not accept.
-    pub dropped: u32,
-    /// Frames received, of any kind.
-    pub received: u32,
-    /// Frames of any kind whose id or first byte belongs to no motor of this bus. On a CAN interface the kernel keeps most of
-    /// them from the cycle: those are counted off the real-time thread, some 50 ms late.
-    pub unexpected_id: u32,
-    /// Replies that nobody had asked for, among them second answers to one request.
-    pub duplicate: u32,
-    /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
-    pub malformed: u32,
-    /// Error frames.
-    pub errors: u32,
-    /// Frames that were lost before they could be read.
-    pub lost: u32,
-}
-
-/// Everything that is known after a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.State.v5"))]
-#[repr(C)]
-pub struct StateMessage {
-    /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
-    pub boot_id: u64,
-    /// Cycle number, from 1; it counts the ticks, so that missed ones leave a gap.
-    pub cycle: u64,
-    /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
-    pub tick_ns: u64,
-    /// How much later it began, ns.
-    pub wake_latency_ns: u64,
-    /// When the states were complete, ns of `CLOCK_MONOTONIC`.
-    pub publish_ns: u64,
-    /// Ticks that were missed, since the start.
-    pub overruns: u64,
-    /// `FLAG_*`.
-    pub flags: u32,
-    /// Joints in use.
-    pub joint_count: u32,
-    /// Groups in use.
-    pub group_count: u32,
-    /// Buses in use.
-    pub bus_count: u32,
-    /// Joints with indicators in use.
-    pub indicator_count: u32,
-    /// Keeps the layout free of implicit padding.
-    pub reserved: u32,
-    /// Joints, in the order of the configuration.
-    pub joints: [JointState; JOINTS_MAX],
-    /// Groups, in the order of the configuration.
-    pub groups: [GroupState; GROUPS_MAX],
-    /// Buses, in the order of the configuration.
-    pub buses: [BusState; BUSES_MAX],
-    /// Joints whose motors have indicators, in the order of the configuration.
-    pub indicators: [JointIndicators; INDICATOR_JOINTS_MAX],
-}
-
-impl Default for StateMessage {
-    fn default() -> Self {
-        Self {
-            boot_id: 0,
-            cycle: 0,
-            tick_ns: 0,
-            wake_latency_ns: 0,
-            publish_ns: 0,
-            overruns: 0,
-            flags: 0,
-            joint_count: 0,
-            group_count: 0,
-            bus_count: 0,
-            indicator_count: 0,
-            reserved: 0,
-            joints: [JointState::default(); JOINTS_MAX],
-            groups: [GroupState::default(); GROUPS_MAX],
-            buses: [BusState::default(); BUSES_MAX],
-            indicators: [JointIndicators::default(); INDICATOR_JOINTS_MAX],
-        }
+plain! {
+    /// One joint in a cycle.
+    pub struct JointState {
+        /// rad. The last one received; see `age_cycles`.
+        pub position: f32,
+        /// rad/s.
+        pub velocity: f32,
+        /// N·m, as the motor estimates it.
+        pub torque: f32,
+        /// °C, NaN when the protocol does not tell.
+        pub temperature: f32,
+        /// The command that was sent to the motor last.
+        pub applied: Applied,
+        /// `Limit` bits that acted on `applied`.
+        pub limits: u32,
+        /// `MotorMode` code.
+        pub mode: u32,
+        /// `Fault` bits that the motor reports; 0 for none.
+        pub fault: u32,
+        /// `JOINT_*` flags.
+        pub flags: u32,
+        /// Turns of the motor since the last reply; 0 when it came since the states before were published. On most buses a turn is a
+        /// cycle; with `every = N` it is N cycles.
+        pub age_cycles: u32,
+        /// Turns without a reply since the daemon started.
+        pub missed: u32,
+        /// Time from the command to its reply, ns; 0 before the first.
+        pub reply_latency_ns: u32,
+        /// Replies that came after their turn was over.
+        pub late: u32,
+        /// States that decoded, but that the joint cannot have had; none of them was used. Modulo 2³².
+        pub implausible: u32,
+        /// When the last reply arrived, ns of `CLOCK_MONOTONIC`; 0 before the first.
+        pub receive_ns: u64,
     }
+}
+
+plain! {
+    /// One group in a cycle.
+    #[derive(Eq)]
+    pub struct GroupState {
+        /// The owner's [`Lease`](crate::Lease); 0 for none.
+        pub lease: u64,
+        /// Sequence number of the setpoint in use; 0 for none.
+        pub sequence: u64,
+        /// Age of the setpoint in use when the cycle began, ns.
+        pub setpoint_age_ns: u64,
+        /// Number of the cycle whose states the setpoint in use answers, as its owner tells; 0 when it tells none that has been.
+        pub answered_cycle: u64,
+        /// Number of the cycle that first used the setpoint in use; 0 for none.
+        pub used_cycle: u64,
+        /// `Phase` code.
+        pub phase: u32,
+        /// `Cause` code that is latched; 0 for none.
+        pub cause: u32,
+        /// Index of the joint that gave the cause; `u32::MAX` when it was none in particular.
+        pub cause_joint: u32,
+        /// Id of the process that asked for the stop; 0 when none did, or none is known.
+        pub cause_pid: u32,
+        /// Setpoint messages accepted, modulo 2³².
+        pub accepted: u32,
+        /// Accepted messages that came too late for the first cycle after the one that they answer, modulo 2³².
+        pub late: u32,
+        /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
+        pub rejected: [u32; Rejection::COUNT],
+    }
+}
+
+plain! {
+    /// The indicators of one joint's motor.
+    pub struct JointIndicators {
+        /// Index of the joint.
+        pub joint: u32,
+        /// By `Indicator` code, in the unit of [`Indicator::unit`](crate::Indicator::unit), motor side; NaN where it is not known.
+        pub values: [f32; INDICATORS_MAX],
+    }
+}
+
+plain! {
+    /// One bus in a cycle. All counters are modulo 2³².
+    #[derive(Eq)]
+    pub struct BusState {
+        /// `BusCondition` code.
+        pub condition: u32,
+        /// Frames that the bus accepted.
+        pub sent: u32,
+        /// Frames that it did not accept.
+        pub dropped: u32,
+        /// Frames received, of any kind.
+        pub received: u32,
+        /// Frames of any kind whose id or first byte belongs to no motor of this bus. On a CAN interface the kernel keeps most of
+        /// them from the cycle: those are counted off the real-time thread, some 50 ms late.
+        pub unexpected_id: u32,
+        /// Replies that nobody had asked for, among them second answers to one request.
+        pub duplicate: u32,
+        /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
+        pub malformed: u32,
+        /// Error frames.
+        pub errors: u32,
+        /// Frames that were lost before they could be read.
+        pub lost: u32,
+    }
+}
+
+plain! {
+    /// Everything that is known after a cycle.
+    pub struct StateMessage {
+        /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
+        pub boot_id: u64,
+        /// Cycle number, from 1; it counts the ticks, so that missed ones leave a gap.
+        pub cycle: u64,
+        /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
+        pub tick_ns: u64,
+        /// How much later it began, ns.
+        pub wake_latency_ns: u64,
+        /// When the states were complete, ns of `CLOCK_MONOTONIC`.
+        pub publish_ns: u64,
+        /// Ticks that were missed, since the start.
+        pub overruns: u64,
+        /// `FLAG_*`.
+        pub flags: u32,
+        /// Joints in use.
+        pub joint_count: u32,
+        /// Groups in use.
+        pub group_count: u32,
+        /// Buses in use.
+        pub bus_count: u32,
+        /// Joints with indicators in use.
+        pub indicator_count: u32,
+        /// Keeps the layout free of implicit padding.
+        pub reserved: u32,
+        /// Joints, in the order of the configuration.
+        pub joints: [JointState; JOINTS_MAX],
+        /// Groups, in the order of the configuration.
+        pub groups: [GroupState; GROUPS_MAX],
+        /// Buses, in the order of the configuration.
+        pub buses: [BusState; BUSES_MAX],
+        /// Joints whose motors have indicators, in the order of the configuration.
+        pub indicators: [JointIndicators; INDICATOR_JOINTS_MAX],
+    }
+}
+
+impl Message for StateMessage {
+    const TYPE_NAME: &'static str = "motord.State.v5";
 }
 
 impl StateMessage {
@@ -248,8 +220,7 @@ impl StateMessage {
 
     /// Writes to most of the cache lines in use, so that this processor holds them before a message is [copied](Self::copy_from) into
     /// them. The values are lost.
-    #[cfg(feature = "ports")]
-    pub(crate) fn fetch(&mut self) {
+    pub fn fetch(&mut self) {
         let used = (self.joint_count as usize).min(JOINTS_MAX);
         // A line has 64 bytes and a joint 80: two writes to each joint reach every line.
         for joint in &mut self.joints[..used] {
@@ -291,58 +262,46 @@ fn replace<T: Copy + Default, const N: usize>(old: &mut [T; N], used: u32, new: 
     old[count..used.max(count)].fill(T::default());
 }
 
-/// The setpoint of a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.JointSetpoint.v1"))]
-#[repr(C)]
-pub struct JointSetpoint {
-    /// rad.
-    pub position: f32,
-    /// rad/s.
-    pub velocity: f32,
-    /// Stiffness, N·m/rad, not negative.
-    pub kp: f32,
-    /// Damping, N·m·s/rad, not negative.
-    pub kd: f32,
-    /// N·m.
-    pub torque: f32,
-    /// `SetpointMode` code.
-    pub mode: u32,
-}
-
-/// One frame of setpoints for a whole group.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.Setpoint.v1"))]
-#[repr(C)]
-pub struct SetpointMessage {
-    /// The [`Lease`](crate::Lease) that a claim was answered with.
-    pub lease: u64,
-    /// Must rise with every message of a lease; the first is 1 or more.
-    pub sequence: u64,
-    /// When it was sent, ns of `CLOCK_MONOTONIC`.
-    pub time_ns: u64,
-    /// The cycle whose states it answers; for measuring only.
-    pub cycle: u64,
-    /// Joints in use: exactly the joints of the group.
-    pub joint_count: u32,
-    /// Keeps the layout free of implicit padding.
-    pub reserved: u32,
-    /// Joints of the group, in the order of the configuration.
-    pub joints: [JointSetpoint; JOINTS_MAX],
-}
-
-impl Default for SetpointMessage {
-    fn default() -> Self {
-        Self {
-            lease: 0,
-            sequence: 0,
-            time_ns: 0,
-            cycle: 0,
-            joint_count: 0,
-            reserved: 0,
-            joints: [JointSetpoint::default(); JOINTS_MAX],
-        }
+plain! {
+    /// The setpoint of a joint.
+    pub struct JointSetpoint {
+        /// rad.
+        pub position: f32,
+        /// rad/s.
+        pub velocity: f32,
+        /// Stiffness, N·m/rad, not negative.
+        pub kp: f32,
+        /// Damping, N·m·s/rad, not negative.
+        pub kd: f32,
+        /// N·m.
+        pub torque: f32,
+        /// `SetpointMode` code.
+        pub mode: u32,
     }
+}
+
+plain! {
+    /// One frame of setpoints for a whole group.
+    pub struct SetpointMessage {
+        /// The [`Lease`](crate::Lease) that a claim was answered with.
+        pub lease: u64,
+        /// Must rise with every message of a lease; the first is 1 or more.
+        pub sequence: u64,
+        /// When it was sent, ns of `CLOCK_MONOTONIC`.
+        pub time_ns: u64,
+        /// The cycle whose states it answers; for measuring only.
+        pub cycle: u64,
+        /// Joints in use: exactly the joints of the group.
+        pub joint_count: u32,
+        /// Keeps the layout free of implicit padding.
+        pub reserved: u32,
+        /// Joints of the group, in the order of the configuration.
+        pub joints: [JointSetpoint; JOINTS_MAX],
+    }
+}
+
+impl Message for SetpointMessage {
+    const TYPE_NAME: &'static str = "motord.Setpoint.v1";
 }
 
 impl SetpointMessage {
@@ -360,30 +319,22 @@ impl SetpointMessage {
     }
 }
 
-/// A cycle as recorders get it: its state, and the setpoints that it used.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.CycleRecord.v1"))]
-#[repr(C)]
-pub struct CycleRecord {
-    /// Counts the records of a daemon, from 1: a gap is what this recorder was too slow for.
-    pub sequence: u64,
-    /// The joints that `setpoints` has a setpoint of, as bits.
-    pub known: u64,
-    /// Everything that is known after the cycle.
-    pub state: StateMessage,
-    /// Joints, in the order of the configuration: the setpoint in use as its owner sent it, before all limits.
-    pub setpoints: [JointSetpoint; JOINTS_MAX],
+plain! {
+    /// A cycle as recorders get it: its state, and the setpoints that it used.
+    pub struct CycleRecord {
+        /// Counts the records of a daemon, from 1: a gap is what this recorder was too slow for.
+        pub sequence: u64,
+        /// The joints that `setpoints` has a setpoint of, as bits.
+        pub known: u64,
+        /// Everything that is known after the cycle.
+        pub state: StateMessage,
+        /// Joints, in the order of the configuration: the setpoint in use as its owner sent it, before all limits.
+        pub setpoints: [JointSetpoint; JOINTS_MAX],
+    }
 }
 
-impl Default for CycleRecord {
-    fn default() -> Self {
-        Self {
-            sequence: 0,
-            known: 0,
-            state: StateMessage::default(),
-            setpoints: [JointSetpoint::default(); JOINTS_MAX],
-        }
-    }
+impl Message for CycleRecord {
+    const TYPE_NAME: &'static str = "motord.CycleRecord.v1";
 }
 
 impl CycleRecord {
@@ -403,25 +354,28 @@ impl CycleRecord {
     }
 }
 
-/// An administrative request.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminRequest.v3"))]
-#[repr(C)]
-pub struct AdminRequest {
-    /// The [`Lease`](crate::Lease) of the asking owner; 0 when an operator or a watcher asks.
-    pub lease: u64,
-    /// `Operation` code.
-    pub operation: u32,
-    /// Group index, or [`ALL_GROUPS`].
-    pub group: u32,
-    /// Joint index.
-    pub joint: u32,
-    /// Process id of the asker. Others that are refused because of it get to know it.
-    pub pid: u32,
-    /// The namespace that the process id belongs to: the inode of `/proc/self/ns/pid`; 0 when it is unknown.
-    pub pid_namespace: u64,
-    /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none. An emergency stop ignores it.
-    pub argument: f64,
+plain! {
+    /// An administrative request.
+    pub struct AdminRequest {
+        /// The [`Lease`](crate::Lease) of the asking owner; 0 when an operator or a watcher asks.
+        pub lease: u64,
+        /// `Operation` code.
+        pub operation: u32,
+        /// Group index, or [`ALL_GROUPS`].
+        pub group: u32,
+        /// Joint index.
+        pub joint: u32,
+        /// Process id of the asker. Others that are refused because of it get to know it.
+        pub pid: u32,
+        /// The namespace that the process id belongs to: the inode of `/proc/self/ns/pid`; 0 when it is unknown.
+        pub pid_namespace: u64,
+        /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none. An emergency stop ignores it.
+        pub argument: f64,
+    }
+}
+
+impl Message for AdminRequest {
+    const TYPE_NAME: &'static str = "motord.AdminRequest.v3";
 }
 
 impl AdminRequest {
@@ -441,38 +395,36 @@ impl AdminRequest {
     }
 }
 
-/// The head of an answer; for `describe`, `telemetry` and `histograms` JSON text follows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminReply.v1"))]
-#[repr(C)]
-pub struct AdminReply {
-    /// The [`Lease`](crate::Lease) that was granted; 0 otherwise.
-    pub lease: u64,
-    /// 0 for success, else a `Refusal` code.
-    pub refusal: u32,
-    /// The detail of the refusal: see [`Refusal::detail`](crate::Refusal::detail). A joint index may be [`NO_JOINT`].
-    pub detail: u32,
-}
-
-/// An answer. It has a fixed size because iceoryx2 takes the length of a slice from the other process unchecked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "ports", derive(ZeroCopySend), type_name("motord.AdminAnswer.v1"))]
-#[repr(C)]
-pub struct AdminAnswer {
-    /// Its head.
-    pub reply: AdminReply,
-    /// Bytes of text in use.
-    pub length: u32,
-    /// Keeps the layout free of implicit padding.
-    pub reserved: u32,
-    /// JSON, UTF-8.
-    pub text: [u8; ANSWER_BYTES_MAX],
-}
-
-impl Default for AdminAnswer {
-    fn default() -> Self {
-        Self { reply: AdminReply::default(), length: 0, reserved: 0, text: [0; ANSWER_BYTES_MAX] }
+plain! {
+    /// The head of an answer; for `describe`, `telemetry` and `histograms` JSON text follows it.
+    #[derive(Eq)]
+    pub struct AdminReply {
+        /// The [`Lease`](crate::Lease) that was granted; 0 otherwise.
+        pub lease: u64,
+        /// 0 for success, else a `Refusal` code.
+        pub refusal: u32,
+        /// The detail of the refusal: see [`Refusal::detail`](crate::Refusal::detail). A joint index may be [`NO_JOINT`].
+        pub detail: u32,
     }
+}
+
+plain! {
+    /// An answer. It has a fixed size because iceoryx2 takes the length of a slice from the other process unchecked.
+    #[derive(Eq)]
+    pub struct AdminAnswer {
+        /// Its head.
+        pub reply: AdminReply,
+        /// Bytes of text in use.
+        pub length: u32,
+        /// Keeps the layout free of implicit padding.
+        pub reserved: u32,
+        /// JSON, UTF-8.
+        pub text: [u8; ANSWER_BYTES_MAX],
+    }
+}
+
+impl Message for AdminAnswer {
+    const TYPE_NAME: &'static str = "motord.AdminAnswer.v1";
 }
 
 impl AdminAnswer {

@@ -4,11 +4,9 @@ use motord::ipc::{CycleEnd, IpcThread, Records, Schedule};
 use motord::telemetry;
 use motord_core::cycle::{self, Ends, REQUESTS_MAX};
 use motord_core::settings::IpcMode;
+use motord_ports::{DaemonPorts, Instance, InstanceLock, clock};
 use motord_shared::description::{GroupDescription, JointDescription, RobotDescription};
-use motord_shared::ports::DaemonPorts;
-use motord_shared::{
-    AdminReply, AdminRequest, Instance, InstanceLock, Lease, SetpointMessage, StateMessage, clock,
-};
+use motord_shared::{AdminReply, AdminRequest, Lease, SetpointMessage, StateMessage};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::cell::RefCell;
 use std::path::Path;

@@ -6,7 +6,7 @@
 use crate::heartbeat::Pulse;
 use crate::kernel::adopt;
 use motord_bus::Duration;
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use nix::cmsg_space;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};

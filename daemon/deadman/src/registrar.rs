@@ -2,8 +2,8 @@
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Readiness, clock, wait};
+use motord_ports::instance::Instance;
 use motord_realtime::descriptors::keep_only;
-use motord_shared::instance::Instance;
 use std::io;
 use std::os::fd::AsFd;
 

@@ -6,7 +6,7 @@ use crate::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use motord_bus::{BusLock, Duration, LockError, Monotonic, clock};
 use motord_configuration::{self as config, ConfigError};
 use motord_core::stopper::PATIENCE;
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use motord_terminal::exit_status;
 use std::io;
 use std::path::Path;

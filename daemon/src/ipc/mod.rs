@@ -13,9 +13,9 @@ use crate::telemetry::Questions;
 use motord_bus::clock;
 use motord_core::cycle::{Counters, Ends, History, REQUESTS_MAX, Supply};
 use motord_core::settings::IpcMode;
+use motord_ports::{DaemonPorts, Request};
 use motord_shared::limits::{ADMINS_MAX, GROUPS_MAX, REQUESTS_PER_CLIENT};
 use motord_shared::message::NO_JOINT;
-use motord_shared::ports::{DaemonPorts, Request};
 use motord_shared::{AdminReply, AdminRequest, Lease, Operation, Refusal, SetpointMessage, StateMessage};
 use owners::Owners;
 use pending::Pending;
@@ -304,8 +304,7 @@ mod tests {
     use super::*;
     use crate::telemetry;
     use motord_bus::Duration;
-    use motord_shared::Instance;
-    use motord_shared::ports::{ClientPorts, Question};
+    use motord_ports::{ClientPorts, Instance, Question};
 
     /// The thread, with a cycle and a telemetry thread that answer nothing.
     fn unanswered(place: &std::path::Path, test: impl FnOnce(&mut IpcThread, &ClientPorts)) {

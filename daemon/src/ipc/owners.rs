@@ -5,8 +5,8 @@
 //! parent loses it when the parent ends.
 
 use core::time::Duration;
+use motord_ports::instance::pid_namespace;
 use motord_realtime::deaths::{self, deaths};
-use motord_shared::instance::pid_namespace;
 use motord_shared::limits::GROUPS_MAX;
 use motord_shared::{AdminRequest, Lease};
 use nix::errno::Errno;

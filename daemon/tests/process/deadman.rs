@@ -11,7 +11,7 @@ use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
 use motord_deadman::safe_stop::safe_stop;
 use motord_deadman::server::Server;
-use motord_shared::instance::Instance;
+use motord_ports::instance::Instance;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::sys::signal::{Signal, kill};
 use nix::sys::socket::{ControlMessage, MsgFlags, send, sendmsg};

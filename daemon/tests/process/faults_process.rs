@@ -5,12 +5,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use motord_ports::{ClientPorts, Instance};
 use motord_shared::limits::{ADMINS_MAX, CONTROLLERS_MAX, STOP_PLACES};
 use motord_shared::message::AdminReply;
-use motord_shared::{
-    AdminRequest, Cause, ClientPorts, Instance, JointSetpoint, Operation, Phase, SetpointMessage,
-    StateMessage,
-};
+use motord_shared::{AdminRequest, Cause, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::sys::ptrace;
 use nix::sys::signal::{Signal, kill};
@@ -210,7 +208,7 @@ impl Operator {
                 self.sequence += 1;
                 let mut message =
                     SetpointMessage { lease: self.lease, sequence: self.sequence, ..Default::default() };
-                message.time_ns = motord_shared::clock::now_ns();
+                message.time_ns = motord_ports::clock::now_ns();
                 message.joint_count = 1;
                 let position = self.state.joints[0].position;
                 message.joints[0] = JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };

@@ -1,11 +1,11 @@
 //! The log of one session, as the journal gets it.
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-use motord_shared::injection::inject;
+use motord_ports::injection::inject;
+use motord_ports::{ClientPorts, Instance};
 use motord_shared::message::{ALL_GROUPS, JOINT_VALID};
-use motord_shared::ports::ClientPorts;
 use motord_shared::{
-    AdminRequest, Instance, JointSetpoint, MotorMode, Operation, Phase, SetpointMessage, StateMessage,
+    AdminRequest, JointSetpoint, MotorMode, Operation, Phase, SetpointMessage, StateMessage,
 };
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -157,7 +157,7 @@ impl Asker {
             }
             sequence += 1;
             let mut message = SetpointMessage { lease, sequence, joint_count: 1, ..Default::default() };
-            message.time_ns = motord_shared::clock::now_ns();
+            message.time_ns = motord_ports::clock::now_ns();
             let position = self.state.joints[0].position;
             message.joints[0] = JointSetpoint { position, kp: 20.0, kd: 1.0, ..Default::default() };
             port.send(&message).unwrap();

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
 use motord::ipc::owners::owners;
-use motord_shared::instance::pid_namespace;
+use motord_ports::instance::pid_namespace;
 use motord_shared::{AdminRequest, Lease};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;

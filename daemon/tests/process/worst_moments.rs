@@ -6,12 +6,11 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_shared::instance::Instance;
+use motord_ports::ClientPorts;
+use motord_ports::instance::Instance;
+use motord_ports::stop_socket::{AskedStop, StopError};
 use motord_shared::message::{ALL_GROUPS, AdminReply};
-use motord_shared::stop_socket::{AskedStop, StopError};
-use motord_shared::{
-    AdminRequest, Cause, ClientPorts, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage,
-};
+use motord_shared::{AdminRequest, Cause, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use nix::sys::ptrace;
 use nix::sys::signal::{Signal, kill};
 use nix::sys::wait::{WaitPidFlag, waitpid};
@@ -161,7 +160,7 @@ fn hold(ports: &ClientPorts, lease: u64, position: f32, over: &AtomicBool) {
         if over.load(Ordering::Relaxed) {
             return;
         }
-        let time_ns = motord_shared::clock::now_ns();
+        let time_ns = motord_ports::clock::now_ns();
         let mut message = SetpointMessage { lease, sequence, time_ns, joint_count: 1, ..Default::default() };
         message.joints[0] = JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };
         // A misfortune may damage the connection: then the silence of the owner stops the robot, too.
@@ -303,7 +302,7 @@ struct Row {
 fn row(misfortune: &'static str, place: TempDir, begin: Begin) -> Row {
     let robot = Robot::start(place);
     let happens = begin(&robot);
-    let (since_ns, begun) = (motord_shared::clock::now_ns(), Instant::now());
+    let (since_ns, begun) = (motord_ports::clock::now_ns(), Instant::now());
     let mut motorctl = estop(robot.place.path());
     let mut said = String::new();
     BufReader::new(motorctl.stdout.take().unwrap()).read_line(&mut said).unwrap();

@@ -46,7 +46,9 @@ fn identity(path: &Path) -> Result<Identity, Errno> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{DaemonPorts, Instance};
+    use crate::client::ClientPorts;
+    use crate::daemon::DaemonPorts;
+    use crate::instance::Instance;
     use std::fs;
 
     fn with_daemon(test: impl FnOnce(&Instance, Presence)) {
@@ -85,7 +87,7 @@ mod tests {
         let _ports = DaemonPorts::open(&lock).unwrap();
         let unknown = instance.root().join("services/m_0.service");
         fs::write(&unknown, "").unwrap();
-        let client = crate::ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+        let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
         let presence = Presence::of(&lock);
         drop(client);
         fs::remove_file(unknown).unwrap();
@@ -100,7 +102,7 @@ mod tests {
             let instance = Instance::below(place.path(), "robot").unwrap();
             let lock = instance.lock().unwrap();
             let ports = DaemonPorts::open(&lock).unwrap();
-            let client = crate::ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
+            let client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
             drop(ports);
             if is_damaged {
                 crate::service::files(&instance).iter().for_each(|path| fs::write(path, "").unwrap());
@@ -114,7 +116,7 @@ mod tests {
             let presence = Presence::of(&lock);
             drop(client);
             assert_eq!(presence.lost(), None, "damaged: {is_damaged}");
-            assert!(crate::ClientPorts::open(instance.attach().unwrap().unwrap()).is_ok());
+            assert!(ClientPorts::open(instance.attach().unwrap().unwrap()).is_ok());
         }
     }
 

@@ -14,7 +14,7 @@ pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
 
 use crate::directory::{Directory, STICKY};
 use crate::instance_error::{ROOT_BYTES_MAX, refused};
-use crate::limits::NAME_BYTES_MAX;
+use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::signal::kill;

@@ -98,7 +98,9 @@ fn is_directory_of_a_node(name: &OsStr) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{ClientPorts, DaemonPorts, Housekeeper};
+    use crate::client::ClientPorts;
+    use crate::daemon::DaemonPorts;
+    use crate::housekeeper::Housekeeper;
     use nix::sys::stat::{UtimensatFlags, utimensat};
     use nix::sys::time::TimeSpec;
     use std::fs::{self, File};

@@ -5,18 +5,14 @@
 //! | `motord/<instance>/state` | publish-subscribe | publishes each cycle | reads the newest |
 //! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while somebody records | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
-//! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ports::ClientPorts::sleep) |
+//! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ClientPorts::sleep) |
 //! | `motord/<instance>/admin` | request-response | answers | asks |
 //!
 //! Everything is a file below the instance's directory, nothing is in `/dev/shm`: who may enter the directory may
 //! connect, nobody else.
 
-use crate::iceoryx::PortLock;
+use crate::iceoryx::{Payload, PortLock};
 use crate::instance::Instance;
-use crate::limits::{
-    ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT, WATCHERS_MAX,
-};
-use crate::message::{AdminAnswer, AdminRequest, CycleRecord, SetpointMessage, StateMessage};
 use iceoryx2::node::NodeCreationFailure;
 use iceoryx2::port::client::RequestSendError;
 use iceoryx2::port::listener::ListenerCreateError;
@@ -40,6 +36,11 @@ use iceoryx2_cal::event::trigger::unix_datagram_socket::GenericUnixDatagramSocke
 use iceoryx2_cal::shared_memory::file::Memory;
 use iceoryx2_cal::shm_allocator::bump_allocator::BumpAllocator;
 use iceoryx2_cal::shm_allocator::pool_allocator::PoolAllocator;
+use motord_shared::limits::{
+    ADMINS_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT, WATCHERS_MAX,
+};
+use motord_shared::message::{AdminAnswer, AdminRequest, CycleRecord, SetpointMessage, StateMessage};
+use nix::errno::Errno;
 use std::ffi::OsStr;
 use std::fmt::Debug;
 use std::os::unix::ffi::OsStrExt;
@@ -261,6 +262,16 @@ obstacles! {
     }
 }
 
+impl From<Errno> for Obstacle {
+    fn from(errno: Errno) -> Self {
+        match errno {
+            Errno::ENOSPC | Errno::EDQUOT => Self::NoSpace,
+            Errno::EACCES | Errno::EPERM => Self::Permission,
+            _ => Self::Damaged,
+        }
+    }
+}
+
 /// Errors that always mean damage: nothing of theirs is left for a user to decide.
 macro_rules! damages {
     ($($error:path,)+) => {
@@ -351,9 +362,9 @@ pub(crate) fn files(instance: &Instance) -> [PathBuf; 4] {
 pub(crate) fn state(
     node: &Node<Service>,
     instance: &Instance,
-) -> publish_subscribe::Builder<StateMessage, (), Service> {
+) -> publish_subscribe::Builder<Payload<StateMessage>, (), Service> {
     builder(node, instance, Part::State)
-        .publish_subscribe::<StateMessage>()
+        .publish_subscribe::<Payload<StateMessage>>()
         .enable_safe_overflow(true)
         .history_size(1)
         .subscriber_max_buffer_size(STATE_BUFFER)
@@ -368,9 +379,9 @@ pub(crate) fn state(
 pub(crate) fn record(
     node: &Node<Service>,
     instance: &Instance,
-) -> publish_subscribe::Builder<CycleRecord, (), Service> {
+) -> publish_subscribe::Builder<Payload<CycleRecord>, (), Service> {
     builder(node, instance, Part::Record)
-        .publish_subscribe::<CycleRecord>()
+        .publish_subscribe::<Payload<CycleRecord>>()
         .enable_safe_overflow(true)
         .history_size(0)
         .subscriber_max_buffer_size(RECORDS_KEPT)
@@ -383,9 +394,9 @@ pub(crate) fn record(
 pub(crate) fn setpoint(
     node: &Node<Service>,
     instance: &Instance,
-) -> publish_subscribe::Builder<SetpointMessage, (), Service> {
+) -> publish_subscribe::Builder<Payload<SetpointMessage>, (), Service> {
     builder(node, instance, Part::Setpoint)
-        .publish_subscribe::<SetpointMessage>()
+        .publish_subscribe::<Payload<SetpointMessage>>()
         .enable_safe_overflow(true)
         .history_size(0)
         .subscriber_max_buffer_size(1)
@@ -411,9 +422,9 @@ pub(crate) fn cycle(node: &Node<Service>, instance: &Instance) -> event::Builder
 pub(crate) fn admin(
     node: &Node<Service>,
     instance: &Instance,
-) -> request_response::Builder<AdminRequest, (), AdminAnswer, (), Service> {
+) -> request_response::Builder<Payload<AdminRequest>, (), Payload<AdminAnswer>, (), Service> {
     builder(node, instance, Part::Admin)
-        .request_response::<AdminRequest, AdminAnswer>()
+        .request_response::<Payload<AdminRequest>, Payload<AdminAnswer>>()
         .enable_safe_overflow_for_requests(false)
         // An answer that came to an asker who had given up must not keep the next one out.
         .enable_safe_overflow_for_responses(true)

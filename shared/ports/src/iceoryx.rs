@@ -1,6 +1,5 @@
-//! All `unsafe` of this crate, which iceoryx2 asks for: a lock for ports, and samples of which a part is written.
+//! The `unsafe` code that iceoryx2 requires: messages as payloads, a lock for ports, and samples that are partly written.
 
-use crate::message::{SetpointMessage, StateMessage};
 use core::fmt::Debug;
 use core::mem::MaybeUninit;
 use core::ops::Deref;
@@ -11,8 +10,22 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::Service;
 use iceoryx2_bb_elementary_traits::testing::abandonable::Abandonable;
 use iceoryx2_cal::arc_sync_policy::{ArcSyncPolicy, ArcSyncPolicyCreationError, LockGuard};
+use motord_shared::message::Message;
 use parking_lot::{ReentrantMutex, ReentrantMutexGuard};
 use std::sync::Arc;
+
+/// A message as iceoryx2 transfers it, under the name of its layout.
+#[derive(Debug, Clone, Copy, Default)]
+#[repr(transparent)]
+pub struct Payload<T: Message>(pub T);
+
+// SAFETY: only motord-shared implements `Message`, for `repr(C)` structures that consist of numbers: no pointer, no reference and no
+// resource. The name carries the version of the layout.
+unsafe impl<T: Message> ZeroCopySend for Payload<T> {
+    unsafe fn type_name() -> &'static str {
+        T::TYPE_NAME
+    }
+}
 
 /// A lock around each port, and around each sample that is lent. Its thread may take it again, as iceoryx2 does.
 ///
@@ -69,40 +82,31 @@ impl<T: Debug> Deref for PortGuard<'_, T> {
 
 impl<'parent, T: Send + Debug + Abandonable> LockGuard<'parent, T> for PortGuard<'parent, T> {}
 
-/// A message that any bytes are a value of.
-///
-/// # Safety
-/// Every field is a number of any value, or an array or structure of such numbers, and there is no padding.
-pub(crate) unsafe trait AnyBytes: ZeroCopySend + Debug {}
-
-// SAFETY: integers, `f32` and arrays of them; `message` asserts that its size is the sum of theirs.
-unsafe impl AnyBytes for SetpointMessage {}
-// SAFETY: as above.
-unsafe impl AnyBytes for StateMessage {}
-
 /// A message that a port lent, and that is not sent yet.
-pub(crate) struct Lent<S: Service, T: AnyBytes>(SampleMutUninit<S, MaybeUninit<T>, ()>);
+pub(crate) struct Lent<S: Service, T: Message>(SampleMutUninit<S, MaybeUninit<Payload<T>>, ()>);
 
-impl<S: Service, T: AnyBytes> Debug for Lent<S, T> {
+impl<S: Service, T: Message> Debug for Lent<S, T> {
     fn fmt(&self, formatter: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         formatter.write_str("Lent")
     }
 }
 
-impl<S: Service, T: AnyBytes> Lent<S, T> {
-    pub(crate) fn new(sample: SampleMutUninit<S, MaybeUninit<T>, ()>) -> Self {
+impl<S: Service, T: Message> Lent<S, T> {
+    pub(crate) fn new(sample: SampleMutUninit<S, MaybeUninit<Payload<T>>, ()>) -> Self {
         Self(sample)
     }
 
     /// To be changed: an earlier message of the same port, or zeros.
     pub(crate) fn message(&mut self) -> &mut T {
-        // SAFETY: the memory of a port is a file, which is zeros when it is made, and in which samples of this type alone are written: its
-        // bytes are initialised. All bytes are a `T`. Nobody else has a sample that is lent and not sent.
-        unsafe { self.0.payload_mut().assume_init_mut() }
+        // SAFETY: the memory of a port is a file. It is zeros when it is created, and only samples of this type are written to it: its
+        // bytes are initialised. Any bytes are a `Message`: it consists of numbers, without padding. No other code has a sample that is
+        // lent and not sent.
+        let Payload(message) = unsafe { self.0.payload_mut().assume_init_mut() };
+        message
     }
 
     /// To be sent.
-    pub(crate) fn sample(self) -> SampleMut<S, T, ()> {
+    pub(crate) fn sample(self) -> SampleMut<S, Payload<T>, ()> {
         // SAFETY: as above.
         unsafe { self.0.assume_init() }
     }

@@ -1,7 +1,7 @@
 //! Why an instance cannot be used.
 
-use crate::limits::NAME_BYTES_MAX;
 use crate::permission::advice;
+use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use std::path::{Path, PathBuf};
 

@@ -1,296 +1,31 @@
-//! The two ends of the services: what the daemon holds, and what a client holds.
+//! A client's ends of the services.
 //!
-//! Threads may share every end. None of the methods belongs into a real-time thread: iceoryx2 allocates with every message,
-//! and maps files when the other side comes or goes.
+//! Threads may share them. No method belongs into a real-time thread: iceoryx2 allocates with every message, and maps files when
+//! the daemon connects or disconnects.
 
-use crate::futex::{Slept, Waiter, Waker};
-use crate::iceoryx::Lent;
-use crate::instance::{Attachment, Instance, InstanceLock};
-use crate::instance_error::InstanceError;
-use crate::leftovers;
-use crate::limits::{
-    ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, REQUESTS_PER_CLIENT, STOP_PLACES,
-};
-use crate::message::{AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage};
-use crate::reserved_space;
+use crate::futex::{Slept, Waiter};
+use crate::iceoryx::{Lent, Payload};
+use crate::instance::Attachment;
+use crate::mutex::locked;
 use crate::service::{self, Obstacle, Part, Service, ServiceError};
-use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::pending_response::PendingResponse;
-use iceoryx2::port::ReceiveError;
 use iceoryx2::port::client::Client;
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{publish_subscribe, request_response};
+use motord_shared::limits::{ADMINS_MAX, RECORDERS_MAX, STOP_PLACES};
+use motord_shared::message::{
+    AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
+};
 use nix::errno::Errno;
 use std::ops::ControlFlow;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// How long a starting daemon waits for others that are removing its dead predecessor.
-const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
-
-/// Longest sleep of a client: it bounds what a member can do who moves sleepers to a number of his own (`FUTEX_REQUEUE`). The next daemon may
-/// have another file: whoever slept for so long opens it again.
+/// Longest sleep of a client. It bounds the harm of a process that requeues waiters to another futex (`FUTEX_REQUEUE`). After a sleep
+/// of this length the client opens the file again: the next daemon may have another one.
 const SLEEP_MAX: Duration = Duration::from_millis(10);
-
-/// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
-const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
-
-/// The daemon's ends of the services.
-#[derive(Debug)]
-pub struct DaemonPorts {
-    /// The message of the next state.
-    next: Mutex<Option<Lent<Service, StateMessage>>>,
-    state: Publisher<Service, StateMessage, ()>,
-    record: Publisher<Service, CycleRecord, ()>,
-    records: publish_subscribe::PortFactory<Service, CycleRecord, ()>,
-    setpoint: Subscriber<Service, SetpointMessage, ()>,
-    waker: Arc<Waker>,
-    cycle: Notifier<Service>,
-    admin: Server<Service, AdminRequest, (), AdminAnswer, ()>,
-    damage: Option<ServiceError>,
-    _node: Node<Service>,
-}
-
-impl DaemonPorts {
-    /// Opens the services of the instance that is held by `lock`, or creates them. Clients that were attached to a dead
-    /// predecessor are attached to this daemon from now on; where what they keep alive is damaged, it is removed, and they must
-    /// connect again. Keep the lock for as long as the ports. May take some seconds.
-    ///
-    /// # Errors
-    /// Which service could not be opened, and why.
-    pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
-        let instance = lock.instance();
-        reserved_space::check(&instance.root()).map_err(no_space)?;
-        let waker = Arc::new(Waker::open(lock).map_err(of_futex)?);
-        let _opening = lock.opening();
-        let ports = match Self::open_services(instance, &waker) {
-            // Places that nobody can free are taken by processes whose files are damaged.
-            Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
-                lock.clear();
-                Self { damage: Some(damage), ..Self::open_services(instance, &waker)? }
-            }
-            opened => opened?,
-        };
-        reserved_space::occupy(&instance.root()).map_err(no_space)?;
-        Ok(ports)
-    }
-
-    fn open_services(instance: &Instance, waker: &Arc<Waker>) -> Result<Self, ServiceError> {
-        let node = service::node(instance, true)?;
-        node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
-        let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
-        let records = service::record(&node, instance).open_or_create().map_err(Part::Record.failed())?;
-        let setpoint =
-            service::setpoint(&node, instance).open_or_create().map_err(Part::Setpoint.failed())?;
-        let cycle = service::cycle(&node, instance).open_or_create().map_err(Part::Cycle.failed())?;
-        let admin = service::admin(&node, instance).open_or_create().map_err(Part::Admin.failed())?;
-        Ok(Self {
-            next: Mutex::default(),
-            state: state
-                .publisher_builder()
-                .max_loaned_samples(1)
-                .backpressure_strategy(BackpressureStrategy::DiscardData)
-                .create()
-                .map_err(Part::State.failed())?,
-            record: records
-                .publisher_builder()
-                .max_loaned_samples(1)
-                .backpressure_strategy(BackpressureStrategy::DiscardData)
-                .create()
-                .map_err(Part::Record.failed())?,
-            records,
-            setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
-            waker: Arc::clone(waker),
-            cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
-            admin: admin
-                .server_builder()
-                .max_loaned_responses_per_request(1)
-                .override_response_preallocation(|_| ANSWERS)
-                .backpressure_strategy(BackpressureStrategy::DiscardData)
-                .create()
-                .map_err(Part::Admin.failed())?,
-            damage: None,
-            _node: node,
-        })
-    }
-
-    /// The obstacle for which the files of a predecessor were removed: its clients must connect again. `None` when there was none.
-    #[must_use]
-    pub fn damage(&self) -> Option<ServiceError> {
-        self.damage
-    }
-
-    /// Gives `state` to every watcher, in place of an older one that it has not read. Never blocks.
-    ///
-    /// # Errors
-    /// When a connection is damaged; the other watchers have it.
-    pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
-        let ready = locked(&self.next).take();
-        let mut lent = ready.map_or_else(|| self.lend_state(), Ok)?;
-        // Most of a message is not in use. To write that, too, would take longer for nothing.
-        lent.message().copy_from(state);
-        lent.sample().send().map_err(Part::State.failed())?;
-        Ok(())
-    }
-
-    /// Makes the message of the next state ready: the caches of this processor hold it then, and [`publish`](Self::publish) does not wait
-    /// for that of the client who read it last. Publishing works without it, and takes longer. Never blocks.
-    pub fn prepare(&self) {
-        // `publish` tries again, and tells why not.
-        if let Ok(mut lent) = self.lend_state() {
-            lent.message().fetch();
-            *locked(&self.next) = Some(lent);
-        }
-    }
-
-    fn lend_state(&self) -> Result<Lent<Service, StateMessage>, ServiceError> {
-        self.state.loan_uninit().map(Lent::new).map_err(Part::State.failed())
-    }
-
-    /// Somebody records.
-    #[must_use]
-    pub fn is_recorded(&self) -> bool {
-        self.records.dynamic_config().number_of_subscribers() > 0
-    }
-
-    /// Gives `record` to every recorder, in place of the oldest that it has not read where it is too slow. Wakes nobody. Never
-    /// blocks.
-    ///
-    /// # Errors
-    /// When a connection is damaged; the other recorders have it.
-    pub fn record(&self, record: &CycleRecord) -> Result<(), ServiceError> {
-        let sample = self.record.loan_uninit().map_err(Part::Record.failed())?;
-        sample.write_payload(*record).send().map_err(Part::Record.failed())?;
-        Ok(())
-    }
-
-    /// Wakes every client that sleeps until the next cycle: one system call for all of them, and one for each listener of the event `cycle`
-    /// of iceoryx2. Never blocks.
-    ///
-    /// # Errors
-    /// When a connection of a listener is damaged; all others are awake.
-    pub fn notify(&self) -> Result<(), ServiceError> {
-        self.waker.wake();
-        self.cycle.notify().map_err(Part::Cycle.failed())?;
-        Ok(())
-    }
-
-    /// Shows `accept` the newest setpoints of each controller, as copies of what is in use: their sender may still write to the
-    /// original. Takes at most sixteen times as many messages as there may be controllers: others that send without pause cannot keep
-    /// the owner's from being reached. Never blocks.
-    ///
-    /// # Errors
-    /// When a connection is damaged; what came before it was shown.
-    pub fn take_setpoint(&self, mut accept: impl FnMut(&SetpointMessage)) -> Result<(), ServiceError> {
-        for _ in 0..16 * CONTROLLERS_MAX {
-            let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
-            let mut setpoint = SetpointMessage::default();
-            setpoint.copy_from(sample.payload());
-            accept(&setpoint);
-        }
-        Ok(())
-    }
-
-    /// The next administrative request, if one waits. That of a client which has as many under way as it may waits until one of them is
-    /// answered or dropped. Never blocks.
-    ///
-    /// # Errors
-    /// When a connection is damaged.
-    pub fn next_request(&self) -> Result<Option<Request>, ServiceError> {
-        let request = match self.admin.receive() {
-            Err(ReceiveError::ExceedsMaxBorrows) => None,
-            received => received.map_err(Part::Admin.failed())?,
-        };
-        Ok(request.map(|active| Request { payload: *active.payload(), active }))
-    }
-}
-
-fn no_space(errno: Errno) -> ServiceError {
-    ServiceError { part: Part::Node, obstacle: obstacle(errno) }
-}
-
-fn of_futex(error: InstanceError) -> ServiceError {
-    let obstacle = match error {
-        InstanceError::System { errno, .. } => obstacle(errno),
-        _ => Obstacle::Permission,
-    };
-    ServiceError { part: Part::Cycle, obstacle }
-}
-
-const fn obstacle(errno: Errno) -> Obstacle {
-    match errno {
-        Errno::ENOSPC | Errno::EDQUOT => Obstacle::NoSpace,
-        Errno::EACCES | Errno::EPERM => Obstacle::Permission,
-        _ => Obstacle::Damaged,
-    }
-}
-
-/// A request that waits for its answer. When it is dropped, the asker learns that no answer will come.
-#[derive(Debug)]
-pub struct Request {
-    payload: AdminRequest,
-    active: ActiveRequest<Service, AdminRequest, (), AdminAnswer, ()>,
-}
-
-impl Request {
-    /// The request itself, as a copy that its sender cannot write to.
-    #[must_use]
-    pub fn payload(&self) -> &AdminRequest {
-        &self.payload
-    }
-
-    /// Whether its asker still waits for the answer.
-    #[must_use]
-    pub fn is_awaited(&self) -> bool {
-        self.active.is_connected()
-    }
-
-    /// Answers with `reply` and `text`, which may have [`ANSWER_BYTES_MAX`] bytes; the rest is cut off. Never blocks.
-    ///
-    /// # Errors
-    /// When the asker is gone, or holds too many answers.
-    pub fn reply(self, reply: AdminReply, text: &[u8]) -> Result<(), ServiceError> {
-        let mut response = self.active.loan().map_err(Part::Admin.failed())?;
-        let length = text.len().min(ANSWER_BYTES_MAX);
-        let answer = response.payload_mut();
-        answer.reply = reply;
-        answer.length = length as u32;
-        answer.text[..length].copy_from_slice(&text[..length]);
-        response.send().map_err(Part::Admin.failed())
-    }
-}
-
-/// Removes what dead processes left behind, so that their places become free. It opens files: use it about once per
-/// second, on a thread where that does no harm.
-#[derive(Debug)]
-pub struct Housekeeper {
-    node: Node<Service>,
-    instance: Instance,
-}
-
-impl Housekeeper {
-    /// A housekeeper of the instance that is held by `lock`.
-    ///
-    /// # Errors
-    /// When this process cannot register itself.
-    pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
-        let instance = lock.instance().clone();
-        Ok(Self { node: service::node(&instance, true)?, instance })
-    }
-
-    /// Cleans. Returns the number of dead processes that were removed. Files of processes that died while they registered stay
-    /// for 10 s; files that cannot be removed stay until the next start.
-    #[must_use]
-    pub fn clean(&self) -> u64 {
-        let removed = self.node.try_cleanup_dead_nodes().cleanups;
-        let _refused = leftovers::remove(&self.instance);
-        removed
-    }
-}
 
 /// A client's ends of the services. The port of states takes its place when it is first used: a process that only sends requests
 /// takes none, so that an emergency stop finds a place on a crowded robot.
@@ -299,13 +34,13 @@ impl Housekeeper {
 /// A thread that sleeps until the next cycle holds none.
 #[derive(Debug)]
 pub struct ClientPorts {
-    watcher: Mutex<Option<Subscriber<Service, StateMessage, ()>>>,
+    watcher: Mutex<Option<Subscriber<Service, Payload<StateMessage>, ()>>>,
     /// `None` before the first sleep.
     waiter: Mutex<Option<Arc<Waiter>>>,
-    admin: Client<Service, AdminRequest, (), AdminAnswer, ()>,
-    admins: request_response::PortFactory<Service, AdminRequest, (), AdminAnswer, ()>,
-    state: publish_subscribe::PortFactory<Service, StateMessage, ()>,
-    setpoint: publish_subscribe::PortFactory<Service, SetpointMessage, ()>,
+    admin: Client<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
+    admins: request_response::PortFactory<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
+    state: publish_subscribe::PortFactory<Service, Payload<StateMessage>, ()>,
+    setpoint: publish_subscribe::PortFactory<Service, Payload<SetpointMessage>, ()>,
     node: Mutex<Node<Service>>,
     // The last to go: a daemon that starts may wipe every file once nobody is attached.
     attachment: Attachment,
@@ -386,7 +121,7 @@ impl ClientPorts {
         // One state of a dead daemon may come before those of its successor.
         for _ in 0..3 {
             let Some(sample) = watcher.receive().map_err(Part::State.failed())? else { break };
-            if accept(sample.payload()).is_break() {
+            if accept(&sample.payload().0).is_break() {
                 break;
             }
         }
@@ -449,7 +184,7 @@ impl ClientPorts {
     /// # Errors
     /// [`Obstacle::Missing`] when there is no daemon; else that the connection is damaged.
     pub fn ask(&self, request: AdminRequest) -> Result<Question, ServiceError> {
-        let pending = self.admin.send_copy(request).map_err(Part::Admin.failed())?;
+        let pending = self.admin.send_copy(Payload(request)).map_err(Part::Admin.failed())?;
         if pending.number_of_server_connections() == 0 {
             return Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing });
         }
@@ -457,16 +192,10 @@ impl ClientPorts {
     }
 }
 
-/// The value behind `mutex`. A thread that panicked while it held the lock left a valid value: every write is one
-/// assignment.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Receives every cycle. It keeps those of half a second at 1 kHz; what it loses shows in [`CycleRecord::sequence`].
 #[derive(Debug)]
 pub struct RecordPort {
-    port: Subscriber<Service, CycleRecord, ()>,
+    port: Subscriber<Service, Payload<CycleRecord>, ()>,
 }
 
 impl RecordPort {
@@ -476,12 +205,12 @@ impl RecordPort {
     /// When the connection is damaged.
     pub fn take(&self, record: &mut CycleRecord) -> Result<bool, ServiceError> {
         let received = self.port.receive().map_err(Part::Record.failed())?;
-        Ok(received.map(|sample| *record = *sample.payload()).is_some())
+        Ok(received.map(|sample| *record = sample.payload().0).is_some())
     }
 }
 
 fn of_waiter(errno: Errno) -> ServiceError {
-    let obstacle = if errno == Errno::ENOENT { Obstacle::Version } else { obstacle(errno) };
+    let obstacle = if errno == Errno::ENOENT { Obstacle::Version } else { errno.into() };
     ServiceError { part: Part::Cycle, obstacle }
 }
 
@@ -498,7 +227,7 @@ fn of_recorders(error: SubscriberCreateError) -> ServiceError {
 /// Sends setpoints.
 #[derive(Debug)]
 pub struct SetpointPort {
-    port: Publisher<Service, SetpointMessage, ()>,
+    port: Publisher<Service, Payload<SetpointMessage>, ()>,
 }
 
 impl SetpointPort {
@@ -518,7 +247,7 @@ impl SetpointPort {
 /// A request under way.
 #[derive(Debug)]
 pub struct Question {
-    pending: PendingResponse<Service, AdminRequest, (), AdminAnswer, ()>,
+    pending: PendingResponse<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
 }
 
 impl Question {
@@ -530,7 +259,10 @@ impl Question {
     pub fn answer(&self) -> Result<Option<(AdminReply, Vec<u8>)>, ServiceError> {
         let dropped = !self.pending.is_connected();
         match self.pending.receive().map_err(Part::Admin.failed())? {
-            Some(response) => Ok(Some((response.payload().reply, response.payload().text().to_vec()))),
+            Some(response) => {
+                let answer = &response.payload().0;
+                Ok(Some((answer.reply, answer.text().to_vec())))
+            }
             None if dropped => Err(ServiceError { part: Part::Admin, obstacle: Obstacle::Missing }),
             None => Ok(None),
         }
@@ -540,8 +272,11 @@ impl Question {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::limits::JOINTS_MAX;
-    use crate::message::JointState;
+    use crate::daemon::{ANSWERS, DaemonPorts};
+    use crate::futex::Waker;
+    use crate::instance::{Instance, InstanceLock};
+    use motord_shared::limits::{JOINTS_MAX, REQUESTS_PER_CLIENT};
+    use motord_shared::message::JointState;
     use std::sync::atomic::{AtomicU64, Ordering};
 
     /// Both ends, in a directory of their own. The fields are dropped in this order.

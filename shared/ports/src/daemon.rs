@@ -1,0 +1,245 @@
+//! The daemon's ends of the services.
+//!
+//! Threads may share them. No method belongs into a real-time thread: iceoryx2 allocates with every message, and maps files when
+//! a client connects or disconnects.
+
+use crate::futex::Waker;
+use crate::iceoryx::{Lent, Payload};
+use crate::instance::{Instance, InstanceLock};
+use crate::instance_error::InstanceError;
+use crate::mutex::locked;
+use crate::reserved_space;
+use crate::service::{self, Obstacle, Part, Service, ServiceError};
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::ReceiveError;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::server::Server;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::publish_subscribe;
+use motord_shared::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT};
+use motord_shared::message::{
+    AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
+};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+/// How long a starting daemon waits for others that are removing its dead predecessor.
+const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
+
+/// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
+pub(crate) const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
+
+/// The daemon's ends of the services.
+#[derive(Debug)]
+pub struct DaemonPorts {
+    /// The message of the next state.
+    next: Mutex<Option<Lent<Service, StateMessage>>>,
+    state: Publisher<Service, Payload<StateMessage>, ()>,
+    record: Publisher<Service, Payload<CycleRecord>, ()>,
+    records: publish_subscribe::PortFactory<Service, Payload<CycleRecord>, ()>,
+    setpoint: Subscriber<Service, Payload<SetpointMessage>, ()>,
+    waker: Arc<Waker>,
+    cycle: Notifier<Service>,
+    admin: Server<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
+    damage: Option<ServiceError>,
+    _node: Node<Service>,
+}
+
+impl DaemonPorts {
+    /// Opens the services of the instance that is held by `lock`, or creates them. Clients that were attached to a dead
+    /// predecessor are attached to this daemon from now on; where what they keep alive is damaged, it is removed, and they must
+    /// connect again. Keep the lock for as long as the ports. May take some seconds.
+    ///
+    /// # Errors
+    /// Which service could not be opened, and why.
+    pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
+        let instance = lock.instance();
+        reserved_space::check(&instance.root()).map_err(Part::Node.failed())?;
+        let waker = Arc::new(Waker::open(lock).map_err(of_futex)?);
+        let _opening = lock.opening();
+        let ports = match Self::open_services(instance, &waker) {
+            // Places that nobody can free are taken by processes whose files are damaged.
+            Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
+                lock.clear();
+                Self { damage: Some(damage), ..Self::open_services(instance, &waker)? }
+            }
+            opened => opened?,
+        };
+        reserved_space::occupy(&instance.root()).map_err(Part::Node.failed())?;
+        Ok(ports)
+    }
+
+    fn open_services(instance: &Instance, waker: &Arc<Waker>) -> Result<Self, ServiceError> {
+        let node = service::node(instance, true)?;
+        node.blocking_cleanup_dead_nodes(CLEANING_TIMEOUT);
+        let state = service::state(&node, instance).open_or_create().map_err(Part::State.failed())?;
+        let records = service::record(&node, instance).open_or_create().map_err(Part::Record.failed())?;
+        let setpoint =
+            service::setpoint(&node, instance).open_or_create().map_err(Part::Setpoint.failed())?;
+        let cycle = service::cycle(&node, instance).open_or_create().map_err(Part::Cycle.failed())?;
+        let admin = service::admin(&node, instance).open_or_create().map_err(Part::Admin.failed())?;
+        Ok(Self {
+            next: Mutex::default(),
+            state: state
+                .publisher_builder()
+                .max_loaned_samples(1)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(Part::State.failed())?,
+            record: records
+                .publisher_builder()
+                .max_loaned_samples(1)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(Part::Record.failed())?,
+            records,
+            setpoint: setpoint.subscriber_builder().create().map_err(Part::Setpoint.failed())?,
+            waker: Arc::clone(waker),
+            cycle: cycle.notifier_builder().create().map_err(Part::Cycle.failed())?,
+            admin: admin
+                .server_builder()
+                .max_loaned_responses_per_request(1)
+                .override_response_preallocation(|_| ANSWERS)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .create()
+                .map_err(Part::Admin.failed())?,
+            damage: None,
+            _node: node,
+        })
+    }
+
+    /// The obstacle for which the files of a predecessor were removed: its clients must connect again. `None` when there was none.
+    #[must_use]
+    pub fn damage(&self) -> Option<ServiceError> {
+        self.damage
+    }
+
+    /// Gives `state` to every watcher, in place of an older one that it has not read. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged; the other watchers have it.
+    pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
+        let ready = locked(&self.next).take();
+        let mut lent = ready.map_or_else(|| self.lend_state(), Ok)?;
+        // Most of a message is not in use. To write that, too, would take longer for nothing.
+        lent.message().copy_from(state);
+        lent.sample().send().map_err(Part::State.failed())?;
+        Ok(())
+    }
+
+    /// Makes the message of the next state ready: the caches of this processor hold it then, and [`publish`](Self::publish) does not wait
+    /// for that of the client who read it last. Publishing works without it, and takes longer. Never blocks.
+    pub fn prepare(&self) {
+        // `publish` tries again, and tells why not.
+        if let Ok(mut lent) = self.lend_state() {
+            lent.message().fetch();
+            *locked(&self.next) = Some(lent);
+        }
+    }
+
+    fn lend_state(&self) -> Result<Lent<Service, StateMessage>, ServiceError> {
+        self.state.loan_uninit().map(Lent::new).map_err(Part::State.failed())
+    }
+
+    /// Somebody records.
+    #[must_use]
+    pub fn is_recorded(&self) -> bool {
+        self.records.dynamic_config().number_of_subscribers() > 0
+    }
+
+    /// Gives `record` to every recorder, in place of the oldest that it has not read where it is too slow. Wakes nobody. Never
+    /// blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged; the other recorders have it.
+    pub fn record(&self, record: &CycleRecord) -> Result<(), ServiceError> {
+        let sample = self.record.loan_uninit().map_err(Part::Record.failed())?;
+        sample.write_payload(Payload(*record)).send().map_err(Part::Record.failed())?;
+        Ok(())
+    }
+
+    /// Wakes every client that sleeps until the next cycle: one system call for all of them, and one for each listener of the event `cycle`
+    /// of iceoryx2. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection of a listener is damaged; all others are awake.
+    pub fn notify(&self) -> Result<(), ServiceError> {
+        self.waker.wake();
+        self.cycle.notify().map_err(Part::Cycle.failed())?;
+        Ok(())
+    }
+
+    /// Shows `accept` the newest setpoints of each controller, as copies of what is in use: their sender may still write to the
+    /// original. Takes at most sixteen times as many messages as there may be controllers: others that send without pause cannot keep
+    /// the owner's from being reached. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged; what came before it was shown.
+    pub fn take_setpoint(&self, mut accept: impl FnMut(&SetpointMessage)) -> Result<(), ServiceError> {
+        for _ in 0..16 * CONTROLLERS_MAX {
+            let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
+            let mut setpoint = SetpointMessage::default();
+            setpoint.copy_from(&sample.payload().0);
+            accept(&setpoint);
+        }
+        Ok(())
+    }
+
+    /// The next administrative request, if one waits. That of a client which has as many under way as it may waits until one of them is
+    /// answered or dropped. Never blocks.
+    ///
+    /// # Errors
+    /// When a connection is damaged.
+    pub fn next_request(&self) -> Result<Option<Request>, ServiceError> {
+        let request = match self.admin.receive() {
+            Err(ReceiveError::ExceedsMaxBorrows) => None,
+            received => received.map_err(Part::Admin.failed())?,
+        };
+        Ok(request.map(|active| Request { payload: active.payload().0, active }))
+    }
+}
+
+fn of_futex(error: InstanceError) -> ServiceError {
+    let obstacle = match error {
+        InstanceError::System { errno, .. } => errno.into(),
+        _ => Obstacle::Permission,
+    };
+    ServiceError { part: Part::Cycle, obstacle }
+}
+
+/// A request that waits for its answer. When it is dropped, the asker learns that no answer will come.
+#[derive(Debug)]
+pub struct Request {
+    payload: AdminRequest,
+    active: ActiveRequest<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
+}
+
+impl Request {
+    /// The request itself, as a copy that its sender cannot write to.
+    #[must_use]
+    pub fn payload(&self) -> &AdminRequest {
+        &self.payload
+    }
+
+    /// Whether its asker still waits for the answer.
+    #[must_use]
+    pub fn is_awaited(&self) -> bool {
+        self.active.is_connected()
+    }
+
+    /// Answers with `reply` and `text`, which may have [`ANSWER_BYTES_MAX`] bytes; the rest is cut off. Never blocks.
+    ///
+    /// # Errors
+    /// When the asker is gone, or holds too many answers.
+    pub fn reply(self, reply: AdminReply, text: &[u8]) -> Result<(), ServiceError> {
+        let mut response = self.active.loan().map_err(Part::Admin.failed())?;
+        let length = text.len().min(ANSWER_BYTES_MAX);
+        let Payload(answer) = response.payload_mut();
+        answer.reply = reply;
+        answer.length = length as u32;
+        answer.text[..length].copy_from_slice(&text[..length]);
+        response.send().map_err(Part::Admin.failed())
+    }
+}

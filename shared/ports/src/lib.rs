@@ -1,0 +1,39 @@
+//! How processes reach motord: shared-memory ports, the runtime directory, and the sockets beside them.
+//!
+//! - [`instance`]: the runtime directory of an instance, and the permission to use it.
+//! - [`service`]: the iceoryx2 services, with their limits.
+//! - [`DaemonPorts`] and [`ClientPorts`]: the two ends of the services.
+//! - [`Housekeeper`]: removes the files of dead processes.
+//! - [`Presence`]: detects that the files of a daemon were removed.
+//! - [`stop_socket`]: the socket for emergency stops.
+//! - [`injection`]: faults for simulated buses.
+//! - [`permission`]: advice for a user without permission.
+//! - [`clock`]: the clock of every time stamp.
+
+mod client;
+pub mod clock;
+mod daemon;
+mod directory;
+#[allow(unsafe_code, reason = "no safe crate maps a number that other processes write")]
+mod futex;
+mod housekeeper;
+#[allow(unsafe_code, reason = "iceoryx2 has no other way")]
+mod iceoryx;
+pub mod injection;
+pub mod instance;
+mod instance_error;
+mod leftovers;
+mod mutex;
+pub mod permission;
+mod presence;
+mod reserved_space;
+pub mod service;
+pub mod stop_socket;
+
+pub use client::{ClientPorts, Question, RecordPort, SetpointPort};
+pub use daemon::{DaemonPorts, Request};
+pub use housekeeper::Housekeeper;
+pub use iceoryx::Payload;
+pub use instance::{Attachment, Instance, InstanceError, InstanceLock};
+pub use presence::Presence;
+pub use service::ServiceError;
