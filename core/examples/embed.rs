@@ -4,6 +4,7 @@
 //! cargo run -p motord-core --example embed
 //! ```
 
+use core::num::NonZero;
 use motord_bus::{Bus, Duration, FrameId, Instant};
 use motord_core::clock::{Clock, VirtualClock};
 use motord_core::cycle::{LocalClient, Tick, assemble};
@@ -130,7 +131,7 @@ fn settings() -> Settings {
         buses: vec![BusSettings {
             name: "leg".into(),
             kind: BusKind::Simulated { bitrate: 1_000_000, seed: 7 },
-            every: 1,
+            every: NonZero::<u32>::MIN,
         }],
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),
         groups: vec![GroupSettings { name: "all".into(), motors: vec![0, 1, 2], safe_stop: SafeStop::Damp }],

@@ -137,6 +137,9 @@ impl Daemon {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
         let (mut cycle, ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
+        if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
+            cycle.share_processor();
+        }
         let stops = Arc::clone(&ends.stops);
         let counters = Arc::clone(&ends.counters);
         let (owners, deaths) = owners().map_err(io::Error::from)?;

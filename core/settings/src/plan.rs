@@ -90,7 +90,7 @@ impl BusPlan {
         let (turns, period) = (settings.turns(bus), settings.cycle.period);
         let wire = wire_time(2 * SERIAL_FRAME_BITS, baud);
         let turn = wire + turnaround;
-        let round = f64::from(settings.buses[bus].every) * period.as_secs_f64();
+        let round = f64::from(settings.buses[bus].every.get()) * period.as_secs_f64();
         let share = |count: usize, time: Duration| count as f64 * time.as_secs_f64() / round;
         let cycles = turn.as_nanos().div_ceil(period.as_nanos());
         Self {

@@ -1,6 +1,7 @@
 //! The configuration once it is known to be good: every value present, in range, and in the units of the code.
 
 use crate::joint::Transmission;
+use core::num::NonZero;
 use motord_bus::{Duration, FrameId};
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::{Capabilities, DriveConstants, MotorProtocol, Profile, Scales};
@@ -38,7 +39,7 @@ impl Settings {
     /// Which of the `every` cycles of a bus has its turn number `turn`: the turns are spread evenly. Below `every`.
     #[must_use]
     pub fn first_turn(&self, bus: usize, turn: usize) -> u32 {
-        let every = self.buses[bus].every;
+        let every = self.buses[bus].every.get();
         (turn * every as usize / self.turns(bus).max(1)) as u32
     }
 }
@@ -150,8 +151,8 @@ pub struct BusSettings {
     pub name: String,
     /// Its kind.
     pub kind: BusKind,
-    /// Its motors take turns: each gets a command once in so many cycles, at least 1.
-    pub every: u32,
+    /// Each of its motors gets a command once in this many cycles.
+    pub every: NonZero<u32>,
 }
 
 impl BusSettings {
@@ -160,9 +161,13 @@ impl BusSettings {
     pub const fn is_line(&self) -> bool {
         matches!(self.kind, BusKind::Serial { .. })
     }
-}
 
-impl BusSettings {
+    /// Not every motor gets a command in every cycle.
+    #[must_use]
+    pub const fn takes_turns(&self) -> bool {
+        self.every.get() > 1
+    }
+
     /// The interface or device; the name of a simulated bus.
     #[must_use]
     pub fn device(&self) -> &str {

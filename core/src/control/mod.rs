@@ -384,10 +384,10 @@ fn turns(settings: &Settings) -> Vec<Turn> {
     let turn = |bus: usize| {
         let (place, settings_of) = (places[bus], &settings.buses[bus]);
         places[bus] += 1;
-        match settings_of.every {
-            0 | 1 if !settings_of.is_line() => Turn::EACH_CYCLE,
-            every => Turn::once_in(every.max(1), settings.first_turn(bus, place)),
+        if settings_of.is_line() || settings_of.takes_turns() {
+            return Turn::once_in(settings_of.every, settings.first_turn(bus, place));
         }
+        Turn::EACH_CYCLE
     };
     settings.motors.iter().map(|motor| motor.bus).map(turn).collect()
 }
@@ -396,7 +396,7 @@ fn turns(settings: &Settings) -> Vec<Turn> {
 fn question_turn(settings: &Settings, bus: usize) -> Option<Turn> {
     let motors = settings.motors.iter().filter(|motor| motor.bus == bus).count();
     let has_turn = settings.turns(bus) > motors;
-    has_turn.then(|| Turn::once_in(settings.buses[bus].every.max(1), settings.first_turn(bus, motors)))
+    has_turn.then(|| Turn::once_in(settings.buses[bus].every, settings.first_turn(bus, motors)))
 }
 
 fn places(settings: &Settings) -> Vec<Place> {

@@ -8,6 +8,7 @@
 
 mod assemble;
 mod channel;
+mod collect;
 mod emergency;
 mod history;
 mod link;
@@ -15,6 +16,8 @@ mod local;
 mod replacement;
 mod report;
 mod run;
+mod timing;
+mod transmit;
 
 pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
@@ -23,33 +26,23 @@ pub use link::{Alarms, Counters, Ends, Link, Polled, REQUESTS_MAX, Record, link}
 pub use local::LocalClient;
 pub use replacement::Supply;
 pub use run::Order;
+pub use timing::Tick;
 
 use crate::clock::Clock;
 use crate::control::{Control, Wake};
-use crate::drive::{Drive, Received};
+use crate::drive::Drive;
 use crate::plan::BusPlan;
 use crate::settings::{BusKind, Settings};
 use crate::stopper::{BusFrames, Stopper};
-use channel::{Batch, BusChannel};
+use channel::BusChannel;
 use motord_bus::time::nanos;
-use motord_bus::{Backoff, Bus, Duration, Instant, Lateness, Readiness, Ready};
-use motord_shared::limits::{ADMINS_MAX, BUSES_MAX, REQUESTS_PER_CLIENT};
+use motord_bus::{Backoff, Bus, Duration, Instant, Lateness};
+use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
+use timing::Timing;
 
 /// Most requests answered in one cycle: all that the clients may have under way, so an emergency stop does not wait behind
 /// those of others.
 const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
-/// System calls for waiting and receiving in a cycle, beside those of busy polling: so many per bus, and so many more.
-const CALLS_PER_BUS: usize = 3;
-const CALLS_MORE: usize = 2;
-/// Most reads of the open buses, or of the clock in one wait, should the clock not move.
-const READS_MAX: usize = 1000;
-/// The longest time for which a cycle stays awake for its tick, or for expected replies if it does not poll.
-const AWAKE_MAX: Duration = Duration::from_micros(50);
-/// [`AWAKE_MAX`] is cut to the period divided by this.
-const PERIODS_PER_AWAKE: u32 = 20;
-/// So long after the expected reply time of a bus, replies that are a little late have come, too. To read it then is seldom in vain.
-const OVERDUE: Duration = Duration::from_micros(20);
-
 /// Everything the real-time thread owns.
 pub struct Cycle {
     clock: Box<dyn Clock + Send>,
@@ -70,45 +63,6 @@ pub struct Cycle {
     polled: Polled,
     boot_id: u64,
     realtime: bool,
-}
-
-/// The configured times of a cycle.
-#[derive(Debug, Clone, Copy)]
-struct Timing {
-    /// From tick to tick.
-    period: Duration,
-    /// How long a safe stop damps at most.
-    damp: Duration,
-    /// From the sending of the commands to the time when replies count as missed.
-    reply_deadline: Duration,
-    /// Commands are stale so long after their cycle began: the dead man's switch may have acted by then, or the cycle lost its
-    /// time base.
-    stale_after: Duration,
-    /// Time for which the buses are polled for the last replies of a cycle, without a sleep.
-    busy_poll: Duration,
-    /// The longest time for which a cycle stays awake for its tick, or for expected replies if it does not poll.
-    awake: Duration,
-}
-
-impl Timing {
-    fn new(settings: &Settings) -> Self {
-        Self {
-            period: settings.cycle.period,
-            damp: settings.safety.damp,
-            reply_deadline: settings.cycle.reply_deadline,
-            stale_after: settings.cycle.max_lateness.min(settings.safety.deadman),
-            busy_poll: settings.cycle.busy_poll,
-            awake: longest_awake(settings),
-        }
-    }
-}
-
-/// The longest time for which a cycle stays awake. On a single processor half of the lead is left to the ipc thread, which fetches the
-/// setpoints before the tick.
-fn longest_awake(settings: &Settings) -> Duration {
-    let has_others = std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1);
-    let lead = if has_others { Duration::MAX } else { settings.ipc.lead / 2 };
-    AWAKE_MAX.min(settings.cycle.period / PERIODS_PER_AWAKE).min(lead)
 }
 
 impl Cycle {
@@ -164,6 +118,11 @@ impl Cycle {
     /// Tells clients whether this thread has real-time scheduling and locked memory.
     pub const fn set_realtime(&mut self, realtime: bool) {
         self.realtime = realtime;
+    }
+
+    /// The ipc thread has no other processor than this thread: the cycle leaves it time to fetch the setpoints before a tick.
+    pub fn share_processor(&mut self) {
+        self.timing.share_processor();
     }
 
     /// The decisions, for tests.
@@ -263,23 +222,11 @@ impl Cycle {
         }
     }
 
-    /// Reads each serial line, and each bus on which a request of an earlier cycle is open: a reply must be judged before the next
-    /// command to its motor is decided. One system call for each of them; bounded by motors and inboxes.
-    fn read_early(&mut self) {
-        for bus in 0..self.channels.len() {
-            if self.channels[bus].is_line() || self.channels[bus].owes() {
-                let now = self.clock.now();
-                self.channels[bus].take_all();
-                self.read(bus, now);
-            }
-        }
-    }
-
     /// Takes at most one bus that was opened again. Its motors stay offline until they answer. Does not block: another thread
     /// closes the old bus.
     fn replace_buses(&mut self) {
         if let Some((index, bus)) = self.link.next_bus() {
-            let old = self.channels[index].replace(bus);
+            let old = self.channels[index].wire_mut().replace(bus);
             self.link.retire_bus(index, old);
         }
     }
@@ -309,245 +256,6 @@ impl Cycle {
         link.newest_setpoints(|message| control.offer(message, now));
     }
 
-    /// Decides, and sends one frame to each motor whose turn it is. Returns the time just before the last frames are handed over
-    /// whose replies this cycle awaits. Bounded by motors; one system call per bus.
-    fn transmit(&mut self, wake: &Wake) -> Instant {
-        self.control.decide(*wake);
-        let mut sent = wake.begun;
-        for bus in 0..self.channels.len() {
-            if !self.channels[bus].is_line() {
-                sent = self.send(bus, wake);
-            }
-        }
-        // A serial port takes longer to write to than a CAN socket, and no reply of it is awaited in this cycle.
-        for line in 0..self.lines.len() {
-            self.send(self.lines[line], wake);
-        }
-        sent
-    }
-
-    /// Sends one frame to each motor of a bus whose turn it is. Returns the time just before they are handed over. Bounded by
-    /// the motors of the bus; one system call.
-    fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
-        let now = self.clock.now();
-        let Self { control, drives, channels, .. } = self;
-        channels[bus].begin_commands(now, |motor| drives[motor].request(control.command(motor), now));
-        if channels[bus].is_line() {
-            self.queue_question(bus, now);
-        }
-        let Self { control, drives, channels, timing, .. } = self;
-        let channel = &mut channels[bus];
-        // A process that was frozen since it decided goes on here, when others may have stopped its motors.
-        let is_stale = now.since(wake.begun) > timing.stale_after;
-        let unsent = |motor: usize| {
-            drives[motor].withdraw();
-            control.unsent(motor);
-        };
-        let took_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
-        if !channel.is_idle() {
-            control.bus_took(bus, took_all);
-        }
-        control.bus_changed(bus, channel.condition());
-        now
-    }
-
-    /// Queues the question to a motor of a line, when it is the turn of the questions.
-    fn queue_question(&mut self, bus: usize, now: Instant) {
-        if !self.control.begin_questions(bus) || !self.channels[bus].is_idle() {
-            return;
-        }
-        let Some((motor, question)) = self.control.question(bus) else { return };
-        let frame = self.drives[motor].request(&question, now);
-        self.channels[bus].queue(motor, frame);
-    }
-
-    /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all
-    /// come. System calls as in [`gather`](Self::gather), and if it `polls`, those of [`busy_poll`](Self::busy_poll), too.
-    fn collect(&mut self, now: Instant, deadline: Instant, polls: bool) -> Ready {
-        let mut open = self.open_buses();
-        if !open.any() {
-            // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
-            self.receive(None, now);
-            return open;
-        }
-        if polls {
-            open = self.busy_poll(open, now, deadline);
-        }
-        if open.any() {
-            open = self.gather(open, now, deadline);
-        }
-        let channels = self.channels.iter_mut().enumerate();
-        channels.filter(|&(bus, _)| !open.contains(bus)).for_each(|(_, channel)| channel.complete());
-        open
-    }
-
-    /// Sleeps until the last reply on the `open` buses may come, less the time by which this thread is woken late; then reads the
-    /// buses again and again without a sleep, for as long as configured and at most until `deadline`: the last reply waits for no
-    /// wake-up. Returns the buses whose replies have not all come. One sleep, and at most [`READS_MAX`] reads of each bus.
-    fn busy_poll(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
-        let earliest = self.last_of(open, BusChannel::earliest).min(deadline);
-        let begun = self.sleep_towards(now, earliest, Duration::MAX);
-        let until = deadline.min(begun + self.timing.busy_poll);
-        let (mut ready, mut reads, mut now) = (None, 0, begun);
-        for _ in 0..READS_MAX {
-            reads += self.receive(ready, now) as u32;
-            open = self.open_buses();
-            now = self.clock.now();
-            self.polled = Polled { time: now.since(begun), reads, in_vain: open.any() };
-            if !open.any() || now >= until {
-                break;
-            }
-            ready = Some(open);
-        }
-        self.backoff.observe(self.polled.in_vain);
-        open
-    }
-
-    /// Reads the buses as the replies come that are `open`, at most until `deadline`, and once more where a reply may be unread then.
-    /// Returns the buses whose replies have not all come. The first wait lasts for the expected reply time: waking for every single
-    /// frame would cost more calls. At most [`CALLS_PER_BUS`] system calls per bus, and [`CALLS_MORE`].
-    fn gather(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
-        let buses = self.channels.len() - self.lines.len();
-        let expected = self.last_of(open, BusChannel::expected).min(deadline);
-        let woken = self.sleep_towards(now, expected, self.timing.awake);
-        let mut calls = CALLS_PER_BUS * buses + CALLS_MORE - 1;
-        let mut read = self.receive_expected(open, woken, expected);
-        loop {
-            calls = calls.saturating_sub(read);
-            open = self.open_buses();
-            if !open.any() || calls == 0 {
-                return open;
-            }
-            let (mut ready, mut now) = (open, self.clock.now());
-            // A last sleep, and a read of each open bus after it.
-            let last = 1 + open.count();
-            let kept = if now < deadline { last } else { 0 };
-            let reads_on = self.is_cut_short(open) && calls >= open.count() + kept;
-            if !reads_on {
-                if now >= deadline {
-                    return open;
-                }
-                // Enough is left for a wait that ends with a read of each open bus, or only for the last sleep.
-                match calls >= 2 * last {
-                    true => ready = self.wait(open, deadline),
-                    false => self.clock.sleep_until(deadline),
-                }
-                calls = calls.saturating_sub(1);
-                now = self.clock.now();
-            }
-            read = self.receive(Some(ready), now);
-        }
-    }
-
-    /// Reads each bus but the lines from `now` on, in the order of the configuration. An `open` one is read when the last replies of all
-    /// are `expected`, or [`OVERDUE`] after its own were, and the cycle stays awake until then: reads that find replies missing leave
-    /// too few calls to wait for them. Returns how many were read. One system call for each of them; bounded by their inboxes, and by
-    /// [`READS_MAX`] readings of the clock for each.
-    fn receive_expected(&mut self, open: Ready, mut now: Instant, expected: Instant) -> usize {
-        let mut read = 0;
-        for bus in 0..self.channels.len() {
-            let channel = &self.channels[bus];
-            if channel.is_line() {
-                continue;
-            }
-            if open.contains(bus) {
-                now = self.stay_awake(now, expected.min(channel.expected() + OVERDUE));
-            }
-            read += 1;
-            self.read(bus, now);
-        }
-        read
-    }
-
-    /// Replies may have been left unread on an `open` bus, behind something else. No system call; the next read takes them.
-    fn is_cut_short(&self, open: Ready) -> bool {
-        let mut channels = self.channels.iter().enumerate();
-        channels.any(|(bus, channel)| open.contains(bus) && channel.is_cut_short())
-    }
-
-    /// Sleeps from `now` until `time`, less the time by which this thread is usually woken late, but less at most `shorter`.
-    /// Returns the time after it. At most one system call.
-    fn sleep_towards(&mut self, now: Instant, time: Instant, shorter: Duration) -> Instant {
-        let due = time - self.reply_lateness.expected().min(shorter);
-        if due <= now {
-            return now;
-        }
-        self.clock.sleep_until(due);
-        let woken = self.clock.now();
-        self.reply_lateness.observe(due, woken);
-        woken
-    }
-
-    /// Reads the clock from `now` until `time`, at most [`READS_MAX`] times. Returns the last reading.
-    fn stay_awake(&self, mut now: Instant, time: Instant) -> Instant {
-        for _ in 0..READS_MAX {
-            if now >= time {
-                break;
-            }
-            std::hint::spin_loop();
-            now = self.clock.now();
-        }
-        now
-    }
-
-    /// The last of these times of the buses that are `open`; [`Instant::ZERO`] when none is.
-    fn last_of(&self, open: Ready, time: impl Fn(&BusChannel) -> Instant) -> Instant {
-        let channels = self.channels.iter().enumerate().filter(|&(bus, _)| open.contains(bus));
-        channels.map(|(_, channel)| time(channel)).fold(Instant::ZERO, Instant::max)
-    }
-
-    /// Waits until something arrives on an `open` bus, at most until `until`. Returns the buses that are worth reading. One
-    /// system call.
-    fn wait(&mut self, open: Ready, until: Instant) -> Ready {
-        let mut readiness = [Readiness::Never; BUSES_MAX];
-        for (bus, (readiness, channel)) in readiness.iter_mut().zip(&self.channels).enumerate() {
-            *readiness = if open.contains(bus) { channel.readiness() } else { Readiness::Never };
-        }
-        self.clock.wait(&readiness[..self.channels.len().min(BUSES_MAX)], until)
-    }
-
-    /// The buses with an open request whose reply this cycle awaits. Bounded by buses.
-    fn open_buses(&self) -> Ready {
-        Ready::of(self.channels.iter().map(BusChannel::is_open))
-    }
-
-    /// Reads the buses that are `ready` at `now`, or all when that is not known, but never a line. Returns how many were read. One
-    /// system call for each of them; bounded by their inboxes.
-    fn receive(&mut self, ready: Option<Ready>, now: Instant) -> usize {
-        let mut read = 0;
-        for bus in 0..self.channels.len() {
-            if self.channels[bus].is_line() || ready.is_some_and(|ready| !ready.contains(bus)) {
-                continue;
-            }
-            read += 1;
-            self.read(bus, now);
-        }
-        read
-    }
-
-    /// Reads one bus, and draws the consequences. One system call; bounded by its inbox.
-    fn read(&mut self, bus: usize, now: Instant) {
-        let Self { channels, drives, control, .. } = self;
-        let channel = &mut channels[bus];
-        let is_complete = channel.receive(now, |motor, payload, at| {
-            let drive = &mut drives[motor];
-            let received = match payload {
-                Some(payload) => drive.receive(payload, at),
-                None => drive.refuse(),
-            };
-            match &received {
-                Received::Reply(reported) => control.receive(motor, reported, at),
-                Received::Duplicate => control.receive_duplicate(motor),
-                Received::UnexpectedId | Received::Malformed => {}
-            }
-            received
-        });
-        if !is_complete {
-            channel.settle(drives);
-        }
-        control.bus_changed(bus, channel.condition());
-    }
-
     /// Publishes the states, answers and events of this cycle. At most one system call: that of the function which
     /// [`on_publish`](Self::on_publish) was given.
     fn publish(&mut self, wake: &Wake, transmitted: Instant) {
@@ -563,33 +271,6 @@ impl Cycle {
         control.events().for_each(|event| link.push(wake.cycle, event));
         link.lose(control.clear_events());
     }
-
-    /// Asks at most one motor of each bus but lines for its faults or an indicator, if the bus is not `open`, and if request
-    /// and reply still fit before `end`, the next tick. Waits for the replies at most until `end`. One system call per bus that
-    /// is asked, and those of [`collect`](Self::collect).
-    fn ask(&mut self, open: Ready, end: Instant) {
-        let now = self.clock.now();
-        let mut asked = false;
-        for bus in 0..self.channels.len() {
-            let channel = &self.channels[bus];
-            if channel.is_line() || open.contains(bus) || now + channel.poll_time() > end {
-                continue;
-            }
-            let Some((motor, question)) = self.control.question(bus) else { continue };
-            let Self { channels, drives, .. } = self;
-            channels[bus].begin(Batch::FaultRequest, now);
-            channels[bus].queue(motor, drives[motor].request(&question, now));
-            channels[bus].send(now, |motor| drives[motor].withdraw());
-            asked = true;
-        }
-        if asked {
-            // Those that are still open are overdue: only the replies to these questions are waited for.
-            let overdue = self.channels.iter_mut().enumerate().filter(|&(bus, _)| open.contains(bus));
-            overdue.for_each(|(_, channel)| channel.give_up(end));
-            // No client waits for these replies, so the buses are not polled for them.
-            self.collect(now, end, false);
-        }
-    }
 }
 
 /// The least time from a command to its reply. Nothing is known of a CAN interface: a virtual one has no wire.
@@ -597,20 +278,5 @@ fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration
     match settings.buses[bus].kind {
         BusKind::SocketCan { .. } => Duration::ZERO,
         BusKind::Serial { .. } | BusKind::Simulated { .. } => plans[bus].transaction_least,
-    }
-}
-
-/// One point of the time grid: when a cycle should begin. Ticks are a period apart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Tick {
-    /// Its number, from 1; its cycle bears the same.
-    pub number: u64,
-    /// Its time.
-    pub at: Instant,
-}
-
-impl Tick {
-    fn later(self, ticks: u32, period: Duration) -> Self {
-        Self { number: self.number + u64::from(ticks), at: self.at + ticks * period }
     }
 }

@@ -1,7 +1,6 @@
 //! Everything that is known after a cycle, as the message for clients. No other code writes a [`StateMessage`].
 
 use super::Cycle;
-use super::channel::BusChannel;
 use crate::control::Wake;
 use core::sync::atomic::Ordering;
 use motord_bus::Instant;
@@ -19,7 +18,7 @@ impl Cycle {
         state.joint_count = fill(joints, control.joint_states());
         state.group_count = fill(groups, control.group_states());
         state.indicator_count = fill(indicators, control.joint_indicators());
-        state.bus_count = fill(buses, channels.iter().map(BusChannel::report));
+        state.bus_count = fill(buses, channels.iter().map(|channel| channel.wire().report()));
         for (group, wrong_lease) in used(groups, state.group_count).zip(&counters.wrong_lease) {
             let counter = &mut group.rejected[Rejection::WrongLease.code() as usize];
             *counter = counter.wrapping_add(wrong_lease.load(Ordering::Relaxed));

@@ -1,5 +1,6 @@
 //! How often, and for how many frames, a cycle asks its buses.
 
+use core::num::NonZero;
 use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_core::settings::Settings;
 use motord_harness::robot;
@@ -134,7 +135,7 @@ fn bus_is_not_read_at_typical_reply_time() {
 #[test]
 fn bus_with_turns_is_read_in_full() {
     let mut settings = robot::three_motors();
-    settings.buses[0].every = 2;
+    settings.buses[0].every = NonZero::new(2).unwrap();
     let (mut robot, reads) = counted(settings);
     for _ in 0..100 {
         robot.step();

@@ -426,7 +426,7 @@ fn serial_bus_uses_configured_turnaround_and_turns() {
     let settings = judge(&with_serial()).expect("it is good").settings;
     let bus = settings.buses.iter().find(|bus| bus.name == "gripper").expect("it has one");
     let BusKind::Serial { device, baud, turnaround } = &bus.kind else { panic!("{:?}", bus.kind) };
-    assert_eq!((device.as_str(), *baud, bus.every), ("/dev/null", 921_600, 2));
+    assert_eq!((device.as_str(), *baud, bus.every.get()), ("/dev/null", 921_600, 2));
     assert_eq!(*turnaround, std::time::Duration::from_micros(500));
 }
 

@@ -55,7 +55,7 @@ fn init_gives_line_motors_affordable_turns() {
     let file = directory.path().join("motord.toml");
     let loaded = written(&file, &["--legs", "1", "--protocol", "gim", "--buses", "/dev/ttyUSB0", "--yes"]);
     assert_eq!(loaded.settings.motors.len(), 3);
-    assert!(loaded.settings.buses[0].every > 1, "three motors in one cycle");
+    assert!(loaded.settings.buses[0].takes_turns(), "three motors in one cycle");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! `[[bus]]`, and whether its motors fit on it.
 
+use std::num::NonZero;
 use std::path::Path;
 
 use motord_settings::plan::{BusPlan, WORST_CASE_SOUND};
@@ -32,7 +33,7 @@ pub(super) fn buses(items: &[Item<Bus>], findings: &mut Findings<'_>) -> Vec<Opt
 
 fn bus(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusSettings> {
     let (name, kind) = (findings.name(&keys.name), kind(keys, findings));
-    Some(BusSettings { name: name?, kind: kind?, every: keys.every.value as u32 })
+    Some(BusSettings { name: name?, kind: kind?, every: NonZero::new(keys.every.value as u32)? })
 }
 
 fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
@@ -154,7 +155,7 @@ fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Finding
 
 /// A line has one request at a time: the turns must not overlap.
 fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
-    let (every, least) = (settings.buses[bus].every, plan.every_least);
+    let (every, least) = (settings.buses[bus].every.get(), plan.every_least);
     if every < least {
         let turn_us = 1e6 * plan.transaction_worst.as_secs_f64();
         let wrong = Wrong::TurnsOverlap { every, least, turns: settings.turns(bus), turn_us };
@@ -164,8 +165,8 @@ fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, find
 
 /// A motor that takes turns starts within the time that it is given.
 fn judge_start(keys: &Bus, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
-    let round = settings.buses[bus].every * settings.cycle.period;
-    if settings.buses[bus].every > 1 && START_TURNS * round > settings.safety.start_timeout {
+    let round = settings.buses[bus].every.get() * settings.cycle.period;
+    if settings.buses[bus].takes_turns() && START_TURNS * round > settings.safety.start_timeout {
         let [round_ms, start_ms] =
             [round, settings.safety.start_timeout].map(|time| 1e3 * time.as_secs_f64());
         findings.error(keys.every.at, Wrong::SlowStart { turns: START_TURNS, round_ms, start_ms });

@@ -276,7 +276,7 @@ pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mu
     for (motor, item) in settings.motors.iter().zip(items) {
         let (at, duration_ms) =
             (item.keys.keys.control_duration_ms.at, i64::from(motor.duration.as_millis()));
-        let round = settings.buses[motor.bus].every * settings.cycle.period;
+        let round = settings.buses[motor.bus].every.get() * settings.cycle.period;
         let [round_ms, least_ms] = [round, DURATION_TURNS * round].map(|time| 1e3 * time.as_secs_f64());
         if duration_ms == 0 {
             continue;

@@ -3,13 +3,14 @@
 //! On most buses every cycle is the turn of every motor, and a reply that has not come by the end of the cycle is missed.
 //! Where motors take turns a reply may come until the motor's next turn, so the turn ends only then.
 
+use core::num::NonZero;
 use motord_bus::{Duration, Instant};
 
 /// The turns of one motor.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::control) struct Turn {
     /// Cycles from one turn to the next.
-    every: u32,
+    every: NonZero<u32>,
     /// Cycles until the next turn.
     left: u32,
     /// A turn ends when the next begins.
@@ -24,11 +25,17 @@ pub(in crate::control) struct Turn {
 
 impl Turn {
     /// Every cycle.
-    pub(in crate::control) const EACH_CYCLE: Self =
-        Self { every: 1, left: 0, outlasts_cycle: false, waits: false, begun: Instant::ZERO, elapsed: None };
+    pub(in crate::control) const EACH_CYCLE: Self = Self {
+        every: NonZero::<u32>::MIN,
+        left: 0,
+        outlasts_cycle: false,
+        waits: false,
+        begun: Instant::ZERO,
+        elapsed: None,
+    };
 
     /// Once in `every` cycles, for the first time in the cycle after `cycle` others.
-    pub(in crate::control) const fn once_in(every: u32, cycle: u32) -> Self {
+    pub(in crate::control) const fn once_in(every: NonZero<u32>, cycle: u32) -> Self {
         Self { every, left: cycle, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
     }
 
@@ -40,8 +47,8 @@ impl Turn {
             self.left -= 1;
             return false;
         }
-        self.left = self.every - 1;
-        self.elapsed = Some(now.since(self.begun).min(2 * self.every * period).as_secs_f32());
+        self.left = self.every.get() - 1;
+        self.elapsed = Some(now.since(self.begun).min(2 * self.every.get() * period).as_secs_f32());
         self.begun = now;
         true
     }

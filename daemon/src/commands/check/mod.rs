@@ -147,8 +147,8 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
     let report = |(index, (bus, plan)): (usize, (&'a BusSettings, BusPlan))| BusReport {
         name: &bus.name,
         motors: plan.motors,
-        rate_hz: settings.cycle.rate_hz / f64::from(bus.every),
-        every: bus.every,
+        rate_hz: settings.cycle.rate_hz / f64::from(bus.every.get()),
+        every: bus.every.get(),
         line: LineReport::of(settings, index, &plan),
         worst_case_utilisation: plan.worst_case_utilisation,
         unstuffed_utilisation: plan.unstuffed_utilisation,

@@ -101,7 +101,7 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
         // A reply on a line is recorded under the id of the motor that was asked.
         reply_id: if bus.is_line() { settings.id.into() } else { settings.host_id.raw() },
         protocol: protocol(settings),
-        turn: bus.every.max(1),
+        turn: bus.every.get(),
         direction: f64::from(settings.transmission.direction()),
         offset: f64::from(settings.transmission.offset()),
         damping_kd: f64::from(settings.damping_kd),

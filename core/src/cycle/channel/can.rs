@@ -1,0 +1,174 @@
+//! A CAN bus in the cycle: which replies the cycle waits for, and for how long.
+
+use super::wire::Wire;
+use crate::drive::{Drive, LATEST_REPLY, Received};
+use crate::plan::BusPlan;
+use motord_bus::{Duration, Inbox, Instant, Readiness, ReplyTime};
+
+/// A CAN bus.
+pub(in crate::cycle) struct CanChannel {
+    pub(in crate::cycle) wire: Wire,
+    /// Not every motor gets a command in every cycle.
+    takes_turns: bool,
+    /// Requests of the last batch that are not answered.
+    awaited: usize,
+    /// A late reply may arrive before the reply to a request that is sent until then.
+    unsettled_until: Instant,
+    /// The last read took as many arrivals as replies were awaited, but not every one was a reply: the others may be unread.
+    is_cut_short: bool,
+    /// A motor that has no frame in this batch may not have answered an earlier one.
+    owes: bool,
+    sent_at: Instant,
+    batch: Batch,
+    /// By [`Batch`].
+    expected: [ReplyTime; 2],
+    /// How long a question and its reply take on the wire at worst.
+    question_time: Duration,
+}
+
+/// The kind of frames that are sent together. Each kind has a separate expected reply time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::cycle) enum Batch {
+    /// One command per motor. Most are answered with a state.
+    Commands,
+    /// A question to one motor, for its faults or an indicator.
+    Question,
+}
+
+impl CanChannel {
+    pub(super) fn new(wire: Wire, takes_turns: bool, plan: &BusPlan) -> Self {
+        Self {
+            wire,
+            takes_turns,
+            awaited: 0,
+            unsettled_until: Instant::ZERO,
+            is_cut_short: false,
+            owes: false,
+            sent_at: Instant::ZERO,
+            batch: Batch::Commands,
+            expected: [plan.expected, plan.transaction_least].map(ReplyTime::new),
+            question_time: plan.transaction_worst,
+        }
+    }
+
+    /// Begins a batch without frames, to be sent at `now`. A reply to the last one that has not arrived may still do so.
+    #[inline]
+    pub(in crate::cycle) fn begin(&mut self, batch: Batch, now: Instant) {
+        self.give_up(now);
+        self.batch = batch;
+        self.wire.clear();
+    }
+
+    /// Ends the wait for the replies to the last batch, before another one is sent at `now` or later.
+    pub(in crate::cycle) fn give_up(&mut self, now: Instant) {
+        if self.awaited > 0 {
+            self.unsettle(now);
+            self.awaited = 0;
+            self.owes = true;
+        }
+    }
+
+    /// Sends the queued frames, as [`Wire::send`] does. Returns whether the bus accepted all. At most one system call.
+    #[inline]
+    pub(in crate::cycle) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
+        self.sent_at = now;
+        let accepted = self.wire.send(now, unsent);
+        self.awaited = accepted.frames;
+        accepted.took_all
+    }
+
+    pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
+        self.wire.withhold(unsent).took_all
+    }
+
+    /// When all replies to this batch are expected to have arrived.
+    #[inline]
+    pub(in crate::cycle) fn expected(&self) -> Instant {
+        self.sent_at + self.expected[self.batch as usize].latest()
+    }
+
+    /// Before it the last reply to this batch seldom arrives.
+    pub(in crate::cycle) fn earliest(&self) -> Instant {
+        self.sent_at + self.expected[self.batch as usize].earliest()
+    }
+
+    /// Every reply to this batch has arrived: learns how long that takes.
+    #[inline]
+    pub(in crate::cycle) fn complete(&mut self) {
+        if !self.wire.is_idle() {
+            self.expected[self.batch as usize].observe(self.wire.replied_at().since(self.sent_at));
+        }
+    }
+
+    /// The cycle waits for a reply to the last batch. A motor that is seldom asked, since it does not answer, is not
+    /// waited for in between.
+    #[inline]
+    pub(in crate::cycle) const fn is_open(&self) -> bool {
+        self.awaited > 0
+    }
+
+    /// A request of an earlier cycle may still be answered. If so, the next read takes everything that has arrived.
+    pub(super) const fn reads_early(&mut self) -> bool {
+        self.is_cut_short |= self.owes;
+        self.owes
+    }
+
+    /// How to wait for the bus. No system call.
+    pub(in crate::cycle) fn readiness(&self) -> Readiness<'_> {
+        self.wire.readiness()
+    }
+
+    /// How long a question and its reply take on the wire at worst.
+    pub(in crate::cycle) const fn question_time(&self) -> Duration {
+        self.question_time
+    }
+
+    /// For [`LATEST_REPLY`] every request was answered in its cycle, and nothing else arrived: no reply is late.
+    const fn is_settled(&self) -> bool {
+        self.sent_at.as_nanos() > self.unsettled_until.as_nanos()
+    }
+
+    /// The most arrivals of the next read. While the bus is settled, they are the replies that are awaited: to check for
+    /// one more costs the kernel as much as a third of a frame. Later arrivals are read with the next replies.
+    const fn space(&self) -> usize {
+        let takes_all = !self.is_settled() || self.is_cut_short || self.takes_turns;
+        if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
+    }
+
+    /// A reply that is awaited may be unread, behind something else. The next read takes all.
+    pub(in crate::cycle) const fn is_cut_short(&self) -> bool {
+        self.is_cut_short
+    }
+
+    /// Reads at most one inbox full, as [`Wire::receive`] does. Returns whether the arrivals are the awaited replies and
+    /// nothing else; if not, [`settle`](Self::settle) follows. At most one system call.
+    #[inline]
+    pub(in crate::cycle) fn receive(
+        &mut self,
+        now: Instant,
+        judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
+    ) -> bool {
+        self.wire.clear_inbox_for(self.space());
+        let arrivals = self.wire.receive(now, judge);
+        if arrivals.answers < arrivals.all {
+            self.unsettle(now);
+        } else if arrivals.answers == self.awaited && !self.owes && self.is_settled() {
+            (self.awaited, self.is_cut_short) = (0, false);
+            return true;
+        }
+        false
+    }
+
+    /// Finds the requests of the last batch that are still open after a read. Bounded by the motors of the bus.
+    #[cold]
+    pub(in crate::cycle) fn settle(&mut self, drives: &[Drive]) {
+        self.awaited = self.wire.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
+        self.is_cut_short = self.wire.is_read_full() && self.awaited > 0;
+        self.owes = self.wire.others().any(|motor| drives[motor].is_open());
+    }
+
+    /// Something other than an answer arrived by `now`, or a request is sent then and the one before has no answer.
+    fn unsettle(&mut self, now: Instant) {
+        self.unsettled_until = self.unsettled_until.max(now + LATEST_REPLY);
+    }
+}

@@ -1,0 +1,122 @@
+//! One bus in the cycle: frames sent on it, motors that reply there, counters.
+//!
+//! Real-time: after [`BusChannel::new`] nothing here allocates or blocks; every loop is bounded by the motors of the bus
+//! or by one inbox.
+
+mod can;
+mod line;
+mod wire;
+
+pub(super) use can::{Batch, CanChannel};
+pub(super) use line::LineChannel;
+pub(super) use wire::Wire;
+
+use crate::plan::BusPlan;
+use crate::settings::Settings;
+use crate::stopper::Outlet;
+use motord_bus::{Bus, Frame, Instant, Refusal};
+
+/// A bus, and everything the cycle knows of it.
+pub(super) enum BusChannel {
+    /// The cycle waits for the replies to its commands.
+    Can(CanChannel),
+    /// One request is open at a time, and its reply is read at the beginning of a later cycle.
+    Line(LineChannel),
+}
+
+impl BusChannel {
+    /// `index` is that of the bus in `settings`. Allocates.
+    pub(super) fn new(bus: Box<dyn Bus>, index: usize, settings: &Settings, plan: &BusPlan) -> Self {
+        let motors = || settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == index);
+        if settings.buses[index].is_line() {
+            // A frame on a line names its receiver only, so a serial bus names the motor that answers.
+            let routes = motors().map(|(motor, settings)| (settings.command_id(), motor));
+            return Self::Line(LineChannel::new(Wire::new(bus, routes.collect())));
+        }
+        let routes = motors().map(|(motor, settings)| (settings.host_id, motor));
+        let wire = Wire::new(bus, routes.collect());
+        Self::Can(CanChannel::new(wire, settings.buses[index].takes_turns(), plan))
+    }
+
+    /// Returns the channel of a CAN bus.
+    #[inline]
+    pub(super) const fn can(&self) -> Option<&CanChannel> {
+        match self {
+            Self::Can(channel) => Some(channel),
+            Self::Line(_) => None,
+        }
+    }
+
+    /// Returns the channel of a CAN bus.
+    #[inline]
+    pub(super) const fn can_mut(&mut self) -> Option<&mut CanChannel> {
+        match self {
+            Self::Can(channel) => Some(channel),
+            Self::Line(_) => None,
+        }
+    }
+
+    /// Returns the part that all buses have in common.
+    #[inline]
+    pub(super) const fn wire(&self) -> &Wire {
+        match self {
+            Self::Can(channel) => &channel.wire,
+            Self::Line(channel) => &channel.wire,
+        }
+    }
+
+    /// Returns the part that all buses have in common.
+    #[inline]
+    pub(super) const fn wire_mut(&mut self) -> &mut Wire {
+        match self {
+            Self::Can(channel) => &mut channel.wire,
+            Self::Line(channel) => &mut channel.wire,
+        }
+    }
+
+    /// Returns whether the bus is read before the decisions of a cycle: a reply must be judged before the next command
+    /// to its motor is decided. That read takes everything that has arrived.
+    pub(super) const fn reads_early(&mut self) -> bool {
+        match self {
+            Self::Can(channel) => channel.reads_early(),
+            Self::Line(_) => true,
+        }
+    }
+
+    /// Begins a batch of commands without frames, to be sent at `now`.
+    #[inline]
+    pub(super) fn begin(&mut self, now: Instant) {
+        match self {
+            Self::Can(channel) => channel.begin(Batch::Commands, now),
+            Self::Line(channel) => channel.wire.clear(),
+        }
+    }
+
+    /// Sends the queued frames, as [`Wire::send`] does. Returns whether the bus accepted all. At most one system call.
+    #[inline]
+    pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
+        match self {
+            Self::Can(channel) => channel.send(now, unsent),
+            Self::Line(channel) => channel.wire.send(now, unsent).took_all,
+        }
+    }
+
+    /// Sends none of the queued frames, as if the bus had not accepted them. No system call.
+    pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> bool {
+        match self {
+            Self::Can(channel) => channel.withhold(unsent),
+            Self::Line(channel) => channel.wire.withhold(unsent).took_all,
+        }
+    }
+}
+
+impl Outlet for BusChannel {
+    /// Discards what has arrived, then sends frames whose replies are not read; on a line one of them. At most two
+    /// system calls.
+    fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        match self {
+            Self::Can(channel) => channel.wire.send_unanswered(now, frames),
+            Self::Line(channel) => channel.send_round(now, frames),
+        }
+    }
+}

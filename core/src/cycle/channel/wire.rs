@@ -1,0 +1,241 @@
+//! The part of a bus that CAN interfaces and serial lines have in common.
+
+use crate::control::Reported;
+use crate::drive::Received;
+use motord_bus::frame::ControllerState;
+use motord_bus::{Bus, Content, Frame, FrameId, Inbox, Instant, Readiness, Refusal, Sent};
+use motord_shared::{BusCondition, BusState};
+
+/// A bus with the frames of one batch, the motors that reply there, and the counters.
+pub(in crate::cycle) struct Wire {
+    bus: Box<dyn Bus>,
+    /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
+    routes: Vec<(FrameId, usize)>,
+    frames: Vec<Frame>,
+    senders: Vec<usize>,
+    inbox: Inbox,
+    counters: BusState,
+    condition: BusCondition,
+    replied_at: Instant,
+}
+
+/// The outcome of sending a batch.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Accepted {
+    /// The number of frames that the bus accepted.
+    pub(super) frames: usize,
+    /// Those were all.
+    pub(super) took_all: bool,
+}
+
+/// The outcome of a read.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrivals {
+    /// The number of arrivals.
+    pub(super) all: usize,
+    /// Those of them that answer a request which was open.
+    pub(super) answers: usize,
+}
+
+impl Wire {
+    /// Allocates; nothing after it does.
+    pub(super) fn new(bus: Box<dyn Bus>, routes: Vec<(FrameId, usize)>) -> Self {
+        Self {
+            bus,
+            frames: Vec::with_capacity(routes.len()),
+            senders: Vec::with_capacity(routes.len()),
+            routes,
+            inbox: Inbox::new(),
+            counters: BusState::default(),
+            condition: BusCondition::Active,
+            replied_at: Instant::ZERO,
+        }
+    }
+
+    /// Replaces a bus that disconnected by one that was opened again. Returns the old one: closing it may block.
+    pub(in crate::cycle) fn replace(&mut self, bus: Box<dyn Bus>) -> Box<dyn Bus> {
+        self.condition = BusCondition::Active;
+        std::mem::replace(&mut self.bus, bus)
+    }
+
+    /// Removes the frames of the last batch.
+    #[inline]
+    pub(super) fn clear(&mut self) {
+        self.frames.clear();
+        self.senders.clear();
+    }
+
+    /// Queues a frame for each motor that `command` has one for.
+    #[inline]
+    pub(in crate::cycle) fn queue_each(&mut self, mut command: impl FnMut(usize) -> Option<Frame>) {
+        for &(_, motor) in &self.routes {
+            if let Some(frame) = command(motor) {
+                self.frames.push(frame);
+                self.senders.push(motor);
+            }
+        }
+    }
+
+    /// Queues the frame of a motor, if there is one. There is reserved space for one frame per motor of the bus.
+    pub(in crate::cycle) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
+        if let Some(frame) = frame {
+            self.frames.push(frame);
+            self.senders.push(motor);
+        }
+    }
+
+    /// Sends the queued frames; nothing to a bus that is off or gone. Frames that the bus does not accept are dropped and
+    /// counted, and `unsent` is called with their motors. At most one system call.
+    #[inline]
+    pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> Accepted {
+        self.replied_at = now;
+        if self.frames.is_empty() {
+            return Accepted { frames: 0, took_all: true };
+        }
+        let sent = match self.condition {
+            BusCondition::Off | BusCondition::Gone => Sent { accepted: 0, refusal: None },
+            _ => self.bus.send(now, &self.frames),
+        };
+        match sent.refusal {
+            Some(Refusal::Down) => self.condition = BusCondition::Down,
+            Some(Refusal::Gone) => self.condition = BusCondition::Gone,
+            Some(Refusal::Full | Refusal::Error(_)) => {}
+            None if self.condition == BusCondition::Down => self.condition = BusCondition::Active,
+            None => {}
+        }
+        self.account(sent.accepted, unsent)
+    }
+
+    /// Drops the queued frames, as if the bus had not accepted them. No system call.
+    pub(super) fn withhold(&mut self, unsent: impl FnMut(usize)) -> Accepted {
+        self.account(0, unsent)
+    }
+
+    #[inline]
+    fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> Accepted {
+        let accepted = accepted.min(self.frames.len());
+        let dropped = self.frames.len() - accepted;
+        self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
+        self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
+        self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
+        Accepted { frames: accepted, took_all: dropped == 0 }
+    }
+
+    /// Discards what has arrived, then sends `frames` whose replies are not read. At most two system calls.
+    pub(super) fn send_unanswered(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal> {
+        self.inbox.clear();
+        self.bus.receive(now, &mut self.inbox);
+        self.bus.send(now, frames).refusal
+    }
+
+    /// The next read takes a whole inbox.
+    pub(super) fn clear_inbox(&mut self) {
+        self.inbox.clear();
+    }
+
+    /// The next read takes at most `arrivals`.
+    pub(super) fn clear_inbox_for(&mut self, arrivals: usize) {
+        self.inbox.clear_for(arrivals);
+    }
+
+    /// The last read filled the space that it was given, and the inbox has more.
+    pub(super) fn is_read_full(&self) -> bool {
+        self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY
+    }
+
+    /// Reads once, and gives every frame to the motor that it is from: its payload, or `None` for a request that the
+    /// motor refused. Bounded by the inbox times the motors of the bus; one system call.
+    #[inline]
+    pub(super) fn receive(
+        &mut self,
+        now: Instant,
+        mut judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
+    ) -> Arrivals {
+        self.bus.receive(now, &mut self.inbox);
+        self.counters.lost = self.counters.lost.wrapping_add(self.inbox.lost);
+        let Self { inbox, routes, counters, condition, replied_at, .. } = self;
+        counters.received = counters.received.wrapping_add(inbox.arrivals().len() as u32);
+        let mut answers = 0;
+        for arrival in inbox.arrivals() {
+            let (id, payload) = match &arrival.content {
+                Content::Frame(frame) => (frame.id(), Some(frame.payload())),
+                Content::Refused(id) => (*id, None),
+                Content::Unsupported(_) => {
+                    count(&mut counters.malformed);
+                    continue;
+                }
+                Content::Error(error) => {
+                    count(&mut counters.errors);
+                    *condition = error.state().map_or(*condition, condition_of);
+                    continue;
+                }
+            };
+            let route = routes.iter().find(|(routed, _)| *routed == id);
+            let received =
+                route.map_or(Received::UnexpectedId, |&(_, motor)| judge(motor, payload, arrival.at));
+            match received {
+                Received::Reply(reported) => {
+                    *replied_at = arrival.at;
+                    answers += usize::from(!matches!(reported, Reported::Late));
+                }
+                Received::Duplicate => count(&mut counters.duplicate),
+                Received::UnexpectedId => count(&mut counters.unexpected_id),
+                Received::Malformed => count(&mut counters.malformed),
+            }
+        }
+        Arrivals { all: inbox.arrivals().len(), answers }
+    }
+
+    /// No frame is queued.
+    #[inline]
+    pub(in crate::cycle) fn is_idle(&self) -> bool {
+        self.frames.is_empty()
+    }
+
+    /// The motors of the last batch, in the order of its frames.
+    pub(super) fn senders(&self) -> &[usize] {
+        &self.senders
+    }
+
+    /// The motors of the bus without a frame in the last batch.
+    pub(super) fn others(&self) -> impl Iterator<Item = usize> {
+        let others = self.routes.iter().filter(|_| self.senders.len() < self.routes.len());
+        others.map(|(_, motor)| *motor).filter(|motor| !self.senders.contains(motor))
+    }
+
+    /// The arrival of the last reply; the last sending where none has arrived since.
+    #[inline]
+    pub(super) const fn replied_at(&self) -> Instant {
+        self.replied_at
+    }
+
+    /// How to wait for the bus. No system call.
+    pub(super) fn readiness(&self) -> Readiness<'_> {
+        self.bus.readiness()
+    }
+
+    /// The condition of the bus as of its last report or refusal.
+    #[inline]
+    pub(in crate::cycle) const fn condition(&self) -> BusCondition {
+        self.condition
+    }
+
+    /// The counters and the condition, as they are published.
+    #[inline]
+    pub(in crate::cycle) const fn report(&self) -> BusState {
+        BusState { condition: self.condition.code(), ..self.counters }
+    }
+}
+
+fn count(counter: &mut u32) {
+    *counter = counter.wrapping_add(1);
+}
+
+fn condition_of(state: ControllerState) -> BusCondition {
+    match state {
+        ControllerState::Active => BusCondition::Active,
+        ControllerState::Warning => BusCondition::Warning,
+        ControllerState::Passive => BusCondition::Passive,
+        ControllerState::Off => BusCondition::Off,
+    }
+}

@@ -1,0 +1,62 @@
+//! Sends one frame to each motor whose turn it is.
+
+use super::Cycle;
+use super::channel::BusChannel;
+use crate::control::Wake;
+use motord_bus::Instant;
+
+impl Cycle {
+    /// Decides, and sends one frame to each motor whose turn it is. Returns the time just before the last frames are handed over
+    /// whose replies this cycle awaits. Bounded by motors; one system call per bus.
+    pub(super) fn transmit(&mut self, wake: &Wake) -> Instant {
+        self.control.decide(*wake);
+        let mut sent = wake.begun;
+        for bus in 0..self.channels.len() {
+            if self.channels[bus].can().is_some() {
+                sent = self.send(bus, wake);
+            }
+        }
+        // A serial port takes longer to write to than a CAN socket, and no reply of it is awaited in this cycle.
+        for line in 0..self.lines.len() {
+            self.send(self.lines[line], wake);
+        }
+        sent
+    }
+
+    /// Sends one frame to each motor of a bus whose turn it is. Returns the time just before they are handed over. Bounded by
+    /// the motors of the bus; one system call.
+    fn send(&mut self, bus: usize, wake: &Wake) -> Instant {
+        let now = self.clock.now();
+        let Self { control, drives, channels, .. } = self;
+        let channel = &mut channels[bus];
+        channel.begin(now);
+        channel.wire_mut().queue_each(|motor| drives[motor].request(control.command(motor), now));
+        if matches!(channel, BusChannel::Line(_)) {
+            self.queue_question(bus, now);
+        }
+        let Self { control, drives, channels, timing, .. } = self;
+        let channel = &mut channels[bus];
+        // A process that was frozen since it decided goes on here, when others may have stopped its motors.
+        let is_stale = now.since(wake.begun) > timing.stale_after;
+        let unsent = |motor: usize| {
+            drives[motor].withdraw();
+            control.unsent(motor);
+        };
+        let took_all = if is_stale { channel.withhold(unsent) } else { channel.send(now, unsent) };
+        if !channel.wire().is_idle() {
+            control.bus_took(bus, took_all);
+        }
+        control.bus_changed(bus, channel.wire().condition());
+        now
+    }
+
+    /// Queues the question to a motor of a line, when it is the turn of the questions.
+    fn queue_question(&mut self, bus: usize, now: Instant) {
+        if !self.control.begin_questions(bus) || !self.channels[bus].wire().is_idle() {
+            return;
+        }
+        let Some((motor, question)) = self.control.question(bus) else { return };
+        let frame = self.drives[motor].request(&question, now);
+        self.channels[bus].wire_mut().queue(motor, frame);
+    }
+}
