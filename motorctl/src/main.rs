@@ -173,41 +173,8 @@ enum Command {
         after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg"
     )]
     Plot(recorder::PlotArguments),
-    /// Start the motors of a group. They then follow the setpoints of the group's owner. An active group stays active.
-    #[command(after_help = "Example:\n  motorctl enable legs")]
-    Enable(Group),
-    /// Damp the motors of a group, then stop them.
-    #[command(after_help = "Example:\n  motorctl disable legs")]
-    Disable(Group),
-    /// Clear the latched cause that stopped a group. No motor moves.
-    #[command(
-        after_help = "Examples:\n  motorctl reset legs && motorctl enable legs\n  motorctl disable legs && motorctl reset legs --wait"
-    )]
-    Reset {
-        #[command(flatten)]
-        group: Group,
-        /// Wait until the motors are stopped, at most 60 s. Without it a group that is still being damped is refused.
-        #[arg(long)]
-        wait: bool,
-    },
-    /// Damp and stop every motor of every group now. The stop stays latched until a reset.
-    ///
-    /// It sends first, and looks afterwards. It needs neither files nor a place among the clients: the daemon has a socket
-    /// for it, and does nothing else there. When nobody confirms the stop within a second or so, it says so, and its exit
-    /// status is 79: cut the power.
-    ///
-    /// This is a software stop. It does not replace a switch that cuts the power.
-    #[command(after_help = "Example:\n  motorctl estop || echo 'cut the power'")]
-    Estop,
-    /// Remove the owner of a group. The motors of an active group stop.
-    #[command(after_help = "Example:\n  motorctl release legs --force")]
-    Release {
-        /// Name of the group.
-        group: String,
-        /// Confirm that the owner loses the group without having released it.
-        #[arg(long, required = true)]
-        force: bool,
-    },
+    #[command(flatten)]
+    Operate(operate::Operate),
     /// List the faults that motors have reported, or handle them.
     ///
     /// Without a command it lists those of all joints, through the daemon.
@@ -232,21 +199,6 @@ enum Command {
     },
     #[command(flatten)]
     Wire(wire::Command),
-    /// Leave a joint out of its group while the group is disarmed: the joint is not there, or broken.
-    ///
-    /// Its motor gets stop frames only, and its setpoints are ignored. The group can be enabled without the joint only where
-    /// the configuration has `may-be-excluded = true` for it.
-    #[command(after_help = "Example:\n  motorctl exclude rr-knee")]
-    Exclude {
-        /// Name of the joint.
-        joint: String,
-    },
-    /// End the exclusion of a joint while its group is disarmed.
-    #[command(after_help = "Example:\n  motorctl include rr-knee")]
-    Include {
-        /// Name of the joint.
-        joint: String,
-    },
     /// Check this computer: is it fit for a real-time cycle, and which commands mend it?
     ///
     /// Reads what the kernel shows, and changes nothing without `--tune`. Then a thread that has what the daemon's cycle would have (SCHED_FIFO,
@@ -287,12 +239,6 @@ enum Command {
     DemoController { seconds: f64 },
     #[command(hide = true)]
     ChildGuard { parent: u32, program: OsString, arguments: Vec<OsString> },
-}
-
-#[derive(Debug, clap::Args)]
-struct Group {
-    /// Name of the group. The default is all groups.
-    group: Option<String>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -372,11 +318,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Flight(arguments) => Ok(recorder::flight(instance, &arguments)?),
         Command::Replay(arguments) => monitor::replay(&arguments),
         Command::Plot(arguments) => Ok(recorder::plot(&arguments)?),
-        Command::Enable(Group { group }) => operate::enable(instance, group.as_deref()),
-        Command::Disable(Group { group }) => operate::disable(instance, group.as_deref()),
-        Command::Reset { group: Group { group }, wait } => operate::reset(instance, group.as_deref(), wait),
-        Command::Estop => operate::estop(instance),
-        Command::Release { group, .. } => operate::release(instance, &group),
+        Command::Operate(command) => operate::run(instance, command),
         Command::Fault(Faults { command: None, json }) => fault::list(instance, json),
         Command::Fault(Faults { command: Some(Fault::Get { name, reading }), .. }) => {
             get_fault(instance, name, &reading)
@@ -389,8 +331,6 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
             indicator::run(instance, &asked)
         }
         Command::Wire(command) => Ok(wire::run(command)?),
-        Command::Exclude { joint } => operate::exclude(instance, &joint),
-        Command::Include { joint } => operate::include(instance, &joint),
         Command::Doctor(arguments) => Ok(doctor::run(&arguments)?),
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),

@@ -3,6 +3,7 @@
 use crate::advice::motorctl;
 use crate::failure::Failure;
 use crate::status::{self, PATIENCE};
+use clap::Subcommand;
 use motord_client::{Client, Error, Joint, JointDescription, MotorMode, Phase, Refusal};
 use motord_direct::Confirm;
 use motord_terminal::printable;
@@ -12,8 +13,82 @@ use std::time::Duration;
 /// No configuration holds or damps for longer than 30 s.
 const STOPPED: Duration = Duration::from_secs(60);
 
+/// The commands that the daemon carries out for an operator.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Operate {
+    /// Start the motors of a group. They then follow the setpoints of the group's owner. An active group stays active.
+    #[command(after_help = "Example:\n  motorctl enable legs")]
+    Enable(GroupArgument),
+    /// Damp the motors of a group, then stop them.
+    #[command(after_help = "Example:\n  motorctl disable legs")]
+    Disable(GroupArgument),
+    /// Clear the latched cause that stopped a group. No motor moves.
+    #[command(
+        after_help = "Examples:\n  motorctl reset legs && motorctl enable legs\n  motorctl disable legs && motorctl reset legs --wait"
+    )]
+    Reset {
+        #[command(flatten)]
+        group: GroupArgument,
+        /// Wait until the motors are stopped, at most 60 s. Without it a group that is still being damped is refused.
+        #[arg(long)]
+        wait: bool,
+    },
+    /// Damp and stop every motor of every group now. The stop stays latched until a reset.
+    ///
+    /// It sends first, and looks afterwards. It needs neither files nor a place among the clients: the daemon has a socket
+    /// for it, and does nothing else there. When nobody confirms the stop within a second or so, it says so, and its exit
+    /// status is 79: cut the power.
+    ///
+    /// This is a software stop. It does not replace a switch that cuts the power.
+    #[command(after_help = "Example:\n  motorctl estop || echo 'cut the power'")]
+    Estop,
+    /// Remove the owner of a group. The motors of an active group stop.
+    #[command(after_help = "Example:\n  motorctl release legs --force")]
+    Release {
+        /// Name of the group.
+        group: String,
+        /// Confirm that the owner loses the group without having released it.
+        #[arg(long, required = true)]
+        force: bool,
+    },
+    /// Leave a joint out of its group while the group is disarmed: the joint is not there, or broken.
+    ///
+    /// Its motor gets stop frames only, and its setpoints are ignored. The group can be enabled without the joint only where
+    /// the configuration has `may-be-excluded = true` for it.
+    #[command(after_help = "Example:\n  motorctl exclude rr-knee")]
+    Exclude {
+        /// Name of the joint.
+        joint: String,
+    },
+    /// End the exclusion of a joint while its group is disarmed.
+    #[command(after_help = "Example:\n  motorctl include rr-knee")]
+    Include {
+        /// Name of the joint.
+        joint: String,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct GroupArgument {
+    /// Name of the group. The default is all groups.
+    group: Option<String>,
+}
+
+/// Runs a command of an operator.
+pub(crate) fn run(instance: &str, command: Operate) -> Result<(), Failure> {
+    match command {
+        Operate::Enable(GroupArgument { group }) => enable(instance, group.as_deref()),
+        Operate::Disable(GroupArgument { group }) => disable(instance, group.as_deref()),
+        Operate::Reset { group, wait } => reset(instance, group.group.as_deref(), wait),
+        Operate::Estop => estop(instance),
+        Operate::Release { group, .. } => release(instance, &group),
+        Operate::Exclude { joint } => exclude(instance, &joint),
+        Operate::Include { joint } => include(instance, &joint),
+    }
+}
+
 /// `motorctl enable`: starts the motors of a group that has an owner.
-pub(crate) fn enable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
+fn enable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     for_groups(instance, group, |client, group| match client.enable(group) {
         Err(Error::Refused { refusal: Refusal::NotDisarmed, .. }) if is_running(client, group)? => {
             Ok("is active already")
@@ -30,14 +105,14 @@ fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
 }
 
 /// `motorctl disable`: damps and stops the motors of a group.
-pub(crate) fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
+fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     for_groups(instance, group, |client, group| {
         client.disable(group).map(|()| "stopped, after damping what moves")
     })
 }
 
 /// `motorctl reset`: clears the cause of a stop; no motor moves. With `wait`, once the motors are stopped.
-pub(crate) fn reset(instance: &str, group: Option<&str>, wait: bool) -> Result<(), Failure> {
+fn reset(instance: &str, group: Option<&str>, wait: bool) -> Result<(), Failure> {
     let request = if wait { reset_stopped } else { Client::reset };
     for_groups(instance, group, |client, group| request(client, group).map(|()| "reset"))
 }
@@ -48,7 +123,7 @@ fn reset_stopped(client: &Client, group: &str) -> Result<(), Error> {
 }
 
 /// `motorctl estop`: damps and stops every motor.
-pub(crate) fn estop(instance: &str) -> Result<(), Failure> {
+fn estop(instance: &str) -> Result<(), Failure> {
     motord_client::emergency_stop(instance).map_err(Failure::NotStopped)?;
     let reset = format!("{} reset", motorctl(instance));
     say(&format!(
@@ -78,7 +153,7 @@ fn unheard(instance: &str) -> Option<String> {
 }
 
 /// `motorctl release --force`: removes the owner of a group.
-pub(crate) fn release(instance: &str, group: &str) -> Result<(), Failure> {
+fn release(instance: &str, group: &str) -> Result<(), Failure> {
     Client::connect(instance)?.force_release(group)?;
     say(&format!("{group}: has no owner any more"));
     Ok(())
@@ -93,7 +168,7 @@ pub(crate) fn clear_fault(instance: &str, joint: &str) -> Result<(), Failure> {
 }
 
 /// `motorctl exclude`: leaves a joint out of its group.
-pub(crate) fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
+fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.exclude(joint)?;
     let include = format!("{} include {joint}", motorctl(instance));
     say(&format!("{joint}: is excluded until `{include}`, or until the daemon starts again"));
@@ -101,7 +176,7 @@ pub(crate) fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
 }
 
 /// `motorctl include`: ends the exclusion of a joint.
-pub(crate) fn include(instance: &str, joint: &str) -> Result<(), Failure> {
+fn include(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.include(joint)?;
     say(&format!("{joint}: is looked for again"));
     Ok(())
