@@ -18,7 +18,7 @@ const FILES: [&str; 4] = [
 
 /// The text of one name.
 #[derive(Debug, PartialEq)]
-struct Page {
+struct Explanation {
     /// Such as "Causes".
     kind: String,
     name: &'static str,
@@ -34,7 +34,7 @@ struct Page {
 pub(crate) fn run(name: Option<&str>) -> Result<(), Failure> {
     let (pages, out) = (pages(), &mut io::stdout().lock());
     let Some(name) = name else { return Ok(list(&pages, out)?) };
-    let named: Vec<&Page> = pages.iter().filter(|page| page.name == name).collect();
+    let named: Vec<&Explanation> = pages.iter().filter(|page| page.name == name).collect();
     if named.is_empty() {
         return Err(Failure::NoPage(name.to_owned()));
     }
@@ -45,7 +45,7 @@ pub(crate) fn run(name: Option<&str>) -> Result<(), Failure> {
     Ok(())
 }
 
-fn list(pages: &[Page], out: &mut dyn Write) -> io::Result<()> {
+fn list(pages: &[Explanation], out: &mut dyn Write) -> io::Result<()> {
     for same in pages.chunk_by(|one, other| one.kind == other.kind) {
         let names = same.iter().map(|page| page.name).collect::<Vec<_>>().join(" ");
         let indented = lines().initial_indent("  ").subsequent_indent("  ");
@@ -60,10 +60,11 @@ fn lines() -> textwrap::Options<'static> {
 }
 
 /// Every page there is. Words that are plain enough have no more than the sentence of their code.
-fn pages() -> Vec<Page> {
-    let mut pages: Vec<Page> = FILES.iter().flat_map(|file| sections(file)).collect();
+fn pages() -> Vec<Explanation> {
+    let mut pages: Vec<Explanation> = FILES.iter().flat_map(|file| sections(file)).collect();
     let mut add = |kind: &str, words: Vec<(&'static str, &'static str)>| {
-        let page = |(name, text): (_, &str)| Page { kind: kind.to_owned(), name, text: text.to_owned() };
+        let page =
+            |(name, text): (_, &str)| Explanation { kind: kind.to_owned(), name, text: text.to_owned() };
         pages.extend(words.into_iter().map(page));
     };
     add("Limits of a setpoint", Limit::ALL.iter().map(|code| (code.name(), code.sentence())).collect());
@@ -74,12 +75,12 @@ fn pages() -> Vec<Page> {
 }
 
 /// The pages of a file: its title says what they are, and each has a heading.
-fn sections(file: &'static str) -> impl Iterator<Item = Page> {
+fn sections(file: &'static str) -> impl Iterator<Item = Explanation> {
     let title = file.lines().next().unwrap_or_default().trim_start_matches("# ");
     let kind = title.split(':').next().unwrap_or_default();
     file.split("\n## ").skip(1).map(move |section| {
         let (name, text) = section.split_once('\n').unwrap_or((section, ""));
-        Page { kind: kind.to_owned(), name, text: text.trim().to_owned() }
+        Explanation { kind: kind.to_owned(), name, text: text.trim().to_owned() }
     })
 }
 

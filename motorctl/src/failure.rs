@@ -3,7 +3,7 @@
 use crate::demo::error::DemoError;
 use crate::exit_status;
 use motord_client::{Error, FaultError};
-use motord_direct::WireFailure;
+use motord_direct::DirectFailure;
 use motord_doctor::DoctorFailure;
 use motord_frame::FrameFailure;
 use motord_latency::LatencyFailure;
@@ -39,7 +39,7 @@ pub(crate) enum Failure {
     Recorder(#[from] RecorderFailure),
     /// A command on the bus failed, or was not confirmed.
     #[error(transparent)]
-    Wire(#[from] WireFailure),
+    Direct(#[from] DirectFailure),
     /// No fault was injected.
     #[error(transparent)]
     Sim(#[from] FaultError),
@@ -69,7 +69,7 @@ impl Failure {
             Self::Frame(failure) => failure.status(),
             Self::Latency(failure) => failure.status(),
             Self::Recorder(failure) => failure.status(),
-            Self::Wire(failure) => failure.status(),
+            Self::Direct(failure) => failure.status(),
             Self::Sim(FaultError::Daemon(error)) => exit_status::of_client(error),
             Self::Sim(FaultError::Refused(_)) => exit_status::USAGE,
             Self::Sim(_) => exit_status::UNAVAILABLE,
@@ -108,7 +108,7 @@ impl Failure {
         | Self::Frame(FrameFailure::Io(error))
         | Self::Latency(LatencyFailure::Output(error))
         | Self::Recorder(RecorderFailure::Output(error))
-        | Self::Wire(WireFailure::Output(error))) = self
+        | Self::Direct(DirectFailure::Output(error))) = self
         else {
             return false;
         };

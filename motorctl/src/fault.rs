@@ -10,7 +10,7 @@ use std::io::{self, Write};
 
 /// The object that `--json` prints.
 #[derive(Serialize)]
-struct Report {
+struct FaultReport {
     instance: String,
     /// Joints without a fault are not in it.
     joints: Vec<JointFaults>,
@@ -33,7 +33,7 @@ struct JointFaults {
 /// When no daemon answers, or the output cannot be written.
 pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
     let client = status::connect(instance)?;
-    let report = Report::new(&client, &client.wait(status::PATIENCE)?);
+    let report = FaultReport::new(&client, &client.wait(status::PATIENCE)?);
     let out = &mut io::stdout().lock();
     if as_json {
         json::write_line(out, &report)?;
@@ -59,7 +59,7 @@ pub(crate) fn get(instance: &str, joint: &str, as_json: bool) -> Result<(), Fail
     Ok(print_faults(joint, &faults.faults, faults.unknown_bits)?)
 }
 
-impl Report {
+impl FaultReport {
     fn new(client: &Client, state: &State) -> Self {
         let robot = client.description();
         let joints = robot.joints.iter().zip(state.joints());

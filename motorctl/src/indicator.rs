@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::status;
 use motord_client::Indicator;
-use motord_direct::{Indicators, WireFailure};
+use motord_direct::{DirectFailure, Indicators};
 
 /// Prints the indicators of a joint that are known.
 ///
@@ -21,8 +21,8 @@ pub(crate) fn run(instance: &str, asked: &Indicators) -> Result<(), Failure> {
     })
 }
 
-fn none_of(joint: &str) -> WireFailure {
-    WireFailure::Usage(format!(
+fn none_of(joint: &str) -> DirectFailure {
+    DirectFailure::Usage(format!(
         "the daemon knows no indicators of {joint}: it asks native motors, the first 16 of them, where `indicator-hz` is not 0"
     ))
 }

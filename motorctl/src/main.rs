@@ -25,7 +25,7 @@ mod watch;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use failure::Failure;
-use motord_direct as wire;
+use motord_direct as direct;
 use motord_doctor as doctor;
 use motord_frame as frame;
 use motord_latency as latency;
@@ -179,7 +179,7 @@ enum Command {
     ///
     /// Without a command it lists those of all joints, through the daemon.
     #[command(after_help = "Examples:\n  motorctl fault\n  motorctl fault --json | jq '.joints | length'")]
-    Fault(Faults),
+    Fault(FaultArguments),
     /// Store the present position of a stopped joint as its zero, in the motor itself.
     ///
     /// With --bus or --config the command goes to the wire, without a daemon; the motor stops.
@@ -191,14 +191,14 @@ enum Command {
         #[arg(value_name = "JOINT")]
         name: Option<String>,
         #[command(flatten)]
-        target: wire::Target,
+        target: direct::Target,
         #[command(flatten)]
-        zero: wire::Zero,
+        zero: direct::Zero,
         #[command(flatten)]
-        confirm: wire::Confirm,
+        confirm: direct::Confirm,
     },
     #[command(flatten)]
-    Wire(wire::Command),
+    Direct(direct::DirectCommand),
     /// Check this computer: is it fit for a real-time cycle, and which commands mend it?
     ///
     /// Reads what the kernel shows, and changes nothing without `--tune`. Then a thread that has what the daemon's cycle would have (SCHED_FIFO,
@@ -232,7 +232,7 @@ enum Command {
     Sim(sim::Sim),
     /// Decode and encode motor frames, without a daemon.
     #[command(subcommand)]
-    Frame(frame::Frame),
+    Frame(frame::FrameCommand),
     #[command(flatten)]
     Pages(Pages),
     #[command(hide = true)]
@@ -243,16 +243,16 @@ enum Command {
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true)]
-struct Faults {
+struct FaultArguments {
     #[command(subcommand)]
-    command: Option<Fault>,
+    command: Option<FaultCommand>,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, Subcommand)]
-enum Fault {
+enum FaultCommand {
     /// Read the faults of a motor.
     ///
     /// Through the daemon for a joint: those that it knows. With --bus or --config the command goes to the wire, without a daemon. There
@@ -265,7 +265,7 @@ enum Fault {
         #[arg(value_name = "JOINT")]
         name: Option<String>,
         #[command(flatten)]
-        reading: wire::Reading,
+        reading: direct::ReadArguments,
     },
     /// Clear the fault of a motor. The motor reports it again while its cause remains.
     ///
@@ -278,7 +278,7 @@ enum Fault {
         #[arg(value_name = "JOINT")]
         name: Option<String>,
         #[command(flatten)]
-        target: wire::Target,
+        target: direct::Target,
     },
 }
 
@@ -319,18 +319,18 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
         Command::Replay(arguments) => monitor::replay(&arguments),
         Command::Plot(arguments) => Ok(recorder::plot(&arguments)?),
         Command::Operate(command) => operate::run(instance, command),
-        Command::Fault(Faults { command: None, json }) => fault::list(instance, json),
-        Command::Fault(Faults { command: Some(Fault::Get { name, reading }), .. }) => {
+        Command::Fault(FaultArguments { command: None, json }) => fault::list(instance, json),
+        Command::Fault(FaultArguments { command: Some(FaultCommand::Get { name, reading }), .. }) => {
             get_fault(instance, name, &reading)
         }
-        Command::Fault(Faults { command: Some(Fault::Clear { name, target }), .. }) => {
+        Command::Fault(FaultArguments { command: Some(FaultCommand::Clear { name, target }), .. }) => {
             clear_fault(instance, name, &target)
         }
         Command::Zero { name, target, zero, confirm } => set_zero(instance, name, &target, zero, confirm),
-        Command::Wire(wire::Command::Indicator(asked)) if asked.joint().is_some() => {
+        Command::Direct(direct::DirectCommand::Indicator(asked)) if asked.joint().is_some() => {
             indicator::run(instance, &asked)
         }
-        Command::Wire(command) => Ok(wire::run(command)?),
+        Command::Direct(command) => Ok(direct::run(command)?),
         Command::Doctor(arguments) => Ok(doctor::run(&arguments)?),
         Command::Explain { name } => explain::run(name.as_deref()),
         Command::Sim(fault) => sim::run(instance, &fault),
@@ -344,20 +344,20 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
 }
 
 /// Through the daemon for a joint, on the wire for a motor of a bus.
-fn get_fault(instance: &str, name: Option<String>, reading: &wire::Reading) -> Result<(), Failure> {
+fn get_fault(instance: &str, name: Option<String>, reading: &direct::ReadArguments) -> Result<(), Failure> {
     match name {
         Some(joint) if !reading.target.is_given() => fault::get(instance, &joint, reading.json),
         Some(_) => Err(both()),
-        None => Ok(wire::get_fault(reading)?),
+        None => Ok(direct::get_fault(reading)?),
     }
 }
 
 /// Through the daemon for a joint, on the wire for a motor of a bus.
-fn clear_fault(instance: &str, name: Option<String>, target: &wire::Target) -> Result<(), Failure> {
+fn clear_fault(instance: &str, name: Option<String>, target: &direct::Target) -> Result<(), Failure> {
     match name {
         Some(joint) if !target.is_given() => operate::clear_fault(instance, &joint),
         Some(_) => Err(both()),
-        None => Ok(wire::clear_fault(target)?),
+        None => Ok(direct::clear_fault(target)?),
     }
 }
 
@@ -365,23 +365,23 @@ fn clear_fault(instance: &str, name: Option<String>, target: &wire::Target) -> R
 fn set_zero(
     instance: &str,
     name: Option<String>,
-    target: &wire::Target,
-    zero: wire::Zero,
-    confirm: wire::Confirm,
+    target: &direct::Target,
+    zero: direct::Zero,
+    confirm: direct::Confirm,
 ) -> Result<(), Failure> {
     match name {
         Some(_) if target.is_given() => Err(both()),
         Some(joint) if zero.at == 0.0 && !zero.force => operate::zero(instance, &joint, confirm),
-        Some(_) => Err(wire::WireFailure::Usage(
+        Some(_) => Err(direct::DirectFailure::Usage(
             "--at and --force are for the wire: use them with --config and --joint".into(),
         )
         .into()),
-        None => Ok(wire::zero(target, zero, confirm)?),
+        None => Ok(direct::zero(target, zero, confirm)?),
     }
 }
 
 fn both() -> Failure {
-    wire::WireFailure::Usage(
+    direct::DirectFailure::Usage(
         "JOINT is for the daemon, --bus for the wire: use --config and --joint for a joint on the wire"
             .into(),
     )

@@ -16,7 +16,7 @@ const UNKNOWN: &str = "unknown";
 
 /// The robot after one cycle, as `--json` prints it.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct RobotReport {
     pub(crate) instance: String,
     pub(crate) version: String,
     pub(crate) pid: u32,
@@ -54,12 +54,12 @@ pub(crate) struct GroupReport {
     /// Rejected setpoint messages by reason; only reasons that occurred.
     pub(crate) rejected: BTreeMap<&'static str, u32>,
     /// The latched stop; `null` when there is none.
-    pub(crate) stop: Option<Stop>,
+    pub(crate) stop: Option<StopReport>,
 }
 
 /// Why a group was stopped, and what helps.
 #[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct Stop {
+pub(crate) struct StopReport {
     pub(crate) cause: &'static str,
     pub(crate) sentence: &'static str,
     /// The joint that gave the cause.
@@ -96,7 +96,7 @@ impl From<&Process> for ProcessReport {
     }
 }
 
-impl Stop {
+impl StopReport {
     /// The joint that gave the cause, or the process that asked for the stop, in brackets after a space; else nothing.
     pub(crate) fn origin(&self) -> String {
         let joint = self.joint.clone();
@@ -166,7 +166,7 @@ pub(crate) struct BusReport {
     pub(crate) lost: u32,
 }
 
-impl Report {
+impl RobotReport {
     /// `state` with the names of `robot`.
     pub(crate) fn new(robot: &RobotDescription, state: &State) -> Self {
         let groups = robot.groups.iter().map(|group| group.name.as_str()).zip(state.groups());
@@ -302,7 +302,7 @@ impl GroupReport {
             accepted: group.accepted,
             late: group.late,
             rejected: rejected.filter(|(_, count)| *count > 0).collect(),
-            stop: group.latched.then(|| Stop::new(name, group, robot)),
+            stop: group.latched.then(|| StopReport::new(name, group, robot)),
         }
     }
 
@@ -320,7 +320,7 @@ impl GroupReport {
     }
 }
 
-impl Stop {
+impl StopReport {
     fn new(name: &str, group: &Group, robot: &RobotDescription) -> Self {
         let joint = group.cause_joint.and_then(|joint| robot.joints.get(joint)).map(|joint| &joint.name);
         let steps = Advice::new(group.cause, &robot.instance, name, joint.map(String::as_str));

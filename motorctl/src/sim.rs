@@ -25,7 +25,7 @@ pub(crate) struct Sim {
 
 /// The object that `--json` prints.
 #[derive(Serialize)]
-struct Report<'a> {
+struct InjectedFault<'a> {
     instance: &'a str,
     target: &'a str,
     fault: &'a str,
@@ -53,7 +53,7 @@ pub(crate) fn run(instance: &str, sim: &Sim) -> Result<(), Failure> {
     inject_fault(instance, &line)?;
     let out = &mut io::stdout().lock();
     if sim.json {
-        json::write_line(out, &Report { instance, target, fault, argument: argument.as_deref() })?;
+        json::write_line(out, &InjectedFault { instance, target, fault, argument: argument.as_deref() })?;
     } else if fault == "ok" {
         writeln!(out, "{target}: has no simulated fault any more")?;
     } else {

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::history::History;
-use crate::report::Report;
+use crate::report::RobotReport;
 use motord_client::{Client, Error};
 use motord_terminal::{Palette, json, printable};
 use std::io::{self, Write};
@@ -30,7 +30,7 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
 pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Failure> {
     let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;
-    let mut report = Report::new(&client.description(), &state);
+    let mut report = RobotReport::new(&client.description(), &state);
     report.name_programs(History::default().telemetry(&client, &state));
     let out = &mut io::stdout().lock();
     let troubles = if check { report.troubles() } else { Vec::new() };

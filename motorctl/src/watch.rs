@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::history::History;
-use crate::report::Report;
+use crate::report::RobotReport;
 use crate::status;
 use motord_client::{Client, State};
 use motord_terminal::{Absence, Interrupt, Palette, json, within};
@@ -60,7 +60,7 @@ impl Output {
 
     fn show(&mut self, client: &Client, state: &State) -> Result<(), Failure> {
         self.absence.end();
-        let mut report = Report::new(&client.description(), state);
+        let mut report = RobotReport::new(&client.description(), state);
         report.name_programs(self.history.telemetry(client, state));
         let mut text = Vec::new();
         if self.as_json {

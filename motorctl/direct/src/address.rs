@@ -1,7 +1,7 @@
 //! `motorctl id` and `motorctl protocol`: how a motor is reached.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::memory::{outcome_of, text};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target, parse_host_id, parse_id};
@@ -51,14 +51,14 @@ impl Arguments {
 }
 
 /// `motorctl id`: shows or changes the address of a motor.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     if let (Some(id), Some(host_id)) = (arguments.set_id, arguments.set_host_id)
         && u16::from(id) == host_id.raw()
     {
         let usage = "id and host id must differ: two nodes would send frames with one id".to_owned();
-        return Err(WireFailure::Usage(usage));
+        return Err(DirectFailure::Usage(usage));
     }
-    let mut session = arguments.target.open_native()?;
+    let mut session = arguments.target.open_gim()?;
     let present = read(&mut session)?;
     if arguments.changes_nothing() {
         return show(&session, &present, arguments.json);
@@ -68,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
 }
 
 /// `motorctl protocol`: changes the protocol over CAN.
-pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Result<(), WireFailure> {
+pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     if session.protocol == to && session.line.link.wire() == Wire::Can {
         return print_line(&format!("{}: speaks this protocol already", session.name()));
@@ -86,7 +86,7 @@ type Values = Vec<(&'static ConfigurationItem, Value)>;
 
 fn read(session: &mut Session) -> Result<Values, Error> {
     let items = [CAN_ID, HOST_ID, PROTOCOL, BAUD].into_iter().filter_map(ConfigurationItem::by_name);
-    let mut motor = session.native();
+    let mut motor = session.gim();
     items.map(|item| Ok((item, motor.configuration(item.key())?))).collect()
 }
 
@@ -109,7 +109,7 @@ const fn protocol_number(protocol: Protocol) -> i32 {
     }
 }
 
-fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<Values, WireFailure> {
+fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<Values, DirectFailure> {
     let mut wanted = present.clone();
     if let Some(id) = arguments.set_id {
         wanted = with(&wanted, CAN_ID, id.into());
@@ -147,7 +147,7 @@ fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
     i32::try_from(rate / unit).map_err(|error| error.to_string())
 }
 
-fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), WireFailure> {
+fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
     struct Address {
         id: i32,
@@ -167,13 +167,13 @@ fn show(session: &Session, present: &Values, as_json: bool) -> Result<(), WireFa
     ))
 }
 
-fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<(), WireFailure> {
+fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<(), DirectFailure> {
     let (name, wire) = (session.name(), session.line.link.wire());
     if changes.is_empty() {
         return print_line(&format!("{name}: nothing differs"));
     }
     let apply = Apply { changes };
-    apply.check(&mut session.native())?;
+    apply.check(&mut session.gim())?;
     let described: Vec<String> = changes
         .iter()
         .map(|change| format!("{} from {} to {}", change.item.name, text(change.from), text(change.to)))
@@ -189,7 +189,7 @@ fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<
         "This permanently changes {} of {name}. Connect it alone: every motor with this id would change.{way_back}",
         described.join(", ")
     ))?;
-    let written = apply.run(&mut session.native(), &mut |event| {
+    let written = apply.run(&mut session.gim(), &mut |event| {
         if let Event::Written(change, confirmation) = event {
             print_line(&format!(
                 "{name}: {} was {}, {}",
@@ -198,10 +198,10 @@ fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<
                 outcome_of(confirmation)
             ))?;
         }
-        Ok::<(), WireFailure>(())
+        Ok::<(), DirectFailure>(())
     });
     written.map_err(|failed| match failed {
-        Failed::Motor { source, .. } => WireFailure::Motor(source),
+        Failed::Motor { source, .. } => DirectFailure::Motor(source),
         Failed::Journal(failure) => failure,
     })
 }

@@ -1,6 +1,6 @@
 //! Asking before something that cannot be taken back.
 
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use motord_terminal::printable;
 use std::io::{self, BufRead, IsTerminal, Write};
 
@@ -17,18 +17,18 @@ impl Confirm {
     ///
     /// # Errors
     ///
-    /// [`WireFailure::Unconfirmed`] when nobody can be asked, [`WireFailure::Declined`].
-    pub fn ask(self, effect: &str) -> Result<(), WireFailure> {
+    /// [`DirectFailure::Unconfirmed`] when nobody can be asked, [`DirectFailure::Declined`].
+    pub fn ask(self, effect: &str) -> Result<(), DirectFailure> {
         if self.yes {
             return Ok(());
         }
         if !io::stdin().is_terminal() {
-            return Err(WireFailure::Unconfirmed { warning: effect.to_owned() });
+            return Err(DirectFailure::Unconfirmed { warning: effect.to_owned() });
         }
         eprint!("{}\nType yes to go on: ", printable(effect));
         let _flushed = io::stderr().flush();
         let mut answer = String::new();
         let read = io::stdin().lock().read_line(&mut answer);
-        if read.is_ok() && answer.trim() == "yes" { Ok(()) } else { Err(WireFailure::Declined) }
+        if read.is_ok() && answer.trim() == "yes" { Ok(()) } else { Err(DirectFailure::Declined) }
     }
 }

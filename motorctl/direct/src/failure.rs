@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 /// Why a command on the bus failed.
 #[derive(Debug, thiserror::Error)]
-pub enum WireFailure {
+pub enum DirectFailure {
     /// The call is wrong. Nothing was sent.
     #[error("{0}")]
     Usage(String),
@@ -92,7 +92,7 @@ pub enum WireFailure {
     },
 }
 
-impl WireFailure {
+impl DirectFailure {
     /// The exit status, of sysexits(3).
     pub fn status(&self) -> u8 {
         match self {

@@ -1,7 +1,7 @@
 //! `motorctl config dump|diff|apply|reset`: the whole configuration of a motor, and a file.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::journal::Journal;
 use crate::memory::{effective, parse_item, read, text};
 use crate::output::print_line;
@@ -35,8 +35,8 @@ struct Document {
 }
 
 /// `motorctl config dump`: to a new file, or to standard output.
-pub(crate) fn dump(target: &Target, file: Option<&Path>, force: bool) -> Result<(), WireFailure> {
-    let mut session = target.open_native()?;
+pub(crate) fn dump(target: &Target, file: Option<&Path>, force: bool) -> Result<(), DirectFailure> {
+    let mut session = target.open_gim()?;
     let text = document(&mut session)?;
     let Some(path) = file else { return Ok(io::stdout().write_all(text.as_bytes())?) };
     let mut options = OpenOptions::new();
@@ -45,13 +45,13 @@ pub(crate) fn dump(target: &Target, file: Option<&Path>, force: bool) -> Result<
         file.write_all(text.as_bytes())?;
         file.sync_all()
     });
-    written.map_err(|source| WireFailure::File { path: path.to_owned(), source })?;
+    written.map_err(|source| DirectFailure::File { path: path.to_owned(), source })?;
     print_line(&format!("{}: configuration written to {}", session.name(), path.display()))
 }
 
 fn document(session: &mut Session) -> Result<String, Error> {
     let (id, bus) = (session.id, session.line.name.clone());
-    let mut motor = session.native();
+    let mut motor = session.gim();
     let firmware = motor.version()?;
     let mut text = format!(
         "# The configuration of a motor, read by `motorctl config dump`. `motorctl config apply` writes it back.\n\n\
@@ -76,10 +76,10 @@ fn document(session: &mut Session) -> Result<String, Error> {
 }
 
 /// Reads a file, completely, before anything is written to a motor.
-fn load(path: &Path) -> Result<Values, WireFailure> {
-    let malformed = |reason: String| WireFailure::Malformed { path: path.to_owned(), reason };
+fn load(path: &Path) -> Result<Values, DirectFailure> {
+    let malformed = |reason: String| DirectFailure::Malformed { path: path.to_owned(), reason };
     let text = motord_configuration::text(path).map_err(|problem| match problem.wrong {
-        Wrong::Unreadable(source) => WireFailure::File { path: path.to_owned(), source },
+        Wrong::Unreadable(source) => DirectFailure::File { path: path.to_owned(), source },
         wrong => malformed(wrong.to_string()),
     })?;
     let document: Document = toml::from_str(&text).map_err(|error| malformed(error.to_string()))?;
@@ -106,7 +106,7 @@ fn value_of(item: &ConfigurationItem, value: &toml::Value) -> Result<Value, Stri
 
 /// The present values of the items of `wanted`.
 fn present(session: &mut Session, wanted: &Values) -> Result<Values, Error> {
-    let mut motor = session.native();
+    let mut motor = session.gim();
     wanted.iter().map(|(item, _)| Ok((*item, motor.configuration(item.key())?))).collect()
 }
 
@@ -136,15 +136,15 @@ fn print(changes: &[Change], as_json: bool) -> io::Result<()> {
 }
 
 /// `motorctl config diff`: as `diff` does, the exit status is 1 when something differs.
-pub(crate) fn diff(target: &Target, file: &Path, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn diff(target: &Target, file: &Path, as_json: bool) -> Result<(), DirectFailure> {
     let wanted = load(file)?;
-    let mut session = target.open_native()?;
+    let mut session = target.open_gim()?;
     let present = present(&mut session, &wanted)?;
     let changes = changes(&present, &wanted);
     print(&changes, as_json)?;
     match changes.len() {
         0 => Ok(()),
-        count => Err(WireFailure::Differs { count }),
+        count => Err(DirectFailure::Differs { count }),
     }
 }
 
@@ -154,16 +154,16 @@ pub(crate) fn apply(
     file: &Path,
     journal: Option<&Path>,
     confirm: Confirm,
-) -> Result<(), WireFailure> {
+) -> Result<(), DirectFailure> {
     let wanted = load(file)?;
-    let mut session = target.open_native()?;
+    let mut session = target.open_gim()?;
     let present = present(&mut session, &wanted)?;
     let changes = changes(&present, &wanted);
     let (name, apply) = (session.name(), Apply { changes: &changes });
     if changes.is_empty() {
         return print_line(&format!("{name}: nothing differs"));
     }
-    apply.check(&mut session.native())?;
+    apply.check(&mut session.gim())?;
     print(&changes, false)?;
     let mut journal = Journal::open(file, journal)?;
     if let Some(unfinished) = journal.unfinished() {
@@ -175,7 +175,7 @@ pub(crate) fn apply(
         journal.path().display()
     ))?;
     journal.begin(&name, &changes)?;
-    match apply.run(&mut session.native(), &mut |event| journal.note(&event)) {
+    match apply.run(&mut session.gim(), &mut |event| journal.note(&event)) {
         Ok(()) => {
             journal.end("done")?;
             print_line(&format!("{name}: {} items written, each read back", changes.len()))
@@ -184,14 +184,14 @@ pub(crate) fn apply(
         Err(failed @ Failed::Motor { .. }) => {
             let reason = failed.to_string();
             journal.end(&reason)?;
-            Err(WireFailure::Apply { reason, journal: journal.path().to_owned() })
+            Err(DirectFailure::Apply { reason, journal: journal.path().to_owned() })
         }
     }
 }
 
 /// `motorctl config reset`: every item becomes the default, the link's among them.
-pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
-    let mut session = target.open_native()?;
+pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), DirectFailure> {
+    let mut session = target.open_gim()?;
     let (name, id) = (session.name(), session.id);
     let link = &mut session.line.link;
     if id != FACTORY_ID && is_taken(link, FACTORY_ID)? {
@@ -203,7 +203,7 @@ pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), WireFailure
          position and motor constants. Save them first with `motorctl config dump`, and connect it alone: the defaults are in \
          no document."
     ))?;
-    session.native().reset_configuration()?;
+    session.gim().reset_configuration()?;
     for place in [FACTORY_ID, id] {
         if let Some(found) = identify(&mut session.line.link, place)? {
             if found.family == Family::Native {

@@ -1,6 +1,6 @@
 //! `motorctl scan` and `motorctl ping`.
 
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{self, OpenLine, Target};
 use motord_bus::FrameId;
@@ -39,7 +39,7 @@ fn parse_ids(text: &str) -> Result<RangeInclusive<u8>, String> {
 }
 
 #[derive(Serialize)]
-struct Motor<'a> {
+struct ScannedMotor<'a> {
     bus: &'a str,
     id: u8,
     host_id: Option<u16>,
@@ -49,7 +49,7 @@ struct Motor<'a> {
     answer: Option<String>,
 }
 
-impl<'a> Motor<'a> {
+impl<'a> ScannedMotor<'a> {
     fn new(bus: &'a str, found: &Found) -> Self {
         let (protocol, answer) = match found.family {
             Family::Native => ("gim", None),
@@ -70,21 +70,21 @@ impl<'a> Motor<'a> {
 }
 
 #[derive(Serialize)]
-struct Scanned<'a> {
-    motors: Vec<Motor<'a>>,
+struct ScanOutput<'a> {
+    motors: Vec<ScannedMotor<'a>>,
     notes: Vec<String>,
 }
 
 /// `motorctl scan`: the motors of some buses.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     if let Some(bus) =
         arguments.buses.iter().enumerate().find(|(at, bus)| arguments.buses[..*at].contains(bus))
     {
-        return Err(WireFailure::Usage(format!("--bus {} is given twice", bus.1)));
+        return Err(DirectFailure::Usage(format!("--bus {} is given twice", bus.1)));
     }
     let interrupt = Interrupt::register();
     let opened = arguments.buses.iter().map(|bus| target::open(bus, arguments.baud));
-    let lines = opened.collect::<Result<Vec<OpenLine>, WireFailure>>()?;
+    let lines = opened.collect::<Result<Vec<OpenLine>, DirectFailure>>()?;
     let settings = Scan { ids: arguments.ids.clone(), in_fault: arguments.in_fault, ..Scan::default() };
     let (sender, receiver) = mpsc::channel();
     let reports = std::thread::scope(|scope| {
@@ -131,14 +131,15 @@ fn show_progress(receiver: &Receiver<Progress>, ids: &RangeInclusive<u8>, buses:
     }
 }
 
-fn print(buses: &[String], reports: &[Report], as_json: bool) -> Result<(), WireFailure> {
+fn print(buses: &[String], reports: &[Report], as_json: bool) -> Result<(), DirectFailure> {
     let named = || buses.iter().zip(reports);
-    let motors: Vec<Motor<'_>> =
-        named().flat_map(|(bus, report)| report.found.iter().map(|found| Motor::new(bus, found))).collect();
+    let motors: Vec<ScannedMotor<'_>> = named()
+        .flat_map(|(bus, report)| report.found.iter().map(|found| ScannedMotor::new(bus, found)))
+        .collect();
     let notes: Vec<String> = named().flat_map(|(bus, report)| notes(bus, report)).collect();
     let out = &mut io::stdout().lock();
     if as_json {
-        return Ok(json::write_line(out, &Scanned { motors, notes })?);
+        return Ok(json::write_line(out, &ScanOutput { motors, notes })?);
     }
     let mut table = Table::new(&["bus", "id", "host id", "protocol", "driver"]);
     for motor in &motors {
@@ -182,7 +183,7 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
 }
 
 /// `motorctl ping`: whether a motor answers, how, and how fast.
-pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
     struct Ping<'a> {
         bus: &'a str,
@@ -195,7 +196,7 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), WireFailure> {
     let begun = session.line.link.now();
     let protocol = match session.protocol {
         target::Protocol::Mit => session.mit().stop().map(|_| "mit"),
-        target::Protocol::Gim => session.native().version().map(|_| "gim"),
+        target::Protocol::Gim => session.gim().version().map(|_| "gim"),
     }?;
     let elapsed = session.line.link.now().since(begun);
     let host_id = session.host_id.map(FrameId::raw);

@@ -1,7 +1,7 @@
 //! `motorctl jog`: a joint moves slowly while a key is held.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::guard::StopOnDrop;
 use crate::motion::{Jogged, PERIOD, ranged};
 use crate::output::print_line;
@@ -44,10 +44,10 @@ pub struct Arguments {
 }
 
 /// `motorctl jog`.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
+pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     if arguments.seconds.is_none() && !io::stdin().is_terminal() {
         let usage = "holding a key needs a terminal: use --seconds elsewhere";
-        return Err(WireFailure::Usage(usage.to_owned()));
+        return Err(DirectFailure::Usage(usage.to_owned()));
     }
     let named = arguments.name.as_ref().map(|joint| arguments.target.named(joint));
     let mut session = named.as_ref().unwrap_or(&arguments.target).open()?;
@@ -73,7 +73,7 @@ fn hold_to_run(
     allowed: [f64; 2],
     arguments: &Arguments,
     interrupt: &Interrupt,
-) -> Result<f64, WireFailure> {
+) -> Result<f64, DirectFailure> {
     let mut hand = Hand::new(arguments);
     let mut position = begin;
     while let Some(direction) = hand.direction()
@@ -89,7 +89,7 @@ fn hold_to_run(
         let [at, speed] = motor.follow(velocity)?;
         position = at;
         if (at - begin).abs() > 1.2 * arguments.max_travel_rad || speed.abs() > 3.0 * arguments.rad_s + 1.0 {
-            return Err(WireFailure::Unfit {
+            return Err(DirectFailure::Unfit {
                 id: motor.id(),
                 reason: "it moved beyond its bounds, and was stopped".to_owned(),
             });

@@ -1,6 +1,6 @@
 //! The journal of `motorctl config apply`: each write to a motor is in it, on disk, before it is sent.
 
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use motord_commissioning::{Change, Confirmation, Event};
 use serde_json::{Value as Json, json};
 use std::fs::{File, OpenOptions};
@@ -19,7 +19,7 @@ pub(crate) struct Journal {
 
 impl Journal {
     /// Opens the journal of `file`: `FILE.journal`, or `path`.
-    pub(crate) fn open(file: &Path, path: Option<&Path>) -> Result<Self, WireFailure> {
+    pub(crate) fn open(file: &Path, path: Option<&Path>) -> Result<Self, DirectFailure> {
         let path = path.map_or_else(
             || {
                 let mut name = file.as_os_str().to_owned();
@@ -28,7 +28,7 @@ impl Journal {
             },
             Path::to_owned,
         );
-        let failed = |source| WireFailure::File { path: path.clone(), source };
+        let failed = |source| DirectFailure::File { path: path.clone(), source };
         let text = std::fs::read_to_string(&path).unwrap_or_default();
         let last = text
             .lines()
@@ -49,13 +49,13 @@ impl Journal {
         (last["event"] != "end").then(|| last.to_string())
     }
 
-    pub(crate) fn begin(&mut self, motor: &str, changes: &[Change]) -> Result<(), WireFailure> {
+    pub(crate) fn begin(&mut self, motor: &str, changes: &[Change]) -> Result<(), DirectFailure> {
         let items: Vec<&str> = changes.iter().map(|change| change.item.name).collect();
         self.append(json!({ "event": "begin", "motor": motor, "items": items }))
     }
 
     /// On disk before this returns.
-    pub(crate) fn note(&mut self, event: &Event) -> Result<(), WireFailure> {
+    pub(crate) fn note(&mut self, event: &Event) -> Result<(), DirectFailure> {
         let item = |event: &str, change: &Change| {
             json!({
                 "event": event,
@@ -80,18 +80,18 @@ impl Journal {
         })
     }
 
-    pub(crate) fn end(&mut self, outcome: &str) -> Result<(), WireFailure> {
+    pub(crate) fn end(&mut self, outcome: &str) -> Result<(), DirectFailure> {
         self.append(json!({ "event": "end", "outcome": outcome }))
     }
 
-    fn append(&mut self, mut line: Json) -> Result<(), WireFailure> {
+    fn append(&mut self, mut line: Json) -> Result<(), DirectFailure> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         line["unix_s"] = since.as_secs().into();
         // A line that was cut off by a power cut ends here.
         let start = if std::mem::take(&mut self.is_cut) { "\n" } else { "" };
         let text = format!("{start}{line}\n");
         let written = self.file.write_all(text.as_bytes()).and_then(|()| self.file.sync_data());
-        written.map_err(|source| WireFailure::File { path: self.path.clone(), source })
+        written.map_err(|source| DirectFailure::File { path: self.path.clone(), source })
     }
 }
 

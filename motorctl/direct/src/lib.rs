@@ -21,7 +21,7 @@ mod target;
 mod zero;
 
 pub use confirm::Confirm;
-pub use failure::WireFailure;
+pub use failure::DirectFailure;
 pub use status::{Indicators, NamedFault, clear_fault, print_faults};
 pub use target::Target;
 pub use zero::{Arguments as Zero, run as zero};
@@ -34,7 +34,7 @@ use target::Protocol;
 
 /// The commands on a bus.
 #[derive(Debug, Subcommand)]
-pub enum Command {
+pub enum DirectCommand {
     /// Find the motors of one or several buses, without moving one.
     ///
     /// Motors in MIT mode stop. Nothing is sent that moves a motor or changes one, whatever protocol it speaks. Motors that have
@@ -202,7 +202,7 @@ pub enum Command {
     #[command(after_help = "Example:\n  motorctl calibrate encoder --bus can0 --id 3 --yes")]
     Calibrate {
         /// The part that is calibrated.
-        what: service::Kind,
+        what: service::CalibrationPart,
         /// The motor.
         #[command(flatten)]
         target: Target,
@@ -261,11 +261,11 @@ pub enum ConfigCommand {
         item: &'static ConfigurationItem,
         /// The motor, and how it is printed.
         #[command(flatten)]
-        output: Reading,
+        output: ReadArguments,
     },
     /// Read all items.
     #[command(after_help = "Example:\n  motorctl config list --bus can0 --id 3")]
-    List(Reading),
+    List(ReadArguments),
     /// Change one item, and read it back.
     #[command(after_help = "Example:\n  motorctl config set over-voltage 52 --bus can0 --id 3 --yes")]
     Set {
@@ -303,7 +303,7 @@ pub enum ConfigCommand {
         file: PathBuf,
         /// The motor, and how it is printed.
         #[command(flatten)]
-        output: Reading,
+        output: ReadArguments,
     },
     /// Write what differs from a file, item by item, each read back. It stops at the first refusal.
     #[command(
@@ -336,7 +336,7 @@ pub enum ConfigCommand {
 
 /// A motor that is only read.
 #[derive(Debug, Args)]
-pub struct Reading {
+pub struct ReadArguments {
     /// The motor.
     #[command(flatten)]
     pub target: Target,
@@ -346,39 +346,39 @@ pub struct Reading {
 }
 
 /// `motorctl fault get`.
-pub fn get_fault(reading: &Reading) -> Result<(), WireFailure> {
+pub fn get_fault(reading: &ReadArguments) -> Result<(), DirectFailure> {
     status::fault(&reading.target, reading.json)
 }
 
 /// Runs a command on the bus.
-pub fn run(command: Command) -> Result<(), WireFailure> {
+pub fn run(command: DirectCommand) -> Result<(), DirectFailure> {
     match command {
-        Command::Scan(arguments) => find::run(&arguments),
-        Command::Ping { target, json } => find::ping(&target, json),
-        Command::Id(arguments) => address::run(&arguments),
-        Command::Version { target, json } => status::version(&target, json),
-        Command::Start { target, confirm } => status::start(&target, confirm),
-        Command::Stop { target, control } => status::stop(&target, control),
-        Command::Torque { torque, max_nm, target, bounds } => {
+        DirectCommand::Scan(arguments) => find::run(&arguments),
+        DirectCommand::Ping { target, json } => find::ping(&target, json),
+        DirectCommand::Id(arguments) => address::run(&arguments),
+        DirectCommand::Version { target, json } => status::version(&target, json),
+        DirectCommand::Start { target, confirm } => status::start(&target, confirm),
+        DirectCommand::Stop { target, control } => status::stop(&target, control),
+        DirectCommand::Torque { torque, max_nm, target, bounds } => {
             motion::torque(&target, torque, max_nm, &bounds)
         }
-        Command::Speed { speed, target, bounds } => motion::run(&target, Goal::Speed(speed), &bounds),
-        Command::Position { position, target, bounds } => {
+        DirectCommand::Speed { speed, target, bounds } => motion::run(&target, Goal::Speed(speed), &bounds),
+        DirectCommand::Position { position, target, bounds } => {
             motion::run(&target, Goal::Position(position), &bounds)
         }
-        Command::Pts => service::pts(),
-        Command::Jog(arguments) => jog::run(&arguments),
-        Command::Indicator(arguments) => status::indicators(&arguments),
-        Command::Setup(arguments) => setup::run(&arguments),
-        Command::Parameter(command) => parameter(command),
-        Command::Config(command) => config(command),
-        Command::Protocol { to, target, confirm } => address::protocol(&target, to, confirm),
-        Command::Calibrate { what, target, confirm } => service::calibrate(&target, what, confirm),
-        Command::FirmwareMode(arguments) => service::firmware_mode(&arguments),
+        DirectCommand::Pts => service::pts(),
+        DirectCommand::Jog(arguments) => jog::run(&arguments),
+        DirectCommand::Indicator(arguments) => status::indicators(&arguments),
+        DirectCommand::Setup(arguments) => setup::run(&arguments),
+        DirectCommand::Parameter(command) => parameter(command),
+        DirectCommand::Config(command) => config(command),
+        DirectCommand::Protocol { to, target, confirm } => address::protocol(&target, to, confirm),
+        DirectCommand::Calibrate { what, target, confirm } => service::calibrate(&target, what, confirm),
+        DirectCommand::FirmwareMode(arguments) => service::firmware_mode(&arguments),
     }
 }
 
-fn parameter(command: ParameterCommand) -> Result<(), WireFailure> {
+fn parameter(command: ParameterCommand) -> Result<(), DirectFailure> {
     match command {
         ParameterCommand::Get { parameter, target, json } => memory::get_parameter(&target, parameter, json),
         ParameterCommand::Set { parameter, value, target, confirm } => {
@@ -387,7 +387,7 @@ fn parameter(command: ParameterCommand) -> Result<(), WireFailure> {
     }
 }
 
-fn config(command: ConfigCommand) -> Result<(), WireFailure> {
+fn config(command: ConfigCommand) -> Result<(), DirectFailure> {
     match command {
         ConfigCommand::Get { item, output } => memory::get(&output.target, Some(item), output.json),
         ConfigCommand::List(output) => memory::get(&output.target, None, output.json),

@@ -1,7 +1,7 @@
 //! `motorctl parameter` and `motorctl config get|set|list`: what a motor stores, item by item.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Target, number};
 use motord_commissioning::{Apply, Change, Confirmation, Error, Native, check_value};
@@ -62,14 +62,14 @@ pub(crate) fn get_parameter(
     target: &Target,
     parameter: Option<&'static Parameter>,
     as_json: bool,
-) -> Result<(), WireFailure> {
+) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
     struct Stored {
         name: &'static str,
         value: u32,
     }
-    let mut session = target.open_native()?;
-    let mut motor = session.native();
+    let mut session = target.open_gim()?;
+    let mut motor = session.gim();
     let wanted = PARAMETERS.iter().filter(|row| parameter.is_none_or(|parameter| parameter.id == row.id));
     let read = wanted.map(|row| Ok(Stored { name: row.name, value: motor.parameter(row.id)? }));
     let stored = read.collect::<Result<Vec<_>, Error>>()?;
@@ -88,10 +88,10 @@ pub(crate) fn set_parameter(
     parameter: &'static Parameter,
     value: u32,
     confirm: Confirm,
-) -> Result<(), WireFailure> {
-    let mut session = target.open_native()?;
+) -> Result<(), DirectFailure> {
+    let mut session = target.open_gim()?;
     let name = session.name();
-    let mut motor = session.native();
+    let mut motor = session.gim();
     let before = motor.parameter(parameter.id)?;
     confirm.ask(&format!(
         "This changes {} of {name} from {before} to {value}, at once, until it is powered off. A gain that is too high makes \
@@ -111,7 +111,7 @@ enum Number {
 }
 
 #[derive(Serialize)]
-struct Row {
+struct ItemRow {
     name: &'static str,
     value: Option<Number>,
     #[serde(skip)]
@@ -123,7 +123,7 @@ struct Row {
     effective: &'static str,
 }
 
-impl Row {
+impl ItemRow {
     fn new(item: &'static ConfigurationItem, read: Result<Value, Refusal>) -> Self {
         Self {
             name: item.name,
@@ -158,12 +158,12 @@ pub(crate) fn get(
     target: &Target,
     item: Option<&'static ConfigurationItem>,
     as_json: bool,
-) -> Result<(), WireFailure> {
-    let mut session = target.open_native()?;
-    let mut motor = session.native();
+) -> Result<(), DirectFailure> {
+    let mut session = target.open_gim()?;
+    let mut motor = session.gim();
     let mut rows = Vec::new();
     for row in CONFIGURATION.iter().filter(|row| item.is_none_or(|item| item.key() == row.key())) {
-        rows.push(Row::new(row, read(&mut motor, row)?));
+        rows.push(ItemRow::new(row, read(&mut motor, row)?));
     }
     let out = &mut io::stdout().lock();
     match (as_json, item) {
@@ -193,15 +193,15 @@ pub(crate) fn set(
     item: &'static ConfigurationItem,
     value: &str,
     confirm: Confirm,
-) -> Result<(), WireFailure> {
-    let value = parse_value(item, value).map_err(WireFailure::Usage)?;
+) -> Result<(), DirectFailure> {
+    let value = parse_value(item, value).map_err(DirectFailure::Usage)?;
     if item.access == Access::ReadOnly {
         let usage = format!("{} can only be read (GIM document, Table 7)", item.name);
-        return Err(WireFailure::Usage(usage));
+        return Err(DirectFailure::Usage(usage));
     }
-    let mut session = target.open_native()?;
+    let mut session = target.open_gim()?;
     let name = session.name();
-    let mut motor = session.native();
+    let mut motor = session.gim();
     let before = motor.configuration(item.key())?;
     Apply { changes: &[Change { item, from: before, to: value }] }.check(&mut motor)?;
     confirm.ask(&format!(

@@ -5,7 +5,7 @@
 //! Ctrl-C, and beyond a bound the motor is stopped.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::guard::{Stop, StopOnDrop};
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
@@ -77,32 +77,32 @@ impl Goal {
 }
 
 /// `motorctl torque`: more than `most`, N·m, is refused.
-pub(crate) fn torque(target: &Target, torque: f64, most: f64, bounds: &Bounds) -> Result<(), WireFailure> {
+pub(crate) fn torque(target: &Target, torque: f64, most: f64, bounds: &Bounds) -> Result<(), DirectFailure> {
     if torque.abs() > most {
-        return Err(WireFailure::Usage(format!("a torque of {torque} N·m is beyond --max-nm {most}")));
+        return Err(DirectFailure::Usage(format!("a torque of {torque} N·m is beyond --max-nm {most}")));
     }
     run(target, Goal::Torque(torque), bounds)
 }
 
 /// `motorctl torque`, `speed` and `position`.
-pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), WireFailure> {
+pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), DirectFailure> {
     if let Goal::Speed(speed) = goal
         && speed.abs() > bounds.max_rad_s
     {
         let usage = format!("a speed of {speed} rad/s is beyond --max-rad-s {}", bounds.max_rad_s);
-        return Err(WireFailure::Usage(usage));
+        return Err(DirectFailure::Usage(usage));
     }
-    let mut session = target.open_native()?;
+    let mut session = target.open_gim()?;
     check_limits(&session, goal)?;
     let (name, allowed) = (session.name(), session.allowed());
-    let state = follow(session.native(), &name, goal, bounds, allowed)?;
+    let state = follow(session.gim(), &name, goal, bounds, allowed)?;
     let [position, velocity, torque] = state;
     let torque = if torque.is_nan() { String::new() } else { format!(", {torque:.2} N·m") };
     print_line(&format!("{name}: stopped; last at {position:.3} rad, {velocity:.2} rad/s{torque}"))
 }
 
 /// The goal is within the limits of the joint, where a configuration tells them.
-fn check_limits(session: &Session, goal: Goal) -> Result<(), WireFailure> {
+fn check_limits(session: &Session, goal: Goal) -> Result<(), DirectFailure> {
     let Some(limits) = session.settings.as_ref().map(|settings| &settings.limits) else { return Ok(()) };
     let (value, [low, high]) = match goal {
         Goal::Torque(torque) => (torque, [-f64::from(limits.torque), f64::from(limits.torque)]),
@@ -113,7 +113,7 @@ fn check_limits(session: &Session, goal: Goal) -> Result<(), WireFailure> {
         return Ok(());
     }
     let goal = goal.describe();
-    Err(WireFailure::Usage(format!("{goal} is outside of the limits of the joint, {low:.3} to {high:.3}")))
+    Err(DirectFailure::Usage(format!("{goal} is outside of the limits of the joint, {low:.3} to {high:.3}")))
 }
 
 /// Asks for consent, starts the motor, follows `goal`, and stops it. Returns the last state.
@@ -123,7 +123,7 @@ fn follow(
     goal: Goal,
     bounds: &Bounds,
     allowed: [f64; 2],
-) -> Result<[f64; 3], WireFailure> {
+) -> Result<[f64; 3], DirectFailure> {
     let [constant, ratio] = motor.read_scales()?;
     let begin = f64::from(motor.indicator(Indicator::SHAFT_ANGLE)?);
     if let Goal::Position(position) = goal
@@ -133,7 +133,7 @@ fn follow(
             "{position} rad is more than --max-travel-rad {} away from {begin:.3} rad",
             bounds.max_travel_rad
         );
-        return Err(WireFailure::Usage(far));
+        return Err(DirectFailure::Usage(far));
     }
     bounds.confirm.ask(&format!(
         "This starts {name} (torque constant {constant} N·m/A, gear ratio {ratio}, at {begin:.3} rad) and commands {} for {} s.\n\
@@ -157,7 +157,7 @@ fn follow(
                 "stopped at a bound: turned {travel:.3} rad, {:.2} rad/s, at {position:.3} rad",
                 velocity.abs()
             );
-            return Err(WireFailure::Unfit { id: motor.address().id, reason });
+            return Err(DirectFailure::Unfit { id: motor.address().id, reason });
         }
         interrupt.pause_until(Instant::now() + PERIOD);
         state = match goal {
@@ -172,10 +172,10 @@ fn follow(
 
 /// Sends the goal. Returns position, rad, velocity, rad/s, and torque, N·m, from the answer. The duration of a position command is
 /// half of the time: no document says whether the motor reaches the position in it, or holds it for so long.
-fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3], WireFailure> {
+fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3], DirectFailure> {
     let finite = |value: f64| {
         Finite::new(value as f32)
-            .ok_or_else(|| WireFailure::Usage(format!("{value} does not fit into a frame")))
+            .ok_or_else(|| DirectFailure::Usage(format!("{value} does not fit into a frame")))
     };
     let half = ExecutionTime::from_millis((seconds * 500.0) as u32).unwrap_or(LASTS);
     let State { position, velocity, torque, .. } = match goal {
@@ -187,7 +187,7 @@ fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3],
 }
 
 /// The same three, read without a new command. The torque is not among the indicators.
-fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], WireFailure> {
+fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], DirectFailure> {
     let position = motor.indicator(Indicator::SHAFT_ANGLE)?;
     let velocity = motor.indicator(Indicator::SHAFT_SPEED)? / RPM;
     Ok([f64::from(position), f64::from(velocity), f64::NAN])
@@ -216,7 +216,7 @@ impl<'s> Jogged<'s> {
                 motor.start()?.position
             }
             Protocol::Gim => {
-                let mut motor = self.session.native();
+                let mut motor = self.session.gim();
                 motor.read_scales()?;
                 let at = motor.indicator(Indicator::SHAFT_ANGLE)?;
                 motor.start()?;
@@ -237,7 +237,7 @@ impl<'s> Jogged<'s> {
             }
             Protocol::Gim => {
                 let speed = Finite::new(velocity as f32 * RPM).unwrap_or_default();
-                let State { position, velocity, .. } = self.session.native().speed(speed, LASTS)?;
+                let State { position, velocity, .. } = self.session.gim().speed(speed, LASTS)?;
                 Ok([position, velocity].map(f64::from))
             }
         }
@@ -253,7 +253,7 @@ impl Stop for Jogged<'_> {
     fn stop(&mut self) -> Result<(), Error> {
         match self.session.protocol {
             Protocol::Mit => self.session.mit().stop().map(drop),
-            Protocol::Gim => self.session.native().stop(),
+            Protocol::Gim => self.session.gim().stop(),
         }
     }
 }
@@ -266,7 +266,7 @@ mod tests {
     use motord_simulator::{BusSettings, Dialect, Mode, MotorSettings, SharedBus, SimulatedBus};
 
     /// Runs a motion of a simulated motor. Returns its outcome, and the motor's mode afterwards.
-    fn run(goal: Goal, bounds: &Bounds) -> (Result<[f64; 3], WireFailure>, Mode) {
+    fn run(goal: Goal, bounds: &Bounds) -> (Result<[f64; 3], DirectFailure>, Mode) {
         let knee = MotorSettings {
             name: "knee".into(),
             id: 3,
@@ -291,7 +291,7 @@ mod tests {
     fn started_motor_is_stopped_after_any_error() {
         // In rpm this speed has no single precision, which is noticed after the start.
         let (outcome, mode) = run(Goal::Speed(1e38), &bounds(1.0));
-        assert!(matches!(outcome, Err(WireFailure::Usage(_))), "{outcome:?}");
+        assert!(matches!(outcome, Err(DirectFailure::Usage(_))), "{outcome:?}");
         assert_eq!(mode, Mode::Stopped);
     }
 
@@ -299,7 +299,7 @@ mod tests {
     fn motion_beyond_its_bound_ends_stopped() {
         let bounds = Bounds { max_rad_s: 1e-9, ..bounds(5.0) };
         let (outcome, mode) = run(Goal::Torque(1.0), &bounds);
-        assert!(matches!(outcome, Err(WireFailure::Unfit { .. })), "{outcome:?}");
+        assert!(matches!(outcome, Err(DirectFailure::Unfit { .. })), "{outcome:?}");
         assert_eq!(mode, Mode::Stopped);
     }
 

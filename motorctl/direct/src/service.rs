@@ -1,7 +1,7 @@
 //! `motorctl calibrate` and `motorctl firmware-mode`.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Target, parse_id};
 use motord_commissioning::CALIBRATION_MAX;
@@ -10,7 +10,7 @@ use motord_terminal::Interrupt;
 
 /// The part that is calibrated (GIM document, Table 11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Kind {
+pub enum CalibrationPart {
     /// The order of the phases.
     Phase,
     /// The encoder.
@@ -18,12 +18,16 @@ pub enum Kind {
 }
 
 /// `motorctl calibrate`.
-pub(crate) fn calibrate(target: &Target, kind: Kind, confirm: Confirm) -> Result<(), WireFailure> {
-    let mut session = target.open_native()?;
+pub(crate) fn calibrate(
+    target: &Target,
+    kind: CalibrationPart,
+    confirm: Confirm,
+) -> Result<(), DirectFailure> {
+    let mut session = target.open_gim()?;
     let name = session.name();
     let (what, calibration) = match kind {
-        Kind::Phase => ("the phase order", Calibration::PHASE_ORDER),
-        Kind::Encoder => ("the encoder", Calibration::ENCODER),
+        CalibrationPart::Phase => ("the phase order", Calibration::PHASE_ORDER),
+        CalibrationPart::Encoder => ("the encoder", Calibration::ENCODER),
     };
     confirm.ask(&format!(
         "This calibrates {what} of {name}. The shaft turns by itself, for up to {} s, and the result replaces the present \
@@ -31,7 +35,7 @@ pub(crate) fn calibrate(target: &Target, kind: Kind, confirm: Confirm) -> Result
         CALIBRATION_MAX.as_secs()
     ))?;
     let interrupt = Interrupt::register();
-    let calibrated = session.native().calibrate(calibration, &mut |elapsed| {
+    let calibrated = session.gim().calibrate(calibration, &mut |elapsed| {
         eprint!("\r{:3} s of at most {} s", elapsed.as_secs(), CALIBRATION_MAX.as_secs());
         !interrupt.came()
     });
@@ -53,11 +57,11 @@ pub struct Firmware {
 }
 
 /// `motorctl firmware-mode`.
-pub(crate) fn firmware_mode(arguments: &Firmware) -> Result<(), WireFailure> {
+pub(crate) fn firmware_mode(arguments: &Firmware) -> Result<(), DirectFailure> {
     if arguments.target.id.is_some_and(|id| id != arguments.repeat_id) {
-        return Err(WireFailure::Usage("--repeat-id is not the id of the motor".to_owned()));
+        return Err(DirectFailure::Usage("--repeat-id is not the id of the motor".to_owned()));
     }
-    let mut session = arguments.target.open_native()?;
+    let mut session = arguments.target.open_gim()?;
     if session.id != arguments.repeat_id {
         return Err(session.unfit("--repeat-id is another id"));
     }
@@ -66,12 +70,12 @@ pub(crate) fn firmware_mode(arguments: &Firmware) -> Result<(), WireFailure> {
         "This puts {name} into firmware mode. It leaves the bus, answers nothing, and needs the vendor's tool; whether a power \
          cycle brings it back is in no document."
     ))?;
-    session.native().enter_firmware_mode()?;
+    session.gim().enter_firmware_mode()?;
     print_line(&format!("{name}: in firmware mode; it answers nothing now"))
 }
 
 /// `motorctl pts`: the document lists the command and says that it is not supported.
-pub(crate) fn pts() -> Result<(), WireFailure> {
+pub(crate) fn pts() -> Result<(), DirectFailure> {
     let reason = "PTS (position/torque/speed) control: \"Not supported.\" (GIM document 3.2.10); nothing was sent. Use torque, speed or position";
-    Err(WireFailure::Usage(reason.to_owned()))
+    Err(DirectFailure::Usage(reason.to_owned()))
 }

@@ -1,7 +1,7 @@
 //! `motorctl setup`: every motor of a configuration held against it, and the lock file.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::memory::outcome_of;
 use crate::output::print_line;
 use crate::target::{self, DEFAULT_CONFIG, OpenLine};
@@ -35,8 +35,8 @@ pub struct Arguments {
     json: bool,
 }
 
-/// `motorctl setup`. Fails with [`WireFailure::Differs`] when a motor differs or does not answer.
-pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
+/// `motorctl setup`. Fails with [`DirectFailure::Differs`] when a motor differs or does not answer.
+pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     let settings = config::load(&arguments.config)?.settings;
     let motors = chosen(&settings, &arguments.joints)?;
     let interrupt = Interrupt::register();
@@ -61,18 +61,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), WireFailure> {
     progress("");
     let lock = store(&arguments.config, &settings, &asked)?;
     print(&asked, &lock, arguments.json)?;
-    let differing = asked.iter().flat_map(Asked::open_findings).count();
-    if differing == 0 { Ok(()) } else { Err(WireFailure::Differs { count: differing }) }
+    let differing = asked.iter().flat_map(ComparedMotor::open_findings).count();
+    if differing == 0 { Ok(()) } else { Err(DirectFailure::Differs { count: differing }) }
 }
 
 /// A motor, its words, and how they compare.
-struct Asked<'s> {
+struct ComparedMotor<'s> {
     motor: &'s MotorSettings,
     reported: Option<ReportedMotor>,
     findings: Vec<Finding>,
 }
 
-impl Asked<'_> {
+impl ComparedMotor<'_> {
     /// The differences; of a motor that does not answer, all findings.
     fn open_findings(&self) -> impl Iterator<Item = &Finding> {
         let is_silent = self.reported.is_none();
@@ -81,10 +81,10 @@ impl Asked<'_> {
 }
 
 /// The motors with these names, or all, in the order of the configuration.
-fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s MotorSettings>, WireFailure> {
+fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s MotorSettings>, DirectFailure> {
     let unknown = joints.iter().find(|joint| settings.motors.iter().all(|motor| motor.name != **joint));
     if let Some(joint) = unknown {
-        return Err(WireFailure::Usage(format!("the configuration has no motor {joint}")));
+        return Err(DirectFailure::Usage(format!("the configuration has no motor {joint}")));
     }
     let is_chosen = |motor: &&MotorSettings| joints.is_empty() || joints.contains(&motor.name);
     Ok(settings.motors.iter().filter(is_chosen).collect())
@@ -95,7 +95,7 @@ fn open(
     settings: &Settings,
     index: usize,
     motors: &[&MotorSettings],
-) -> Result<Option<OpenLine>, WireFailure> {
+) -> Result<Option<OpenLine>, DirectFailure> {
     let bus = &settings.buses[index];
     let baud = match &bus.kind {
         BusKind::Simulated { .. } => return Ok(None),
@@ -113,21 +113,21 @@ fn ask<'s>(
     motor: &'s MotorSettings,
     bus: &str,
     line: &mut OpenLine,
-) -> Result<Asked<'s>, WireFailure> {
+) -> Result<ComparedMotor<'s>, DirectFailure> {
     let survey = survey(&mut line.link, motor.id, Question::Both, &CONFIGURATION)?;
     let reported = survey.map(|survey| survey.reported(&motor.name, bus));
     let findings = findings(settings, motor, reported.as_ref());
-    Ok(Asked { motor, reported, findings })
+    Ok(ComparedMotor { motor, reported, findings })
 }
 
 /// Writes the constants that differ, with consent, and asks the motor again.
 fn write<'s>(
     settings: &Settings,
-    asked: Asked<'s>,
+    asked: ComparedMotor<'s>,
     bus: &str,
     line: &mut OpenLine,
     confirm: Confirm,
-) -> Result<Asked<'s>, WireFailure> {
+) -> Result<ComparedMotor<'s>, DirectFailure> {
     let changes = changes(&asked);
     if changes.is_empty() {
         return Ok(asked);
@@ -149,7 +149,7 @@ fn write<'s>(
 }
 
 /// The constants of a native motor that differ, as configured.
-fn changes(asked: &Asked<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
+fn changes(asked: &ComparedMotor<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
     let is_native = asked.reported.as_ref().is_some_and(|motor| motor.protocol == ReportedProtocol::Gim);
     let Some(constants) = asked.motor.constants.filter(|_| is_native) else { return Vec::new() };
     let values = [constants.torque_constant, constants.gear_ratio, constants.pole_pairs.into()];
@@ -168,7 +168,7 @@ fn changes(asked: &Asked<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
 }
 
 /// Writes the lock. A motor that did not answer, or was not asked, keeps its words of before.
-fn store(config: &Path, settings: &Settings, asked: &[Asked<'_>]) -> Result<PathBuf, WireFailure> {
+fn store(config: &Path, settings: &Settings, asked: &[ComparedMotor<'_>]) -> Result<PathBuf, DirectFailure> {
     let before = Lock::load(config).ok().flatten();
     let now = |name: &str| {
         asked.iter().find(|asked| asked.motor.name == name).and_then(|asked| asked.reported.clone())
@@ -177,7 +177,7 @@ fn store(config: &Path, settings: &Settings, asked: &[Asked<'_>]) -> Result<Path
     let motors = settings.motors.iter().filter_map(|motor| now(&motor.name).or_else(|| then(&motor.name)));
     let lock = Lock::new(motors.collect());
     lock.save(config)
-        .map_err(|error| WireFailure::Malformed { path: Lock::path(config), reason: error.to_string() })
+        .map_err(|error| DirectFailure::Malformed { path: Lock::path(config), reason: error.to_string() })
 }
 
 /// One line that is overwritten, at a terminal only.
@@ -189,7 +189,7 @@ fn progress(motor: &str) {
 }
 
 #[derive(Serialize)]
-struct Row<'a> {
+struct FindingRow<'a> {
     motor: &'a str,
     value: &'a str,
     configured: &'a str,
@@ -198,7 +198,7 @@ struct Row<'a> {
     cure: Option<&'a str>,
 }
 
-impl<'a> Row<'a> {
+impl<'a> FindingRow<'a> {
     fn of(finding: &'a Finding) -> Self {
         let Finding { motor, value, configured, reported, verdict, cure } = finding;
         Self {
@@ -216,15 +216,16 @@ impl<'a> Row<'a> {
     }
 }
 
-fn print(asked: &[Asked<'_>], lock: &Path, as_json: bool) -> Result<(), WireFailure> {
+fn print(asked: &[ComparedMotor<'_>], lock: &Path, as_json: bool) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
     struct Setup<'a> {
         motors: usize,
         answered: usize,
-        findings: Vec<Row<'a>>,
+        findings: Vec<FindingRow<'a>>,
         lock: &'a Path,
     }
-    let findings: Vec<Row<'_>> = asked.iter().flat_map(|asked| asked.findings.iter().map(Row::of)).collect();
+    let findings: Vec<FindingRow<'_>> =
+        asked.iter().flat_map(|asked| asked.findings.iter().map(FindingRow::of)).collect();
     let answered = asked.iter().filter(|asked| asked.reported.is_some()).count();
     let out = &mut io::stdout().lock();
     if as_json {
@@ -242,7 +243,7 @@ fn print(asked: &[Asked<'_>], lock: &Path, as_json: bool) -> Result<(), WireFail
         table.row(cells.collect());
     }
     table.write(out, Palette::of_stdout())?;
-    for finding in asked.iter().flat_map(Asked::open_findings) {
+    for finding in asked.iter().flat_map(ComparedMotor::open_findings) {
         print_line(&format!("{finding}"))?;
     }
     print_line(&format!(

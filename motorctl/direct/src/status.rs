@@ -1,7 +1,7 @@
 //! `motorctl version`, `fault` and `indicator` on the bus.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::memory::expected_one_of;
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
@@ -14,14 +14,14 @@ use std::io;
 use std::time::{Duration, Instant};
 
 /// `motorctl version`.
-pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
     struct Version {
         id: u8,
         version: u32,
     }
-    let mut session = target.open_native()?;
-    let version = session.native().version()?;
+    let mut session = target.open_gim()?;
+    let version = session.gim().version()?;
     if as_json {
         return Ok(json::write_line(&mut io::stdout().lock(), &Version { id: session.id, version })?);
     }
@@ -38,9 +38,9 @@ pub struct NamedFault {
 }
 
 /// `motorctl fault get` on the bus.
-pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), WireFailure> {
+pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
-    struct Report {
+    struct ReportedFaults {
         id: u8,
         bits: u32,
         faults: Vec<NamedFault>,
@@ -53,7 +53,7 @@ pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), WireFailure> {
     let faults: Vec<NamedFault> = reported.named().map(named).collect();
     let unknown_bits = reported.unknown();
     if as_json {
-        let report = Report { id: session.id, bits: reported.0, faults, unknown_bits };
+        let report = ReportedFaults { id: session.id, bits: reported.0, faults, unknown_bits };
         return Ok(json::write_line(&mut io::stdout().lock(), &report)?);
     }
     print_faults(&session.name(), &faults, unknown_bits)
@@ -64,7 +64,7 @@ pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), WireFailure> {
 /// # Errors
 ///
 /// When the output cannot be written.
-pub fn print_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> Result<(), WireFailure> {
+pub fn print_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> Result<(), DirectFailure> {
     if faults.is_empty() && unknown_bits == 0 {
         return print_line(&format!("{subject}: no fault"));
     }
@@ -85,19 +85,19 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
             let _silent = session.mit().stop();
             session.mit().fault()
         }
-        Protocol::Gim => Ok(session.native().fault()?.faults()),
+        Protocol::Gim => Ok(session.gim().fault()?.faults()),
     }
 }
 
 /// `motorctl fault clear --bus`: clears, and reads again.
-pub fn clear_fault(target: &Target) -> Result<(), WireFailure> {
+pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let cleared = match session.protocol {
         Protocol::Mit => {
             let _silent = session.mit().stop();
             session.mit().clear_fault()
         }
-        Protocol::Gim => session.native().acknowledge_fault(),
+        Protocol::Gim => session.gim().acknowledge_fault(),
     };
     cleared?;
     let left = read_faults(&mut session)?;
@@ -111,26 +111,26 @@ pub fn clear_fault(target: &Target) -> Result<(), WireFailure> {
 }
 
 /// `motorctl start`: enters the running state, without a command to follow.
-pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), WireFailure> {
-    let mut session = target.open_native()?;
+pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), DirectFailure> {
+    let mut session = target.open_gim()?;
     confirm.ask(&format!(
         "This starts {}: it is energised then, and follows the next control command.",
         session.name()
     ))?;
-    session.native().start()?;
+    session.gim().start()?;
     print_line(&format!("{}: started; `motorctl stop` stops it", session.name()))
 }
 
 /// `motorctl stop`: leaves the running state. With `control_only`, only the command that is being executed ends.
-pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), WireFailure> {
+pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
         (Protocol::Mit, true) => {
             return Err(session.unfit("MIT has no such command: leave --control out"));
         }
         (Protocol::Mit, false) => session.mit().stop().map(drop),
-        (Protocol::Gim, true) => session.native().stop_control(),
-        (Protocol::Gim, false) => session.native().stop(),
+        (Protocol::Gim, true) => session.gim().stop_control(),
+        (Protocol::Gim, false) => session.gim().stop(),
     };
     done?;
     print_line(&format!(
@@ -163,14 +163,14 @@ impl Indicators {
         self.names.first().filter(|_| !self.target.is_given()).map(String::as_str)
     }
 
-    fn wanted(&self) -> Result<Vec<&'static Indicator>, WireFailure> {
+    fn wanted(&self) -> Result<Vec<&'static Indicator>, DirectFailure> {
         let names = &self.names[usize::from(self.joint().is_some())..];
         if names.is_empty() {
             return Ok(INDICATORS.iter().collect());
         }
         let wanted = names.iter().map(|name| {
             parse_indicator(name)
-                .map_err(|expected| WireFailure::Usage(format!("no indicator is `{name}`: {expected}")))
+                .map_err(|expected| DirectFailure::Usage(format!("no indicator is `{name}`: {expected}")))
         });
         wanted.collect()
     }
@@ -181,7 +181,7 @@ impl Indicators {
     /// # Errors
     ///
     /// A name that no indicator has, output that cannot be written, and the errors of `read`.
-    pub fn print<E: From<WireFailure>>(
+    pub fn print<E: From<DirectFailure>>(
         &self,
         mut read: impl FnMut(u8) -> Result<Option<f32>, E>,
     ) -> Result<(), E> {
@@ -192,7 +192,7 @@ impl Indicators {
             for &&Indicator { id, name, unit } in &wanted {
                 readings.extend(read(id)?.map(|value| IndicatorReading { name, value, unit }));
             }
-            write_readings(&readings, self.json).map_err(WireFailure::Output)?;
+            write_readings(&readings, self.json).map_err(DirectFailure::Output)?;
             if self.watch {
                 interrupt.pause_until(Instant::now() + Duration::from_secs(1));
             }
@@ -230,9 +230,9 @@ fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
 }
 
 /// `motorctl indicator` on the bus.
-pub(crate) fn indicators(arguments: &Indicators) -> Result<(), WireFailure> {
+pub(crate) fn indicators(arguments: &Indicators) -> Result<(), DirectFailure> {
     // Names are judged before a motor is asked.
     arguments.wanted()?;
-    let mut session = arguments.target.open_native()?;
-    arguments.print(|number| Ok(Some(session.native().indicator(number)?)))
+    let mut session = arguments.target.open_gim()?;
+    arguments.print(|number| Ok(Some(session.gim().indicator(number)?)))
 }

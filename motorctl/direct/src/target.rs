@@ -1,6 +1,6 @@
 //! The motor that a command is for, and the way to it.
 
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
 use motord_bus::{BusLock, Duration, FrameId};
@@ -28,7 +28,7 @@ pub enum Protocol {
 
 /// The bus that a command uses, without a daemon.
 #[derive(Debug, Clone, clap::Args)]
-pub struct Line {
+pub struct BusArguments {
     /// CAN interface (can0) or serial device (/dev/ttyUSB0) of the motor: the command goes to the wire, without a daemon.
     #[arg(long, value_name = "BUS")]
     pub bus: Option<String>,
@@ -42,7 +42,7 @@ pub struct Line {
 pub struct Target {
     /// The bus.
     #[command(flatten)]
-    pub line: Line,
+    pub line: BusArguments,
     /// The motor's id, 1 to 254.
     #[arg(long, value_name = "ID", value_parser = parse_id)]
     pub id: Option<u8>,
@@ -104,12 +104,12 @@ pub struct OpenLine {
 /// # Errors
 ///
 /// Why it cannot be used.
-pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, WireFailure> {
+pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     if is_serial(name) {
         return open_serial(name, baud);
     }
     let interface: InterfaceName = name.parse().map_err(|_| {
-        WireFailure::Usage(format!(
+        DirectFailure::Usage(format!(
             "`{name}` is neither a CAN interface, as `ip link` lists them, nor the path of a device"
         ))
     })?;
@@ -124,7 +124,7 @@ fn is_serial(bus: &str) -> bool {
     bus.contains('/')
 }
 
-fn open_serial(device: &str, baud: u32) -> Result<OpenLine, WireFailure> {
+fn open_serial(device: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     let lock = BusLock::device(device)?;
     let settings = serial::Settings {
         device: device.to_owned(),
@@ -158,14 +158,14 @@ impl Target {
     /// # Errors
     ///
     /// Why it cannot be reached.
-    pub fn open(&self) -> Result<Session, WireFailure> {
+    pub fn open(&self) -> Result<Session, DirectFailure> {
         let place = self.place()?;
         if self.host_id.is_some() && is_serial(&place.bus) {
             let usage = "on a serial line an answer is known by its request: leave --host-id out";
-            return Err(WireFailure::Usage(usage.to_owned()));
+            return Err(DirectFailure::Usage(usage.to_owned()));
         }
         let line = open(&place.bus, place.baud)?;
-        let Place { id, host_id, settings, .. } = place;
+        let MotorAddress { id, host_id, settings, .. } = place;
         let mut session =
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
         match (self.protocol, session.line.link.wire()) {
@@ -182,7 +182,7 @@ impl Target {
     /// # Errors
     ///
     /// Why it cannot be reached, or that it speaks MIT.
-    pub fn open_native(&self) -> Result<Session, WireFailure> {
+    pub fn open_gim(&self) -> Result<Session, DirectFailure> {
         let session = self.open()?;
         if session.protocol == Protocol::Mit {
             return Err(session.unfit(
@@ -198,40 +198,40 @@ impl Target {
         Self { config: Some(config), joint: Some(joint.to_owned()), ..self.clone() }
     }
 
-    fn place(&self) -> Result<Place, WireFailure> {
+    fn place(&self) -> Result<MotorAddress, DirectFailure> {
         match (&self.line.bus, self.id, &self.config, &self.joint) {
             (Some(bus), Some(id), None, _) => {
                 let (bus, baud) = (bus.clone(), self.line.baud);
-                Ok(Place { bus, baud, id, host_id: self.host_id, settings: None })
+                Ok(MotorAddress { bus, baud, id, host_id: self.host_id, settings: None })
             }
             (None, None, Some(file), Some(joint)) => self.configured(file, joint),
-            _ => {
-                Err(WireFailure::Usage("name the motor: --bus and --id, or --config and --joint".to_owned()))
-            }
+            _ => Err(DirectFailure::Usage(
+                "name the motor: --bus and --id, or --config and --joint".to_owned(),
+            )),
         }
     }
 
-    fn configured(&self, file: &Path, joint: &str) -> Result<Place, WireFailure> {
+    fn configured(&self, file: &Path, joint: &str) -> Result<MotorAddress, DirectFailure> {
         let settings = config::load(file)?.settings;
         let motor = settings.motors.iter().find(|motor| motor.name == joint);
         let motor = motor
-            .ok_or_else(|| WireFailure::Usage(format!("{}: there is no motor {joint}", file.display())))?;
+            .ok_or_else(|| DirectFailure::Usage(format!("{}: there is no motor {joint}", file.display())))?;
         let (bus, baud) = match &settings.buses[motor.bus].kind {
             BusKind::SocketCan { interface, .. } => (interface.clone(), BAUD),
             BusKind::Serial { device, baud, .. } => (device.clone(), *baud),
             BusKind::Simulated { .. } => {
-                return Err(WireFailure::Usage(format!(
+                return Err(DirectFailure::Usage(format!(
                     "{joint} is simulated inside of the daemon: it has no wire"
                 )));
             }
         };
         let settings = Some(motor.clone());
-        Ok(Place { bus, baud, id: motor.id, host_id: self.host_id.or(Some(motor.host_id)), settings })
+        Ok(MotorAddress { bus, baud, id: motor.id, host_id: self.host_id.or(Some(motor.host_id)), settings })
     }
 }
 
 /// Where a motor is.
-struct Place {
+struct MotorAddress {
     bus: String,
     baud: u32,
     id: u8,
@@ -241,7 +241,7 @@ struct Place {
 
 impl Session {
     /// The motor, in the native protocol.
-    pub fn native(&mut self) -> Native<'_> {
+    pub fn gim(&mut self) -> Native<'_> {
         Native::new(&mut self.line.link, self.id, self.host_id)
     }
 
@@ -270,13 +270,13 @@ impl Session {
         [ends[0].min(ends[1]), ends[0].max(ends[1])]
     }
 
-    pub fn unfit(&self, reason: &str) -> WireFailure {
-        WireFailure::Unfit { id: self.id, reason: reason.to_owned() }
+    pub fn unfit(&self, reason: &str) -> DirectFailure {
+        DirectFailure::Unfit { id: self.id, reason: reason.to_owned() }
     }
 
-    fn identify(&mut self) -> Result<(), WireFailure> {
+    fn identify(&mut self) -> Result<(), DirectFailure> {
         let Found { host_id, family, .. } = identify(&mut self.line.link, self.id)?
-            .ok_or_else(|| WireFailure::NoMotor { id: self.id, bus: self.line.name.clone() })?;
+            .ok_or_else(|| DirectFailure::NoMotor { id: self.id, bus: self.line.name.clone() })?;
         self.protocol = match family {
             Family::Native => Protocol::Gim,
             Family::Mit => Protocol::Mit,

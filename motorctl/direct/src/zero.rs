@@ -1,7 +1,7 @@
 //! `motorctl zero --bus`: the zero of a motor, on the wire.
 
 use crate::confirm::Confirm;
-use crate::failure::WireFailure;
+use crate::failure::DirectFailure;
 use crate::output::print_line;
 use crate::target::{Protocol, Session, Target};
 use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
@@ -24,10 +24,10 @@ pub struct Arguments {
 }
 
 /// `motorctl zero --bus`.
-pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<(), WireFailure> {
+pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<(), DirectFailure> {
     let Arguments { at, force } = arguments;
     if at.abs() > TAU / 2.0 {
-        return Err(WireFailure::Usage(
+        return Err(DirectFailure::Usage(
             "a motor finds its zero again within half a turn: --at is -3.14 to 3.14".into(),
         ));
     }
@@ -57,11 +57,11 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
 }
 
 /// Stops the motor. Returns the position that it reports, rad.
-fn position(session: &mut Session) -> Result<f64, WireFailure> {
+fn position(session: &mut Session) -> Result<f64, DirectFailure> {
     let position = match session.protocol {
         Protocol::Mit => session.mit().stop()?.position,
         Protocol::Gim => {
-            let mut motor = session.native();
+            let mut motor = session.gim();
             motor.stop()?;
             motor.indicator(Indicator::SHAFT_ANGLE)?
         }
@@ -70,7 +70,7 @@ fn position(session: &mut Session) -> Result<f64, WireFailure> {
 }
 
 /// Refuses a position outside of the joint's limits, unless `force`. Returns a sentence about the position and the limits.
-fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, WireFailure> {
+fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, DirectFailure> {
     let Some(settings) = &session.settings else { return Ok(String::new()) };
     let joint = settings.transmission.position_to_joint(at as f32);
     let [low, high] = settings.limits.position;
@@ -85,12 +85,12 @@ fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, WireF
 }
 
 /// The stored zero is a place of the encoder within one turn: it moves by as much as the position is to change.
-fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), WireFailure> {
+fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), DirectFailure> {
     let id = session.id;
-    let mut motor = session.native();
+    let mut motor = session.gim();
     let key = ConfigurationItem::ZERO_POSITION;
     let (Value::Integer(old), Some(item)) = (motor.configuration(key)?, key.item()) else {
-        return Err(WireFailure::Unfit { id, reason: "its zero position is no integer".to_owned() });
+        return Err(DirectFailure::Unfit { id, reason: "its zero position is no integer".to_owned() });
     };
     let steps = ((before - at) * TURN / TAU).round();
     let zero = (f64::from(old & 0xFFFF) + steps).rem_euclid(TURN) as i32;

@@ -20,13 +20,13 @@ mod wake;
 pub use change::Change;
 pub use checks::all;
 pub use finding::{Finding, Level};
-pub use process::Daemon;
+pub use process::RunningDaemon;
 pub use robot::{Interface, Robot};
 pub use tree::Tree;
 pub use wake::{Measurement, Wake};
 
 use motord_terminal::{Interrupt, Palette, exit_status, json, within};
-use report::Report;
+use report::Diagnosis;
 use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<(), DoctorFailure> {
         _ => None,
     };
     let report =
-        Report::new(&robot, tuned, findings, wake.as_ref(), daemon.filter(|_| arguments.seconds > 0.0));
+        Diagnosis::new(&robot, tuned, findings, wake.as_ref(), daemon.filter(|_| arguments.seconds > 0.0));
     let out = &mut io::stdout().lock();
     let written = match arguments.json {
         true => json::write_line(out, &report),

@@ -16,7 +16,7 @@ const POLICY: usize = 41;
 
 /// A daemon that runs its cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Daemon {
+pub struct RunningDaemon {
     /// Its process.
     pub pid: u32,
     /// The thread of its cycle.
@@ -29,14 +29,14 @@ pub(crate) fn program(tree: &Tree, pid: u32) -> Option<String> {
 }
 
 /// The first daemon that runs its cycle on this computer, as far as this user may know.
-pub(crate) fn daemon(tree: &Tree) -> Option<Daemon> {
+pub(crate) fn daemon(tree: &Tree) -> Option<RunningDaemon> {
     let programs = tree.numbers("proc").into_iter();
     programs.filter(|&pid| program(tree, pid).as_deref() == Some("motord")).find_map(|pid| {
         let threads = tree.numbers(&format!("proc/{pid}/task"));
         let is_cycle = |thread: &u32| {
             tree.text(&format!("proc/{pid}/task/{thread}/comm")).is_some_and(|name| name == CYCLE)
         };
-        threads.into_iter().find(is_cycle).map(|cycle| Daemon { pid, cycle })
+        threads.into_iter().find(is_cycle).map(|cycle| RunningDaemon { pid, cycle })
     })
 }
 

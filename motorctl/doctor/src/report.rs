@@ -1,7 +1,7 @@
 //! The findings and the measurement, as text and as JSON.
 
 use crate::finding::{Finding, Level};
-use crate::process::Daemon;
+use crate::process::RunningDaemon;
 use crate::robot::Robot;
 use crate::tune::Tuned;
 use crate::wake::{self, Wake};
@@ -16,7 +16,7 @@ const INDENT: &str = "      ";
 
 /// All that the command prints.
 #[derive(Debug, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct Diagnosis {
     /// The worst of all findings and of the measurement.
     pub(crate) verdict: Level,
     rate_hz: f64,
@@ -37,7 +37,7 @@ pub(crate) struct Report {
 struct WakeReport {
     level: Level,
     period_us: f64,
-    wake_latency_us: Percentiles,
+    wake_latency_us: WakePercentiles,
     missed_ticks: u64,
     /// Rights of the cycle that the measurement did not have.
     refused: Vec<&'static str>,
@@ -46,7 +46,7 @@ struct WakeReport {
 
 /// Names as in `motorctl latency --json`.
 #[derive(Debug, Serialize)]
-struct Percentiles {
+struct WakePercentiles {
     p50: f64,
     p99: f64,
     p99_9: f64,
@@ -67,7 +67,13 @@ impl WakeReport {
         Self {
             level: wake.level(),
             period_us: wake.period.as_nanos() as f64 / 1e3,
-            wake_latency_us: Percentiles { p50, p99, p99_9, max: wake.max_us(), count: wake.latencies.len() },
+            wake_latency_us: WakePercentiles {
+                p50,
+                p99,
+                p99_9,
+                max: wake.max_us(),
+                count: wake.latencies.len(),
+            },
             missed_ticks: wake.missed,
             refused: wake.refused().map(|step| step.what).collect(),
             histogram: wake::bars(&wake.latencies)
@@ -78,14 +84,14 @@ impl WakeReport {
     }
 }
 
-impl Report {
+impl Diagnosis {
     /// `daemon` runs, and is why nothing was measured.
     pub(crate) fn new(
         robot: &Robot,
         tuned: Vec<Tuned>,
         findings: Vec<Finding>,
         wake: Option<&Wake>,
-        daemon: Option<Daemon>,
+        daemon: Option<RunningDaemon>,
     ) -> Self {
         let wake = wake.map(WakeReport::new);
         let levels = findings.iter().map(|finding| finding.level);
@@ -163,7 +169,7 @@ fn write_finding(finding: &Finding, width: usize, out: &mut dyn Write, palette: 
 fn write_wake(wake: &WakeReport, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
     let WakeReport { level, period_us, wake_latency_us: latency, missed_ticks, refused, histogram } = wake;
     let word = palette.paint(&Cell::new(format!("{:4}", level.name()), colour(*level)));
-    let Percentiles { p50, p99, p99_9, max, count } = latency;
+    let WakePercentiles { p50, p99, p99_9, max, count } = latency;
     writeln!(
         out,
         "\n{word}  wake-up latency of {count} ticks: p50 {p50:.1} µs, p99 {p99:.1}, p99.9 {p99_9:.1} ({:.1} % of the period), \
@@ -198,8 +204,8 @@ fn bar(count: u64, most: u64) -> String {
 mod tests {
     use super::*;
 
-    fn report(findings: Vec<Finding>) -> Report {
-        Report {
+    fn report(findings: Vec<Finding>) -> Diagnosis {
+        Diagnosis {
             verdict: Level::Warn,
             rate_hz: 1000.0,
             cpu: Some(3),
@@ -209,7 +215,7 @@ mod tests {
             wake: Some(WakeReport {
                 level: Level::Good,
                 period_us: 1000.0,
-                wake_latency_us: Percentiles { p50: 4.0, p99: 9.0, p99_9: 20.0, max: 30.0, count: 11 },
+                wake_latency_us: WakePercentiles { p50: 4.0, p99: 9.0, p99_9: 20.0, max: 30.0, count: 11 },
                 missed_ticks: 0,
                 refused: Vec::new(),
                 histogram: vec![Bar { up_to_us: 5, count: 10 }, Bar { up_to_us: 10, count: 1 }],

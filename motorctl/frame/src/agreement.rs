@@ -1,7 +1,7 @@
 //! An object must say what its frame says: no more, and nothing else.
 
 use crate::object::{Object, Quantities};
-use crate::refused::Refused;
+use crate::rejected::Rejected;
 use crate::{hex, null_bytes};
 use serde_json::Value;
 
@@ -13,7 +13,7 @@ const CONTEXT: [&str; 4] = ["time", "interface", "motor", "as_mit"];
 /// # Errors
 ///
 /// When a member of `given` is not in the frame, or the frame has another value.
-pub(super) fn check(given: &Object, decoded: &Object) -> Result<(), Refused> {
+pub(super) fn check(given: &Object, decoded: &Object) -> Result<(), Rejected> {
     for (key, received) in given.entries() {
         let expected = decoded.get(key);
         let is_rounded = expected.is_some() && is_rounded(key, given);
@@ -22,10 +22,12 @@ pub(super) fn check(given: &Object, decoded: &Object) -> Result<(), Refused> {
         }
         let key = key.clone();
         return Err(match expected {
-            None => Refused::UnknownKey { key },
-            Some(expected) => {
-                Refused::Contradiction { key, received: received.to_string(), expected: expected.to_string() }
-            }
+            None => Rejected::UnknownKey { key },
+            Some(expected) => Rejected::Contradiction {
+                key,
+                received: received.to_string(),
+                expected: expected.to_string(),
+            },
         });
     }
     Ok(())

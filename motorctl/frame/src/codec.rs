@@ -1,8 +1,8 @@
 //! The conversion of one frame to an object, and back.
 
 use crate::object::Object;
-use crate::options::{Asked, Direction, Protocol};
-use crate::refused::Refused;
+use crate::options::{AnsweredCommand, Direction, FrameProtocol};
+use crate::rejected::Rejected;
 use crate::scale::Scale;
 use crate::{agreement, gim, mit, serial};
 use motord_protocol::Profile;
@@ -10,42 +10,42 @@ use serde_json::Value;
 
 /// How to read one frame.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Reading {
-    pub(super) protocol: Protocol,
+pub(super) struct Codec {
+    pub(super) protocol: FrameProtocol,
     pub(super) direction: Direction,
-    pub(super) asked: Asked,
+    pub(super) asked: AnsweredCommand,
     pub(super) profile: &'static Profile,
     pub(super) scale: Option<Scale>,
 }
 
-impl Reading {
+impl Codec {
     /// The object of a frame.
-    pub(super) fn decode(&self, bytes: &[u8]) -> Result<Object, Refused> {
+    pub(super) fn decode(&self, bytes: &[u8]) -> Result<Object, Rejected> {
         let object = Object::new(self.profile, self.scale);
         match (self.protocol, self.direction) {
-            (Protocol::Mit, Direction::ToMotor) => mit::decode_command(bytes, object),
-            (Protocol::Mit, Direction::ToHost) => mit::decode_reply(bytes, self.asked, object),
-            (Protocol::GimCan, Direction::ToMotor) => gim::decode_command(bytes, object),
-            (Protocol::GimCan, Direction::ToHost) => gim::decode_reply(bytes, self.asked, object),
-            (Protocol::GimRs485, direction) => serial::decode(bytes, direction, self.asked, object),
+            (FrameProtocol::Mit, Direction::ToMotor) => mit::decode_command(bytes, object),
+            (FrameProtocol::Mit, Direction::ToHost) => mit::decode_reply(bytes, self.asked, object),
+            (FrameProtocol::GimCan, Direction::ToMotor) => gim::decode_command(bytes, object),
+            (FrameProtocol::GimCan, Direction::ToHost) => gim::decode_reply(bytes, self.asked, object),
+            (FrameProtocol::GimRs485, direction) => serial::decode(bytes, direction, self.asked, object),
         }
     }
 
     /// The frame of an object. The frame is decoded again, and an object that says anything else is refused.
-    pub(super) fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Refused> {
+    pub(super) fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
         let object = object.with_scale(self.profile, self.scale)?;
         let bytes = match (self.protocol, self.direction) {
-            (Protocol::Mit, Direction::ToMotor) => mit::command(&object)?.encode().to_vec(),
-            (Protocol::Mit, Direction::ToHost) => mit::encode_reply(&object)?,
-            (Protocol::GimCan, Direction::ToMotor) => gim::encode_command(&object, mit_safe)?,
-            (Protocol::GimCan, Direction::ToHost) => gim::encode_reply(&object)?,
-            (Protocol::GimRs485, direction) => serial::encode(&object, direction, mit_safe)?,
+            (FrameProtocol::Mit, Direction::ToMotor) => mit::command(&object)?.encode().to_vec(),
+            (FrameProtocol::Mit, Direction::ToHost) => mit::encode_reply(&object)?,
+            (FrameProtocol::GimCan, Direction::ToMotor) => gim::encode_command(&object, mit_safe)?,
+            (FrameProtocol::GimCan, Direction::ToHost) => gim::encode_reply(&object)?,
+            (FrameProtocol::GimRs485, direction) => serial::encode(&object, direction, mit_safe)?,
         };
         let asked = match object.kind()? {
-            "fault_reply" => Asked::GetFault,
-            "clear_fault_reply" => Asked::ClearFault,
-            "calibration" => Asked::Calibration,
-            _ => Asked::State,
+            "fault_reply" => AnsweredCommand::GetFault,
+            "clear_fault_reply" => AnsweredCommand::ClearFault,
+            "calibration" => AnsweredCommand::Calibration,
+            _ => AnsweredCommand::State,
         };
         let decoded = Self { asked, scale: object.scale(), ..*self }.decode(&bytes)?;
         agreement::check(&object, &decoded)?;
@@ -56,11 +56,11 @@ impl Reading {
     }
 
     /// The object says how a motor in MIT mode reads the command: it must read it so.
-    fn check_as_mit(&self, object: &Object, bytes: &[u8]) -> Result<(), Refused> {
+    fn check_as_mit(&self, object: &Object, bytes: &[u8]) -> Result<(), Rejected> {
         let payload = match (self.protocol, self.direction) {
-            (Protocol::GimCan, Direction::ToMotor) => bytes,
-            (Protocol::GimRs485, Direction::ToMotor) => serial::payload(bytes),
-            _ => return Err(Refused::UnknownKey { key: gim::AS_MIT.into() }),
+            (FrameProtocol::GimCan, Direction::ToMotor) => bytes,
+            (FrameProtocol::GimRs485, Direction::ToMotor) => serial::payload(bytes),
+            _ => return Err(Rejected::UnknownKey { key: gim::AS_MIT.into() }),
         };
         let given = object.object(gim::AS_MIT)?.with_scale(self.profile, self.scale)?;
         let read = mit::decode_command(payload, Object::new(self.profile, given.scale()))?;
@@ -69,6 +69,6 @@ impl Reading {
             return Ok(());
         }
         let (received, expected) = (Value::from(given).to_string(), Value::from(read).to_string());
-        Err(Refused::Contradiction { key: gim::AS_MIT.into(), received, expected })
+        Err(Rejected::Contradiction { key: gim::AS_MIT.into(), received, expected })
     }
 }

@@ -10,7 +10,7 @@ use std::io;
 pub enum FrameFailure {
     /// Some frames were refused. The output holds the reason of each.
     #[error("{refused} of {total} inputs were rejected")]
-    Refused {
+    Rejected {
         /// How many.
         refused: usize,
         /// Of how many.
@@ -32,7 +32,7 @@ impl FrameFailure {
     #[must_use]
     pub fn status(&self) -> u8 {
         match self {
-            Self::Refused { .. } => exit_status::DATA,
+            Self::Rejected { .. } => exit_status::DATA,
             Self::Scale(_) => exit_status::USAGE,
             Self::Robot(_) => exit_status::CONFIG,
             Self::Io(_) => exit_status::IO,

@@ -4,8 +4,8 @@ use crate::member::{Member, Variants, variants};
 use crate::mit;
 use crate::null_bytes;
 use crate::object::Object;
-use crate::options::Asked;
-use crate::refused::Refused;
+use crate::options::AnsweredCommand;
+use crate::rejected::Rejected;
 use motord_protocol::DecodeError;
 use motord_protocol::gim::{
     self, Command, CommandCode, ConfigurationKey, Indicator, Parameter, Pending, Reply,
@@ -80,17 +80,17 @@ fn kind_of(byte: u8) -> &'static str {
 }
 
 /// The command of the object's kind; `None` for the kind `unknown`.
-fn command_code(object: &Object) -> Result<Option<CommandCode>, Refused> {
+fn command_code(object: &Object) -> Result<Option<CommandCode>, Rejected> {
     let kind = object.kind()?;
     match KINDS.iter().find(|(_, known)| *known == kind) {
         Some((code, _)) => Ok(Some(*code)),
         None if kind == UNKNOWN => Ok(None),
-        None => Err(Refused::Kind { received: kind.into() }),
+        None => Err(Rejected::Kind { received: kind.into() }),
     }
 }
 
 /// Decodes a command into `object`.
-pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object, Refused> {
+pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object, Rejected> {
     let command = match gim::decode_command(bytes) {
         Err(DecodeError::UnknownCommand { received }) => {
             object.insert("kind", UNKNOWN);
@@ -109,26 +109,30 @@ pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object,
 }
 
 /// Encodes a command. With `mit_safe` its free bytes are such that a motor in MIT mode takes it for no torque.
-pub(super) fn encode_command(object: &Object, mit_safe: bool) -> Result<Vec<u8>, Refused> {
+pub(super) fn encode_command(object: &Object, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
     let filler = match object.object(AS_MIT) {
-        Err(Refused::Missing { .. }) => [0; 8],
+        Err(Rejected::Missing { .. }) => [0; 8],
         control => mit::command(&control?)?.encode(),
     };
     let Some(code) = command_code(object)? else {
         let command = object.byte("cmd")?;
         let fill = || null_bytes::fill(object, filler, 0, |filler| over_command(command, filler));
-        return if mit_safe { Err(Refused::NotMitSafe) } else { fill() };
+        return if mit_safe { Err(Rejected::NotMitSafe) } else { fill() };
     };
     let command = Command::read(code, object)?;
     if mit_safe {
-        return Ok(command.encode_mit_safe().ok_or(Refused::NotMitSafe)?.to_vec());
+        return Ok(command.encode_mit_safe().ok_or(Rejected::NotMitSafe)?.to_vec());
     }
     null_bytes::fill(object, filler, 0, |filler| command.encode_over(filler))
 }
 
 /// Decodes a reply into `object`.
-pub(super) fn decode_reply(bytes: &[u8], asked: Asked, mut object: Object) -> Result<Object, Refused> {
-    let pending = if asked == Asked::Calibration { Pending::Calibration } else { Pending::Other };
+pub(super) fn decode_reply(
+    bytes: &[u8],
+    asked: AnsweredCommand,
+    mut object: Object,
+) -> Result<Object, Rejected> {
+    let pending = if asked == AnsweredCommand::Calibration { Pending::Calibration } else { Pending::Other };
     let reply = gim::decode_reply(bytes, pending, &object.scales()?)?;
     let is_calibration = matches!(reply, Reply::Calibrated { .. });
     object.insert("kind", if is_calibration { "calibration" } else { kind_of(reply.code()) });
@@ -140,7 +144,7 @@ pub(super) fn decode_reply(bytes: &[u8], asked: Asked, mut object: Object) -> Re
 }
 
 /// Encodes a reply.
-pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Refused> {
+pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Rejected> {
     let code = command_code(object)?;
     let mut object = object.clone();
     if let Some(code) = code.filter(|code| *code != CommandCode::Calibration) {

@@ -1,6 +1,6 @@
 //! Bytes as people write them.
 
-use crate::refused::Refused;
+use crate::rejected::Rejected;
 
 /// `bytes` as upper-case digits, nothing between.
 pub(super) fn digits(bytes: &[u8]) -> String {
@@ -8,7 +8,7 @@ pub(super) fn digits(bytes: &[u8]) -> String {
 }
 
 /// The bytes that `digits` spell, two a byte, with spaces, dots, colons and a leading 0x ignored.
-pub(super) fn bytes(digits: &str) -> Result<Vec<u8>, Refused> {
+pub(super) fn bytes(digits: &str) -> Result<Vec<u8>, Rejected> {
     let is_separator = |letter: &char| letter.is_whitespace() || ".:_".contains(*letter);
     let plain: String = digits.chars().filter(|letter| !is_separator(letter)).collect();
     let plain = plain.strip_prefix("0x").unwrap_or(&plain).as_bytes();
@@ -17,10 +17,10 @@ pub(super) fn bytes(digits: &str) -> Result<Vec<u8>, Refused> {
         [high, low] => Some((nibble(high)? << 4 | nibble(low)?) as u8),
         _ => None,
     };
-    plain.chunks(2).map(|pair| byte(pair).ok_or_else(|| Refused::Hex { received: digits.into() })).collect()
+    plain.chunks(2).map(|pair| byte(pair).ok_or_else(|| Rejected::Hex { received: digits.into() })).collect()
 }
 
 /// The bytes of a frame: what follows `#`, or all of it.
-pub(super) fn bytes_of_frame(text: &str) -> Result<Vec<u8>, Refused> {
+pub(super) fn bytes_of_frame(text: &str) -> Result<Vec<u8>, Rejected> {
     bytes(text.split_once('#').map_or(text, |(_, data)| data))
 }

@@ -16,7 +16,7 @@ mod null_bytes;
 mod object;
 mod options;
 mod output;
-mod refused;
+mod rejected;
 mod robot;
 mod scale;
 mod serial;
@@ -25,19 +25,19 @@ mod strict;
 pub use failure::FrameFailure;
 
 use clap::{Args, Subcommand};
-use codec::Reading;
+use codec::Codec;
 use object::Object;
-use options::{Asked, Constants, Direction, Protocol};
-use output::Report;
-use refused::Refused;
-use robot::Robot;
+use options::{AnsweredCommand, Constants, Direction, FrameProtocol};
+use output::ObjectWriter;
+use rejected::Rejected;
+use robot::LoggedRobot;
 use std::io::{self, BufRead};
 use std::path::PathBuf;
 use strict::Strict;
 
 /// The two directions of conversion.
 #[derive(Debug, Subcommand)]
-pub enum Frame {
+pub enum FrameCommand {
     /// Decode frames into JSON objects, one per line.
     ///
     /// A frame that cannot be decoded prints {"kind":"reject","reason":…}. The exit status is then 65.
@@ -76,15 +76,15 @@ Examples:
 pub struct Decode {
     /// Protocol of the frames. With --config it replaces the configured protocol of every motor.
     #[arg(long, value_enum, required_unless_present = "config")]
-    protocol: Option<Protocol>,
+    protocol: Option<FrameProtocol>,
     /// Direction of the frames.
     #[arg(long, value_enum, required_unless_present = "config")]
     direction: Option<Direction>,
     #[command(flatten)]
     constants: Constants,
     /// The command that a reply answers. The meaning of some replies depends on it.
-    #[arg(long, value_enum, default_value_t = Asked::State)]
-    asked: Asked,
+    #[arg(long, value_enum, default_value_t = AnsweredCommand::State)]
+    asked: AnsweredCommand,
     /// Configuration of motord. Decodes lines of `candump -L` with the names, protocols and constants of its motors.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["direction", "asked", "torque_constant"])]
     config: Option<PathBuf>,
@@ -99,7 +99,7 @@ pub struct Decode {
 pub struct Encode {
     /// Protocol of the frames.
     #[arg(long, value_enum)]
-    protocol: Protocol,
+    protocol: FrameProtocol,
     /// Direction of the frames.
     #[arg(long, value_enum)]
     direction: Direction,
@@ -118,22 +118,22 @@ pub struct Encode {
 /// # Errors
 ///
 /// When an input was refused, or could not be read.
-pub fn run(frame: Frame) -> Result<(), FrameFailure> {
+pub fn run(frame: FrameCommand) -> Result<(), FrameFailure> {
     match frame {
-        Frame::Decode(arguments) => decode_all(&arguments),
-        Frame::Encode(arguments) => encode_all(&arguments),
+        FrameCommand::Decode(arguments) => decode_all(&arguments),
+        FrameCommand::Encode(arguments) => encode_all(&arguments),
     }
 }
 
 fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
-    let mut report = Report::default();
+    let mut report = ObjectWriter::default();
     let Decode { protocol, direction, constants, asked, config, frames } = arguments;
     if let Some(path) = config {
-        let mut robot = Robot::read(path, *protocol)?;
+        let mut robot = LoggedRobot::read(path, *protocol)?;
         for_each_line(frames, |line| report.object(robot.decode(line)))?;
     } else if let (Some(protocol), Some(direction)) = (*protocol, *direction) {
         let (profile, scale) = (constants.profile.profile, constants.scale()?);
-        let reading = Reading { protocol, direction, asked: *asked, profile, scale };
+        let reading = Codec { protocol, direction, asked: *asked, profile, scale };
         for_each_line(frames, |line| {
             report.object(hex::bytes_of_frame(line).and_then(|bytes| reading.decode(&bytes)))
         })?;
@@ -142,14 +142,14 @@ fn decode_all(arguments: &Decode) -> Result<(), FrameFailure> {
 }
 
 fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
-    let mut report = Report::default();
+    let mut report = ObjectWriter::default();
     let Encode { protocol, direction, .. } = *arguments;
     let (profile, scale) = (arguments.constants.profile.profile, arguments.constants.scale()?);
-    let reading = Reading { protocol, direction, asked: Asked::State, profile, scale };
+    let reading = Codec { protocol, direction, asked: AnsweredCommand::State, profile, scale };
     for argument in &arguments.objects {
         let text = if argument == "-" { io::read_to_string(io::stdin())? } else { argument.clone() };
         for given in serde_json::Deserializer::from_str(&text).into_iter::<Strict>() {
-            let object = given.map_err(Refused::Json).and_then(Object::given);
+            let object = given.map_err(Rejected::Json).and_then(Object::given);
             let bytes = object.and_then(|object| reading.encode(object, arguments.mit_safe));
             report.line(bytes.map(|bytes| hex::digits(&bytes)))?;
         }

@@ -1,7 +1,7 @@
 //! The members of a JSON object that stand for the fields of a frame: one table for both directions.
 
 use crate::object::{Object, Quantities};
-use crate::refused::Refused;
+use crate::rejected::Rejected;
 use motord_protocol::gim::{
     Calibration, CommandCode, ConfigurationKey, ExecutionTime, Finite, Outcome, Refusal, State, Value,
     ValueType,
@@ -15,7 +15,7 @@ pub(super) trait Member: Sized {
     fn write(&self, object: &mut Object, key: &'static str);
 
     /// Reads the field back.
-    fn read(object: &Object, key: &'static str) -> Result<Self, Refused>;
+    fn read(object: &Object, key: &'static str) -> Result<Self, Rejected>;
 }
 
 /// Makes [`Variants`] of a table with a row per variant: the selectors of the variant, then its fields, each with the key
@@ -34,7 +34,7 @@ macro_rules! variants {
                 let _ = object;
             }
 
-            fn read(selector: $selector, object: &Object) -> Result<Self, Refused> {
+            fn read(selector: $selector, object: &Object) -> Result<Self, Rejected> {
                 Ok(match selector {
                     $($selected => Self::$variant { $($field: Member::read(object, stringify!($key))?),* },)*
                 })
@@ -53,13 +53,13 @@ pub(super) trait Variants: Sized {
     fn write(&self, object: &mut Object);
 
     /// Reads the variant that `selector` selects.
-    fn read(selector: Self::Selector, object: &Object) -> Result<Self, Refused>;
+    fn read(selector: Self::Selector, object: &Object) -> Result<Self, Rejected>;
 }
 
 impl Member for () {
     fn write(&self, _: &mut Object, _: &'static str) {}
 
-    fn read(_: &Object, _: &'static str) -> Result<Self, Refused> {
+    fn read(_: &Object, _: &'static str) -> Result<Self, Rejected> {
         Ok(())
     }
 }
@@ -72,7 +72,7 @@ macro_rules! number {
                 object.insert(key, $to_number(*self));
             }
 
-            fn read(object: &Object, key: &'static str) -> Result<Self, Refused> {
+            fn read(object: &Object, key: &'static str) -> Result<Self, Rejected> {
                 $read(object, key)
             }
         }
@@ -86,16 +86,16 @@ number!(FaultBits, |Self(byte)| byte, |object: &Object, key| object.byte(key).ma
 number!(Finite, Finite::get, finite);
 number!(ExecutionTime, ExecutionTime::as_millis, duration);
 
-fn finite(object: &Object, key: &'static str) -> Result<Finite, Refused> {
+fn finite(object: &Object, key: &'static str) -> Result<Finite, Rejected> {
     let number = object.number(key)?;
-    let refused = || Refused::Type { key, expected: "a float of 32 bits", received: number.to_string() };
+    let refused = || Rejected::Type { key, expected: "a float of 32 bits", received: number.to_string() };
     Finite::new(number as f32).ok_or_else(refused)
 }
 
-fn duration(object: &Object, key: &'static str) -> Result<ExecutionTime, Refused> {
+fn duration(object: &Object, key: &'static str) -> Result<ExecutionTime, Rejected> {
     let most = i64::from(ExecutionTime::MAX.as_millis());
     let millis = object.integer(key, 0, most)?;
-    let refused = || Refused::Range { key, least: 0, most, received: millis.to_string() };
+    let refused = || Rejected::Range { key, least: 0, most, received: millis.to_string() };
     ExecutionTime::from_millis(millis as u32).ok_or_else(refused)
 }
 
@@ -108,7 +108,7 @@ impl<T: Member> Member for Outcome<T> {
         }
     }
 
-    fn read(object: &Object, key: &'static str) -> Result<Self, Refused> {
+    fn read(object: &Object, key: &'static str) -> Result<Self, Rejected> {
         match Refusal::check(object.byte("res")?) {
             Ok(()) => T::read(object, key).map(Ok),
             Err(refusal) => Ok(Err(refusal)),
@@ -122,7 +122,7 @@ impl Member for CommandCode {
         object.insert(key, *self as u8);
     }
 
-    fn read(object: &Object, key: &'static str) -> Result<Self, Refused> {
+    fn read(object: &Object, key: &'static str) -> Result<Self, Rejected> {
         Ok(if object.has(key) { Self::from_byte(object.byte(key)?)? } else { Self::RetrieveIndicator })
     }
 }
@@ -133,7 +133,7 @@ impl Member for ConfigurationKey {
         object.insert("conf_id", self.conf_id);
     }
 
-    fn read(object: &Object, _: &'static str) -> Result<Self, Refused> {
+    fn read(object: &Object, _: &'static str) -> Result<Self, Rejected> {
         Ok(Self { conf_type: object.byte("conf_type")?, conf_id: object.byte("conf_id")? })
     }
 }
@@ -148,7 +148,7 @@ impl Member for Value {
         }
     }
 
-    fn read(object: &Object, key: &'static str) -> Result<Self, Refused> {
+    fn read(object: &Object, key: &'static str) -> Result<Self, Rejected> {
         let item = ConfigurationKey::read(object, "")?;
         match ValueType::from_byte(item.conf_type) {
             Some(ValueType::Integer) if item.is_position() && !object.has(key) => {
@@ -173,7 +173,7 @@ impl Member for StateCodes {
         object.insert_scale();
     }
 
-    fn read(object: &Object, _: &'static str) -> Result<Self, Refused> {
+    fn read(object: &Object, _: &'static str) -> Result<Self, Rejected> {
         let Quantities { position, velocity, torque, .. } = object.quantities();
         Ok(Self {
             position: object.code(&position)?,
@@ -189,7 +189,7 @@ impl Member for State {
         self.codes.write(object, key);
     }
 
-    fn read(object: &Object, key: &'static str) -> Result<Self, Refused> {
+    fn read(object: &Object, key: &'static str) -> Result<Self, Rejected> {
         let temperature = object.integer("temperature_c", i8::MIN.into(), i8::MAX.into())? as i8;
         Ok(Self::new(temperature, StateCodes::read(object, key)?, &object.scales()?))
     }

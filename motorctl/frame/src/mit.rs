@@ -3,15 +3,15 @@
 use crate::member::Member;
 use crate::null_bytes;
 use crate::object::Object;
-use crate::options::Asked;
-use crate::refused::Refused;
+use crate::options::AnsweredCommand;
+use crate::rejected::Rejected;
 use motord_protocol::mit::{self, CommandCodes, ControlCodes, Reply, State};
 use motord_protocol::profile::FaultReport;
 use motord_protocol::{Faults, Profile, StateCodes};
 use serde_json::Value;
 
 /// Decodes a command into `object`.
-pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object, Refused> {
+pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object, Rejected> {
     let command = CommandCodes::decode(bytes)?;
     object.insert("kind", kind_of(&command));
     match command {
@@ -40,7 +40,7 @@ fn kind_of(command: &CommandCodes) -> &'static str {
 }
 
 /// The command that `object` describes.
-pub(super) fn command(object: &Object) -> Result<CommandCodes, Refused> {
+pub(super) fn command(object: &Object) -> Result<CommandCodes, Rejected> {
     Ok(match object.kind()? {
         "get_fault" if object.has("f_cmd") => {
             CommandCodes::GetFault { f_cmd: object.integer("f_cmd", 0, 0xFE)? as u8 }
@@ -56,16 +56,20 @@ pub(super) fn command(object: &Object) -> Result<CommandCodes, Refused> {
             let (kp, kd) = (object.code(&quantities.kp)?, object.code(&quantities.kd)?);
             CommandCodes::Control(ControlCodes { position, velocity, kp, kd, torque })
         }
-        received => return Err(Refused::Kind { received: received.into() }),
+        received => return Err(Rejected::Kind { received: received.into() }),
     })
 }
 
 /// Decodes a reply into `object`.
-pub(super) fn decode_reply(bytes: &[u8], asked: Asked, mut object: Object) -> Result<Object, Refused> {
+pub(super) fn decode_reply(
+    bytes: &[u8],
+    asked: AnsweredCommand,
+    mut object: Object,
+) -> Result<Object, Rejected> {
     let asked = match asked {
-        Asked::GetFault => mit::Asked::Fault,
-        Asked::ClearFault => mit::Asked::Clear,
-        Asked::State | Asked::Calibration => mit::Asked::State,
+        AnsweredCommand::GetFault => mit::Asked::Fault,
+        AnsweredCommand::ClearFault => mit::Asked::Clear,
+        AnsweredCommand::State | AnsweredCommand::Calibration => mit::Asked::State,
     };
     let profile = object.profile();
     let reply = profile.decode(bytes, asked, &object.scales()?)?;
@@ -118,7 +122,7 @@ fn first<const N: usize>(profile: &Profile, reply: &Reply, filler: [u8; N]) -> [
 }
 
 /// Encodes a reply.
-pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Refused> {
+pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Rejected> {
     let profile = object.profile();
     let id = object.byte("can_id")?;
     let reply = match object.kind()? {
@@ -128,7 +132,7 @@ pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Refused> {
             Reply::Fault { id, number, faults: Faults::NONE }
         }
         "clear_fault_reply" => Reply::Cleared { id },
-        received => return Err(Refused::Kind { received: received.into() }),
+        received => return Err(Rejected::Kind { received: received.into() }),
     };
     let known = profile.known_bytes(&reply);
     let surplus = 8 - known;
@@ -139,7 +143,7 @@ pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Refused> {
     }
 }
 
-fn state(object: &Object, id: u8) -> Result<State, Refused> {
+fn state(object: &Object, id: u8) -> Result<State, Rejected> {
     let codes: StateCodes = Member::read(object, "")?;
     let [position, velocity, torque] = codes.scaled(&object.scales()?);
     let temperatures = object.get("temperatures_c").and_then(Value::as_array);

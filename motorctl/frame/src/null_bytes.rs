@@ -2,7 +2,7 @@
 
 use crate::hex;
 use crate::object::Object;
-use crate::refused::Refused;
+use crate::rejected::Rejected;
 
 /// The key of these bytes, in hexadecimal and in their order.
 pub(super) const KEY: &str = "null_bytes";
@@ -28,7 +28,7 @@ pub(super) fn fill<const N: usize>(
     filler: [u8; N],
     surplus: usize,
     encode_over: impl Fn([u8; N]) -> [u8; N],
-) -> Result<Vec<u8>, Refused> {
+) -> Result<Vec<u8>, Rejected> {
     if !object.has(KEY) {
         return Ok(encode_over(filler).to_vec());
     }
@@ -37,7 +37,7 @@ pub(super) fn fill<const N: usize>(
     let least = null.iter().filter(|&&is_null| is_null).count();
     let most = least + surplus;
     if !(least..=most).contains(&given.len()) {
-        return Err(Refused::NullBytes { least, most, received: given.len() });
+        return Err(Rejected::NullBytes { least, most, received: given.len() });
     }
     let mut given = given.into_iter();
     let filler = null.map(|is_null| if is_null { given.next().unwrap_or(0) } else { 0 });

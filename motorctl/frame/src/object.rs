@@ -1,7 +1,7 @@
 //! The JSON object of a frame: its members, and how their values are read.
 
 use crate::hex;
-use crate::refused::Refused;
+use crate::rejected::Rejected;
 use crate::scale::{self, Scale};
 use crate::strict::Strict;
 use motord_protocol::profile::STEADYWIN;
@@ -29,11 +29,11 @@ impl Object {
     }
 
     /// The object that somebody gave.
-    pub(super) fn given(Strict { value, repeated }: Strict) -> Result<Self, Refused> {
+    pub(super) fn given(Strict { value, repeated }: Strict) -> Result<Self, Rejected> {
         match (value, repeated) {
-            (_, Some(key)) => Err(Refused::Repeated { key }),
+            (_, Some(key)) => Err(Rejected::Repeated { key }),
             (Value::Object(members), None) => Ok(Self { members, profile: None, scale: None }),
-            (other, None) => Err(Refused::NoObject { received: other.to_string() }),
+            (other, None) => Err(Rejected::NoObject { received: other.to_string() }),
         }
     }
 
@@ -42,7 +42,7 @@ impl Object {
         mut self,
         profile: &'static Profile,
         scale: Option<Scale>,
-    ) -> Result<Self, Refused> {
+    ) -> Result<Self, Rejected> {
         self.profile = Some(profile);
         self.scale = match self.has("torque_constant") || self.has("gear_ratio") {
             true => Some(Scale::new(self.number("torque_constant")?, self.number("gear_ratio")?)?),
@@ -115,44 +115,52 @@ impl Object {
         self.members.get(key)
     }
 
-    fn required(&self, key: &'static str) -> Result<&Value, Refused> {
-        self.get(key).ok_or(Refused::Missing { key })
+    fn required(&self, key: &'static str) -> Result<&Value, Rejected> {
+        self.get(key).ok_or(Rejected::Missing { key })
     }
 
-    pub(super) fn kind(&self) -> Result<&str, Refused> {
+    pub(super) fn kind(&self) -> Result<&str, Rejected> {
         self.text("kind")
     }
 
-    fn text(&self, key: &'static str) -> Result<&str, Refused> {
+    fn text(&self, key: &'static str) -> Result<&str, Rejected> {
         let value = self.required(key)?;
-        value.as_str().ok_or_else(|| Refused::Type { key, expected: "a string", received: value.to_string() })
+        value.as_str().ok_or_else(|| Rejected::Type {
+            key,
+            expected: "a string",
+            received: value.to_string(),
+        })
     }
 
-    pub(super) fn bytes(&self, key: &'static str) -> Result<Vec<u8>, Refused> {
+    pub(super) fn bytes(&self, key: &'static str) -> Result<Vec<u8>, Rejected> {
         hex::bytes(self.text(key)?)
     }
 
-    pub(super) fn object(&self, key: &'static str) -> Result<Self, Refused> {
+    pub(super) fn object(&self, key: &'static str) -> Result<Self, Rejected> {
         let value = self.required(key)?;
-        let received = || Refused::Type { key, expected: "an object", received: value.to_string() };
+        let received = || Rejected::Type { key, expected: "an object", received: value.to_string() };
         let members = value.as_object().cloned().ok_or_else(received)?;
         Ok(Self { members, profile: self.profile, scale: self.scale })
     }
 
-    pub(super) fn number(&self, key: &'static str) -> Result<f64, Refused> {
+    pub(super) fn number(&self, key: &'static str) -> Result<f64, Rejected> {
         let value = self.required(key)?;
-        value.as_f64().ok_or_else(|| Refused::Type { key, expected: "a number", received: value.to_string() })
+        value.as_f64().ok_or_else(|| Rejected::Type {
+            key,
+            expected: "a number",
+            received: value.to_string(),
+        })
     }
 
     /// A whole number from `least` to `most`.
-    pub(super) fn integer(&self, key: &'static str, least: i64, most: i64) -> Result<i64, Refused> {
+    pub(super) fn integer(&self, key: &'static str, least: i64, most: i64) -> Result<i64, Rejected> {
         let number = self.number(key)?;
         let is_whole = number.fract() == 0.0 && (least as f64..=most as f64).contains(&number);
-        let refused = || Refused::Range { key, least, most, received: number.to_string() };
+        let refused = || Rejected::Range { key, least, most, received: number.to_string() };
         is_whole.then_some(number as i64).ok_or_else(refused)
     }
 
-    pub(super) fn byte(&self, key: &'static str) -> Result<u8, Refused> {
+    pub(super) fn byte(&self, key: &'static str) -> Result<u8, Rejected> {
         Ok(self.integer(key, 0, 0xFF)? as u8)
     }
 
@@ -165,7 +173,7 @@ impl Object {
     }
 
     /// The code of `quantity`, given as such or as the value that it stands for.
-    pub(super) fn code(&self, quantity: &Quantity) -> Result<u16, Refused> {
+    pub(super) fn code(&self, quantity: &Quantity) -> Result<u16, Rejected> {
         let &Quantity { raw, physical, .. } = quantity;
         if !self.has(physical) {
             return quantity.code(self);
@@ -176,7 +184,7 @@ impl Object {
         }
         match quantity.code(self)? {
             code if code == nearest => Ok(code),
-            code => Err(Refused::Disagree { raw, code, physical, nearest }),
+            code => Err(Rejected::Disagree { raw, code, physical, nearest }),
         }
     }
 }
@@ -214,16 +222,16 @@ impl Quantity {
         Self { raw, physical, field, code_max }
     }
 
-    fn code(&self, object: &Object) -> Result<u16, Refused> {
+    fn code(&self, object: &Object) -> Result<u16, Rejected> {
         Ok(object.integer(self.raw, 0, self.code_max.into())? as u16)
     }
 
-    fn nearest(&self, object: &Object) -> Result<u16, Refused> {
+    fn nearest(&self, object: &Object) -> Result<u16, Rejected> {
         let physical = self.physical;
-        let field = self.field.ok_or(Refused::NoScale { physical })?;
+        let field = self.field.ok_or(Rejected::NoScale { physical })?;
         let value = object.number(physical)?;
         let received =
-            || Refused::Type { key: physical, expected: "a finite number", received: value.to_string() };
+            || Rejected::Type { key: physical, expected: "a finite number", received: value.to_string() };
         field.encode(value).ok_or_else(received)
     }
 }

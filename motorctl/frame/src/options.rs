@@ -7,7 +7,7 @@ use motord_protocol::{Model, Profile, ScaleError};
 use std::str::FromStr;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(super) enum Protocol {
+pub(super) enum FrameProtocol {
     /// Impedance control over CAN.
     Mit,
     /// Native commands over CAN.
@@ -28,7 +28,7 @@ pub(super) enum Direction {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
-pub(super) enum Asked {
+pub(super) enum AnsweredCommand {
     /// Any command that is not in this list.
     State,
     /// Get fault: the MIT reply holds the fault number.

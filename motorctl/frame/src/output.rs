@@ -2,23 +2,23 @@
 
 use crate::failure::FrameFailure;
 use crate::object::Object;
-use crate::refused::Refused;
+use crate::rejected::Rejected;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
 /// The count of printed lines.
 #[derive(Default)]
-pub(super) struct Report {
+pub(super) struct ObjectWriter {
     refused: usize,
     total: usize,
 }
 
-impl Report {
-    pub(super) fn object(&mut self, object: Result<Object, Refused>) -> Result<(), io::Error> {
+impl ObjectWriter {
+    pub(super) fn object(&mut self, object: Result<Object, Rejected>) -> Result<(), io::Error> {
         self.line(object.map(|object| Value::from(object).to_string()))
     }
 
-    pub(super) fn line(&mut self, line: Result<String, Refused>) -> Result<(), io::Error> {
+    pub(super) fn line(&mut self, line: Result<String, Rejected>) -> Result<(), io::Error> {
         self.total += 1;
         let line = line.unwrap_or_else(|refused| {
             self.refused += 1;
@@ -30,6 +30,6 @@ impl Report {
     /// Returns an error when an input was rejected.
     pub(super) fn finish(self) -> Result<(), FrameFailure> {
         let Self { refused, total } = self;
-        if refused == 0 { Ok(()) } else { Err(FrameFailure::Refused { refused, total }) }
+        if refused == 0 { Ok(()) } else { Err(FrameFailure::Rejected { refused, total }) }
     }
 }

@@ -1,9 +1,9 @@
 //! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
 
-use crate::codec::Reading;
+use crate::codec::Codec;
 use crate::object::Object;
-use crate::options::{Asked, Direction, Protocol};
-use crate::refused::Refused;
+use crate::options::{AnsweredCommand, Direction, FrameProtocol};
+use crate::rejected::Rejected;
 use crate::scale::Scale;
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Frame};
@@ -72,30 +72,30 @@ enum ProtocolConfig {
 }
 
 /// The motors of a configuration.
-pub(super) struct Robot {
-    motors: Vec<Motor>,
+pub(super) struct LoggedRobot {
+    motors: Vec<LoggedMotor>,
 }
 
-struct Motor {
+struct LoggedMotor {
     name: String,
     interface: String,
     id: u8,
     host_id: u16,
-    protocol: Protocol,
+    protocol: FrameProtocol,
     profile: &'static Profile,
     scale: Option<Scale>,
     /// The content that its next reply has.
-    asked: Asked,
+    asked: AnsweredCommand,
 }
 
-impl Robot {
+impl LoggedRobot {
     /// Reads a configuration; all its motors speak `protocol`, if there is one.
-    pub(super) fn read(path: &Path, protocol: Option<Protocol>) -> Result<Self, RobotError> {
+    pub(super) fn read(path: &Path, protocol: Option<FrameProtocol>) -> Result<Self, RobotError> {
         let text = motord_configuration::text(path)?;
         let Config { bus, motor } = toml::from_str(&text)
             .map_err(|source| RobotError::Malformed { path: path.into(), source: source.into() })?;
         let mut motors =
-            motor.into_iter().map(|motor| Motor::new(motor, &bus)).collect::<Result<Vec<_>, _>>()?;
+            motor.into_iter().map(|motor| LoggedMotor::new(motor, &bus)).collect::<Result<Vec<_>, _>>()?;
         for motor in &mut motors {
             motor.protocol = protocol.unwrap_or(motor.protocol);
         }
@@ -103,12 +103,12 @@ impl Robot {
     }
 
     /// Decodes a line of a log.
-    pub(super) fn decode(&mut self, line: &str) -> Result<Object, Refused> {
+    pub(super) fn decode(&mut self, line: &str) -> Result<Object, Rejected> {
         let LogLine { at, interface, content } = LogLine::parse(line)?;
-        let Content::Frame(frame) = content else { return Err(Refused::Unsupported) };
+        let Content::Frame(frame) = content else { return Err(Rejected::Unsupported) };
         let (motor, direction) = self
             .motor_of(interface, &frame)
-            .ok_or_else(|| Refused::UnexpectedId { interface: interface.into(), id: frame.id().raw() })?;
+            .ok_or_else(|| Rejected::UnexpectedId { interface: interface.into(), id: frame.id().raw() })?;
         let mut object = motor.decode(frame.payload(), direction)?;
         // Microseconds since 1970 fit into 53 bits, nanoseconds do not.
         object.insert("time", at.as_micros() as f64 / 1e6);
@@ -117,13 +117,13 @@ impl Robot {
         Ok(object)
     }
 
-    fn motor_of(&mut self, interface: &str, frame: &Frame) -> Option<(&mut Motor, Direction)> {
+    fn motor_of(&mut self, interface: &str, frame: &Frame) -> Option<(&mut LoggedMotor, Direction)> {
         let here = self.motors.iter_mut().filter(|motor| motor.interface == interface);
         here.filter_map(|motor| motor.direction(frame).map(|direction| (motor, direction))).next()
     }
 }
 
-impl Motor {
+impl LoggedMotor {
     fn new(config: MotorConfig, buses: &[BusConfig]) -> Result<Self, RobotError> {
         let (profile, model) = match Profile::of_model(&config.model) {
             Some((profile, model)) => (profile, Some(model)),
@@ -145,17 +145,18 @@ impl Motor {
             id: config.id,
             host_id: config.host_id.unwrap_or(profile.ids.reply_offset + u16::from(config.id)),
             protocol: match config.protocol {
-                ProtocolConfig::Mit => Protocol::Mit,
-                ProtocolConfig::Gim => Protocol::GimCan,
+                ProtocolConfig::Mit => FrameProtocol::Mit,
+                ProtocolConfig::Gim => FrameProtocol::GimCan,
             },
             profile,
-            asked: Asked::State,
+            asked: AnsweredCommand::State,
         })
     }
 
     /// Which way a frame goes if it is to or from this motor. MIT motors may share a host id: a reply names its sender.
     fn direction(&self, frame: &Frame) -> Option<Direction> {
-        let names_this = self.protocol != Protocol::Mit || self.profile.is_from(self.id, frame.payload());
+        let names_this =
+            self.protocol != FrameProtocol::Mit || self.profile.is_from(self.id, frame.payload());
         let id = frame.id().raw();
         if id == u16::from(self.id) {
             Some(Direction::ToMotor)
@@ -166,15 +167,15 @@ impl Motor {
         }
     }
 
-    fn decode(&mut self, payload: &[u8], direction: Direction) -> Result<Object, Refused> {
+    fn decode(&mut self, payload: &[u8], direction: Direction) -> Result<Object, Rejected> {
         let Self { protocol, asked, profile, scale, .. } = *self;
-        let object = Reading { protocol, direction, asked, profile, scale }.decode(payload)?;
+        let object = Codec { protocol, direction, asked, profile, scale }.decode(payload)?;
         if direction == Direction::ToMotor {
             self.asked = match object.kind()? {
-                "get_fault" => Asked::GetFault,
-                "clear_fault" => Asked::ClearFault,
-                "calibration" => Asked::Calibration,
-                _ => Asked::State,
+                "get_fault" => AnsweredCommand::GetFault,
+                "clear_fault" => AnsweredCommand::ClearFault,
+                "calibration" => AnsweredCommand::Calibration,
+                _ => AnsweredCommand::State,
             };
         }
         Ok(object)

@@ -1,8 +1,8 @@
 //! Native frames on a serial line: a header before the payload.
 
 use crate::object::Object;
-use crate::options::{Asked, Direction};
-use crate::refused::Refused;
+use crate::options::{AnsweredCommand, Direction};
+use crate::rejected::Rejected;
 use crate::{gim, hex};
 use motord_bus::serial::framing::{FRAME_LEN_MAX, FrameType, SerialFrame};
 use motord_protocol::DecodeError;
@@ -17,9 +17,9 @@ const ACK: &str = "ack_error";
 pub(super) fn decode(
     bytes: &[u8],
     direction: Direction,
-    asked: Asked,
+    asked: AnsweredCommand,
     mut object: Object,
-) -> Result<Object, Refused> {
+) -> Result<Object, Rejected> {
     let frame = SerialFrame::decode(bytes)?;
     let payload = frame.payload();
     match (frame.frame_type(), direction) {
@@ -36,7 +36,7 @@ pub(super) fn decode(
 }
 
 /// Encodes a frame: the payload if the object has one, else what the other members mean.
-pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> Result<Vec<u8>, Refused> {
+pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
     let receiver = object.object("header")?.byte("id")?;
     let is_ack = object.kind()? == ACK;
     let payload = match direction {

@@ -1,7 +1,7 @@
 //! Interval logs of HdrHistogram, as its HistogramLogProcessor and its ports read them.
 
 use crate::failure::LatencyFailure;
-use crate::snapshot::{Interval, Quantities, histogram};
+use crate::snapshot::{Histograms, Interval, histogram};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use hdrhistogram::serialization::V2DeflateSerializer;
@@ -73,8 +73,8 @@ fn lines(interval: &Interval, begun: SystemTime) -> io::Result<Vec<u8>> {
 
 /// The sum of all intervals of a log, by their tags; lines without a tag have the empty one. The text of the error names the
 /// first mistake.
-pub(crate) fn read(log: &[u8]) -> Result<Quantities, String> {
-    let mut quantities = Quantities::new();
+pub(crate) fn read(log: &[u8]) -> Result<Histograms, String> {
+    let mut quantities = Histograms::new();
     for (number, entry) in IntervalLogIterator::new(log).enumerate() {
         let entry = entry.map_err(|_| "a line is no interval".to_owned())?;
         if let LogEntry::Interval(interval) = entry {

@@ -3,7 +3,7 @@
 use crate::failure::LatencyFailure;
 use crate::hgrm::{self, Point};
 use crate::hlog;
-use crate::snapshot::{Quantities, percentiles};
+use crate::snapshot::{Histograms, percentiles};
 use crate::table;
 use hdrhistogram::Histogram;
 use motord_terminal::Table;
@@ -24,7 +24,7 @@ pub(crate) struct Run {
 }
 
 enum Latencies {
-    Counted(Quantities),
+    Counted(Histograms),
     /// Of a file that does not say of which quantity.
     Percentiles(Vec<Point>),
 }
@@ -36,7 +36,7 @@ pub(crate) struct Curve {
 }
 
 impl Run {
-    pub(crate) fn of(name: &str, histograms: Quantities) -> Self {
+    pub(crate) fn of(name: &str, histograms: Histograms) -> Self {
         Self { name: name.to_owned(), latencies: Latencies::Counted(histograms) }
     }
 

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
 /// Histograms of values in ns, by the name of their quantity.
-pub(crate) type Quantities = BTreeMap<String, Histogram<u64>>;
+pub(crate) type Histograms = BTreeMap<String, Histogram<u64>>;
 
 /// The totals of a daemon.
 pub(crate) struct Snapshot {
@@ -18,7 +18,7 @@ pub(crate) struct Snapshot {
     /// Changes with every start of the daemon.
     boot_id: u64,
     telemetry: Telemetry,
-    pub(crate) histograms: Quantities,
+    pub(crate) histograms: Histograms,
 }
 
 /// The samples that came between two snapshots.
@@ -26,7 +26,7 @@ pub(crate) struct Interval {
     pub(crate) begun: SystemTime,
     pub(crate) length: Duration,
     counters: Telemetry,
-    pub(crate) histograms: Quantities,
+    pub(crate) histograms: Histograms,
 }
 
 impl Snapshot {
@@ -64,7 +64,7 @@ impl Snapshot {
 impl Interval {
     /// Of histograms only.
     #[cfg(test)]
-    pub(crate) fn new(begun: SystemTime, length: Duration, histograms: Quantities) -> Self {
+    pub(crate) fn new(begun: SystemTime, length: Duration, histograms: Histograms) -> Self {
         Self { begun, length, counters: Telemetry::default(), histograms }
     }
 
@@ -164,7 +164,7 @@ mod tests {
 
     fn snapshot(boot_id: u64, resets: u64, cycles: u64, wake: Histogram<u64>) -> Snapshot {
         let telemetry = Telemetry { resets, cycles, ..Telemetry::default() };
-        let histograms = Quantities::from([("wake_latency".to_owned(), wake)]);
+        let histograms = Histograms::from([("wake_latency".to_owned(), wake)]);
         Snapshot { taken: SystemTime::UNIX_EPOCH, boot_id, telemetry, histograms }
     }
 

@@ -25,22 +25,22 @@ const KD: f32 = 2.0;
 const PATIENCE: Duration = Duration::from_millis(500);
 /// Motors must be found, started and stopped within this time each, s.
 const CHANGE_MAX: f64 = 8.0;
-/// Progress is told this often, s.
+/// Time between two messages of progress, s.
 const PROGRESS_PERIOD: f64 = 0.2;
 
 /// A message from the controller to its parent.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Message {
+pub(crate) enum ControllerMessage {
     /// The trot goes on.
-    Progress(Progress),
+    TrotProgress(TrotProgress),
     /// The trot is over: the tracking of every joint, in the order of the description.
     Outcome(Vec<Tracking>),
 }
 
 /// How the trot goes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Progress {
+pub(crate) struct TrotProgress {
     /// Time since the trot began, s.
     pub(crate) time: f64,
     /// Cycle number.
@@ -66,7 +66,7 @@ pub(crate) fn run(instance: &str, seconds: f64) -> Result<(), Failure> {
     controller.claim.disable()?;
     controller.stand("stopped", |controller, state| controller.phase(state) == Some(Phase::Disarmed))?;
     trot?;
-    tell(&Message::Outcome(controller.tracking))
+    tell(&ControllerMessage::Outcome(controller.tracking))
 }
 
 struct Controller {
@@ -139,7 +139,7 @@ impl Controller {
             self.track(time, &state);
             if time >= progress_due {
                 progress_due += PROGRESS_PERIOD;
-                tell(&Message::Progress(self.progress(time, &state)))?;
+                tell(&ControllerMessage::TrotProgress(self.progress(time, &state)))?;
             }
         }
     }
@@ -191,8 +191,8 @@ impl Controller {
         }
     }
 
-    fn progress(&self, time: f64, state: &State) -> Progress {
-        Progress {
+    fn progress(&self, time: f64, state: &State) -> TrotProgress {
+        TrotProgress {
             time,
             cycle: state.cycle(),
             missed: state.joints().map(|joint| u64::from(joint.missed)).sum(),
@@ -205,7 +205,7 @@ fn seconds_since(begun_ns: u64, state: &State) -> f64 {
     state.tick_ns().saturating_sub(begun_ns) as f64 * 1e-9
 }
 
-fn tell(message: &Message) -> Result<(), Failure> {
+fn tell(message: &ControllerMessage) -> Result<(), Failure> {
     let out = &mut io::stdout().lock();
     json::write_line(out, message)?;
     Ok(out.flush()?)

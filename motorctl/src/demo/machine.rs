@@ -10,13 +10,13 @@ const PAUSE: Duration = Duration::from_millis(10);
 
 /// Threads that want to run, and the processors for them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Machine {
+pub(crate) struct ProcessorLoad {
     /// Mean number of other threads that wanted to run.
     running: f64,
     processors: usize,
 }
 
-impl Machine {
+impl ProcessorLoad {
     /// Asks the kernel for 0.2 s: its mean of the last minute would still count the build of this program. `None` when it does not tell.
     pub(crate) fn read() -> Option<Self> {
         let processors = thread::available_parallelism().ok()?.get();
@@ -50,11 +50,11 @@ mod tests {
 
     #[test]
     fn more_work_than_processors_is_an_overload() {
-        let machine = |running| Machine { running, processors: 2 };
+        let machine = |running| ProcessorLoad { running, processors: 2 };
         assert_eq!(machine(2.0).overload(), None);
         let sentence = "this computer is overloaded (2.5 threads want its 2 processors)";
         assert_eq!(machine(2.5).overload().as_deref(), Some(sentence));
-        assert!(Machine::read().is_some());
+        assert!(ProcessorLoad::read().is_some());
     }
 
     #[test]

@@ -22,13 +22,13 @@ pub(crate) use child::guard;
 pub(crate) use controller::run as control;
 
 use child::Child;
-use controller::Message;
+use controller::ControllerMessage;
 use daemon::Daemon;
 use error::{DemoError, SILENCE_MAX};
-use machine::Machine;
+use machine::ProcessorLoad;
 use motord_terminal::{Interrupt, Palette, json};
 use progress::Display;
-use report::Report;
+use report::DemoReport;
 use serde_json::json;
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
@@ -57,7 +57,7 @@ pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
 ///
 /// When anything failed, or the run was not good enough.
 pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<(), DemoError> {
-    let overload = Machine::read().and_then(Machine::overload);
+    let overload = ProcessorLoad::read().and_then(ProcessorLoad::overload);
     if let Some(overload) = overload.as_ref().filter(|_| !as_json) {
         eprintln!("motorctl: {overload}: the demo may fail because of it");
     }
@@ -87,14 +87,14 @@ fn play(
     config: Option<&Path>,
     as_json: bool,
     overload: Option<String>,
-) -> Result<Report, DemoError> {
+) -> Result<DemoReport, DemoError> {
     let interrupt = Interrupt::register();
     let directory = WorkDirectory::new(config)?;
     let mut daemon = Daemon::start(&directory)?;
     let client = Arc::new(daemon.connect(&interrupt)?);
     let display = Display::open(seconds, &client, as_json).map_err(DemoError::system("use the terminal"))?;
     let tracking = trot(&mut daemon, seconds, display, &interrupt)?;
-    let mut report = Report::new(&client.description(), &client.telemetry()?, &tracking);
+    let mut report = DemoReport::new(&client.description(), &client.telemetry()?, &tracking);
     let shortfalls = report.judge(&client.description(), overload.as_deref());
     drop(client);
     daemon.stop()?;
@@ -123,8 +123,8 @@ fn trot(
             Ok(message) => {
                 heard = Instant::now();
                 match message {
-                    Message::Progress(progress) => display.show(&progress, seconds),
-                    Message::Outcome(outcome) => tracking = Some(outcome),
+                    ControllerMessage::TrotProgress(progress) => display.show(&progress, seconds),
+                    ControllerMessage::Outcome(outcome) => tracking = Some(outcome),
                 }
             }
             Err(RecvTimeoutError::Disconnected) => break,
@@ -143,7 +143,7 @@ fn trot(
 }
 
 /// The controller's messages; they end with it. A line that is none ends them too.
-fn messages(controller: &mut Child) -> Receiver<Message> {
+fn messages(controller: &mut Child) -> Receiver<ControllerMessage> {
     let (sender, receiver) = mpsc::channel();
     let output = controller.output();
     std::thread::spawn(move || {
@@ -158,7 +158,7 @@ fn messages(controller: &mut Child) -> Receiver<Message> {
     receiver
 }
 
-fn print(report: &Report, as_json: bool) -> io::Result<()> {
+fn print(report: &DemoReport, as_json: bool) -> io::Result<()> {
     let out = &mut io::stdout().lock();
     if as_json { json::write_line(out, report) } else { report.write(out, Palette::of_stdout()) }
 }

@@ -1,6 +1,6 @@
 //! The progress of the trot: in the monitor for a person at a terminal, else line by line.
 
-use crate::demo::controller::Progress;
+use crate::demo::controller::TrotProgress;
 use crate::monitor::{self, Monitor};
 use motord_client::Client;
 use std::io::{self, IsTerminal, Write};
@@ -37,7 +37,7 @@ impl Display {
     }
 
     /// Shows `progress` of a trot of `seconds`.
-    pub(crate) fn show(&mut self, progress: &Progress, seconds: f64) {
+    pub(crate) fn show(&mut self, progress: &TrotProgress, seconds: f64) {
         match self {
             Self::Line(line) => line.show(progress),
             Self::Monitor(monitor) => monitor.show_progress(format!("demo: {}", sentence(progress, seconds))),
@@ -65,8 +65,8 @@ impl Display {
     }
 }
 
-fn sentence(progress: &Progress, seconds: f64) -> String {
-    let Progress { time, cycle, missed, tracking_max } = progress;
+fn sentence(progress: &TrotProgress, seconds: f64) -> String {
+    let TrotProgress { time, cycle, missed, tracking_max } = progress;
     format!(
         "trot {time:.1} of {seconds:.1} s, cycle {cycle}, {missed} missed replies, largest tracking error \
          {tracking_max:.3} rad"
@@ -88,7 +88,7 @@ impl ProgressLine {
     }
 
     /// Shows `progress`: over the last line on a terminal, else now and then on a new line.
-    pub(crate) fn show(&mut self, progress: &Progress) {
+    pub(crate) fn show(&mut self, progress: &TrotProgress) {
         if self.terminal {
             self.write(&format!("\r\x1b[K{}", sentence(progress, self.seconds)));
         } else if progress.time >= self.next {
@@ -97,7 +97,7 @@ impl ProgressLine {
         }
     }
 
-    /// Progress that nobody can see is no reason to stop.
+    /// Writes `text`. Ignores an error: progress is optional.
     fn write(&self, text: &str) {
         let _ = io::stderr().write_all(text.as_bytes());
     }

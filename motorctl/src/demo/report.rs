@@ -18,7 +18,7 @@ const TRACKING_RMS_MAX: f64 = 0.05;
 
 /// The run, as `--json` prints it.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Report {
+pub(crate) struct DemoReport {
     /// The run missed no limit.
     pub(crate) passed: bool,
     /// Why it did not pass, a reason of the computer's own first.
@@ -48,12 +48,12 @@ pub(crate) struct Report {
     /// From the sending of a setpoint to the cycle that used it.
     pub(crate) setpoint_age_us: Percentiles,
     /// Joint by joint.
-    pub(crate) joints: Vec<JointReport>,
+    pub(crate) joints: Vec<JointTracking>,
 }
 
 /// One joint's part in the run.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct JointReport {
+pub(crate) struct JointTracking {
     /// Its name.
     pub(crate) name: String,
     /// Tracking error, rad RMS.
@@ -84,10 +84,10 @@ pub(crate) enum Shortfall {
     Tracking { expected: f64, received: f64 },
 }
 
-impl Report {
+impl DemoReport {
     /// Sums up what the controller saw and what the daemon counted.
     pub(crate) fn new(robot: &RobotDescription, telemetry: &Telemetry, tracking: &[Tracking]) -> Self {
-        let joint = |(index, tracking): (usize, &Tracking)| JointReport {
+        let joint = |(index, tracking): (usize, &Tracking)| JointTracking {
             name: robot.joints.get(index).map_or_else(String::new, |joint| joint.name.clone()),
             tracking_rms_rad: tracking.rms(),
             tracking_max_rad: tracking.max,
@@ -228,7 +228,7 @@ mod tests {
     }
 
     fn shortfalls(telemetry: &Telemetry, tracking: &[Tracking]) -> Vec<Shortfall> {
-        Report::new(&description(), telemetry, tracking).shortfalls(&description())
+        DemoReport::new(&description(), telemetry, tracking).shortfalls(&description())
     }
 
     #[test]
@@ -238,7 +238,7 @@ mod tests {
 
     #[test]
     fn the_worst_joint_judges_the_tracking() {
-        let report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(-0.06)]);
+        let report = DemoReport::new(&description(), &telemetry(), &[tracked(0.01), tracked(-0.06)]);
         assert!((report.tracking_rms_rad - 0.06).abs() < 1e-6);
         assert!(matches!(report.shortfalls(&description())[..], [Shortfall::Tracking { .. }]));
     }
@@ -281,18 +281,18 @@ mod tests {
             shortfalls(&stalled(301), &tracking),
             [Shortfall::MissedTicks { missed: 301, ticks: 3001 }]
         );
-        let praise = |overruns| Report::new(&description(), &stalled(overruns), &tracking).praise();
+        let praise = |overruns| DemoReport::new(&description(), &stalled(overruns), &tracking).praise();
         assert_eq!(praise(30), "PASS");
         assert_eq!(praise(31), "PASS, although this computer had no time for 31 of 3001 ticks (1.0 %)");
     }
 
     #[test]
     fn overload_is_reported_only_for_failed_runs() {
-        let mut report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.01)]);
+        let mut report = DemoReport::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.01)]);
         report.judge(&description(), Some("overloaded"));
         assert!(report.passed && report.failures.is_empty());
         let slow = Telemetry { cycles: 2501, overruns: 500, missed_replies: 1001, ..telemetry() };
-        let mut report = Report::new(&description(), &slow, &[tracked(0.01), tracked(0.01)]);
+        let mut report = DemoReport::new(&description(), &slow, &[tracked(0.01), tracked(0.01)]);
         report.judge(&description(), Some("overloaded"));
         assert!(!report.passed);
         assert_eq!((report.failures.len(), report.failures[0].as_str()), (3, "overloaded"));
@@ -301,7 +301,7 @@ mod tests {
 
     #[test]
     fn the_json_has_the_agreed_keys() {
-        let report = Report::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.02)]);
+        let report = DemoReport::new(&description(), &telemetry(), &[tracked(0.01), tracked(0.02)]);
         let json = serde_json::to_value(report).unwrap();
         for key in
             ["motors", "seconds", "cycles", "rate_hz", "missed_replies", "overruns", "tracking_rms_rad"]

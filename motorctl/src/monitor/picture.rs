@@ -1,6 +1,6 @@
 //! The newest reading of the robot, and what only several readings can tell: loads and recent latencies.
 
-use crate::report::{BusReport, Report};
+use crate::report::{BusReport, RobotReport};
 use motord_client::{GroupHistory, RobotDescription, State, Telemetry};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -17,7 +17,7 @@ pub(super) struct Reading {
     /// Names and limits.
     pub(super) robot: Arc<RobotDescription>,
     /// The state of the cycle.
-    pub(super) report: Report,
+    pub(super) report: RobotReport,
     /// Counters, latencies and owners, up to a second old.
     pub(super) telemetry: Telemetry,
     /// Latencies of this cycle.
@@ -27,7 +27,7 @@ pub(super) struct Reading {
 impl Reading {
     /// `state` with the names of `robot`.
     pub(super) fn new(robot: &Arc<RobotDescription>, state: &State, telemetry: &Telemetry) -> Self {
-        let mut report = Report::new(robot, state);
+        let mut report = RobotReport::new(robot, state);
         report.name_programs(telemetry);
         Self { report, robot: Arc::clone(robot), telemetry: telemetry.clone(), sample: Sample::of(state) }
     }
@@ -135,7 +135,7 @@ impl Picture {
 }
 
 /// Frames of each bus since the daemon started, modulo 2³².
-fn frames(report: &Report) -> Vec<u32> {
+fn frames(report: &RobotReport) -> Vec<u32> {
     report.buses.iter().map(|BusReport { sent, received, .. }| sent.wrapping_add(*received)).collect()
 }
 
@@ -146,7 +146,7 @@ mod tests {
     fn reading(cycle: u64, frames: u32) -> Reading {
         let robot = RobotDescription { frame_times: vec![100e-6], ..RobotDescription::default() };
         let buses = vec![BusReport { sent: frames, received: frames, ..BusReport::default() }];
-        let report = Report { cycle, rate_hz: 1000.0, buses, ..Report::default() };
+        let report = RobotReport { cycle, rate_hz: 1000.0, buses, ..RobotReport::default() };
         Reading { robot: Arc::new(robot), report, ..Reading::default() }
     }
 

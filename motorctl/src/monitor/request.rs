@@ -94,7 +94,7 @@ pub(super) enum Tone {
 
 /// An emergency stop that was asked for here.
 #[derive(Debug, Clone, Default)]
-enum Stop {
+enum StopProgress {
     #[default]
     None,
     Asked(Instant),
@@ -105,7 +105,7 @@ enum Stop {
 /// The outcomes that are shown.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Notice {
-    stop: Stop,
+    stop: StopProgress,
     said: Option<(Tone, String)>,
     /// How far the program is that shows this monitor.
     pub(super) progress: Option<String>,
@@ -115,21 +115,21 @@ impl Notice {
     /// A key was pressed: what was said has been read. A stop that is not confirmed stays.
     pub(super) fn forget(&mut self) {
         self.said = None;
-        if matches!(self.stop, Stop::Confirmed) {
-            self.stop = Stop::None;
+        if matches!(self.stop, StopProgress::Confirmed) {
+            self.stop = StopProgress::None;
         }
     }
 
     /// An emergency stop is under way.
     pub(super) fn stop_asked(&mut self) {
-        if !matches!(self.stop, Stop::Asked(_)) {
-            self.stop = Stop::Asked(Instant::now());
+        if !matches!(self.stop, StopProgress::Asked(_)) {
+            self.stop = StopProgress::Asked(Instant::now());
         }
     }
 
     /// The outcome of the emergency stop.
     pub(super) fn stop_done(&mut self, outcome: Result<(), String>) {
-        self.stop = outcome.map_or_else(Stop::NotConfirmed, |()| Stop::Confirmed);
+        self.stop = outcome.map_or_else(StopProgress::NotConfirmed, |()| StopProgress::Confirmed);
     }
 
     /// The outcome of another request.
@@ -154,18 +154,18 @@ impl Notice {
     /// The lines to show.
     pub(super) fn texts(&self) -> Vec<(Tone, String)> {
         let stop = match &self.stop {
-            Stop::None => None,
-            Stop::Asked(since) if since.elapsed() < CONFIRMED_MAX => {
+            StopProgress::None => None,
+            StopProgress::Asked(since) if since.elapsed() < CONFIRMED_MAX => {
                 Some((Tone::Warning, "emergency stop: asked for".to_owned()))
             }
-            Stop::Asked(_) => {
+            StopProgress::Asked(_) => {
                 Some((Tone::Alarm, "EMERGENCY STOP NOT CONFIRMED yet: cut the power".to_owned()))
             }
-            Stop::Confirmed => Some((
+            StopProgress::Confirmed => Some((
                 Tone::Plain,
                 "emergency stop confirmed: every motor is being damped, then stopped".to_owned(),
             )),
-            Stop::NotConfirmed(error) => {
+            StopProgress::NotConfirmed(error) => {
                 Some((Tone::Alarm, format!("EMERGENCY STOP NOT CONFIRMED: cut the power. {error}")))
             }
         };
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn stop_without_answer_is_soon_an_alarm() {
         let long_ago = Instant::now().checked_sub(2 * CONFIRMED_MAX).unwrap();
-        let notice = Notice { stop: Stop::Asked(long_ago), ..Notice::default() };
+        let notice = Notice { stop: StopProgress::Asked(long_ago), ..Notice::default() };
         assert_eq!(notice.texts()[0].0, Tone::Alarm);
     }
 

@@ -6,7 +6,7 @@ use super::picture::{Loss, Picture, Reading, Sample};
 use super::request::Notice;
 use super::view::{Order, Page, View};
 use crate::advice::Advice;
-use crate::report::{BusReport, GroupReport, JointReport, Report, Stop};
+use crate::report::{BusReport, GroupReport, JointReport, RobotReport, StopReport};
 use motord_client::{
     Cause, GroupDescription, GroupHistory, Percentiles, Process, RobotDescription, Telemetry,
 };
@@ -83,7 +83,7 @@ fn trotting() -> Reading {
         groups: vec![GroupHistory { owner, phase_cycle: 300, ..GroupHistory::default() }],
         ..Telemetry::default()
     };
-    let report = Report {
+    let report = RobotReport {
         instance: "demo".to_owned(),
         version: "0.1.0".to_owned(),
         pid: 4242,
@@ -93,7 +93,7 @@ fn trotting() -> Reading {
         groups: vec![legs],
         joints,
         buses: LEGS.iter().map(|(_, name)| bus(name)).collect(),
-        ..Report::default()
+        ..RobotReport::default()
     };
     Reading { robot: Arc::new(robot), report, telemetry, sample: Sample::default() }
 }
@@ -107,12 +107,12 @@ fn stopped() -> Reading {
     report.overruns = 3;
     let steps = Advice::new(Some(Cause::EmergencyStop), "demo", "legs", None);
     report.groups[0].phase = "disarmed";
-    report.groups[0].stop = Some(Stop {
+    report.groups[0].stop = Some(StopReport {
         cause: "emergency-stop",
         sentence: Cause::EmergencyStop.sentence(),
         advice: steps.to_string(),
         steps,
-        ..Stop::default()
+        ..StopReport::default()
     });
     reading.telemetry.groups[0].stop_cycle = Some(0);
     for joint in &mut report.joints {

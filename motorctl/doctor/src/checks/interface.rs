@@ -125,14 +125,14 @@ pub(super) fn coalescing(name: &str, read: Result<Option<Coalescing>, Errno>) ->
 }
 
 /// An interrupt and the processors that it is delivered to.
-struct Interrupt {
+struct InterruptLine {
     number: u32,
     processors: Vec<usize>,
     /// The thread that serves it and its real-time priority, where it has one.
     thread: Option<(u32, Option<u8>)>,
 }
 
-impl Interrupt {
+impl InterruptLine {
     /// Whether it is served on the processor that the cycle is pinned to.
     fn delays(&self, robot: &Robot) -> bool {
         robot.request.cpu.is_some_and(|cpu| self.processors.contains(&cpu))
@@ -210,7 +210,7 @@ pub(super) fn ksoftirqd(tree: &Tree, robot: &Robot) -> Finding {
 /// The processors that serve an interface, or will when its interrupts do not interrupt the cycle any more.
 fn receivers(tree: &Tree, robot: &Robot, name: &str) -> Vec<usize> {
     let served = served(tree, name).unwrap_or_default().into_iter();
-    let moved = |interrupt: Interrupt| match interrupt.delays(robot) {
+    let moved = |interrupt: InterruptLine| match interrupt.delays(robot) {
         true => others(tree, robot),
         false => interrupt.processors,
     };
@@ -224,13 +224,13 @@ fn others(tree: &Tree, robot: &Robot) -> Vec<usize> {
 }
 
 /// The interrupts of an interface; `None` where it is virtual.
-fn served(tree: &Tree, name: &str) -> Option<Vec<Interrupt>> {
+fn served(tree: &Tree, name: &str) -> Option<Vec<InterruptLine>> {
     let device = tree.resolved(&format!("sys/class/net/{name}/device"))?;
     Some(numbers(tree, name, &device).into_iter().map(|number| interrupt(tree, number)).collect())
 }
 
-fn describe(interrupt: &Interrupt) -> String {
-    let Interrupt { number, processors, thread } = interrupt;
+fn describe(interrupt: &InterruptLine) -> String {
+    let InterruptLine { number, processors, thread } = interrupt;
     let processors = tree::list(processors);
     let thread = match thread {
         None => String::new(),
@@ -276,7 +276,7 @@ fn of_device(tree: &Tree, device: &str) -> Vec<u32> {
     Vec::new()
 }
 
-fn interrupt(tree: &Tree, number: u32) -> Interrupt {
+fn interrupt(tree: &Tree, number: u32) -> InterruptLine {
     let directory = format!("proc/irq/{number}");
     // An affinity is a wish; the effective one is where the interrupt is delivered.
     let effective = tree.processors(&format!("{directory}/effective_affinity_list"));
@@ -288,5 +288,5 @@ fn interrupt(tree: &Tree, number: u32) -> Interrupt {
     let prefix = format!("irq/{number}-");
     let thread = process::kernel_threads(tree, |name| name.starts_with(&prefix)).first().copied();
     let thread = thread.map(|pid| (pid, process::priority(tree, &format!("proc/{pid}"))));
-    Interrupt { number, processors, thread }
+    InterruptLine { number, processors, thread }
 }

@@ -1,7 +1,7 @@
 //! The rights of the daemon: real-time priority and locked memory.
 
 use crate::finding::Finding;
-use crate::process::{self, Daemon};
+use crate::process::{self, RunningDaemon};
 use crate::robot::Robot;
 use crate::tree::Tree;
 use motord_realtime::MEMLOCK_LEAST;
@@ -23,7 +23,7 @@ enum Source {
 }
 
 impl Source {
-    fn find(tree: &Tree, daemon: Option<Daemon>) -> Self {
+    fn find(tree: &Tree, daemon: Option<RunningDaemon>) -> Self {
         let unit = || UNITS.iter().find_map(|path| tree.text(path)).map_or(Self::Shell, Self::Unit);
         daemon.map_or_else(unit, |daemon| Self::Daemon(daemon.pid))
     }
@@ -77,7 +77,7 @@ impl Source {
 }
 
 /// Whether the cycle may have its `SCHED_FIFO` priority.
-pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<Daemon>) -> Finding {
+pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "rtprio";
     let source = Source::find(tree, daemon);
     let name = source.name();
@@ -99,7 +99,7 @@ pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<Daemon>) -> Fi
 }
 
 /// Whether the daemon may lock its memory.
-pub(super) fn memory(tree: &Tree, daemon: Option<Daemon>) -> Finding {
+pub(super) fn memory(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "memlock";
     let source = Source::find(tree, daemon);
     let name = source.name();

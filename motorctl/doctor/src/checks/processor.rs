@@ -2,7 +2,7 @@
 
 use crate::change::Change;
 use crate::finding::Finding;
-use crate::process::{self, Daemon};
+use crate::process::{self, RunningDaemon};
 use crate::robot::Robot;
 use crate::tree::{self, Tree};
 
@@ -85,7 +85,7 @@ pub(super) fn governor(tree: &Tree, robot: &Robot) -> Finding {
 }
 
 /// How long the processors of the cycle need to wake up, and whether the daemon may keep them awake.
-pub(super) fn idle(tree: &Tree, robot: &Robot, daemon: Option<Daemon>) -> Finding {
+pub(super) fn idle(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "C-states";
     let states = robot.processors(tree).into_iter().flat_map(|cpu| states(tree, cpu));
     let Some((latency, name)) = states.max() else {
@@ -123,7 +123,7 @@ fn states(tree: &Tree, cpu: usize) -> Vec<(i64, String)> {
 
 /// Whether the daemon that runs may write `/dev/cpu_dma_latency`. When none runs: whether this user may, or a group other than
 /// root's may, of which the user of the service is a member.
-fn may_write(tree: &Tree, daemon: Option<Daemon>) -> bool {
+fn may_write(tree: &Tree, daemon: Option<RunningDaemon>) -> bool {
     const OF_USER: u32 = 0o200;
     const OF_GROUP: u32 = 0o020;
     let Some(permissions) = tree.permissions(DMA_LATENCY) else { return false };

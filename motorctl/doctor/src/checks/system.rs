@@ -1,7 +1,7 @@
 //! The kernel, its clocks, and a daemon that runs.
 
 use crate::finding::Finding;
-use crate::process::{self, Daemon};
+use crate::process::{self, RunningDaemon};
 use crate::robot::Robot;
 use crate::tree::Tree;
 
@@ -100,7 +100,7 @@ pub(super) fn clock_source(tree: &Tree) -> Finding {
 }
 
 /// How late the timers of a thread without `SCHED_FIFO` may fire.
-pub(super) fn timer_slack(tree: &Tree, daemon: Option<Daemon>) -> Finding {
+pub(super) fn timer_slack(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "timer slack";
     let of_cycle = daemon.and_then(|daemon| tree.number(&format!("proc/{}/timerslack_ns", daemon.cycle)));
     if let Some(slack) = of_cycle {
@@ -122,9 +122,9 @@ pub(super) fn timer_slack(tree: &Tree, daemon: Option<Daemon>) -> Finding {
 }
 
 /// Whether a daemon that runs has what it asked for.
-pub(super) fn daemon(tree: &Tree, daemon: Option<Daemon>) -> Finding {
+pub(super) fn daemon(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "daemon";
-    let Some(Daemon { pid, cycle }) = daemon else { return Finding::good(CHECK, "none runs") };
+    let Some(RunningDaemon { pid, cycle }) = daemon else { return Finding::good(CHECK, "none runs") };
     match process::priority(tree, &format!("proc/{pid}/task/{cycle}")) {
         Some(priority) => {
             Finding::good(CHECK, format!("process {pid}: its cycle has the real-time priority {priority}"))

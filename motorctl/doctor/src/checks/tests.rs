@@ -151,7 +151,7 @@ fn running_daemon_must_have_its_priority() {
             ("proc/813/timerslack_ns", slack),
         ]);
         let daemon = process::daemon(&fixture.tree());
-        assert_eq!(daemon, Some(process::Daemon { pid: 812, cycle: 813 }));
+        assert_eq!(daemon, Some(process::RunningDaemon { pid: 812, cycle: 813 }));
         (system::daemon(&fixture.tree(), daemon), system::timer_slack(&fixture.tree(), daemon))
     };
     let (running, slack) = with(1, 80, "0");
@@ -194,7 +194,7 @@ fn rights_are_read_from_daemon_unit_or_shell() {
     assert_finding(&limits::priority(&tree, &asks, None), Level::Good, measured, None);
     assert_finding(&limits::memory(&tree, None), Level::Good, "no limit for motord.service", None);
 
-    let daemon = Some(process::Daemon { pid: 812, cycle: 813 });
+    let daemon = Some(process::RunningDaemon { pid: 812, cycle: 813 });
     shell.write("proc/812/limits", &limits("70", "unlimited"));
     let measured = "70 for motord, process 812; the cycle asks for 80";
     let finding = limits::priority(&tree, &asks, daemon);

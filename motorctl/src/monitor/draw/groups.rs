@@ -3,7 +3,7 @@
 use super::super::picture::Reading;
 use super::text::{alarm, bold, dim, duration, warning, wrapped};
 use super::troubles;
-use crate::report::{GroupReport, Stop};
+use crate::report::{GroupReport, StopReport};
 use motord_client::{GroupHistory, Phase, Process};
 use motord_terminal::number;
 use ratatui::style::Style;
@@ -67,7 +67,7 @@ fn owner(group: &GroupReport, history: &GroupHistory) -> Vec<Span<'static>> {
 /// Groups that stopped for the same cause and joint.
 struct Stopped<'a> {
     groups: Vec<&'a str>,
-    stop: &'a Stop,
+    stop: &'a StopReport,
     since: Option<std::time::Duration>,
     /// Every group of the robot.
     is_all: bool,

@@ -6,7 +6,7 @@ use motord_protocol::{DecodeError, ScaleError};
 
 /// Why a frame cannot be read or made.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum Refused {
+pub(super) enum Rejected {
     #[error(transparent)]
     Decode(#[from] DecodeError),
     #[error(transparent)]
