@@ -5,13 +5,12 @@
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 mod programs;
-mod tmux;
 
+use motord_harness::tmux::Tmux;
 use programs::{PROGRAMS, below, commands, directory, help, options, program};
 use std::path::Path;
 use std::process::{Command, Output};
 use tempfile::TempDir;
-use tmux::Tmux;
 
 /// The file that `program completions SHELL` fills.
 fn script(name: &str, shell: &str, directory: &Path) -> String {

@@ -5,12 +5,10 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-mod tmux;
-
+use motord_harness::tmux::Tmux;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use tempfile::TempDir;
-use tmux::Tmux;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap()

@@ -16,9 +16,6 @@ mod request;
 mod terminal;
 #[cfg(test)]
 mod tests;
-#[cfg(test)]
-#[path = "../../tests/tmux/mod.rs"]
-mod tmux;
 mod view;
 
 pub(crate) use replay::{ReplayArguments, run as replay};

@@ -85,8 +85,8 @@ fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::monitor::tmux::Tmux;
     use crossterm::event::KeyCode;
+    use motord_harness::tmux::Tmux;
     use std::process::Command;
 
     #[test]

@@ -17,7 +17,7 @@ const TEST_IMPORTS: &[(&str, &[&str])] = &[
     ("motord-core", &["motord-harness", "motord-simulator"]),
     ("motord-direct", &["motord-simulator"]),
     ("motord-simulator", &["motord-bus", "motord-simulator"]),
-    ("motorctl", &["motord-bus", "motord-protocol", "motord-simulator"]),
+    ("motorctl", &["motord-bus", "motord-harness", "motord-protocol", "motord-simulator"]),
 ];
 
 /// The packages that `motord-core` depends on, without procedural macros: no command line, log, system call or shared

@@ -3,8 +3,6 @@
 //!
 //! The table is written from the crate that knows the documents: no row can be missing. `MOTORD_WRITE_DOCS=1` writes it.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
 use motord_protocol::fault::FAULTS;
 use motord_protocol::gim::{
     Access, CONFIGURATION, CommandCode, ConfigurationItem, INDICATORS, PARAMETERS, Refusal,
@@ -183,7 +181,7 @@ fn codes(text: &mut String) {
     }
 }
 
-const BEGIN: &str = "<!-- written by motorctl/tests/protocol_table.rs -->\n";
+const BEGIN: &str = "<!-- written by motorctl/tests/commands/protocol_table.rs -->\n";
 
 #[test]
 fn protocol_tables_are_complete_and_present() {
@@ -196,7 +194,7 @@ fn protocol_tables_are_complete_and_present() {
         assert_eq!(
             present,
             tables(),
-            "MOTORD_WRITE_DOCS=1 cargo test -p motorctl --test protocol_table writes them"
+            "MOTORD_WRITE_DOCS=1 cargo test -p motorctl --test commands protocol_table writes them"
         );
     }
 }
@@ -221,7 +219,7 @@ fn every_table_line_is_a_motorctl_command() {
 /// Goal: each row names tests that exist, the one on CAN among those of `wire_vcan.rs`, the one on RS485 among those of `wire.rs`.
 #[test]
 fn every_table_test_runs_motorctl_on_wire() {
-    let on_can = include_str!("wire_vcan.rs");
+    let on_can = include_str!("../wire_vcan.rs");
     let on_rs485 = include_str!("wire.rs");
     for row in tables().lines().filter(|row| row.contains("`motorctl ") && !row.contains(PTS)) {
         let proofs: Vec<&str> = row.split('`').skip(3).step_by(2).collect();
@@ -236,6 +234,6 @@ fn every_table_test_runs_motorctl_on_wire() {
 #[test]
 fn table_faults_are_those_of_the_document() {
     let known: u32 = TABLE_9.iter().map(|(bit, _)| u32::from(*bit)).sum();
-    let named = FAULTS.iter().map(|fault| fault.bit).filter(|bit| *bit <= 0xFF).sum();
+    let named = FAULTS.iter().map(|fault| fault.bit).filter(|bit| *bit <= 0xFF).sum::<u32>();
     assert_eq!(known, named);
 }

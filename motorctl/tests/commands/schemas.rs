@@ -2,17 +2,11 @@
 //!
 //! The tests of `frame` hold the objects of `frame decode` against theirs.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod daemon;
-mod line;
-mod programs;
-mod schema;
-
-use daemon::Daemon;
-use line::Line;
-use programs::{commands, help, program};
-use schema::{assert_lines_valid, schema, schemas};
+use crate::line::Line;
+use crate::programs::{commands, help, program};
+use crate::schema::{assert_lines_valid, schema, schemas};
+use motord_harness::daemon;
+use motord_harness::daemon::Daemon;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};

@@ -1,18 +1,13 @@
 //! The monitor as a person uses it: the real program in a terminal of tmux, keys pressed, with a real daemon of simulated
 //! motors and a controller. The pictures themselves are judged beside the code that draws them.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod daemon;
-mod tmux;
-
-use daemon::{Daemon, slow_quadruped, until};
 use motord_client::{Claim, Client, Error, Phase, Setpoint, State};
+use motord_harness::daemon::{Daemon, slow_quadruped, until};
+use motord_harness::tmux::Tmux;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-use tmux::Tmux;
 
 /// A terminal in which `motorctl` is the program of this test.
 fn terminal(daemon: &Daemon) -> Option<Tmux> {

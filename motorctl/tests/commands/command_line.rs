@@ -1,7 +1,5 @@
 //! Messages and exit statuses of `motorctl` when no daemon runs.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
 use std::process::{Command, Output};
 use tempfile::TempDir;
 

@@ -1,18 +1,14 @@
 //! Recordings with the real programs and a daemon of simulated motors: what is recorded is counted, and read by the other
 //! commands; what cannot be read or written is said.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod daemon;
-mod tmux;
-
-use daemon::{Daemon, slow_quadruped};
+use motord_harness::daemon;
+use motord_harness::daemon::{Daemon, slow_quadruped};
+use motord_harness::tmux::Tmux;
 use serde_json::Value;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::time::Duration;
-use tmux::Tmux;
 
 fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()

@@ -4,13 +4,12 @@
 //! `robot.toml`, a robot with a controller, a second robot `arm`, a `candump`, a motor on a bus. All are simulated.
 //! `motord-sim` alone is run only up to its CAN interfaces, which are not there.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod line;
-
-use line::Line;
+use crate::line::Line;
+use crate::programs::help;
 use motord_client::{Client, Setpoint};
-use std::path::{Path, PathBuf};
+use motord_harness::programs::{directory, program};
+use serde_json::Value;
+use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -18,19 +17,8 @@ use tempfile::TempDir;
 
 const PATIENCE: Duration = Duration::from_secs(30);
 
-fn programs() -> PathBuf {
-    Path::new(env!("CARGO_BIN_EXE_motorctl")).parent().unwrap().to_owned()
-}
-
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// The help of a command, as it is printed.
-fn help(program: &str, command: &[String]) -> String {
-    let output = Command::new(programs().join(program)).args(command).arg("--help").output().unwrap();
-    assert!(output.status.success(), "{program} {command:?}");
-    text(&output.stdout)
 }
 
 /// The examples of a program's help and of the helps of its commands.
@@ -104,7 +92,7 @@ impl Place {
     }
 
     fn start(&mut self, instance: &str) {
-        let mut command = Command::new(programs().join("motord"));
+        let mut command = program("motord");
         command.arg("run").arg("--config").arg(self.path().join(format!("{instance}-daemon.toml")));
         command.env("MOTORD_RUNTIME_DIR", self.path().join("run")).stderr(Stdio::null());
         self.daemons.push(command.spawn().unwrap());
@@ -117,7 +105,7 @@ impl Place {
     /// Runs a line as a person would, from this directory. A pipeline fails when any part of it does.
     fn shell(&self, line: &str) -> Output {
         let path =
-            format!("{}:{}:{}", self.path().display(), programs().display(), std::env::var("PATH").unwrap());
+            format!("{}:{}:{}", self.path().display(), directory().display(), std::env::var("PATH").unwrap());
         Command::new("bash")
             .args(["-o", "pipefail", "-c", line])
             .current_dir(self.path())
@@ -132,8 +120,7 @@ impl Place {
     fn stop_robot(&self, latched: bool) {
         self.shell("motorctl estop");
         let deadline = Instant::now() + PATIENCE;
-        let is_at_rest = "motorctl status --json | jq -e '.groups[0].phase == \"disarmed\" and all(.joints[].mode; . == \"idle\" or . == \"excluded\")'";
-        while !self.shell(is_at_rest).status.success() {
+        while !is_at_rest(&self.shell("motorctl status --json").stdout) {
             assert!(Instant::now() < deadline, "the robot does not stop");
         }
         assert!(latched || self.shell("motorctl reset").status.success());
@@ -141,41 +128,11 @@ impl Place {
 
     /// Runs an example; whatever runs until it is ended runs shortly. One with a bus has a line of its own, with a motor 3.
     fn example(&self, example: &str) {
+        let example = without_missing_jq(example);
         let is_on_wire = example.contains("--bus") || example.contains("motorctl setup");
         let wire = is_on_wire.then(Line::knee);
         let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
-        // A whole scan of a serial line takes a quarter of a minute.
-        let ids =
-            if example.contains("motorctl scan") && !example.contains("--ids") { " --ids 1-4" } else { "" };
-        let line = format!("{example}{ids}")
-            .replace("--bus can0", &format!("--bus {device}"))
-            .replace("--bus /dev/ttyUSB0", &format!("--bus {device}"))
-            .replace("/etc/motord/motord.toml", "motord.toml")
-            .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
-            .replace("motord init", "cd $(mktemp -d) && motord init")
-            .replace("sudo motorctl doctor", "motorctl doctor")
-            // It changes the machine of the test.
-            .replace(" --tune", "")
-            .replace("--seconds 600", "--seconds 1")
-            .replace("motorctl demo", "motorctl demo --seconds 2")
-            .replace("--seconds 2 --seconds 60", "--seconds 2")
-            .replace("motorctl watch", "timeout --preserve-status -s INT 1 motorctl watch")
-            .replace(
-                "motorctl --instance arm watch",
-                "timeout --preserve-status -s INT 1 motorctl --instance arm watch",
-            )
-            .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
-            .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
-        // Its verdict is on the machine of the test.
-        let line = match line.split_once(" | ") {
-            Some((doctor, rest)) if doctor.contains(" doctor") => {
-                format!("({doctor} || [ $? = 1 ]) | {rest}")
-            }
-            None if line.contains(" doctor") => format!("{line} || [ $? = 1 ]"),
-            _ => line,
-        };
-        let ends_by_hand = [" monitor", " replay", " flight"].iter().any(|command| line.contains(command));
-        let line = if ends_by_hand { on_a_terminal(&line) } else { line };
+        let line = runnable(example, &device);
         self.write(
             "line.toml",
             &format!(
@@ -207,6 +164,61 @@ impl Place {
             let target = fault.split(' ').next().unwrap();
             self.shell(&format!("motorctl sim {target} ok; motorctl fault clear {target}"));
         }
+    }
+}
+
+/// Returns the example for this machine, with `device` as its bus; what runs until it is ended runs shortly.
+fn runnable(example: &str, device: &str) -> String {
+    // A whole scan of a serial line takes a quarter of a minute.
+    let ids = if example.contains("motorctl scan") && !example.contains("--ids") { " --ids 1-4" } else { "" };
+    let line = format!("{example}{ids}")
+        .replace("--bus can0", &format!("--bus {device}"))
+        .replace("--bus /dev/ttyUSB0", &format!("--bus {device}"))
+        .replace("/etc/motord/motord.toml", "motord.toml")
+        .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
+        .replace("motord init", "cd $(mktemp -d) && motord init")
+        .replace("sudo motorctl doctor", "motorctl doctor")
+        // It changes the machine of the test.
+        .replace(" --tune", "")
+        .replace("--seconds 600", "--seconds 1")
+        .replace("motorctl demo", "motorctl demo --seconds 2")
+        .replace("--seconds 2 --seconds 60", "--seconds 2")
+        .replace("motorctl watch", "timeout --preserve-status -s INT 1 motorctl watch")
+        .replace(
+            "motorctl --instance arm watch",
+            "timeout --preserve-status -s INT 1 motorctl --instance arm watch",
+        )
+        .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
+        .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
+    // Its verdict is on the machine of the test.
+    let line = match line.split_once(" | ") {
+        Some((doctor, rest)) if doctor.contains(" doctor") => {
+            format!("({doctor} || [ $? = 1 ]) | {rest}")
+        }
+        None if line.contains(" doctor") => format!("{line} || [ $? = 1 ]"),
+        _ => line,
+    };
+    let ends_by_hand = [" monitor", " replay", " flight"].iter().any(|command| line.contains(command));
+    if ends_by_hand { on_a_terminal(&line) } else { line }
+}
+
+/// Returns whether a status reports a robot whose motors are all stopped.
+fn is_at_rest(status: &[u8]) -> bool {
+    let status: Value = serde_json::from_slice(status).unwrap_or_default();
+    let is_stopped = |joint: &Value| joint["mode"] == "idle" || joint["mode"] == "excluded";
+    status["groups"][0]["phase"] == "disarmed"
+        && status["joints"].as_array().is_some_and(|joints| joints.iter().all(is_stopped))
+}
+
+/// Returns the example without its filter on a machine without `jq`, with a note.
+fn without_missing_jq(example: &str) -> &str {
+    let has_jq = Command::new("jq").arg("--version").output().is_ok();
+    match example.split_once(" | jq ") {
+        Some((command, _)) if !has_jq => {
+            println!("jq is not installed. Run without its filter: {example}");
+            command
+        }
+        _ => example,
     }
 }
 

@@ -1,10 +1,6 @@
 //! `motorctl` on a bus: native motors on an RS485 line, which is a pseudo terminal here.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod line;
-
-use line::{Calls, Line, motor, text};
+use crate::line::{self, Calls, Line, motor, text};
 use motord_bus::Duration;
 use motord_protocol::gim::{CONFIGURATION, INDICATORS, PARAMETERS};
 use motord_simulator::{Behaviour, DurationEnd, MotorSettings};

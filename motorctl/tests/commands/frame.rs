@@ -1,10 +1,6 @@
 //! `motorctl frame`, run as a user runs it, against frames worked out from the vendor documents.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
-
-mod schema;
-
-use schema::assert_lines_valid;
+use crate::schema::assert_lines_valid;
 use serde_json::{Value, json};
 use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
@@ -22,7 +18,7 @@ struct Vector {
 }
 
 fn vectors() -> Vec<Vector> {
-    let text = include_str!("../../motors/protocol/tests/golden_vectors.json");
+    let text = include_str!("../../../motors/protocol/tests/golden_vectors.json");
     let vectors: Vec<Value> = serde_json::from_str(text).unwrap();
     let text = |vector: &Value, key: &str| vector[key].as_str().map(str::to_owned);
     vectors

@@ -4,10 +4,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
-mod daemon;
-
-use daemon::{Daemon, quadruped, until};
+use crate::alone;
 use motord_client::{Cause, Client, Error, Phase, Setpoint, State};
+use motord_harness::daemon::{Daemon, quadruped, until};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -27,7 +26,9 @@ impl Drop for Process {
 
 fn controller(daemon: &Daemon) -> Process {
     let mut command = Command::new(std::env::current_exe().unwrap());
-    command.args(["--ignored", "--exact", "controller_process"]).env(RUNTIME, daemon.directory.path());
+    command
+        .args(["--ignored", "--exact", "deaths::controller_process"])
+        .env(RUNTIME, daemon.directory.path());
     Process(command.stdout(Stdio::null()).spawn().unwrap())
 }
 
@@ -57,6 +58,7 @@ fn controller_process() {
 
 #[test]
 fn killed_controller_leaves_joints_damped_until_reset() {
+    let _alone = alone();
     let daemon = Daemon::start(&quadruped());
     let client = daemon.connect();
     let mut controller = controller(&daemon);
@@ -97,6 +99,7 @@ fn killed_controller_leaves_joints_damped_until_reset() {
 
 #[test]
 fn killed_daemon_is_error_and_successor_is_found() {
+    let _alone = alone();
     let mut daemon = Daemon::start(&quadruped());
     let client = daemon.connect();
     let killed = Instant::now();

@@ -1,7 +1,5 @@
 //! `motorctl doctor` as scripts see it. Its verdict is on the machine of the test, and not judged here.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
 use serde_json::Value;
 use std::process::{Command, Output};
 

@@ -1,11 +1,7 @@
 //! The commands of an operator, against a running daemon with one simulated motor.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod daemon;
-
-use daemon::{BENCH, Daemon};
 use motord_client::Client;
+use motord_harness::daemon::{BENCH, Daemon};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use serde_json::Value;

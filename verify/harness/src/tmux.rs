@@ -4,22 +4,27 @@ use std::process::{Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long something may take to appear on a busy machine.
+/// Longest wait for a screen on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
 const GLANCE: Duration = Duration::from_millis(50);
 
-/// A server of tmux with one terminal of 80x24. Dropping it ends it.
-pub(crate) struct Tmux {
+/// A server of tmux with one terminal of 80x24, which ends when it is dropped.
+#[derive(Debug)]
+pub struct Tmux {
     socket: String,
 }
 
-#[allow(dead_code, reason = "not every test that shares this needs all of it")]
 impl Tmux {
-    /// Starts a shell with `environment`. `None`, which is told, where there is no tmux.
-    pub(crate) fn start(environment: &[(&str, &str)]) -> Option<Self> {
+    /// Starts a shell with `environment`. Prints a note and returns `None` on a machine without tmux.
+    ///
+    /// # Panics
+    ///
+    /// If tmux fails.
+    #[must_use]
+    pub fn start(environment: &[(&str, &str)]) -> Option<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         if Command::new("tmux").arg("-V").stdout(Stdio::null()).status().is_err() {
-            eprintln!("ignored: there is no tmux on this machine");
+            eprintln!("skipped: tmux is not installed");
             return None;
         }
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -36,45 +41,54 @@ impl Tmux {
     fn run(&self, arguments: &[&str]) -> Output {
         let mut command = Command::new("tmux");
         command.args(["-u", "-f", "/dev/null", "-L", &self.socket]).args(arguments);
-        command.env_remove("TMUX").env("LC_ALL", "C.UTF-8").output().unwrap()
+        command.env_remove("TMUX").env("LC_ALL", "C.UTF-8").output().expect("tmux is installed")
     }
 
-    /// The text on the screen.
-    pub(crate) fn screen(&self) -> String {
+    /// Returns the text on the screen.
+    #[must_use]
+    pub fn screen(&self) -> String {
         String::from_utf8_lossy(&self.run(&["capture-pane", "-p"]).stdout).into_owned()
     }
 
-    /// Presses keys, by the names of tmux.
-    pub(crate) fn press(&self, keys: &[&str]) {
+    /// Presses keys, which have the names of tmux.
+    pub fn press(&self, keys: &[&str]) {
         self.run(&[&["send-keys"], keys].concat());
     }
 
     /// Types a line for the shell.
-    pub(crate) fn enter(&self, line: &str) {
+    pub fn enter(&self, line: &str) {
         self.press(&["-l", line]);
         self.press(&["Enter"]);
     }
 
-    /// Gives the terminal another size.
-    pub(crate) fn resize(&self, width: u16, height: u16) {
+    /// Resizes the terminal.
+    pub fn resize(&self, width: u16, height: u16) {
         self.run(&["resize-window", "-x", &width.to_string(), "-y", &height.to_string()]);
     }
 
     /// Waits until the screen is as it should be, and returns it.
-    pub(crate) fn until(&self, what: &str, mut is_so: impl FnMut(&str) -> bool) -> String {
+    ///
+    /// # Panics
+    ///
+    /// If that takes longer than 30 s.
+    pub fn until(&self, what: &str, mut is_so: impl FnMut(&str) -> bool) -> String {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let screen = self.screen();
             if is_so(&screen) {
                 return screen;
             }
-            assert!(Instant::now() < deadline, "{what} is not to be seen:\n{screen}");
+            assert!(Instant::now() < deadline, "{what} did not appear:\n{screen}");
             std::thread::sleep(GLANCE);
         }
     }
 
-    /// Asserts that the shell has its terminal as it was: its own screen, lines, echo, and the cursor.
-    pub(crate) fn assert_given_back(&self) {
+    /// Asserts that the terminal is restored: the shell's screen, line mode, echo and the cursor.
+    ///
+    /// # Panics
+    ///
+    /// If it is not.
+    pub fn assert_given_back(&self) {
         self.press(&["C-l"]);
         self.enter("stty -a | grep -ow -e '-*icanon' -e '-*echo' | tr '\\n' ' '; echo =");
         self.until("the shell's modes", |screen| screen.contains("icanon echo ="));

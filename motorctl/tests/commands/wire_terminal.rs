@@ -1,12 +1,7 @@
 //! The commands on the wire at a terminal: what they ask, and keys that are held.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
-
-mod line;
-mod tmux;
-
-use line::Line;
-use tmux::Tmux;
+use crate::line::Line;
+use motord_harness::tmux::Tmux;
 
 /// Enters a call of motorctl with the knee of `line`; `done STATUS` is on the screen when it has ended.
 fn enter(terminal: &Tmux, line: &Line, call: &str) {

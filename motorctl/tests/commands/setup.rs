@@ -1,10 +1,6 @@
 //! `motorctl setup`: each motor of a line that is not the configured one is named, and what it said is kept.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
-
-mod line;
-
-use line::{Line, motor};
+use crate::line::{Line, motor};
 use motord_simulator::MotorSettings;
 use serde_json::Value;
 use std::fs;

@@ -1,0 +1,23 @@
+//! Every command of `motorctl`, beside daemons with a low rate, and on simulated lines.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+#[path = "../line/mod.rs"]
+mod line;
+#[path = "../programs/mod.rs"]
+mod programs;
+mod schema;
+
+mod command_line;
+mod configurations;
+mod doctor;
+mod frame;
+mod help;
+mod monitor;
+mod operate;
+mod protocol_table;
+mod recording;
+mod schemas;
+mod setup;
+mod wire;
+mod wire_terminal;

@@ -1,0 +1,28 @@
+//! The programs of the workspace.
+
+use std::path::PathBuf;
+use std::process::Command;
+
+/// Returns the directory in which cargo builds the programs.
+///
+/// # Panics
+///
+/// If the test program is not in a directory of cargo.
+#[must_use]
+pub fn directory() -> PathBuf {
+    let test = std::env::current_exe().expect("a program has a path");
+    let built = test.parent().and_then(std::path::Path::parent).expect("tests are in target/PROFILE/deps");
+    built.to_owned()
+}
+
+/// A program that was built beside the test.
+///
+/// # Panics
+///
+/// If the program is missing: `cargo test -p CRATE` builds the programs of that crate only.
+#[must_use]
+pub fn program(name: &str) -> Command {
+    let path = directory().join(name);
+    assert!(path.is_file(), "{} is missing: run `cargo build --workspace` first", path.display());
+    Command::new(path)
+}
