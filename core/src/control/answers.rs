@@ -1,9 +1,71 @@
-//! Answers to administrative requests.
+//! Answers to administrative requests. Codes and sentinels of the wire occur only here and in [`request`](super::request).
 
-use motord_shared::{AdminReply, Refusal};
+use motord_shared::codes::Detail;
+use motord_shared::{AdminReply, Cause, Lease, Refusal, message};
 
-/// A refusal, and its detail: the joint, process id or cause that it is about.
-pub(super) type Refused = (Refusal, u32);
+/// A refusal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Refused {
+    reason: Refusal,
+    about: About,
+}
+
+/// The object that a refusal is about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum About {
+    Nothing,
+    Joint(usize),
+    Process(u32),
+    Cause(Cause),
+    /// A number of the request that is no operation, group or joint.
+    Unknown(u32),
+}
+
+impl Refused {
+    /// Refuses without naming an object.
+    pub(super) const fn new(reason: Refusal) -> Self {
+        Self { reason, about: About::Nothing }
+    }
+
+    /// Refuses because of a joint.
+    pub(super) const fn joint(reason: Refusal, joint: usize) -> Self {
+        Self { reason, about: About::Joint(joint) }
+    }
+
+    /// Refuses because a process owns the group.
+    pub(super) const fn owned(pid: u32) -> Self {
+        Self { reason: Refusal::Owned, about: About::Process(pid) }
+    }
+
+    /// Refuses because a cause is latched.
+    pub(super) const fn latched(cause: Cause) -> Self {
+        Self { reason: Refusal::Latched, about: About::Cause(cause) }
+    }
+
+    /// Refuses because `number` names no operation, group or joint.
+    pub(super) const fn unknown(reason: Refusal, number: u32) -> Self {
+        Self { reason, about: About::Unknown(number) }
+    }
+
+    const fn detail(self) -> u32 {
+        match self.about {
+            About::Nothing if matches!(self.reason.detail(), Detail::Joint) => message::NO_JOINT,
+            About::Nothing => 0,
+            About::Joint(joint) => joint as u32,
+            About::Process(pid) => pid,
+            About::Cause(cause) => cause.code(),
+            About::Unknown(number) => number,
+        }
+    }
+}
+
+/// The reply with the lease that was granted, if one was, or with the reason of a refusal.
+pub(super) fn reply(outcome: Result<Option<Lease>, Refused>) -> AdminReply {
+    match outcome {
+        Ok(lease) => AdminReply { lease: lease.map_or(0, Lease::raw), refusal: 0, detail: 0 },
+        Err(refused) => AdminReply { lease: 0, refusal: refused.reason.code(), detail: refused.detail() },
+    }
+}
 
 /// Answers that came later than their request.
 #[derive(Debug)]
@@ -22,22 +84,14 @@ impl Answers {
 
     pub(super) fn push(&mut self, ticket: u32, outcome: Result<(), Refused>) {
         if let Some(free) = self.answers.get_mut(self.len) {
-            *free = Some((ticket, reply(outcome.map(|()| 0))));
+            *free = Some((ticket, reply(outcome.map(|()| None))));
             self.len += 1;
         }
     }
 
-    /// The newest of them: each bears its ticket, so their order means nothing.
+    /// Takes the newest of them: each has its ticket, so their order is not significant.
     pub(super) fn pop(&mut self) -> Option<(u32, AdminReply)> {
         self.len = self.len.checked_sub(1)?;
         self.answers[self.len].take()
-    }
-}
-
-/// The reply with the lease or the reason of a refusal.
-pub(super) fn reply(outcome: Result<u64, Refused>) -> AdminReply {
-    match outcome {
-        Ok(lease) => AdminReply { lease, refusal: 0, detail: 0 },
-        Err((refusal, detail)) => AdminReply { lease: 0, refusal: refusal.code(), detail },
     }
 }

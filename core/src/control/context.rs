@@ -1,8 +1,8 @@
 //! The surroundings of every decision of a cycle: time, the rules of safety, and where news goes.
 
-use super::Wake;
 use super::answers::{Answers, Refused};
 use super::event::{Event, Events};
+use super::wake::Wake;
 use crate::settings::{SafetySettings, Settings};
 use motord_bus::{Duration, Instant};
 

@@ -20,19 +20,23 @@ mod context;
 mod event;
 mod group;
 mod indicators;
+mod leases;
 mod motor;
+mod request;
 mod time_base;
+mod wake;
 
 pub use command::{Command, Reported, Status};
 pub use event::{Event, Events};
 pub use motor::{Applied, Circumstances, damp, limit};
+pub use wake::Wake;
 
 use crate::settings::Settings;
-use admin::Leases;
 use bus_health::BusHealth;
 use context::Context;
 use group::{Group, Report};
 use indicators::Indicators;
+use leases::Leases;
 use motor::{Motor, Turn};
 use motord_bus::{Duration, Instant};
 use motord_shared::{
@@ -42,21 +46,6 @@ use time_base::TimeBase;
 
 /// A motor that has not answered by then is reported, once.
 const SILENT_START: Duration = Duration::from_secs(2);
-
-/// The beginning of a cycle: its tick, and the time of its wake-up.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Wake {
-    /// Its number, from 1.
-    pub cycle: u64,
-    /// When the cycle should begin: the tick that its thread slept until. Missed ticks come after it.
-    pub scheduled: Instant,
-    /// When it began.
-    pub begun: Instant,
-    /// Ticks missed just before it.
-    pub missed_ticks: u64,
-    /// Total time that the computer was suspended since it was started.
-    pub suspended: Duration,
-}
 
 /// The place of a joint: its group, and its place in that.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

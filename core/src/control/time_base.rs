@@ -6,7 +6,7 @@
 //! | the computer was suspended since the cycle before | suspended |
 //! | more ticks missed over the last second than `max-missed` | overload |
 
-use super::Wake;
+use super::wake::Wake;
 use crate::settings::CycleSettings;
 use motord_bus::Duration;
 use motord_shared::Cause;

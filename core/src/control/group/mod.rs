@@ -11,6 +11,7 @@
 //!
 //! Only a reset clears a latched cause; an emergency stop replaces it.
 
+mod offer;
 mod phase;
 mod setpoints;
 mod watch;
@@ -20,10 +21,11 @@ pub(super) use watch::Report;
 use super::bus_health::BusHealth;
 use super::context::Context;
 use super::motor::{Motor, Orders, Turn};
+use super::request::{Asker, Right};
 use super::{Command, Event};
 use crate::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};
-use motord_shared::{AdminRequest, Cause, GroupState, Lease, Phase, Rejection};
+use motord_shared::{Cause, GroupState, Lease, Phase, Rejection};
 use setpoints::Setpoints;
 
 /// One group.
@@ -138,13 +140,22 @@ impl Group {
         self.owner.as_ref()
     }
 
-    pub(super) fn is_owned_by(&self, lease: u64) -> bool {
-        self.owner.is_some_and(|owner| owner.lease.raw() == lease)
+    pub(super) fn is_owned_by(&self, lease: Lease) -> bool {
+        self.owner.is_some_and(|owner| owner.lease == lease)
+    }
+
+    /// The right is that of an operator, or of the owner of the group.
+    pub(super) fn obeys(&self, right: Right) -> bool {
+        match right {
+            Right::Operator => true,
+            Right::Owner(lease) => self.is_owned_by(lease),
+            Right::Invalid => false,
+        }
     }
 
     /// The request comes from the process that owns the group.
-    pub(super) fn is_asked_by_owner(&self, request: &AdminRequest) -> bool {
-        self.is_owned_by(request.lease) || self.owner.is_some_and(|owner| owner.pid == request.pid)
+    pub(super) fn is_asked_by_owner(&self, asker: &Asker) -> bool {
+        self.owner.is_some_and(|owner| asker.lease() == Some(owner.lease) || owner.pid == asker.pid)
     }
 
     pub(super) fn own(&mut self, lease: Lease, pid: u32, cx: &mut Context) {
@@ -153,8 +164,8 @@ impl Group {
     }
 
     /// Its owner gave a sign of life, if `lease` is the owner's.
-    pub(super) fn hear_owner(&mut self, lease: u64, now: Instant) {
-        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.lease.raw() == lease) {
+    pub(super) fn hear_owner(&mut self, lease: Lease, now: Instant) {
+        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.lease == lease) {
             owner.heard = now;
         }
     }

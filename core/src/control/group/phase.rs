@@ -38,7 +38,7 @@ impl Group {
     }
 
     /// Begins to start every motor.
-    pub(in crate::control) fn start(&mut self, cx: &mut Context) {
+    pub(crate) fn start(&mut self, cx: &mut Context) {
         self.each_motor(cx, Motor::begin_start);
         self.enter(Phase::Starting, cx);
     }
@@ -64,21 +64,21 @@ impl Group {
     }
 
     /// Stops every motor without damping it first.
-    pub(in crate::control) fn disarm(&mut self, cx: &mut Context) {
+    pub(crate) fn disarm(&mut self, cx: &mut Context) {
         self.each_motor(cx, Motor::rest);
         self.enter(Phase::Disarmed, cx);
     }
 
     /// Latches `cause`, and follows no setpoint from now on. A disarmed group latches only a shutdown and a lost directory.
     /// Nothing about an excluded motor is a cause.
-    pub(in crate::control) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
+    pub(crate) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
         if !self.motors.iter().any(|motor| motor.is_excluded() && Some(motor.joint) == joint) {
             self.stop_as(Latched { cause, joint, pid: None }, cx);
         }
     }
 
     /// As [`stop`](Self::stop), because process `pid` asked for it. A request latches also where nothing moves.
-    pub(in crate::control) fn stop_for(&mut self, cause: Cause, pid: u32, cx: &mut Context) {
+    pub(crate) fn stop_for(&mut self, cause: Cause, pid: u32, cx: &mut Context) {
         self.stop_as(Latched { cause, joint: None, pid: Some(pid) }, cx);
     }
 
@@ -106,7 +106,7 @@ impl Group {
 
     /// Begins the safe stop of a group that is starting or active: stops its motors at once, damps them, or first holds them
     /// if the reason `may_hold`. A later reason that may not hold ends a hold.
-    pub(in crate::control) fn begin_damping(&mut self, may_hold: bool, cx: &mut Context) {
+    pub(crate) fn begin_damping(&mut self, may_hold: bool, cx: &mut Context) {
         if !matches!(self.phase, Phase::Starting | Phase::Active) {
             return self.let_go(cx.now, !may_hold);
         }

@@ -15,7 +15,7 @@ const OWNER_SILENCE: Duration = Duration::from_secs(1);
 
 /// The consequence of a report for the other groups.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::control) enum Report {
+pub(crate) enum Report {
     /// None.
     None,
     /// Every group must be stopped for the fault of this joint.
@@ -73,8 +73,8 @@ impl Group {
     }
 
     /// The process of the owner with `lease` has ended.
-    pub(in crate::control) fn end_owner(&mut self, lease: Lease, cx: &mut Context) {
-        if !self.is_owned_by(lease.raw()) {
+    pub(crate) fn end_owner(&mut self, lease: Lease, cx: &mut Context) {
+        if !self.is_owned_by(lease) {
             return;
         }
         if matches!(self.phase, Phase::Starting | Phase::Active) {
@@ -85,7 +85,7 @@ impl Group {
 
     /// The motor at `place` answered at `at`. Does not allocate; bounded by the motors of the group.
     #[inline(always)]
-    pub(in crate::control) fn receive(
+    pub(crate) fn receive(
         &mut self,
         place: usize,
         reported: &Reported,
@@ -151,7 +151,7 @@ impl Group {
     }
 
     /// The motor at `place` answered one question twice.
-    pub(in crate::control) fn receive_duplicate(&mut self, place: usize, cx: &mut Context) {
+    pub(crate) fn receive_duplicate(&mut self, place: usize, cx: &mut Context) {
         let motor = &mut self.motors[place];
         if motor.report_twice() {
             let joint = motor.joint;
@@ -170,7 +170,7 @@ impl Group {
     }
 
     /// A cycle is over, and every answer that can come in it has come.
-    pub(in crate::control) fn end_cycle(&mut self, cx: &mut Context) {
+    pub(crate) fn end_cycle(&mut self, cx: &mut Context) {
         for place in 0..self.motors.len() {
             if !self.motors[place].turn.outlasts_cycle {
                 self.end_turn(place, cx);

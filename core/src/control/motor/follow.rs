@@ -3,6 +3,7 @@
 use super::Motor;
 use super::limit::{self, Applied, Circumstances, limit};
 use super::mode::Mode;
+use super::orders::Orders;
 use crate::control::Command;
 use crate::control::context::Context;
 use crate::joint::{Impedance, Joint, Setpoint};
@@ -12,19 +13,6 @@ use motord_shared::SetpointMode;
 const OVER_VOLTAGE_DAMPING: f32 = 0.25;
 /// A state that answers the last turn is not older than so many turns, jitter included.
 const LATE_TURNS: f32 = 1.5;
-
-/// The orders of a group to one of its motors in a cycle.
-#[derive(Debug, Clone, Copy)]
-pub(in crate::control) struct Orders {
-    /// The newest setpoint of the joint.
-    pub(in crate::control) wanted: Option<Setpoint>,
-    /// Progress of the start ramp, 0 to 1 and beyond.
-    pub(in crate::control) ramp: f32,
-    /// The stop under way holds.
-    pub(in crate::control) held: bool,
-    /// A motor of the group reported over-voltage: braking feeds the supply, so it is damped less.
-    pub(in crate::control) over_voltage: bool,
-}
 
 impl Motor {
     pub(super) fn command_by_mode(&mut self, orders: &Orders, cx: &Context) -> Command {

@@ -6,16 +6,18 @@ mod follow;
 mod heat;
 mod limit;
 mod mode;
+mod orders;
 mod plausibility;
 mod replies;
 mod service;
 mod turn;
 
-pub(super) use follow::Orders;
 pub use limit::{Applied, Circumstances, damp, limit};
+pub(super) use orders::Orders;
 pub(super) use service::{Kind, ServiceRequest};
 pub(super) use turn::Turn;
 
+use super::answers::Refused;
 use super::context::Context;
 use super::{Command, Event};
 use crate::joint::{Impedance, Joint, Measured, Setpoint};
@@ -396,7 +398,7 @@ impl Motor {
     /// Gives a request up whose time is over.
     pub(super) fn watch_request(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| cx.now > request.deadline) {
-            cx.answer(request.ticket, Err((Refusal::NotConfirmed, self.joint as u32)));
+            cx.answer(request.ticket, Err(Refused::joint(Refusal::NotConfirmed, self.joint)));
         }
     }
 

@@ -18,14 +18,14 @@ pub(super) const ZERO_TOLERANCE: f32 = 0.01;
 
 /// The kind of a service request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::control) enum Kind {
+pub(crate) enum Kind {
     SetZero,
     ClearFault,
 }
 
 /// A service request under way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::control) struct ServiceRequest {
+pub(crate) struct ServiceRequest {
     pub(super) kind: Kind,
     /// Whom to answer.
     pub(super) ticket: u32,
@@ -35,7 +35,7 @@ pub(in crate::control) struct ServiceRequest {
 }
 
 impl ServiceRequest {
-    pub(in crate::control) fn new(kind: Kind, ticket: u32, now: Instant) -> Self {
+    pub(crate) fn new(kind: Kind, ticket: u32, now: Instant) -> Self {
         let time = match kind {
             Kind::SetZero => ZERO_TIME,
             Kind::ClearFault => CLEAR_TIME,

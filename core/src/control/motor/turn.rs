@@ -8,13 +8,13 @@ use motord_bus::{Duration, Instant};
 
 /// The turns of one motor.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::control) struct Turn {
+pub(crate) struct Turn {
     /// Cycles from one turn to the next.
     every: NonZero<u32>,
     /// Cycles until the next turn.
     left: u32,
     /// A turn ends when the next begins.
-    pub(in crate::control) outlasts_cycle: bool,
+    pub(crate) outlasts_cycle: bool,
     /// This cycle is not its turn.
     pub(super) waits: bool,
     /// When the last turn began.
@@ -25,7 +25,7 @@ pub(in crate::control) struct Turn {
 
 impl Turn {
     /// Every cycle.
-    pub(in crate::control) const EACH_CYCLE: Self = Self {
+    pub(crate) const EACH_CYCLE: Self = Self {
         every: NonZero::<u32>::MIN,
         left: 0,
         outlasts_cycle: false,
@@ -35,13 +35,13 @@ impl Turn {
     };
 
     /// Once in `every` cycles, for the first time in the cycle after `cycle` others.
-    pub(in crate::control) const fn once_in(every: NonZero<u32>, cycle: u32) -> Self {
+    pub(crate) const fn once_in(every: NonZero<u32>, cycle: u32) -> Self {
         Self { every, left: cycle, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
     }
 
     /// A cycle begins at `now`. Returns whether it is the motor's turn. Cycles are counted as they run, so that missed ticks
     /// take no motor's turn away.
-    pub(in crate::control) fn begin_cycle(&mut self, now: Instant, period: Duration) -> bool {
+    pub(crate) fn begin_cycle(&mut self, now: Instant, period: Duration) -> bool {
         self.waits = self.left > 0;
         if self.waits {
             self.left -= 1;

@@ -6,8 +6,8 @@ use crate::plan::BusPlan;
 use motord_bus::{Duration, Inbox, Instant, Readiness, ReplyTime};
 
 /// A CAN bus.
-pub(in crate::cycle) struct CanChannel {
-    pub(in crate::cycle) wire: Wire,
+pub(crate) struct CanChannel {
+    pub(crate) wire: Wire,
     /// Not every motor gets a command in every cycle.
     takes_turns: bool,
     /// Requests of the last batch that are not answered.
@@ -28,7 +28,7 @@ pub(in crate::cycle) struct CanChannel {
 
 /// The kind of frames that are sent together. Each kind has a separate expected reply time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::cycle) enum Batch {
+pub(crate) enum Batch {
     /// One command per motor. Most are answered with a state.
     Commands,
     /// A question to one motor, for its faults or an indicator.
@@ -53,14 +53,14 @@ impl CanChannel {
 
     /// Begins a batch without frames, to be sent at `now`. A reply to the last one that has not arrived may still do so.
     #[inline]
-    pub(in crate::cycle) fn begin(&mut self, batch: Batch, now: Instant) {
+    pub(crate) fn begin(&mut self, batch: Batch, now: Instant) {
         self.give_up(now);
         self.batch = batch;
         self.wire.clear();
     }
 
     /// Ends the wait for the replies to the last batch, before another one is sent at `now` or later.
-    pub(in crate::cycle) fn give_up(&mut self, now: Instant) {
+    pub(crate) fn give_up(&mut self, now: Instant) {
         if self.awaited > 0 {
             self.unsettle(now);
             self.awaited = 0;
@@ -70,7 +70,7 @@ impl CanChannel {
 
     /// Sends the queued frames, as [`Wire::send`] does. Returns whether the bus accepted all. At most one system call.
     #[inline]
-    pub(in crate::cycle) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
+    pub(crate) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> bool {
         self.sent_at = now;
         let accepted = self.wire.send(now, unsent);
         self.awaited = accepted.frames;
@@ -83,18 +83,18 @@ impl CanChannel {
 
     /// When all replies to this batch are expected to have arrived.
     #[inline]
-    pub(in crate::cycle) fn expected(&self) -> Instant {
+    pub(crate) fn expected(&self) -> Instant {
         self.sent_at + self.expected[self.batch as usize].latest()
     }
 
     /// Before it the last reply to this batch seldom arrives.
-    pub(in crate::cycle) fn earliest(&self) -> Instant {
+    pub(crate) fn earliest(&self) -> Instant {
         self.sent_at + self.expected[self.batch as usize].earliest()
     }
 
     /// Every reply to this batch has arrived: learns how long that takes.
     #[inline]
-    pub(in crate::cycle) fn complete(&mut self) {
+    pub(crate) fn complete(&mut self) {
         if !self.wire.is_idle() {
             self.expected[self.batch as usize].observe(self.wire.replied_at().since(self.sent_at));
         }
@@ -103,7 +103,7 @@ impl CanChannel {
     /// The cycle waits for a reply to the last batch. A motor that is seldom asked, since it does not answer, is not
     /// waited for in between.
     #[inline]
-    pub(in crate::cycle) const fn is_open(&self) -> bool {
+    pub(crate) const fn is_open(&self) -> bool {
         self.awaited > 0
     }
 
@@ -114,12 +114,12 @@ impl CanChannel {
     }
 
     /// How to wait for the bus. No system call.
-    pub(in crate::cycle) fn readiness(&self) -> Readiness<'_> {
+    pub(crate) fn readiness(&self) -> Readiness<'_> {
         self.wire.readiness()
     }
 
     /// How long a question and its reply take on the wire at worst.
-    pub(in crate::cycle) const fn question_time(&self) -> Duration {
+    pub(crate) const fn question_time(&self) -> Duration {
         self.question_time
     }
 
@@ -136,14 +136,14 @@ impl CanChannel {
     }
 
     /// A reply that is awaited may be unread, behind something else. The next read takes all.
-    pub(in crate::cycle) const fn is_cut_short(&self) -> bool {
+    pub(crate) const fn is_cut_short(&self) -> bool {
         self.is_cut_short
     }
 
     /// Reads at most one inbox full, as [`Wire::receive`] does. Returns whether the arrivals are the awaited replies and
     /// nothing else; if not, [`settle`](Self::settle) follows. At most one system call.
     #[inline]
-    pub(in crate::cycle) fn receive(
+    pub(crate) fn receive(
         &mut self,
         now: Instant,
         judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,
@@ -161,7 +161,7 @@ impl CanChannel {
 
     /// Finds the requests of the last batch that are still open after a read. Bounded by the motors of the bus.
     #[cold]
-    pub(in crate::cycle) fn settle(&mut self, drives: &[Drive]) {
+    pub(crate) fn settle(&mut self, drives: &[Drive]) {
         self.awaited = self.wire.senders().iter().filter(|&&motor| drives[motor].is_open()).count();
         self.is_cut_short = self.wire.is_read_full() && self.awaited > 0;
         self.owes = self.wire.others().any(|motor| drives[motor].is_open());

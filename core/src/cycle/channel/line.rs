@@ -6,7 +6,7 @@ use crate::stopper::LineRound;
 use motord_bus::{Frame, Instant, Refusal};
 
 /// A serial line.
-pub(in crate::cycle) struct LineChannel {
+pub(crate) struct LineChannel {
     pub(super) wire: Wire,
     round: LineRound,
 }
@@ -17,7 +17,7 @@ impl LineChannel {
     }
 
     /// Reads at most one inbox full, as [`Wire::receive`] does. At most one system call.
-    pub(in crate::cycle) fn receive(
+    pub(crate) fn receive(
         &mut self,
         now: Instant,
         judge: impl FnMut(usize, Option<&[u8]>, Instant) -> Received,

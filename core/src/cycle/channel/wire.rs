@@ -7,7 +7,7 @@ use motord_bus::{Bus, Content, Frame, FrameId, Inbox, Instant, Readiness, Refusa
 use motord_shared::{BusCondition, BusState};
 
 /// A bus with the frames of one batch, the motors that reply there, and the counters.
-pub(in crate::cycle) struct Wire {
+pub(crate) struct Wire {
     bus: Box<dyn Bus>,
     /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
@@ -53,7 +53,7 @@ impl Wire {
     }
 
     /// Replaces a bus that disconnected by one that was opened again. Returns the old one: closing it may block.
-    pub(in crate::cycle) fn replace(&mut self, bus: Box<dyn Bus>) -> Box<dyn Bus> {
+    pub(crate) fn replace(&mut self, bus: Box<dyn Bus>) -> Box<dyn Bus> {
         self.condition = BusCondition::Active;
         std::mem::replace(&mut self.bus, bus)
     }
@@ -67,7 +67,7 @@ impl Wire {
 
     /// Queues a frame for each motor that `command` has one for.
     #[inline]
-    pub(in crate::cycle) fn queue_each(&mut self, mut command: impl FnMut(usize) -> Option<Frame>) {
+    pub(crate) fn queue_each(&mut self, mut command: impl FnMut(usize) -> Option<Frame>) {
         for &(_, motor) in &self.routes {
             if let Some(frame) = command(motor) {
                 self.frames.push(frame);
@@ -77,7 +77,7 @@ impl Wire {
     }
 
     /// Queues the frame of a motor, if there is one. There is reserved space for one frame per motor of the bus.
-    pub(in crate::cycle) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
+    pub(crate) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
         if let Some(frame) = frame {
             self.frames.push(frame);
             self.senders.push(motor);
@@ -188,7 +188,7 @@ impl Wire {
 
     /// No frame is queued.
     #[inline]
-    pub(in crate::cycle) fn is_idle(&self) -> bool {
+    pub(crate) fn is_idle(&self) -> bool {
         self.frames.is_empty()
     }
 
@@ -216,13 +216,13 @@ impl Wire {
 
     /// The condition of the bus as of its last report or refusal.
     #[inline]
-    pub(in crate::cycle) const fn condition(&self) -> BusCondition {
+    pub(crate) const fn condition(&self) -> BusCondition {
         self.condition
     }
 
     /// The counters and the condition, as they are published.
     #[inline]
-    pub(in crate::cycle) const fn report(&self) -> BusState {
+    pub(crate) const fn report(&self) -> BusState {
         BusState { condition: self.condition.code(), ..self.counters }
     }
 }

@@ -1,0 +1,93 @@
+//! Setpoint messages: checked as a whole when they arrive.
+
+use super::{Group, Owner};
+use crate::control::context::Context;
+use crate::joint::{Impedance, Joint, Setpoint};
+use crate::settings::MotorSettings;
+use motord_bus::{Duration, Instant};
+use motord_shared::{JointSetpoint, Rejection, SetpointMessage, SetpointMode};
+
+/// A setpoint may be stamped this much later than the cycle's own reading of the clock.
+const FUTURE_MAX: Duration = Duration::from_millis(1);
+/// A sequence number may rise by this much at once; a larger step is a message that was never counted up.
+const SEQUENCE_STEP_MAX: u64 = 1 << 32;
+
+impl Group {
+    /// Takes the setpoints of `message` before a cycle decides, or counts why not. `cx` is still that of the cycle before.
+    /// Does not allocate; bounded by the joints of one message.
+    pub(crate) fn offer(&mut self, message: &SetpointMessage, now: Instant, cx: &Context) {
+        match self.check(message, now, cx.safety.setpoint_timeout) {
+            Ok(()) => self.accept(message, now, cx.wake.cycle),
+            Err(rejection) => {
+                let counter = &mut self.rejected[rejection.code() as usize];
+                *counter = counter.wrapping_add(1);
+            }
+        }
+    }
+
+    /// `before` is the number of the cycle before.
+    fn accept(&mut self, message: &SetpointMessage, now: Instant, before: u64) {
+        let Self { setpoints, owner, accepted, late, .. } = self;
+        setpoints.answered = if message.cycle > before { 0 } else { message.cycle };
+        setpoints.used = 0;
+        let is_late = setpoints.answered > 0 && setpoints.answered < before;
+        *late = late.wrapping_add(u32::from(is_late));
+        setpoints.at = Some(Instant::from_nanos(message.time_ns).min(now));
+        for (kept, joint) in setpoints.joints.iter_mut().zip(&message.joints) {
+            *kept = setpoint(joint);
+        }
+        if let Some(owner) = owner {
+            owner.sequence = message.sequence;
+            owner.heard = now;
+        }
+        *accepted = accepted.wrapping_add(1);
+    }
+
+    fn check(&self, message: &SetpointMessage, now: Instant, timeout: Duration) -> Result<(), Rejection> {
+        let sent = Instant::from_nanos(message.time_ns);
+        let is_owner = |owner: &Owner| owner.lease.raw() == message.lease;
+        let owner = self.owner.filter(is_owner).ok_or(Rejection::WrongLease)?;
+        if message.joint_count as usize != self.motors.len() {
+            return Err(Rejection::JointCount);
+        }
+        if !(1..=SEQUENCE_STEP_MAX).contains(&message.sequence.wrapping_sub(owner.sequence)) {
+            return Err(Rejection::Sequence);
+        }
+        if sent > now + FUTURE_MAX {
+            return Err(Rejection::FromFuture);
+        }
+        if now.since(sent) > timeout {
+            return Err(Rejection::Stale);
+        }
+        let mut joints = self.motors.iter().zip(&message.joints);
+        joints.try_for_each(|(motor, joint)| match check_joint(joint, &motor.settings) {
+            // The owner cannot know the position of a joint whose motor is excluded.
+            Err(_) if motor.is_excluded() => Ok(()),
+            outcome => outcome,
+        })
+    }
+}
+
+fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejection> {
+    if !values(joint).is_finite() {
+        return Err(Rejection::NotFinite);
+    }
+    if joint.kp < 0.0 || joint.kd < 0.0 {
+        return Err(Rejection::Negative);
+    }
+    match SetpointMode::try_from(joint.mode) {
+        Ok(mode) if motor.takes(mode) => Ok(()),
+        _ => Err(Rejection::Mode),
+    }
+}
+
+/// The setpoint of a joint that passed [`check_joint`]. An excluded joint may have failed it, but nothing uses its setpoint.
+fn setpoint(joint: &JointSetpoint) -> Setpoint {
+    let mode = SetpointMode::try_from(joint.mode).unwrap_or(SetpointMode::Impedance);
+    Setpoint { values: values(joint), mode }
+}
+
+const fn values(joint: &JointSetpoint) -> Impedance<Joint> {
+    let JointSetpoint { position, velocity, kp, kd, torque, .. } = *joint;
+    Impedance::new(position, velocity, kp, kd, torque)
+}
