@@ -1,4 +1,4 @@
-//! The whole file: which tables it has, and which of them can be there several times.
+//! The tables of the whole file.
 
 use toml::de::DeTable;
 
@@ -7,7 +7,7 @@ use super::findings::Findings;
 use super::keys::{self, SECTIONS};
 use super::table::{Section, Table};
 
-/// The whole file, read.
+/// The whole file with all keys read.
 pub(super) struct Document {
     pub(super) daemon: keys::Daemon,
     pub(super) cycle: keys::Cycle,

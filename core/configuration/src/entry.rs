@@ -9,7 +9,7 @@ use toml::de::DeValue;
 use super::problem::Wrong;
 use super::value::Value;
 
-/// A place in the file that a problem can be reported for.
+/// A place in the file, for reports of problems.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct At {
     /// Bytes from the start of the file.
@@ -23,13 +23,13 @@ pub(super) struct At {
 /// A key as it was read.
 #[derive(Debug, Clone)]
 pub(super) struct Entry<T> {
-    /// The written value, when it is good; else the default.
+    /// The written value, if it is valid; otherwise the default.
     pub(super) value: T,
-    /// Where the value is; where its table is, when it is not written.
+    /// The place of the value; that of its table, if the value is not written.
     pub(super) at: At,
     /// The unit of the value, where it has one.
     pub(super) unit: &'static str,
-    /// The key is in the file, with a good value or a bad one.
+    /// The key is in the file, with a valid value or not.
     pub(super) is_written: bool,
 }
 
@@ -53,7 +53,7 @@ pub(super) struct Rule<T> {
     max: f64,
     /// The range in words; `None`: the numbers or choices themselves.
     range_words: Option<&'static str>,
-    /// An angle that is seldom more than a turn.
+    /// An angle, rarely more than a turn.
     is_angle: bool,
 }
 
@@ -70,7 +70,7 @@ pub(super) fn is<T>(default: T) -> Rule<T> {
     }
 }
 
-/// A key without a default of its own; `words` describe what holds without it.
+/// A key without a fixed default; `words` describe the value without it.
 pub(super) fn follows<T>(words: &'static str) -> Rule<Option<T>> {
     Rule { default_words: Some(words), ..is(None) }
 }
@@ -99,7 +99,7 @@ impl<T: Value> Rule<T> {
         Self { is_angle: true, ..self }
     }
 
-    /// The value, or why it cannot be one.
+    /// Reads the value, or returns the reason why it is invalid.
     pub(super) fn read(&self, written: &Spanned<DeValue<'_>>, unit: &'static str) -> Result<T, Wrong> {
         let value = T::read(written)?;
         match value.number() {
@@ -114,7 +114,7 @@ impl<T: Value> Rule<T> {
         }
     }
 
-    /// A good value that deserves a warning.
+    /// Returns the warning for a valid value, if any.
     pub(super) fn doubt(&self, value: &T) -> Option<Wrong> {
         let number = value.number().filter(|number| self.is_angle && number.abs() > TAU)?;
         Some(Wrong::ManyTurns { value: number, degrees: degrees(number) })
@@ -139,7 +139,7 @@ impl<T: Value> Rule<T> {
     }
 }
 
-/// The question that an angle beyond a turn raises; empty for others.
+/// Returns the hint for an angle beyond a turn; empty for others.
 pub(super) fn degrees(value: f64) -> String {
     match value.is_finite() && value.abs() > TAU {
         true => format!("; is it in degrees? {value}° is {:.4} rad", value.to_radians()),

@@ -1,4 +1,4 @@
-//! Everything found so far, and the checks that several sections make.
+//! The problems found, and the checks that several sections share.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -57,7 +57,7 @@ impl<'a> Findings<'a> {
         Problem { file: self.file.into(), place: Some(place), wrong }
     }
 
-    /// At least one table `[[list]]`, and at most `max`.
+    /// Reports fewer than one and more than `max` tables `[[list]]`.
     pub(super) fn count<T>(&mut self, items: &[Item<T>], list: &'static str, max: usize) {
         if items.is_empty() {
             let whole_file = At { offset: 0, section: list, key: "" };
@@ -84,7 +84,7 @@ impl<'a> Findings<'a> {
         }
     }
 
-    /// The text, when it can be a name.
+    /// Returns the text, if it is a valid name.
     pub(super) fn name(&mut self, entry: &Entry<Option<String>>) -> Option<String> {
         let name = entry.value.as_ref()?;
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -95,8 +95,8 @@ impl<'a> Findings<'a> {
         None
     }
 
-    /// The index of `name` among `names`. An unknown name is reported, unless one of `names` is missing or repeated: it may
-    /// be that one.
+    /// Returns the index of `name` among `names`. Reports an unknown name, unless one of `names` is
+    /// missing or repeated: it may be that one.
     pub(super) fn find<'n>(
         &mut self,
         at: At,
@@ -124,7 +124,8 @@ impl<'a> Findings<'a> {
         found
     }
 
-    /// A priority beyond the limit of this machine: an error where real time is required, else a warning.
+    /// Reports a priority beyond the limit of this machine: an error where real time is required,
+    /// otherwise a warning.
     pub(super) fn judge_priority(&mut self, at: At, priority: u8, require_realtime: bool) {
         let allowed = self.machine.priority_max;
         let wrong = Wrong::Priority { priority, allowed };
@@ -152,7 +153,7 @@ impl<'a> Findings<'a> {
     }
 }
 
-/// The line of the byte at `offset`, counted from 1.
+/// Returns the line of the byte at `offset`, counted from 1.
 pub(super) fn line(text: &[u8], offset: usize) -> usize {
     1 + text.iter().take(offset).filter(|byte| **byte == b'\n').count()
 }

@@ -1,7 +1,7 @@
-//! The table of keys: the name, type, unit, default, range and meaning of every key, each stated once.
+//! The table of keys: name, type, unit, default, range and meaning of every key.
 //!
-//! The parser reads by this table, the error messages quote it, and the tables of `docs/configuration.md` are written
-//! from it. A row is: name, field, type, unit = default and range, meaning. The texts are Markdown.
+//! The parser and the error messages use this table, and `docs/configuration.md` is written from
+//! it. A row is: name, field, type, unit = default and range, meaning. The texts are Markdown.
 //!
 //! The defaults are cautious and meant for a real robot. A shared machine needs longer times.
 
@@ -59,7 +59,7 @@ sections! {
             "Cycles per second. `motord check` prints the highest rate that the buses permit.";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the cycle is pinned to.";
-        // 99 belongs to the kernel's own threads.
+        // Kernel threads use 99.
         "priority" priority: i64, "" = is(80).within(1.0, 98.0),
             "`SCHED_FIFO` priority of the cycle. 99 belongs to the kernel.";
         "require-realtime" require_realtime: bool, "" = is(false),
@@ -142,7 +142,7 @@ sections! {
         // GIM document 3.1.1: 921600 8N1.
         "baud" baud: i64, "bit/s" = is(921_600).within(9_600.0, 4_000_000.0),
             "8N1; for `serial`.";
-        // An adapter on USB hands bytes over once in a millisecond at best.
+        // A USB adapter delivers bytes at most once in a millisecond.
         "turnaround-us" turnaround_us: f64, "µs" = is(500.0).within(0.0, 100_000.0),
             "The longest time from the end of a request to the beginning of its reply, as the computer sees it; for `serial`. USB adapters: 1500, or what `motorctl ping` measures. A later reply is late, and the next request may be refused.";
         "every" every: i64, "cycles" = is(1).within(1.0, 100.0),

@@ -1,10 +1,10 @@
-//! The configuration: from a file that anyone may have damaged to [`Settings`] that the rest of the daemon can rely on.
+//! Converts the text of a configuration file to checked [`Settings`].
 //!
-//! Text stops here. A file is opened ([`load`]), read key by key (`table`, by the table in `keys`), and validated as a
-//! whole (`validate`). One run reports every problem ([`Problem`]), not only the first. Only a file that cannot be read, or is
-//! no TOML, has one problem alone. Nothing is opened but the file: a configuration is judged without a bus.
+//! [`load`] opens a file, `table` reads it key by key, and `validate` checks it as a whole. One run
+//! reports every problem ([`Problem`]). Only a file that cannot be read or parsed has a single
+//! problem. No other file, device or bus is opened.
 //!
-//! `keys` is the one table of all keys. `docs/configuration.md` is written from it ([`reference()`]).
+//! `keys` is the table of all keys. [`reference()`] writes `docs/configuration.md` from it.
 
 mod document;
 mod entry;
@@ -37,22 +37,22 @@ use findings::Findings;
 use motord_settings::settings::Settings;
 use toml::de::DeTable;
 
-/// A configuration that may be run.
+/// A configuration without errors.
 #[derive(Debug)]
 pub struct Loaded {
     /// Its settings.
     pub settings: Settings,
-    /// `[telemetry]`: no setting of core.
+    /// `[telemetry]`, which the core does not use.
     pub telemetry: TelemetrySettings,
     /// The effective limits of each motor and where they come from, in the order of `settings.motors`.
     pub limits: Vec<Vec<Limit>>,
     /// Problems that do not prevent a run.
     pub warnings: Vec<Problem>,
-    /// FNV-1a of the file's bytes, to notice later that the file is no longer the one that runs.
+    /// FNV-1a of the file's bytes, to detect later changes of the file.
     pub hash: u64,
 }
 
-/// Where the metrics of a daemon go.
+/// The outputs of a daemon's metrics.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct TelemetrySettings {
     /// Absolute path of a file for the textfile collector of Prometheus' node exporter.
@@ -66,13 +66,13 @@ pub struct TelemetrySettings {
 pub struct ConfigError {
     /// The problems, each with its place in the file.
     pub problems: Vec<Problem>,
-    /// The settings, where every bus, motor and group could be built: a value that is refused has its default here. They show
-    /// how full the buses would be, and must not be run.
+    /// The settings, if every bus, motor and group could be built. A rejected value has its default
+    /// here. For reports on the load of the buses only: they must not be run.
     pub refused: Option<Box<Settings>>,
 }
 
 impl ConfigError {
-    /// A problem that leaves nothing else to judge.
+    /// Creates an error of a single problem.
     fn of(problem: Problem) -> Self {
         Self { problems: vec![problem], refused: None }
     }
@@ -91,10 +91,10 @@ impl fmt::Display for ConfigError {
 
 impl std::error::Error for ConfigError {}
 
-/// Reads and judges the file at `path`, against what this machine allows.
+/// Reads and checks the file at `path`, against the limits of this machine.
 ///
-/// A symbolic link is followed, so that a robot may choose one of several files; what it leads to must be a regular
-/// file that not everyone may write.
+/// Follows a symbolic link, so that a robot can select one of several files. Its target must be a
+/// regular file that not every user may write.
 ///
 /// # Errors
 ///
@@ -105,8 +105,8 @@ pub fn load(path: &Path) -> Result<Loaded, ConfigError> {
     parse(path, &bytes, &Machine::here())
 }
 
-/// The text of the file at `path`, read by the rules of [`load`]: no FIFO, device or huge file holds the caller up. It need
-/// not be a configuration.
+/// Returns the text of the file at `path`, read by the rules of [`load`]: no FIFO, device or huge
+/// file blocks the caller. The file need not be a configuration.
 ///
 /// # Errors
 ///
@@ -120,13 +120,14 @@ pub fn text(path: &Path) -> Result<String, Problem> {
     })
 }
 
-/// Whether the file at `path` is no longer the one with this `hash`. A file that cannot be read is another one.
+/// Returns whether the file at `path` has another hash than `hash`. True for a file that cannot be
+/// read.
 #[must_use]
 pub fn has_changed(path: &Path, hash: u64) -> bool {
     read(path).map_or(true, |bytes| fnv1a(&bytes) != hash)
 }
 
-/// Judges `bytes`, the content of `file`, against what `machine` allows. Opens nothing.
+/// Checks `bytes`, the content of `file`, against the limits of `machine`. Opens no file.
 ///
 /// # Errors
 ///

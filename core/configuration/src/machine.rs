@@ -1,4 +1,4 @@
-//! The processors and the priority that this machine allows the daemon: a configuration can ask for both.
+//! The processors and the priority that this machine allows the daemon.
 
 use std::fs;
 
@@ -6,13 +6,13 @@ use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::resource::{Resource, getrlimit};
 use nix::unistd::Pid;
 
-/// The highest `SCHED_FIFO` priority the daemon asks for: 99 belongs to the kernel's own threads.
+/// Highest `SCHED_FIFO` priority that the daemon requests: kernel threads use 99.
 const PRIORITY_MAX: u8 = 98;
 
 /// `CAP_SYS_NICE` in the capability sets of `/proc`, `capabilities(7)`: it lifts the limit of the priority.
 const CAP_SYS_NICE: u64 = 1 << 23;
 
-/// The resources that this machine gives to a process that starts now.
+/// The resources that this machine allows a new process.
 #[derive(Debug, Clone)]
 pub struct Machine {
     /// The processors that are online and that the process may use, rising.
@@ -22,15 +22,15 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Asks the kernel about the calling process.
+    /// Queries the kernel for the calling process.
     #[must_use]
     pub fn here() -> Self {
         Self { processors: processors(), priority_max: priority_max() }
     }
 }
 
-/// Tries to run on each processor, in one extra thread that ends afterwards. The affinity of this process is not enough: the
-/// processors that the kernel isolates (`isolcpus`) are not in it, but may be used.
+/// Tests each processor in a temporary thread. The affinity of this process is not sufficient: it
+/// does not contain isolated processors (`isolcpus`), which may be used.
 fn processors() -> Vec<usize> {
     let is_allowed = |&cpu: &usize| {
         let mut one = CpuSet::new();

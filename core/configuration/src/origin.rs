@@ -1,4 +1,4 @@
-//! The effective limits of a joint, and where each comes from.
+//! The effective limits of a joint, and their origins.
 
 use std::fmt;
 
@@ -13,14 +13,14 @@ pub struct Limit {
     pub min: Option<f32>,
     /// The highest value. `None`: there is no limit.
     pub max: Option<f32>,
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
 }
 
-/// Where a limit comes from.
+/// The origin of a limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
-    /// Its own key, in this line of the file, counted from 1.
+    /// Its key, in this line of the file, counted from 1.
     File {
         /// The line.
         line: usize,
@@ -34,7 +34,7 @@ pub enum Origin {
     },
     /// This fact of the motor's model.
     Model(&'static str),
-    /// The largest value that the motor's protocol can carry, with some margin.
+    /// The largest value that the motor's protocol can encode, with a margin.
     Protocol,
     /// Another limit of the joint, by this rule.
     Rule(&'static str),
@@ -55,7 +55,7 @@ impl Origin {
         }
     }
 
-    /// The line of the file, counted from 1.
+    /// Returns the line of the file, counted from 1.
     #[must_use]
     pub const fn line(self) -> Option<usize> {
         match self {

@@ -1,4 +1,4 @@
-//! Everything that can be wrong with a configuration, as the user reads it: what is wrong; what to do.
+//! The problems of a configuration, as texts for people: the problem, and the remedy.
 
 use std::fmt;
 use std::io;
@@ -9,9 +9,9 @@ use motord_shared::limits::NAME_BYTES_MAX;
 /// An error or a warning, and its place.
 #[derive(Debug)]
 pub struct Problem {
-    /// The file, as it was named to us.
+    /// The file, as named by the caller.
     pub file: PathBuf,
-    /// Where in the file; `None` when it is about the file itself.
+    /// The place in the file; `None` for a problem of the file itself.
     pub place: Option<Place>,
     /// The problem itself.
     pub wrong: Wrong,
@@ -250,11 +250,11 @@ pub enum Wrong {
     EmptyGroup,
 }
 
-/// The tables that can be there several times.
+/// The tables that can occur several times.
 pub(super) const LISTS: [&str; 3] = ["bus", "motor", "group"];
 
 impl Wrong {
-    /// The message of the TOML library about `excerpt`, in the words of the other errors.
+    /// Converts a message of the TOML library about `excerpt`.
     pub(super) fn toml(message: &str, excerpt: &str) -> Self {
         let message = match message {
             "duplicate key" if LISTS.contains(&excerpt) => {
@@ -269,7 +269,7 @@ impl Wrong {
     }
 }
 
-/// Control characters as escapes: a problem is one line, and a file must not control the terminal.
+/// Escapes control characters: a problem is one line, and a file must not control the terminal.
 pub(super) fn plain(text: &str) -> String {
     let escape = |c: char| if c.is_control() { c.escape_default().collect() } else { String::from(c) };
     text.chars().map(escape).collect()

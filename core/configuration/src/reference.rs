@@ -1,11 +1,11 @@
-//! The tables of `docs/configuration.md`, written from the table of keys and the known models.
+//! Writes the tables of `docs/configuration.md` from the table of keys and the known models.
 
 use motord_protocol::profile::PROFILES;
 
 use super::entry::Row;
 use super::keys;
 
-/// `document` with every generated table written anew, between its marks:
+/// Returns `document` with every generated table replaced between its marks:
 ///
 /// ```text
 /// <!-- keys of motor.limits -->
@@ -13,7 +13,7 @@ use super::keys;
 /// <!-- end of keys of motor.limits -->
 /// ```
 ///
-/// A table without marks in the document is added at the end, so that no key is left out.
+/// Adds a table without marks at the end, so that every key is in the document.
 #[must_use]
 pub fn reference(document: &str) -> String {
     let keys = keys::reference().into_iter().map(|(path, rows)| {
@@ -27,7 +27,7 @@ pub fn reference(document: &str) -> String {
     })
 }
 
-/// The motors that a configuration can name, and the defaults that their names give.
+/// Returns the table of models and the defaults that they give.
 fn models() -> String {
     let head =
         ["model", "vendor", "gear ratio", "rated torque, N·m", "peak torque, N·m", "max velocity, rad/s"];

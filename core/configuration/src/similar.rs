@@ -1,12 +1,12 @@
-//! "Did you mean": the known name that looks most like the one that is written.
+//! Suggests the known name that is most similar to an unknown one.
 
 use super::problem::plain;
 
-/// From here on two names look alike; 1 is equal (Jaro-Winkler).
+/// Least similarity (Jaro-Winkler) of a suggestion; 1 is equal.
 const ALIKE: f64 = 0.8;
 
-/// For the reader of an unknown name: the known name that is most like it, or all of them. Control characters in the known names
-/// are escaped.
+/// Returns a hint for an unknown name: the most similar known name, or all of them. Escapes control
+/// characters in the known names.
 #[must_use]
 pub fn suggestion<'k>(written: &str, known: impl Iterator<Item = &'k str>) -> String {
     let known: Vec<_> = known.collect();

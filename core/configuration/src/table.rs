@@ -1,4 +1,4 @@
-//! One table of the file: its keys are read one by one, and what is not a key is reported.
+//! Reads one table of the file key by key, and reports unknown keys.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -23,7 +23,7 @@ pub(super) trait Section: Sized {
 /// Path and keys of every section there is.
 pub(super) type Sections = &'static [(&'static str, &'static [&'static str])];
 
-/// A table while it is read. One that is not in the file has no keys.
+/// A table that is being read. A table that is not in the file has no keys.
 pub(super) struct Table<'t, 'f, 'a> {
     path: &'static str,
     table: Option<&'t DeTable<'t>>,
@@ -48,7 +48,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         Table { path, table, offset, known: self.known, findings: self.findings }
     }
 
-    /// Reads one key. A bad value is reported, and the default stands for it.
+    /// Reads one key. Reports an invalid value, and replaces it by the default.
     pub(super) fn entry<T: Value>(
         &mut self,
         key: &'static str,
@@ -97,7 +97,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         self.below(path, table, offset).keys()
     }
 
-    /// Every table `[[list]]`. A single `[list]` is reported, and read as one.
+    /// Reads every table `[[list]]`. Reports a single `[list]`, and reads it as one.
     pub(super) fn list<S: Section>(&mut self) -> Vec<Item<S>> {
         let Some(written) = self.table.and_then(|table| table.get(S::PATH)) else { return Vec::new() };
         if written.get_ref().is_table() {
@@ -135,7 +135,8 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         }
     }
 
-    /// Where a key belongs that this table does not have: in a table of the same list, or in the only one that has it.
+    /// Returns the table that an unknown key belongs to: one of the same list, or the only one that
+    /// has this key.
     fn table_of(&self, key: &str) -> Option<String> {
         let has_it = self.known.iter().filter(|(_, keys)| keys.contains(&key));
         let tables: Vec<_> = has_it.map(|(path, _)| *path).collect();
@@ -148,7 +149,7 @@ impl<'t, 'f, 'a> Table<'t, 'f, 'a> {
         })
     }
 
-    /// `new`, or `old` where only that is there; both are an error.
+    /// Returns `new`, or `old` where only that is written. Both are an error.
     pub(super) fn renamed(&mut self, old: &'static str, new: &'static str) -> &'static str {
         let written = |path| self.table.and_then(|table| table.get(path));
         match (written(new), written(old)) {

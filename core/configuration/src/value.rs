@@ -1,4 +1,4 @@
-//! The types of values: how each is read, and what it is called.
+//! The types of values: their names, and how they are read.
 
 use motord_protocol::MotorProtocol;
 use std::fmt::Debug;
@@ -117,7 +117,8 @@ impl Value for String {
 impl Value for PathBuf {
     const KIND: &'static str = "a text";
 
-    /// The path of a file of metrics, with the ending `.prom`: Prometheus' node exporter reads no other names.
+    /// Path of a file for metrics that ends with `.prom`: Prometheus' node exporter reads no other
+    /// names.
     fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
         let text = String::read(written)?;
         let path = Self::from(&text);
@@ -129,7 +130,7 @@ impl Value for PathBuf {
 impl Value for SocketAddr {
     const KIND: &'static str = "a text";
 
-    /// An address of this computer only (loopback): whoever reaches the address reads the metrics.
+    /// A loopback address: every process that reaches the address can read the metrics.
     fn read(written: &Spanned<DeValue<'_>>) -> Result<Self, Wrong> {
         let text = String::read(written)?;
         let loopback = text.parse().ok().filter(|address: &Self| address.ip().is_loopback());

@@ -1,12 +1,12 @@
-//! Compares what a motor says of itself with its configuration.
+//! Compares what a motor reports about itself with its configuration.
 
 use super::{Lock, ReportedMotor, ReportedProtocol};
 use motord_protocol::{DriveConstants, MotorProtocol};
 use motord_settings::settings::{MotorSettings, Settings};
 use std::fmt;
 
-/// The largest difference of torque constants, as a part of the configured one: the vendor's own figures of one motor differ by
-/// that much.
+/// Largest relative difference of torque constants. The vendor's figures of one motor differ by
+/// this much.
 const TORQUE_CONSTANT_TOLERANCE: f64 = 0.05;
 /// The motor stores an integer: other gear ratios cannot be stored (GIM document, table 7).
 const GEAR_RATIO_TOLERANCE: f64 = 0.5;
@@ -20,27 +20,27 @@ pub struct Finding {
     pub value: &'static str,
     /// As configured.
     pub configured: String,
-    /// As the motor says; `None` when it cannot be read.
+    /// As the motor reports; `None` when it cannot be read.
     pub reported: Option<String>,
-    /// Whether the two agree.
+    /// The result of the comparison.
     pub verdict: Verdict,
     /// How to make them agree.
     pub cure: String,
 }
 
-/// Whether a motor agrees with its configuration.
+/// The result of comparing a motor with its configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// They agree.
     Agrees,
     /// They differ: the motor must not be armed.
     Differs,
-    /// It cannot be read: somebody has to look.
+    /// It cannot be read: a person must check it.
     Unknown,
 }
 
 impl fmt::Display for Finding {
-    /// A sentence for a person.
+    /// Writes a sentence for a person.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { motor, value, configured, reported, cure, .. } = self;
         match reported {
@@ -57,7 +57,8 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Every value of a motor that can be compared. `reported` is `None` for a motor that does not answer.
+/// Returns every value of a motor that can be compared. `reported` is `None` for a motor that does
+/// not answer.
 #[must_use]
 pub fn findings(
     settings: &Settings,
@@ -85,7 +86,8 @@ pub fn findings(
     findings
 }
 
-/// Everything in which the motors differ from their configuration. Motors that the lock does not have are no mismatch.
+/// Returns every difference between motors and configuration. Motors without an entry in the lock
+/// are no mismatch.
 #[must_use]
 pub fn mismatches(settings: &Settings, lock: &Lock) -> Vec<Finding> {
     let locked = settings.motors.iter().filter_map(|motor| Some((motor, lock.motor(&motor.name)?)));
@@ -212,7 +214,8 @@ impl Compare<'_> {
     }
 }
 
-/// Four digits after the point, without zeros at the end: constants come from floats of the motor.
+/// Formats with at most four decimals, without trailing zeros: the constants are floats in the
+/// motor.
 fn rounded(value: f64) -> String {
     let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

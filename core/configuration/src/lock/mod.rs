@@ -1,7 +1,7 @@
-//! The lock file: what each motor said of itself when `motorctl setup` asked it.
+//! The lock file: what each motor reported about itself to `motorctl setup`.
 //!
-//! It lies beside the configuration: `motord.lock.toml` beside `motord.toml`. [`findings`] holds it, or what a motor says now,
-//! against the configuration.
+//! Its path is next to the configuration: `motord.lock.toml` for `motord.toml`. [`findings`]
+//! compares it, or a current report of a motor, with the configuration.
 
 mod finding;
 
@@ -31,7 +31,7 @@ pub struct Lock {
     pub motors: Vec<ReportedMotor>,
 }
 
-/// Why a lock file is of no use.
+/// An unusable lock file.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// It cannot be read or written.
@@ -53,13 +53,13 @@ pub enum LockError {
 }
 
 impl Lock {
-    /// A lock of these motors.
+    /// Creates a lock of these motors.
     #[must_use]
     pub const fn new(motors: Vec<ReportedMotor>) -> Self {
         Self { form: FORM, motors }
     }
 
-    /// The place of the lock of this configuration.
+    /// Returns the path of the lock of this configuration.
     #[must_use]
     pub fn path(config: &Path) -> PathBuf {
         config.with_extension("lock.toml")
@@ -86,7 +86,7 @@ impl Lock {
         }
     }
 
-    /// Writes the lock beside the configuration `config`, in one step: a reader sees the old one or the new one.
+    /// Writes the lock beside the configuration `config` atomically.
     ///
     /// # Errors
     ///
@@ -102,7 +102,7 @@ impl Lock {
         Ok(file)
     }
 
-    /// The motor of this name, if it answered.
+    /// Returns the motor of this name, if it answered.
     #[must_use]
     pub fn motor(&self, name: &str) -> Option<&ReportedMotor> {
         self.motors.iter().find(|motor| motor.name == name)

@@ -1,4 +1,4 @@
-//! `[[bus]]`, and whether its motors fit on it.
+//! Checks `[[bus]]`, and the load of its motors.
 
 use std::num::NonZero;
 use std::path::Path;
@@ -16,7 +16,7 @@ use crate::keys::Bus;
 use crate::problem::Wrong;
 use crate::value::{BusType, Choice};
 
-/// A motor that starts gets so many commands: neutral ones, the start, and some more until it has answered.
+/// Commands to a motor that starts: neutral ones, the start, and some more until it has answered.
 const START_TURNS: u32 = 15;
 /// `IFNAMSIZ` of Linux without the closing zero.
 const INTERFACE_BYTES_MAX: usize = 15;
@@ -57,7 +57,7 @@ fn kind(keys: &Bus, findings: &mut Findings<'_>) -> Option<BusKind> {
             Some(BusKind::Serial { device: self::device(device, &keys.device, findings)?, baud, turnaround })
         }
         BusType::Simulated => {
-            // Two buses of one file differ in their names, so their noise differs too.
+            // Two buses of one file have different names, so their noise differs.
             let from_name = || keys.name.value.as_ref().map_or(0, |name| fnv1a(name.as_bytes()));
             let seed = keys.seed.value.map_or_else(from_name, i64::cast_unsigned);
             Some(BusKind::Simulated { bitrate, seed })
@@ -77,7 +77,7 @@ fn required<'e>(
     entry.value.as_deref()
 }
 
-/// A key of another type means that the type is wrong, or that the user expects an effect of the key.
+/// Reports keys of another type: the type is wrong, or the key has no effect.
 fn refuse_keys_of_other_types(kind: BusType, keys: &Bus, findings: &mut Findings<'_>) {
     use BusType::{Serial, Simulated, SocketCan};
     let owners: [(bool, _, &[BusType]); 6] = [
@@ -95,8 +95,9 @@ fn refuse_keys_of_other_types(kind: BusType, keys: &Bus, findings: &mut Findings
     }
 }
 
-/// A name that Linux would accept. An adapter may be plugged in later, so a missing interface is only a warning. The interface is
-/// looked up in the network namespace of this process; `/sys` may show another namespace.
+/// Checks that Linux accepts the name. A missing interface is only a warning, because an adapter
+/// may be connected later. Searches the interface in the network namespace of this process; `/sys`
+/// may show another namespace.
 fn interface(name: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>) -> Option<String> {
     let is_allowed = |c: char| c.is_ascii_graphic() && c != '/' && c != ':';
     if !(1..=INTERFACE_BYTES_MAX).contains(&name.len())
@@ -123,7 +124,7 @@ fn device(path: &str, entry: &Entry<Option<String>>, findings: &mut Findings<'_>
     Some(path.to_owned())
 }
 
-/// Whether every bus has room for its motors.
+/// Reports the buses that have no capacity for their motors.
 pub(super) fn judge_load(items: &[Item<Bus>], settings: &Settings, findings: &mut Findings<'_>) {
     for (bus, (plan, Item { at, keys })) in BusPlan::of(settings).iter().zip(items).enumerate() {
         if plan.motors == 0 {
@@ -153,7 +154,7 @@ fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Finding
     }
 }
 
-/// A line has one request at a time: the turns must not overlap.
+/// Reports overlapping turns: a line carries one request at a time.
 fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
     let (every, least) = (settings.buses[bus].every.get(), plan.every_least);
     if every < least {
@@ -163,7 +164,7 @@ fn judge_turns(keys: &Bus, plan: &BusPlan, settings: &Settings, bus: usize, find
     }
 }
 
-/// A motor that takes turns starts within the time that it is given.
+/// Reports a motor that takes turns and cannot start within its timeout.
 fn judge_start(keys: &Bus, settings: &Settings, bus: usize, findings: &mut Findings<'_>) {
     let round = settings.buses[bus].every.get() * settings.cycle.period;
     if settings.buses[bus].takes_turns() && START_TURNS * round > settings.safety.start_timeout {

@@ -1,4 +1,4 @@
-//! `[motor.limits]`: within the capability of the motor and the scale of its protocol.
+//! Checks `[motor.limits]` against the capability of the motor and the scale of its protocol.
 
 use motord_protocol::{Field, Scales};
 use motord_settings::joint::Transmission;
@@ -25,7 +25,8 @@ const CAUTIOUS_VELOCITY: f64 = 60.0;
 /// Default slews: the full torque within 20 ms, the full gains within 50 ms.
 const TORQUE_SLEW_PER_S: f64 = 50.0;
 const GAIN_SLEW_PER_S: f64 = 20.0;
-/// Default derating begins at this temperature, °C, and at least so far below the maximum.
+/// Default derating begins at this temperature, °C, and at least [`DERATING_CELSIUS`] below the
+/// maximum.
 const DERATE_CELSIUS: f64 = 70.0;
 const DERATING_CELSIUS: f64 = 10.0;
 
@@ -54,7 +55,7 @@ impl Capability {
         self.scales.as_ref().map_or(f64::INFINITY, |scales| field(scales).max())
     }
 
-    /// How far the motor may turn, rad.
+    /// Returns the range of the motor, rad.
     fn position_scale(&self) -> Scale {
         match self.beyond_range {
             BeyondRange::Stop => Scale::with_margin(self.end(|scales| scales.position)),
@@ -63,7 +64,7 @@ impl Capability {
     }
 }
 
-/// The limits, joint side. One that the motor or its protocol cannot reach is reported.
+/// Returns the limits, joint side. Reports limits beyond the motor or its protocol.
 pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Findings<'_>) -> LimitSettings {
     let torque_scale = Scale::with_margin(capability.end(|scales| scales.torque));
     let torque = keys.torque_nm.value.unwrap_or(capability.rated_torque.min(torque_scale.usable));
@@ -96,7 +97,7 @@ pub(super) fn limits(keys: &Limits, capability: &Capability, findings: &mut Find
     }
 }
 
-/// How far the protocol's codes reach on either side of zero, and how far a limit may.
+/// The range of the protocol's codes on either side of zero, and the usable part of it.
 struct Scale {
     end: f64,
     usable: f64,
@@ -114,7 +115,7 @@ impl Scale {
         }
     }
 
-    /// Whether a limit may have this `value`, which is `at_motor` for the motor.
+    /// Checks the `value` of a limit, which is `at_motor` for the motor.
     fn judge(&self, value: f64, at_motor: f64, degrees: String) -> Result<(), Wrong> {
         let &Self { end, usable } = self;
         match at_motor.abs() {
@@ -160,7 +161,7 @@ fn judge_position([low, high]: [f64; 2], capability: &Capability) -> Result<(), 
     if low < high { Ok(()) } else { Err(Wrong::PositionOrder { low, high }) }
 }
 
-/// Where derating begins, and where no torque is left, °C.
+/// The begin of derating, and the temperature without torque, °C.
 fn temperatures(keys: &Limits, findings: &mut Findings<'_>) -> [f64; 2] {
     let max = keys.temperature_max_celsius.value;
     let entry = &keys.temperature_derate_celsius;
@@ -236,7 +237,7 @@ impl Explained<'_> {
         }
     }
 
-    /// The default is the rated torque, as far as the protocol can carry it.
+    /// The default is the rated torque, limited to the range of the protocol.
     fn torque(&self) -> Origin {
         if self.motor.limits.torque < self.motor.rated_torque {
             return Origin::Protocol;

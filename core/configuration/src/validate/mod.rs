@@ -1,7 +1,8 @@
 //! From the keys of a file to settings: derived defaults, checks between keys, and checks of the whole.
 //!
-//! Nothing here stops at the first problem. A bad value is reported and replaced by its default. A bus or motor that
-//! cannot be built is left out, and nothing is reported that only follows from that.
+//! A problem does not end the validation. An invalid value is reported and replaced by its default.
+//! A bus or motor that cannot be built is left out, and problems that only follow from that are not
+//! reported.
 
 mod bus;
 mod group;
@@ -19,13 +20,14 @@ use super::keys;
 use super::problem::Wrong;
 use time::{micros, millis};
 
-/// The cycle polls for so long where it has a processor of its own.
+/// Default of the busy polling of a cycle with a dedicated processor.
 const BUSY_POLL_US: f64 = 30.0;
 
 /// `SCHED_FIFO` priority of the IPC thread: above threaded interrupts, below the cycle.
 const IPC_PRIORITY: u8 = 70;
 
-/// The dead man's switch waits for as long as a cycle may be late, and for this many cycles more.
+/// The dead man's switch waits for the largest lateness of a cycle, and for this many further
+/// cycles.
 const DEADMAN_CYCLES: f64 = 2.0;
 
 /// Judges the whole document. `None` when a bus, motor or group cannot be built; the reason is among the findings.
@@ -59,11 +61,12 @@ fn cycle(keys: &keys::Cycle, findings: &mut Findings<'_>) -> CycleSettings {
     let rate_hz = keys.rate_hz.value;
     let period = Duration::from_secs_f64(1.0 / rate_hz);
     let cpu = findings.processor(&keys.cpu);
-    // A processor that others use is not taken from them.
+    // Other threads use a processor that is not dedicated.
     let busy_poll_us = keys.busy_poll_us.value.unwrap_or(if cpu.is_some() { BUSY_POLL_US } else { 0.0 });
     findings.within_cycle(keys.busy_poll_us.at, busy_poll_us, period);
     let (require_realtime, priority) = (keys.require_realtime.value, keys.priority.value as u8);
-    // A priority that is only the default is judged where real time is required: else nobody asked for it.
+    // The default priority is only checked where real time is required: otherwise the user did not
+    // request it.
     if keys.priority.is_written || require_realtime {
         let at = if keys.priority.is_written { keys.priority.at } else { keys.require_realtime.at };
         findings.judge_priority(at, priority, require_realtime);
@@ -94,7 +97,7 @@ fn ipc(keys: &keys::Ipc, cycle: &CycleSettings, findings: &mut Findings<'_>) -> 
     let priority = match (keys.priority.value, mode) {
         (Some(wanted), _) => wanted as u8,
         (None, IpcMode::Timed) => IPC_PRIORITY.min(cycle.priority - 1).max(1),
-        // Spinning with a real-time priority takes the processor away from everything else.
+        // Polling with a real-time priority blocks every other thread of the processor.
         (None, IpcMode::Spin) => 0,
     };
     if keys.priority.value.is_some() {
@@ -128,7 +131,8 @@ fn safety(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_
     }
 }
 
-/// A switch that acts while a cycle may still be late stops a healthy daemon: a warning.
+/// Warns when the switch acts within the allowed lateness of a cycle: it would stop a healthy
+/// daemon.
 fn deadman(keys: &keys::Safety, cycle: &CycleSettings, findings: &mut Findings<'_>) -> Duration {
     findings.two_cycles(&keys.deadman_ms, cycle.period);
     let late_ms = 1e3 * (cycle.max_lateness.as_secs_f64() + DEADMAN_CYCLES * cycle.period.as_secs_f64());

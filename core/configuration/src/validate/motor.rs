@@ -1,4 +1,4 @@
-//! `[[motor]]`, its limits, and its ids on the bus.
+//! Checks `[[motor]]` and its ids on the bus.
 
 use motord_bus::{Duration, FrameId};
 use motord_protocol::gim::ExecutionTime;
@@ -24,7 +24,7 @@ type BusItem = entry::Item<keys::Bus>;
 
 /// The header of a serial frame has one byte for the receiver (GIM document, table 3).
 const SERIAL_HOST_ID_MAX: i64 = 0xFF;
-/// A command lasts for so many turns at least: a lost frame must not end it.
+/// Least duration of a command, in turns: a lost frame must not end it.
 const DURATION_TURNS: u32 = 3;
 /// Default damping of a safe stop, N·m·s/rad.
 const DAMPING_KD: f64 = 2.0;
@@ -123,7 +123,7 @@ fn address(
     Some(Address { bus, is_serial, id: id as u8, ids, host_id: FrameId::new(host_id as u16)? })
 }
 
-/// The id, if its vendor allows it.
+/// Returns the id, if its vendor allows it.
 fn at_most(
     entry: &Entry<Option<i64>>,
     id: i64,
@@ -162,7 +162,7 @@ fn judge_constants(keys: &keys::Motor, model: Option<&Model>, findings: &mut Fin
     }
 }
 
-/// The constants of the codes, as written or of the model.
+/// Returns the constants of the codes, as written or of the model.
 fn constants(keys: &keys::Motor, model: Option<&Model>) -> Option<DriveConstants> {
     let model = model?;
     Some(DriveConstants {
@@ -222,9 +222,10 @@ fn simulation(
     }
 }
 
-/// The ids of a bus. A command id names one motor. On CAN a reply id does too: the arbitration needs one sender for every id, and
-/// nothing else in a native reply names its sender. On a serial bus one request is open at a time, so all replies may have one host
-/// id; but then a late reply may be taken for that of another motor, which is worth a warning.
+/// Checks the ids of a bus. A command id names one motor. On CAN a reply id names one motor, too:
+/// the arbitration needs one sender for every id, and nothing else in a GIM reply names its sender.
+/// On a serial bus one request is open at a time, so all replies may have one host id. A late reply
+/// may then be taken for that of another motor: a warning.
 fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findings<'_>) {
     let named = |index: usize| items[index].keys.keys.name.value.clone().unwrap_or_default();
     let on_bus = |bus| {
@@ -262,7 +263,7 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
     }
 }
 
-/// A group cannot start while a joint that may not be excluded is excluded: worth a warning.
+/// Warns about an excluded joint that may not be excluded: its group cannot start.
 fn excluded(keys: &keys::Motor, findings: &mut Findings<'_>) -> bool {
     let excluded = keys.excluded.value;
     if excluded && !keys.may_be_excluded.value {
@@ -271,7 +272,7 @@ fn excluded(keys: &keys::Motor, findings: &mut Findings<'_>) -> bool {
     excluded
 }
 
-/// Whether each command lasts until the next, with some to spare.
+/// Reports commands that may end before the next one.
 pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mut Findings<'_>) {
     for (motor, item) in settings.motors.iter().zip(items) {
         let (at, duration_ms) =
@@ -289,7 +290,8 @@ pub(super) fn judge_durations(items: &[Item], settings: &Settings, findings: &mu
     }
 }
 
-/// Whether a safe stop can damp: each motor whose group damps or holds has a damping, and within its limit. A native motor needs none.
+/// Reports a motor without usable damping whose group damps or holds in a safe stop. A GIM motor
+/// needs none.
 pub(super) fn judge_damping(
     items: &[Item],
     motors: &[Option<MotorSettings>],
