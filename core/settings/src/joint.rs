@@ -1,7 +1,7 @@
 //! The two views of a joint: the robot's, and the drive's.
 //!
-//! Both sides are radians and newton-metres, so no unit could tell them apart; the type does. Going from one to the
-//! other happens in [`Transmission`] and nowhere else:
+//! Both sides have the same units, so the type distinguishes them. Only [`Transmission`] converts
+//! between them:
 //!
 //! ```compile_fail
 //! # use motord_settings::joint::{Impedance, Joint, Motor};
@@ -51,20 +51,20 @@ impl<Side> Impedance<Side> {
         Self { position, velocity, kp, kd, torque, side: PhantomData }
     }
 
-    /// The torque it asks of a joint that stands at `position` and turns at `velocity`, N·m.
+    /// Returns the torque at `position` and `velocity` of the joint, N·m.
     #[must_use]
     pub fn predicted_torque(&self, position: f32, velocity: f32) -> f32 {
         self.kp * (self.position - position) + self.kd * (self.velocity - velocity) + self.torque
     }
 
-    /// Every value is a finite number.
+    /// Returns whether every value is a finite number.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         [self.position, self.velocity, self.kp, self.kd, self.torque].iter().all(|value| value.is_finite())
     }
 }
 
-/// A setpoint or an applied command of one joint: the values, and how they are meant.
+/// A setpoint or an applied command of one joint: values and mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
     /// The values. A mode other than impedance uses those that it needs.
@@ -83,7 +83,7 @@ impl Setpoint {
         Self { values, mode: SetpointMode::Impedance }
     }
 
-    /// It pulls the joint to its position.
+    /// Returns whether it pulls the joint to its position.
     #[must_use]
     #[inline]
     pub fn pulls(&self) -> bool {
@@ -153,7 +153,7 @@ impl Transmission {
         self.direction * motor + self.offset
     }
 
-    /// The command to the motor that makes the joint do `joint`.
+    /// Converts a command for the joint to one for the motor.
     #[must_use]
     #[inline]
     pub fn to_motor(&self, joint: &Impedance<Joint>) -> Impedance<Motor> {
@@ -166,7 +166,7 @@ impl Transmission {
         )
     }
 
-    /// The state of the joint when the motor reports `motor`.
+    /// Converts a state of the motor to that of the joint.
     #[must_use]
     #[inline]
     pub fn to_joint(&self, motor: &Measured<Motor>) -> Measured<Joint> {

@@ -1,6 +1,7 @@
-//! The settings of `motord-core` and the joints they speak of. Core re-exports the modules: most programs import them from there.
+//! The settings of `motord-core`, and the two sides of its joints. `motord-core` re-exports the
+//! modules.
 //!
-//! - [`settings`]: everything that was configured, checked.
+//! - [`settings`]: the checked configuration.
 //! - [`plan`]: the part of each cycle that the buses need.
 //! - [`joint`]: the two sides of a joint, and the one transmission between them.
 //!

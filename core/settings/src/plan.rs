@@ -1,8 +1,8 @@
-//! The bus plan: how much of a cycle each bus needs for the motors on it.
+//! The bus plan: the part of a cycle that each bus needs for its motors.
 //!
-//! On CAN every motor is asked once in `every` cycles, and at most one motor of a bus is asked for its faults or an indicator
-//! besides. A frame's length depends on its bits: the worst case says what must fit, and the length without stuffing bits the
-//! least time until a reply.
+//! On CAN every motor is asked once in `every` cycles. In addition at most one motor of a bus is
+//! asked for its faults or an indicator. The length of a frame depends on its bits: the worst case
+//! must fit, and the length without stuffing bits is the least time until a reply.
 //!
 //! On a serial line one request is open at a time. A turn lasts for a request, the turnaround and the reply, in whole
 //! cycles: the reply is read when a cycle begins.
@@ -15,7 +15,8 @@ use crate::settings::{BusKind, MotorSettings, Settings};
 /// The payload of a command (MIT document 1.1, GIM document table 2).
 const COMMAND_BYTES: u32 = 8;
 
-/// Above this fraction of the worst case a bus has too little left for retransmissions and faults: worth a warning.
+/// Above this worst-case utilisation a bus has too little time for retransmissions and faults: a
+/// warning.
 pub const WORST_CASE_SOUND: f64 = 0.8;
 
 /// The load of one bus. Utilisations of a CAN bus are fractions of its fullest cycle: 1.0 leaves no gap. Those of a serial
@@ -28,7 +29,7 @@ pub struct BusPlan {
     pub worst_case_utilisation: f64,
     /// The same frames without stuffing bits and turnarounds.
     pub unstuffed_utilisation: f64,
-    /// The worst case with one motor that is asked for its faults too.
+    /// The worst case with a fault request to one motor.
     pub fault_poll_utilisation: f64,
     /// Wire time of the frames of a cycle without stuffing bits: the last reply cannot be complete before.
     pub expected: Duration,

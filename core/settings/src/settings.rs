@@ -1,4 +1,4 @@
-//! The configuration once it is known to be good: every value present, in range, and in the units of the code.
+//! The checked configuration: every value present, in range, and in the units of the code.
 
 use crate::joint::Transmission;
 use core::num::NonZero;
@@ -27,8 +27,8 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Turns of a bus until each of its motors has had one. A serial line has one more, for questions about faults and
-    /// indicators; elsewhere these take no turn.
+    /// Returns the number of turns of a bus in which each of its motors has one. A serial line has
+    /// one more, for questions about faults and indicators.
     #[must_use]
     pub fn turns(&self, bus: usize) -> usize {
         let motors = self.motors.iter().filter(|motor| motor.bus == bus).count();
@@ -36,7 +36,8 @@ impl Settings {
         motors + usize::from(asks && self.buses[bus].is_line())
     }
 
-    /// Which of the `every` cycles of a bus has its turn number `turn`: the turns are spread evenly. Below `every`.
+    /// Returns the cycle, below `every`, of the turn number `turn` of a bus. The turns are spread
+    /// evenly.
     #[must_use]
     pub fn first_turn(&self, bus: usize, turn: usize) -> u32 {
         let every = self.buses[bus].every.get();
@@ -55,17 +56,19 @@ pub struct CycleSettings {
     pub cpu: Option<usize>,
     /// `SCHED_FIFO` priority, 1 to 98.
     pub priority: u8,
-    /// Refuse to run without `SCHED_FIFO` and locked memory.
+    /// The daemon exits when it cannot get `SCHED_FIFO` and locked memory.
     pub require_realtime: bool,
-    /// A cycle that begins later than this has lost its time base: safe stop.
+    /// A cycle that begins later than this has lost its time base, which causes a safe stop.
     pub max_lateness: Duration,
-    /// The part of the ticks, 0 to 1, that may be missed over a second: beyond it, safe stop.
+    /// Share of the ticks of a second, 0 to 1, that may be missed. A larger share causes a safe
+    /// stop.
     pub max_missed_ticks: f32,
-    /// From the sending of a cycle's commands: replies that have not come by then are missed.
+    /// From the sending of a cycle's commands: replies that arrive later are missed.
     pub reply_deadline: Duration,
-    /// Read the buses without a sleep for this long, when the last replies of a cycle usually come; zero sleeps only.
+    /// Polls the buses for this long around the usual arrival of the last replies; zero only
+    /// sleeps.
     pub busy_poll: Duration,
-    /// Each indicator of a motor that has some is asked for this often, Hz; 0 never asks.
+    /// Rate at which each indicator of a motor is polled, Hz; 0 never polls.
     pub indicator_hz: f64,
 }
 
@@ -74,7 +77,7 @@ pub struct CycleSettings {
 pub enum IpcMode {
     /// Wakes when the states are ready, and `lead` before the next cycle to fetch setpoints.
     Timed,
-    /// Polls. Needs a processor of its own.
+    /// Polls. Needs a dedicated processor.
     Spin,
 }
 
@@ -85,7 +88,7 @@ pub struct IpcSettings {
     pub mode: IpcMode,
     /// The setpoints are fetched this long before a tick.
     pub lead: Duration,
-    /// In timed mode the states of a cycle are polled for so long at most. Zero never polls.
+    /// Longest time that the states of a cycle are polled for in timed mode. Zero never polls.
     pub busy_poll: Duration,
     /// The processor it is pinned to.
     pub cpu: Option<usize>,
@@ -100,7 +103,7 @@ pub enum SafeStop {
     Damp,
     /// Hold the position measured last with the last gains, damped, for `damp`; then damp and stop.
     Hold,
-    /// Stop the motors at once: they go limp.
+    /// Stop the motors immediately: they go limp.
     Stop,
 }
 
@@ -118,27 +121,27 @@ pub enum FaultPolicy {
 /// `[safety]`.
 #[derive(Debug, Clone)]
 pub struct SafetySettings {
-    /// An owner that sends no valid setpoint for this long is dead.
+    /// An owner that sends no valid setpoint for this long loses its group.
     pub setpoint_timeout: Duration,
-    /// The way a group stops when there is a cause, where the group has no setting of its own.
+    /// The way a group stops when there is a cause, where the group has no such setting.
     pub safe_stop: SafeStop,
     /// The longest a group is damped before its motors are stopped.
     pub damp: Duration,
     /// A damped joint slower than this, rad/s, is at rest.
     pub rest_velocity: f32,
-    /// A motor that gave no answer in this many turns in a row is lost.
+    /// A motor without an answer in this many consecutive turns is lost.
     pub lost_cycles: u32,
     /// Largest distance between a joint and its position setpoint when it is enabled, rad.
     pub start_jump: f32,
     /// The gains rise from zero over this time after a start.
     pub start_ramp: Duration,
-    /// A motor that has not started after this time does not start.
+    /// The start of a group fails after this time.
     pub start_timeout: Duration,
-    /// Each motor is asked for its faults this often, Hz; 0 never asks.
+    /// Rate at which each motor is asked for its faults, Hz; 0 never asks.
     pub fault_poll_hz: f64,
-    /// The dead man's switch acts when the heartbeat stands still for this long.
+    /// The dead man's switch acts when the heartbeat stops updating for this long.
     pub deadman: Duration,
-    /// Whether every group is stopped while the dead man's switch is away or hangs.
+    /// Every group is stopped while the dead man's switch is unavailable or stalled.
     pub require_deadman: bool,
     /// Carry the rounding error of the torque from cycle to cycle.
     pub error_feedback: bool,
@@ -218,10 +221,11 @@ impl BusKind {
     }
 }
 
-/// The reaction to a position beyond the end of its codes; the documents are silent.
+/// The behaviour of a motor beyond the end of its position codes. The vendors' documents do not
+/// state it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeyondRange {
-    /// Not known: stop before the end of the range. The default.
+    /// Unknown: stop before the end of the range. The default.
     Stop,
     /// The code wraps round: unwrap it.
     Wrap,
@@ -236,7 +240,7 @@ pub struct MotorSettings {
     pub bus: usize,
     /// Its CAN id (SteadyWin's ConfID 0x12), at least 1.
     pub id: u8,
-    /// The id its answers bear (SteadyWin's ConfID 0x13).
+    /// The id of its replies (SteadyWin's ConfID 0x13).
     pub host_id: FrameId,
     /// Its protocol.
     pub protocol: MotorProtocol,
@@ -246,13 +250,13 @@ pub struct MotorSettings {
     pub profile: &'static Profile,
     /// The scales of its codes.
     pub scales: Scales,
-    /// The constants that its scales come of; `None` for a motor whose codes are torques.
+    /// The constants that its scales follow from; `None` for a motor whose codes are torques.
     pub constants: Option<DriveConstants>,
     /// The motor reports other data of itself than the configuration has: its group is never enabled.
     pub mismatch: bool,
-    /// The torque the motor can give for good, output side, N·m.
+    /// Continuous torque, output side, N·m.
     pub rated_torque: f32,
-    /// The most torque the motor can give, output side, N·m.
+    /// Highest torque, output side, N·m.
     pub peak_torque: f32,
     /// Twice the rated torque may be given for this long by a cold motor.
     pub overload: Duration,
@@ -262,15 +266,17 @@ pub struct MotorSettings {
     pub transmission: Transmission,
     /// The abilities of the motor that decisions depend on.
     pub capabilities: Capabilities,
-    /// How long each control command lasts, for a motor whose commands carry a duration. What 0 means is not documented.
+    /// Duration of each control command, for a motor whose commands have one. The effect of 0 is
+    /// not documented.
     pub duration: ExecutionTime,
-    /// Damping of a safe stop, N·m·s/rad. Of a motor without impedance mode it is not used: its drive brakes it.
+    /// Damping of a safe stop, N·m·s/rad. Not used for a motor without impedance mode: its drive
+    /// brakes it.
     pub damping_kd: f32,
     /// The reaction at the end of the position range.
     pub beyond_range: BeyondRange,
     /// The part of the robot that stops when this motor reports a fault.
     pub fault_policy: FaultPolicy,
-    /// Its group may run while the joint is excluded.
+    /// The group may run while the joint is excluded.
     pub may_be_excluded: bool,
     /// The joint is excluded when the daemon starts.
     pub excluded: bool,
@@ -301,7 +307,8 @@ impl MotorSettings {
 pub struct LimitSettings {
     /// Lowest and highest position, rad.
     pub position: [f32; 2],
-    /// Largest speed, rad/s, of setpoints and of the position setpoint's motion. 1.2 times this is too fast for the joint.
+    /// Largest speed, rad/s, of setpoints and of the motion of position setpoints. A joint at 1.2
+    /// times this speed is stopped.
     pub velocity: f32,
     /// Largest torque, N·m: of setpoints, and of kp·Δp + kd·Δv + torque.
     pub torque: f32,
@@ -315,11 +322,11 @@ pub struct LimitSettings {
     pub kp_slew: f32,
     /// Fastest change of damping, N·m·s/rad/s.
     pub kd_slew: f32,
-    /// Above it the torque is derated, °C.
+    /// Above this temperature the torque is derated, °C.
     pub temperature_derate: f32,
-    /// At it the torque is zero; sustained for a second it is a safe stop, °C.
+    /// At this temperature the torque is zero; for a second it causes a safe stop, °C.
     pub temperature: f32,
-    /// Largest distance between joint and position setpoint, rad; `None` does not watch it.
+    /// Largest distance between joint and position setpoint, rad; `None` does not check it.
     pub following_error: Option<f32>,
 }
 
