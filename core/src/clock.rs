@@ -1,3 +1,3 @@
-//! The clock of the cycle: the machine's, or one of virtual time.
+//! The clock of the cycle: that of the machine, or virtual time.
 
 pub use motord_bus::{Clock, VirtualClock};

@@ -13,8 +13,9 @@ use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Phase, Re
 type Granted = Result<Option<Lease>, Refused>;
 
 impl Control {
-    /// Answers a request, now or, when a motor has to answer it, later through [`next_answer`](Self::next_answer) with the
-    /// same ticket. Does not allocate; bounded by groups and joints.
+    /// Answers a request. A request that a motor must confirm is answered later, by
+    /// [`next_answer`](Self::next_answer) with the same ticket. Does not allocate; bounded by
+    /// groups and joints.
     pub fn request(&mut self, ticket: u32, request: &AdminRequest, now: Instant) -> Option<AdminReply> {
         self.context.now = now;
         let asker = Asker::of(request);
@@ -137,7 +138,7 @@ impl Control {
             return Err(Refused::joint(Refusal::BusDown, joint));
         }
         match motor.mode() {
-            // First: a motor that is not the configured one may be silent for that very reason.
+            // First: a motor that is not the configured one may be silent because of that.
             _ if motor.settings.mismatch => Err(Refused::joint(Refusal::Mismatch, joint)),
             MotorMode::Offline => Err(Refused::joint(Refusal::MotorOffline, joint)),
             MotorMode::Fault => Err(Refused::joint(Refusal::MotorFault, joint)),
@@ -230,7 +231,7 @@ impl Control {
             (MotorMode::Offline, _) => Err(Refused::joint(Refusal::MotorOffline, joint)),
             (MotorMode::Excluded, _) => Err(Refused::joint(Refusal::Excluded, joint)),
             (MotorMode::Fault, Kind::SetZero) => Err(Refused::joint(Refusal::MotorFault, joint)),
-            // Nobody wants the momentary position of a moving joint as its zero, and its next state would not confirm it.
+            // The next state of a moving joint would not confirm its zero.
             (_, Kind::SetZero) if !motor.is_at_rest(self.context.safety.rest_velocity) => {
                 Err(Refused::joint(Refusal::Moving, joint))
             }

@@ -1,4 +1,4 @@
-//! The abilities of one bus, as far as decisions depend on them.
+//! The health of one bus, as decisions depend on it.
 
 use super::motor::Turn;
 use motord_shared::{BusCondition, Cause};
@@ -12,7 +12,7 @@ pub(super) struct BusHealth {
     stalled: u32,
     /// Its joints, rising.
     pub(super) joints: Vec<usize>,
-    /// Place in `joints` of the one whose turn it is to be asked for its faults.
+    /// Index in `joints` of the next to be asked for its faults.
     pub(super) poll_next: usize,
     /// The turn of questions for faults and indicators; only on a line that has one.
     pub(super) question_turn: Option<Turn>,
@@ -23,7 +23,7 @@ impl BusHealth {
         Self { condition: BusCondition::Active, stalled: 0, joints, poll_next: 0, question_turn }
     }
 
-    /// The cause that a moving group on this bus is stopped for, if there is one.
+    /// Returns the cause to stop a moving group on this bus, if any.
     pub(super) fn cause(&self) -> Option<Cause> {
         match self.condition {
             BusCondition::Off => Some(Cause::BusOff),
@@ -33,12 +33,12 @@ impl BusHealth {
         }
     }
 
-    /// Frames pass.
+    /// Returns whether frames can be sent and received.
     pub(super) const fn is_up(&self) -> bool {
         matches!(self.condition, BusCondition::Active | BusCondition::Warning | BusCondition::Passive)
     }
 
-    /// Whether the bus took all frames of this cycle.
+    /// Records whether the bus accepted all frames of this cycle.
     pub(super) const fn took(&mut self, all: bool) {
         self.stalled = if all { 0 } else { self.stalled.saturating_add(1) };
     }

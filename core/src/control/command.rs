@@ -1,4 +1,4 @@
-//! The two ends of control: one command per motor and cycle goes out, reports of the motors come in.
+//! The two ends of control: commands to the motors, and reports from them.
 
 use crate::joint::{Joint, Measured, Setpoint};
 use motord_bus::Duration;
@@ -7,9 +7,9 @@ use motord_protocol::Faults;
 /// The command of one motor in a cycle, joint side.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
-    /// Nothing: the motor is offline, and it is not time to probe it.
+    /// No frame: the motor is offline, and its next probe is not due.
     Nothing,
-    /// Nothing: it is another motor's turn. The reply to the last command may still come.
+    /// No frame: it is another motor's turn. The reply to the last command may still arrive.
     Wait,
     /// Stop. A motor whose state confirms a stop also reports its state.
     Stop,
@@ -25,12 +25,12 @@ pub enum Command {
     GetIndicator(u8),
     /// Acknowledge the fault.
     ClearFault,
-    /// Follow this.
+    /// Follow this setpoint.
     Control(Setpoint),
 }
 
 impl Command {
-    /// The motor answers with its state.
+    /// Returns whether the motor answers with its state.
     #[must_use]
     pub const fn is_answered_by_state(&self) -> bool {
         use Command::{ClearFault, GetFault, GetIndicator, Nothing, Wait};
@@ -43,27 +43,29 @@ impl Command {
 pub struct Status {
     /// The faults of the motor; `None` where its states have none.
     pub faults: Option<Faults>,
-    /// It says that it is enabled, or that it is not; `None` where its states say nothing of it.
+    /// The motor reports that it is enabled, or that it is not; `None` where its states do not
+    /// contain this.
     pub runs: Option<bool>,
 }
 
 /// A reply of one motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reported {
-    /// Its state, the time from the command to the answer, and what else the state says.
+    /// Its state, the time from the command to the answer, and the status in the state.
     State(Measured<Joint>, Duration, Status),
     /// Its fault bits.
     Fault(Faults),
-    /// The value of the indicator with this number, in its own unit; NaN when it refuses.
+    /// The value of the indicator with this number, in the unit of that indicator; NaN when the
+    /// motor refuses.
     Indicator(u8, f32),
     /// It received the request to clear its fault.
     Cleared,
-    /// It received the command; the answer says nothing more.
+    /// It received the command; the answer has no other content.
     Alive,
     /// It stopped.
     Stopped,
-    /// It refuses: it may have a fault.
+    /// It refuses the command: it may have a fault.
     Refused,
-    /// The answer to a question of an earlier cycle, meaningless by now.
+    /// The answer to a question of an earlier cycle. Not used.
     Late,
 }

@@ -1,4 +1,4 @@
-//! The surroundings of every decision of a cycle: time, the rules of safety, and where news goes.
+//! The inputs that all decisions of a cycle share, and the queues of events and answers.
 
 use super::answers::{Answers, Refused};
 use super::event::{Event, Events};
@@ -12,11 +12,11 @@ pub(super) struct Context {
     pub(super) safety: SafetySettings,
     pub(super) period: Duration,
     pub(super) wake: Wake,
-    /// The time of the call that is running.
+    /// Time of the current call.
     pub(super) now: Instant,
     /// Time since the cycle before, at most two periods, s.
     pub(super) elapsed: f32,
-    /// How often states were published.
+    /// Number of publications of the states.
     pub(super) publications: u64,
     /// When the first cycle began.
     started: Option<Instant>,
@@ -39,7 +39,7 @@ impl Context {
         }
     }
 
-    /// A cycle begins. Returns the time since the cycle before.
+    /// Begins a cycle. Returns the time since the previous cycle.
     pub(super) fn begin(&mut self, wake: Wake) -> Duration {
         let elapsed = wake.begun.since(self.wake.begun);
         self.elapsed = elapsed.min(2 * self.period).as_secs_f32();
@@ -49,7 +49,7 @@ impl Context {
         elapsed
     }
 
-    /// Time since the first cycle began.
+    /// Returns the time since the first cycle began.
     pub(super) fn uptime(&self) -> Duration {
         self.started.map_or(Duration::ZERO, |started| self.now.since(started))
     }

@@ -1,8 +1,8 @@
-//! News of the cycle for the log: codes, never text. The telemetry thread turns them into sentences.
+//! Events of the cycle for the log: codes, never text. The telemetry thread writes the text.
 
 use motord_shared::{BusCondition, Cause, MotorMode, Phase};
 
-/// Something a person wants to read about.
+/// An event for the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A motor changed its mode.
@@ -17,11 +17,11 @@ pub enum Event {
         /// Its index.
         motor: usize,
     },
-    /// A motor reported fault bits, or that they are gone.
+    /// A motor reported fault bits, or that they are cleared.
     Fault {
         /// Its index.
         motor: usize,
-        /// The bits; 0 when they are gone.
+        /// The bits; 0 when they are cleared.
         bits: u32,
     },
     /// A group changed its phase.
@@ -47,7 +47,7 @@ pub enum Event {
         /// The group's index.
         group: usize,
     },
-    /// A group has an owner now, or none.
+    /// A group has a new owner, or no owner any more.
     Owner {
         /// The group's index.
         group: usize,
@@ -68,7 +68,7 @@ pub enum Event {
     },
 }
 
-/// The events of one cycle. Fixed size: what does not fit is counted.
+/// The events of one cycle. Fixed size: events that do not fit are counted.
 #[derive(Debug, Clone)]
 pub struct Events {
     events: [Option<Event>; Events::CAPACITY],
@@ -77,10 +77,10 @@ pub struct Events {
 }
 
 impl Events {
-    /// The most events of one cycle; every motor and group may change at once.
+    /// Most events of one cycle: every motor and group may change in the same cycle.
     pub const CAPACITY: usize = 160;
 
-    /// None.
+    /// Creates an empty list.
     #[must_use]
     pub const fn new() -> Self {
         Self { events: [None; Self::CAPACITY], len: 0, dropped: 0 }
@@ -97,12 +97,12 @@ impl Events {
         }
     }
 
-    /// The events in their order.
+    /// Returns the events in their order.
     pub fn iter(&self) -> impl Iterator<Item = Event> + '_ {
         self.events[..self.len].iter().flatten().copied()
     }
 
-    /// Forgets the events; returns how many did not fit.
+    /// Removes the events. Returns the number that did not fit.
     pub fn clear(&mut self) -> u32 {
         self.len = 0;
         core::mem::take(&mut self.dropped)

@@ -1,13 +1,14 @@
-//! The indicators of the motors that have some: which is asked for next, and their values.
+//! The indicators of the motors: their values, and which is polled next.
 //!
-//! Each motor is asked for one after the other, at an even rate, when nobody else asks it.
+//! The indicators of a motor are polled in rotation at an even rate, when no other question to it
+//! is open.
 
 use crate::settings::{MotorSettings, Settings};
 use motord_bus::{Duration, Instant};
 use motord_shared::JointIndicators;
 use motord_shared::limits::{INDICATOR_JOINTS_MAX, INDICATORS_MAX};
 
-/// No indicator is asked for less often.
+/// Lowest rate of polls.
 const SLOWEST_HZ: f64 = 0.01;
 
 /// The indicators of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of no motor where none is asked for.
@@ -45,7 +46,7 @@ impl Asked {
 }
 
 impl Indicators {
-    /// All unknown. Allocates; nothing after it does.
+    /// Creates indicators of unknown value. Allocates; nothing after it does.
     pub(super) fn new(settings: &Settings) -> Self {
         let hz = settings.cycle.indicator_hz;
         let motors = settings.motors.iter().enumerate();
@@ -54,13 +55,14 @@ impl Indicators {
         Self { motors: asked.take(INDICATOR_JOINTS_MAX).collect() }
     }
 
-    /// No motor is asked.
+    /// Returns whether no motor is polled.
     pub(super) const fn is_empty(&self) -> bool {
         self.motors.is_empty()
     }
 
-    /// The joint of `bus` that should be asked at `now`, and the number of the indicator; of those that `may_be_asked`, the one
-    /// that waits longest. Bounded by [`INDICATOR_JOINTS_MAX`].
+    /// Returns the joint of `bus` to poll at `now`, and the number of the indicator. Of the joints
+    /// that `may_be_asked`, this is the one that waits longest. Bounded by
+    /// [`INDICATOR_JOINTS_MAX`].
     pub(super) fn next(
         &mut self,
         bus: usize,
@@ -75,7 +77,7 @@ impl Indicators {
         Some((asked.joint, number))
     }
 
-    /// The motor of `joint` said this; NaN when it refused.
+    /// Records the value that the motor of `joint` reported; NaN when it refused.
     pub(super) fn take(&mut self, joint: usize, number: u8, value: f32) {
         let asked = self.motors.iter_mut().find(|motor| motor.joint == joint);
         if let Some(kept) = asked.and_then(|motor| motor.values.get_mut(usize::from(number))) {
@@ -83,7 +85,7 @@ impl Indicators {
         }
     }
 
-    /// The values by joint; NaN where the state of the joint is not `known` now.
+    /// Returns the values by joint; NaN where the state of the joint is not `known`.
     pub(super) fn report(&self, known: impl Fn(usize) -> bool) -> impl Iterator<Item = JointIndicators> {
         self.motors.iter().map(move |motor| JointIndicators {
             joint: motor.joint as u32,

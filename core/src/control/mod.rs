@@ -1,16 +1,17 @@
-//! The command of each motor in each cycle: pure decisions on (state, inputs, now). No clock, no I/O, no allocation
-//! after [`Control::new`], and no way to fail: whatever is wrong becomes a state, a counter or an event.
+//! Decides the command of each motor in each cycle, as a pure function of state, inputs and time.
+//! No clock, no I/O, no allocation after [`Control::new`]. Nothing here returns an error: every
+//! problem becomes a state, a counter or an event.
 //!
-//! One cycle: [`request`](Control::request) and [`offer`](Control::offer) bring the wishes of clients,
-//! [`decide`](Control::decide) makes one command per motor, [`receive`](Control::receive) takes the answers of the motors,
-//! [`end_cycle`](Control::end_cycle) draws the consequences of silence.
+//! One cycle: [`request`](Control::request) and [`offer`](Control::offer) take the requests of
+//! clients, [`decide`](Control::decide) makes one command per motor, [`receive`](Control::receive)
+//! takes the replies of the motors, [`end_cycle`](Control::end_cycle) handles missed replies.
 //!
 //! | file | decides |
 //! |---|---|
 //! | `group/` | the phases of a group, its owner, its setpoints, the causes that stop it |
-//! | `motor/` | the modes of a motor, its limits, whether its reports can be true |
+//! | `motor/` | the modes of a motor, its limits, the plausibility of its reports |
 //! | `admin.rs` | requests of clients and operators |
-//! | `time_base.rs`, `bus_health.rs` | whether time and buses can be trusted |
+//! | `time_base.rs`, `bus_health.rs` | the health of the time base and of the buses |
 
 mod admin;
 mod answers;
@@ -44,10 +45,10 @@ use motord_shared::{
 };
 use time_base::TimeBase;
 
-/// A motor that has not answered by then is reported, once.
+/// A motor that has not answered by this time is reported once.
 const SILENT_START: Duration = Duration::from_secs(2);
 
-/// The place of a joint: its group, and its place in that.
+/// The group of a joint, and its index in that group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Place {
     group: usize,
@@ -73,12 +74,12 @@ pub struct Control {
 }
 
 impl Control {
-    /// Everything stopped, nothing owned. Allocates; nothing after it does. `boot_id` makes the leases of this daemon
-    /// different from those of the one before.
+    /// Creates the state in which every motor is stopped and no group is owned. Allocates; nothing
+    /// after it does. `boot_id` makes the leases differ from those of the previous daemon.
     ///
     /// # Panics
     ///
-    /// When a motor of the settings is in no group, or in more than one: nobody could say when it stops.
+    /// When a motor of the settings is not in exactly one group.
     #[must_use]
     pub fn new(settings: &Settings, boot_id: u64) -> Self {
         let groups = settings.groups.iter().enumerate();
@@ -113,13 +114,13 @@ impl Control {
         }
     }
 
-    /// The command of a joint in this cycle.
+    /// Returns the command of a joint in this cycle.
     #[must_use]
     pub fn command(&self, joint: usize) -> &Command {
         &self.commands[joint]
     }
 
-    /// Motors are asked for their faults, or for indicators.
+    /// Returns whether motors are asked for their faults or for indicators.
     #[must_use]
     pub fn asks_questions(&self) -> bool {
         self.polls_faults() || !self.indicators.is_empty()
@@ -129,8 +130,8 @@ impl Control {
         self.context.safety.fault_poll_hz > 0.0
     }
 
-    /// Begins a cycle: draws the consequences of time, and makes one command per joint. Does not allocate; bounded by
-    /// motors and groups.
+    /// Begins a cycle: handles timeouts, and makes one command per joint. Does not allocate;
+    /// bounded by motors and groups.
     pub fn decide(&mut self, wake: Wake) -> &[Command] {
         let elapsed = self.context.begin(wake);
         if wake.missed_ticks > 0 {
@@ -160,7 +161,8 @@ impl Control {
         }
     }
 
-    /// The motor of `joint` answered at `at`. An answer that cannot be true is not used. Does not allocate; bounded by motors.
+    /// Takes a reply of the motor of `joint` that arrived at `at`. Does not use an implausible
+    /// state. Does not allocate; bounded by motors.
     #[inline(always)]
     pub fn receive(&mut self, joint: usize, reported: &Reported, at: Instant) {
         let Place { group, place } = self.places[joint];
@@ -172,7 +174,7 @@ impl Control {
         }
     }
 
-    /// The bus did not take the command of this joint in this cycle.
+    /// Records that the bus did not accept the command of this joint in this cycle.
     pub fn unsent(&mut self, joint: usize) {
         if matches!(self.commands[joint], Command::SetZero | Command::ClearFault) {
             let Place { group, place } = self.places[joint];
@@ -180,32 +182,32 @@ impl Control {
         }
     }
 
-    /// The motor of `joint` answered one question twice.
+    /// Records that the motor of `joint` answered one question twice.
     pub fn receive_duplicate(&mut self, joint: usize) {
         let Place { group, place } = self.places[joint];
         self.groups[group].receive_duplicate(place, &mut self.context);
     }
 
-    /// Every answer that can come in this cycle has come. Bounded by motors.
+    /// Ends the cycle: no further reply of it is read. Bounded by motors.
     pub fn end_cycle(&mut self) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.end_cycle(context));
     }
 
-    /// The states of this cycle are published: they are no longer new. Constant time.
+    /// Records that the states of this cycle are published and no longer new. Constant time.
     pub const fn published(&mut self) {
         self.context.publications += 1;
     }
 
-    /// A cycle of the line `bus` begins. Returns whether it is the turn of the questions.
+    /// Begins a cycle of the line `bus`. Returns whether it is the turn of the questions.
     pub fn begin_questions(&mut self, bus: usize) -> bool {
         let Self { buses, context, .. } = self;
         let turn = buses[bus].question_turn.as_mut();
         turn.is_some_and(|turn| turn.begin_cycle(context.now, context.period))
     }
 
-    /// The question to a motor of `bus` that should be asked now, if one should: for its faults, or for an indicator. Bounded by
-    /// the motors of the bus.
+    /// Returns the question that a motor of `bus` should be asked now, if any: for its faults or an
+    /// indicator. Bounded by the motors of the bus.
     pub fn question(&mut self, bus: usize) -> Option<(usize, Command)> {
         if let Some(joint) = self.fault_poll(bus) {
             return Some((joint, Command::GetFault));
@@ -220,8 +222,8 @@ impl Control {
         Some((joint, Command::GetIndicator(number)))
     }
 
-    /// The joint of `bus` whose motor should be asked for its faults now, if one should. Round robin; bounded by the
-    /// motors of the bus.
+    /// Returns the joint of `bus` whose motor should be asked for its faults now, if any. Round
+    /// robin; bounded by the motors of the bus.
     fn fault_poll(&mut self, bus: usize) -> Option<usize> {
         if !self.polls_faults() {
             return None;
@@ -238,7 +240,7 @@ impl Control {
         Some(joint)
     }
 
-    /// The condition of a bus is this now.
+    /// Records the condition of a bus.
     pub fn bus_changed(&mut self, bus: usize, condition: BusCondition) {
         let health = &mut self.buses[bus];
         if health.condition != condition {
@@ -247,12 +249,12 @@ impl Control {
         }
     }
 
-    /// A bus took all frames of this cycle, or it did not.
+    /// Records whether a bus accepted all frames of this cycle.
     pub fn bus_took(&mut self, bus: usize, all: bool) {
         self.buses[bus].took(all);
     }
 
-    /// Damps and stops everything, for good.
+    /// Damps and stops every group; none can be enabled afterwards.
     pub fn shut_down(&mut self) {
         self.shutting_down = true;
         self.stop_all(Cause::Shutdown, None);
@@ -265,21 +267,22 @@ impl Control {
         moving.for_each(|group| group.disarm(context));
     }
 
-    /// Damps and stops every group, and latches the stop, because process `pid` asked for it. Does not allocate; bounded by
-    /// groups and motors.
+    /// Damps and stops every group, and latches the stop, for a request of process `pid`. Does not
+    /// allocate; bounded by groups and motors.
     pub fn emergency_stop(&mut self, pid: u32) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.stop_for(Cause::EmergencyStop, pid, context));
     }
 
-    /// The process of the owner with `lease` has ended. Bounded by motors.
+    /// Ends the ownership of `lease`, whose process exited. Bounded by motors.
     pub fn end_owner(&mut self, lease: Lease) {
         if let Some(group) = self.groups.get_mut(lease.group()) {
             group.end_owner(lease, &mut self.context);
         }
     }
 
-    /// Stops every group for `cause`, which a joint gave or none did. Bounded by motors.
+    /// Stops every group for `cause`, and names the joint that caused it, if any. Bounded by
+    /// motors.
     pub fn stop_all(&mut self, cause: Cause, joint: Option<usize>) {
         let Self { groups, context, .. } = self;
         groups.iter_mut().for_each(|group| group.stop(cause, joint, context));
@@ -292,7 +295,7 @@ impl Control {
         moving.for_each(|group| group.stop(cause, None, context));
     }
 
-    /// The joints whose motors were started and have not confirmed a stop since.
+    /// Returns the joints whose motors were started and have not confirmed a stop since.
     pub fn unstopped(&self) -> impl Iterator<Item = usize> {
         self.groups
             .iter()
@@ -301,56 +304,57 @@ impl Control {
             .map(|motor| motor.joint)
     }
 
-    /// Every group is disarmed.
+    /// Returns whether every group is disarmed.
     #[must_use]
     pub fn is_disarmed(&self) -> bool {
         self.groups.iter().all(|group| group.phase() == Phase::Disarmed)
     }
 
-    /// The events since [`clear_events`](Self::clear_events).
+    /// Returns the events since [`clear_events`](Self::clear_events).
     pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
         self.context.events().iter()
     }
 
-    /// Forgets the events; returns how many did not fit.
+    /// Removes the events. Returns the number that did not fit.
     pub fn clear_events(&mut self) -> u32 {
         self.context.events_mut().clear()
     }
 
-    /// The next answer to a request that could not be answered at once, with its ticket.
+    /// Returns the next answer to a request that could not be answered immediately, with its
+    /// ticket.
     pub fn next_answer(&mut self) -> Option<(u32, AdminReply)> {
         self.context.answers_mut().pop()
     }
 
-    /// Age of the oldest setpoint in use by an active group; for measuring.
+    /// Returns the age of the oldest setpoint in use by an active group.
     #[must_use]
     pub fn setpoint_age(&self) -> Option<Duration> {
         let active = self.groups.iter().filter(|group| group.phase() == Phase::Active);
         active.filter_map(|group| group.setpoint_age(self.context.wake.begun)).max()
     }
 
-    /// The state of every joint after this cycle, by joint.
+    /// Returns the state of every joint after this cycle, by joint.
     pub fn joint_states(&self) -> impl Iterator<Item = JointState> + '_ {
         self.motors().map(|motor| motor.report(self.context.publications))
     }
 
-    /// The indicators of the joints that have some, by joint.
+    /// Returns the indicators of the joints that have some, by joint.
     pub fn joint_indicators(&self) -> impl Iterator<Item = JointIndicators> + '_ {
         self.indicators.report(|joint| self.motor(joint).measured().is_some())
     }
 
-    /// The state of every group after this cycle, by group.
+    /// Returns the state of every group after this cycle, by group.
     pub fn group_states(&self) -> impl Iterator<Item = GroupState> + '_ {
         self.groups.iter().map(|group| group.report(self.context.wake.begun))
     }
 
-    /// An emergency stop is latched.
+    /// Returns whether an emergency stop is latched.
     #[must_use]
     pub fn is_emergency_stopped(&self) -> bool {
         self.groups.iter().any(|group| group.cause() == Some(Cause::EmergencyStop))
     }
 
-    /// [`shut_down`](Self::shut_down) was called.
+    /// Returns whether [`shut_down`](Self::shut_down) was called.
     #[must_use]
     pub const fn is_shutting_down(&self) -> bool {
         self.shutting_down

@@ -1,4 +1,4 @@
-//! Whether the time of the cycle can be trusted.
+//! Judges the timing of the cycle.
 //!
 //! | observation | cause |
 //! |---|---|
@@ -20,7 +20,7 @@ const SUSPENDED_LEAST: Duration = Duration::from_millis(10);
 pub(super) struct TimeBase {
     max_lateness: Duration,
     max_missed: f32,
-    /// Total time that the computer was suspended before this cycle. A reading may be less, by a delay, and never more.
+    /// Total time that the computer was suspended before this cycle. A delayed reading may be less.
     suspended: Duration,
     /// Share of the ticks of about the last second that were missed, 0 to 1.
     missed: f32,
@@ -36,7 +36,8 @@ impl TimeBase {
         }
     }
 
-    /// Judges the beginning of a cycle; the one before began `elapsed` ago. Returns the cause to stop for, if there is one.
+    /// Judges the beginning of a cycle; the previous one began `elapsed` before. Returns the cause
+    /// to stop, if any.
     pub(super) fn judge(&mut self, wake: &Wake, elapsed: Duration) -> Option<Cause> {
         let weight = (elapsed.as_secs_f32() / MEMORY.as_secs_f32()).min(1.0);
         let share = wake.missed_ticks as f32 / (wake.missed_ticks + 1) as f32;

@@ -1,4 +1,4 @@
-//! From settings to a cycle that can run, and the ends that everybody else holds.
+//! Creates a cycle from settings, and the ends for other threads.
 
 use super::{Cycle, Ends, link};
 use crate::clock::Clock;
@@ -6,11 +6,12 @@ use crate::plan::BusPlan;
 use crate::settings::Settings;
 use motord_bus::Bus;
 
-/// Makes the cycle of `settings` on `buses`, and its other ends. Allocates; nothing in the cycle does after it.
+/// Creates the cycle of `settings` on `buses`, and its other ends. Allocates; nothing in the cycle
+/// does after it.
 ///
-/// `buses` stand in the order of the configuration, and are open. `clock` is the machine's or one of virtual time.
-/// `boot_id` must differ from that of every earlier run whose leases may still be around: any number will do where all
-/// clients live in this program.
+/// `buses` stand in the order of the configuration, and are open. `clock` is the machine's or one
+/// of virtual time. `boot_id` must differ from that of every earlier run whose leases a client may
+/// still hold. Any number is correct where all clients are in this program.
 ///
 /// # Panics
 ///

@@ -7,17 +7,19 @@ use crate::drive::Received;
 use motord_bus::{Duration, Instant, Readiness, Ready};
 use motord_shared::limits::BUSES_MAX;
 
-/// System calls for waiting and receiving in a cycle, beside those of busy polling: so many per bus, and so many more.
+/// Most system calls for waiting and receiving in a cycle, without those of busy polling: this many
+/// per CAN bus, plus [`CALLS_MORE`].
 const CALLS_PER_BUS: usize = 3;
 const CALLS_MORE: usize = 2;
-/// Most reads of the open buses, or of the clock in one wait, should the clock not move.
+/// Most reads of the open buses, or of the clock in one wait, if the clock does not advance.
 const READS_MAX: usize = 1000;
-/// So long after the expected reply time of a bus, replies that are a little late have come, too. To read it then is seldom in vain.
+/// This long after the expected reply time of a bus nearly all late replies have arrived.
 const OVERDUE: Duration = Duration::from_micros(20);
 
 impl Cycle {
-    /// Reads each serial line, and each bus on which a request of an earlier cycle is open: a reply must be judged before the next
-    /// command to its motor is decided. One system call for each of them; bounded by motors and inboxes.
+    /// Reads each serial line, and each bus with an open request of an earlier cycle: a reply must
+    /// be judged before the next command to its motor is decided. One system call for each; bounded
+    /// by motors and inboxes.
     pub(super) fn read_early(&mut self) {
         for bus in 0..self.channels.len() {
             if self.channels[bus].reads_early() {
@@ -27,12 +29,14 @@ impl Cycle {
         }
     }
 
-    /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the buses whose replies have not all
-    /// come. System calls as in [`gather`](Self::gather), and if it `polls`, those of [`busy_poll`](Self::busy_poll), too.
+    /// Waits from `now` for the replies to all open requests, at most until `deadline`. Returns the
+    /// buses with missing replies. System calls as in [`gather`](Self::gather). If it `polls`,
+    /// those of [`busy_poll`](Self::busy_poll) are added.
     pub(super) fn collect(&mut self, now: Instant, deadline: Instant, polls: bool) -> Ready {
         let mut open = self.open_buses();
         if !open.any() {
-            // A bus without an open request is read, too: its controller may be back, or frames with an unexpected id came.
+            // Also reads buses without an open request: a controller may have recovered, or frames
+            // with an unexpected id may have arrived.
             self.receive(None, now);
             return open;
         }
@@ -50,9 +54,10 @@ impl Cycle {
         open
     }
 
-    /// Sleeps until the last reply on the `open` buses may come, less the time by which this thread is woken late; then reads the
-    /// buses again and again without a sleep, for as long as configured and at most until `deadline`: the last reply waits for no
-    /// wake-up. Returns the buses whose replies have not all come. One sleep, and at most [`READS_MAX`] reads of each bus.
+    /// Sleeps until the last reply on the `open` buses may arrive, less the usual lateness of
+    /// wake-ups. Then reads the buses repeatedly without a sleep, for the configured time and at
+    /// most until `deadline`. Returns the buses with missing replies. One sleep, and at most
+    /// [`READS_MAX`] reads of each bus.
     fn busy_poll(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
         let earliest = self.last_of(open, CanChannel::earliest).min(deadline);
         let begun = self.sleep_towards(now, earliest, Duration::MAX);
@@ -72,9 +77,10 @@ impl Cycle {
         open
     }
 
-    /// Reads the buses as the replies come that are `open`, at most until `deadline`, and once more where a reply may be unread then.
-    /// Returns the buses whose replies have not all come. The first wait lasts for the expected reply time: waking for every single
-    /// frame would cost more calls. At most [`CALLS_PER_BUS`] system calls per bus, and [`CALLS_MORE`].
+    /// Reads the `open` buses as replies arrive, at most until `deadline`, and once more where a
+    /// reply may be unread then. Returns the buses with missing replies. The first wait lasts for
+    /// the expected reply time: waking for every frame would cost more calls. At most
+    /// [`CALLS_PER_BUS`] system calls per CAN bus, plus [`CALLS_MORE`].
     fn gather(&mut self, mut open: Ready, now: Instant, deadline: Instant) -> Ready {
         let buses = self.channels.len() - self.lines.len();
         let expected = self.last_of(open, CanChannel::expected).min(deadline);
@@ -125,15 +131,16 @@ impl Cycle {
         read
     }
 
-    /// Replies may have been left unread on an `open` bus, behind something else. No system call; the next read takes them.
+    /// Returns whether replies may be unread on an `open` bus, behind other arrivals. No system
+    /// call; the next read takes them.
     fn is_cut_short(&self, open: Ready) -> bool {
         let mut channels = self.channels.iter().enumerate();
         channels
             .any(|(bus, channel)| open.contains(bus) && channel.can().is_some_and(CanChannel::is_cut_short))
     }
 
-    /// Sleeps from `now` until `time`, less the time by which this thread is usually woken late, but less at most `shorter`.
-    /// Returns the time after it. At most one system call.
+    /// Sleeps from `now` until `time`, less the usual lateness of wake-ups, which is limited to
+    /// `shorter`. Returns the time after it. At most one system call.
     fn sleep_towards(&mut self, now: Instant, time: Instant, shorter: Duration) -> Instant {
         let due = time - self.reply_lateness.expected().min(shorter);
         if due <= now {
@@ -157,14 +164,14 @@ impl Cycle {
         now
     }
 
-    /// The last of these times of the buses that are `open`; [`Instant::ZERO`] when none is.
+    /// Returns the last of these times of the `open` buses; [`Instant::ZERO`] without one.
     fn last_of(&self, open: Ready, time: impl Fn(&CanChannel) -> Instant) -> Instant {
         let channels = self.channels.iter().enumerate().filter(|&(bus, _)| open.contains(bus));
         channels.filter_map(|(_, channel)| channel.can()).map(time).fold(Instant::ZERO, Instant::max)
     }
 
-    /// Waits until something arrives on an `open` bus, at most until `until`. Returns the buses that are worth reading. One
-    /// system call.
+    /// Waits until a frame arrives on an `open` bus, at most until `until`. Returns the buses to
+    /// read. One system call.
     fn wait(&mut self, open: Ready, until: Instant) -> Ready {
         let mut readiness = [Readiness::Never; BUSES_MAX];
         for (bus, (readiness, channel)) in readiness.iter_mut().zip(&self.channels).enumerate() {
@@ -174,7 +181,7 @@ impl Cycle {
         self.clock.wait(&readiness[..self.channels.len().min(BUSES_MAX)], until)
     }
 
-    /// The buses with an open request whose reply this cycle awaits. Bounded by buses.
+    /// Returns the buses with an open request whose reply this cycle waits for. Bounded by buses.
     fn open_buses(&self) -> Ready {
         Ready::of(self.channels.iter().map(|channel| channel.can().is_some_and(CanChannel::is_open)))
     }
@@ -193,7 +200,7 @@ impl Cycle {
         read
     }
 
-    /// Reads one bus, and draws the consequences. One system call; bounded by its inbox.
+    /// Reads one bus, and passes the replies to control. One system call; bounded by its inbox.
     fn read(&mut self, bus: usize, now: Instant) {
         let Self { channels, drives, control, .. } = self;
         let channel = &mut channels[bus];
@@ -241,10 +248,11 @@ impl Cycle {
             asked = true;
         }
         if asked {
-            // Those that are still open are overdue: only the replies to these questions are waited for.
+            // Open requests are overdue: the cycle waits only for the replies to these
+            // questions.
             let overdue = self.channels.iter_mut().enumerate().filter(|&(bus, _)| open.contains(bus));
             overdue.filter_map(|(_, channel)| channel.can_mut()).for_each(|channel| channel.give_up(end));
-            // No client waits for these replies, so the buses are not polled for them.
+            // No client waits for these replies, so the cycle does not poll for them.
             self.collect(now, end, false);
         }
     }

@@ -1,14 +1,15 @@
-//! Emergency stops on their way into the cycle, past every queue.
+//! Emergency stops, which reach the cycle without waiting in a queue.
 //!
-//! Wait-free: one word each way, that nobody can fill or hold.
+//! Wait-free: one atomic word in each direction. No process can fill or hold it.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 
-/// A request: its number in the upper half, its asker's process id in the lower half. 0 is none.
+/// A request: its number in the upper half, the process id of the requester in the lower half. 0 is
+/// none.
 pub type StopRequest = u64;
 
-/// The newest emergency stop that was asked for, and the newest that was carried out.
+/// The newest requested emergency stop, and the newest completed one.
 #[derive(Debug, Default)]
 pub struct EmergencyStops {
     asked: AtomicU64,
@@ -16,7 +17,8 @@ pub struct EmergencyStops {
 }
 
 impl EmergencyStops {
-    /// Asks in the name of process `pid`. The next cycle stops every group, also when it comes late. Only one thread may ask.
+    /// Requests an emergency stop for process `pid`. The next cycle stops every group, also when it
+    /// is late. Only one thread may call this.
     pub fn ask(&self, pid: u32) -> StopRequest {
         let before = self.asked.load(Ordering::Relaxed);
         let number = ((before >> 32) as u32).wrapping_add(1).max(1);
@@ -25,7 +27,8 @@ impl EmergencyStops {
         request
     }
 
-    /// A cycle has stopped every group for `request`, the last one, and has handed the commands to the buses.
+    /// Returns whether a cycle has stopped every group for `request`, the last one, and has sent
+    /// the commands.
     #[must_use]
     pub fn is_done(&self, request: StopRequest) -> bool {
         self.done.load(Ordering::Acquire) == request
@@ -44,14 +47,14 @@ impl AskedStops {
         Self { stops, taken: 0 }
     }
 
-    /// The asker of a request that was not taken yet. Does not allocate or block.
+    /// Takes the requester of a new request. Does not allocate or block.
     pub(super) fn take(&mut self) -> Option<u32> {
         let asked = self.stops.asked.load(Ordering::Acquire);
         let is_new = asked != core::mem::replace(&mut self.taken, asked);
         is_new.then_some(asked as u32)
     }
 
-    /// The request that was taken last is carried out. Does not allocate or block.
+    /// Marks the last request as completed. Does not allocate or block.
     pub(super) fn confirm(&self) {
         self.stops.done.store(self.taken, Ordering::Release);
     }

@@ -1,13 +1,13 @@
-//! The states of all cycles, for recorders, on their way to the ipc thread.
+//! A queue of the states of all cycles, for recorders.
 //!
-//! Wait-free: the messages are made at the start and go back and forth, so that nothing is allocated and each state is copied once.
+//! Wait-free: messages are allocated at the start and reused, and each state is copied once.
 
 use motord_shared::StateMessage;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// States that wait for the ipc thread at most: 128 ms of a 1 kHz cycle.
+/// Most states in the queue: 128 ms of a 1 kHz cycle.
 const WAITING_MAX: usize = 128;
 
 /// The cycle's end.
@@ -17,14 +17,14 @@ pub(super) struct Queue {
     is_wanted: Arc<AtomicBool>,
 }
 
-/// The other end: every state while somebody wants it.
+/// The end of the ipc thread: every state while a recorder is connected.
 pub struct History {
     empty: Producer<Box<StateMessage>>,
     filled: Consumer<Box<StateMessage>>,
     is_wanted: Arc<AtomicBool>,
 }
 
-/// Makes both ends. Allocates; nothing after it does.
+/// Creates both ends. Allocates; nothing after it does.
 pub(super) fn history() -> (Queue, History) {
     let (mut empty_producer, empty_consumer) = RingBuffer::new(WAITING_MAX);
     let (filled_producer, filled_consumer) = RingBuffer::new(WAITING_MAX);
@@ -37,31 +37,31 @@ pub(super) fn history() -> (Queue, History) {
 }
 
 impl Queue {
-    /// Hands a copy of `state` over where it is wanted. Returns false when so many wait already that this one is lost.
-    /// Wait-free; bounded by joints.
+    /// Queues a copy of `state` while a recorder is connected. Returns false when the queue is full
+    /// and the state is lost. Wait-free; bounded by joints.
     pub(super) fn put(&mut self, state: &StateMessage) -> bool {
         if !self.is_wanted.load(Ordering::Relaxed) {
             return true;
         }
         let Ok(mut copy) = self.empty.pop() else { return false };
         copy.copy_from(state);
-        // There are as many places as messages.
+        // Each ring has space for every message.
         self.filled.push(copy).is_ok()
     }
 }
 
 impl History {
-    /// From its next cycle on, the cycle hands over every state, or none.
+    /// Sets whether the cycle queues every state, from its next cycle on.
     pub fn want(&self, is_wanted: bool) {
         self.is_wanted.store(is_wanted, Ordering::Relaxed);
     }
 
-    /// Shows every state that waits, oldest first. Does not allocate.
+    /// Passes every queued state to `show`, oldest first. Does not allocate.
     pub fn take_all(&mut self, mut show: impl FnMut(&StateMessage)) {
         for _ in 0..WAITING_MAX {
             let Ok(state) = self.filled.pop() else { break };
             show(&state);
-            // There are as many places as messages.
+            // Each ring has space for every message.
             let _never_full = self.empty.push(state);
         }
     }

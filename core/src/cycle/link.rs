@@ -1,4 +1,5 @@
-//! Between the real-time thread and the others: wait-free buffers and preallocated rings, nothing that can block.
+//! Connects the real-time thread with the others: wait-free buffers and preallocated rings. Nothing
+//! blocks.
 //!
 //! | what | from | to | when full |
 //! |---|---|---|---|
@@ -10,7 +11,7 @@
 //! | alarms | telemetry, owners | cycle | the newest replaces the one before |
 //! | opened buses, old buses | reconnector, cycle | cycle, reconnector | as many as buses, so never |
 //! | records, events | cycle | telemetry | dropped and counted |
-//! | all states, while somebody records | cycle | ipc | dropped and counted |
+//! | all states, while a recorder is connected | cycle | ipc | dropped and counted |
 
 use super::emergency::{AskedStops, EmergencyStops};
 use super::history::{History, Queue, history};
@@ -26,7 +27,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use triple_buffer::TripleBuffer;
 
-/// Most requests under way: those whose answers the other threads have not taken yet, whether or not anybody waits for them.
+/// Most open requests: those whose answers the other threads have not taken yet.
 pub const REQUESTS_MAX: usize = 256;
 /// Two seconds of a 1 kHz cycle.
 const RECORDS: usize = 2048;
@@ -45,11 +46,11 @@ pub struct Record {
     pub transmit_ns: u64,
     /// From its beginning to the publication of the states, ns.
     pub cycle_ns: u64,
-    /// Age of the oldest setpoint that an active group used, ns; `None` when none was active.
+    /// Age of the oldest setpoint that an active group used, ns; `None` without an active group.
     pub setpoint_age_ns: Option<u64>,
     /// By group, the cycle whose states its setpoint answers, where this cycle is the first to use it; else 0.
     pub answered_cycle: [u64; GROUPS_MAX],
-    /// From the last state that came after the beginning of this cycle to the publication, ns; `None` when none came.
+    /// From the last state that arrived in this cycle to the publication, ns; `None` without one.
     pub publication_ns: Option<u64>,
     /// Its polling for the last replies.
     pub polled: Polled,
@@ -57,7 +58,7 @@ pub struct Record {
     pub missed: u64,
     /// Ticks missed just before this cycle.
     pub missed_ticks: u64,
-    /// Time from command to reply, ns, by joint; 0 where none came in this cycle.
+    /// Time from command to reply, ns, by joint; 0 without a reply in this cycle.
     pub reply_latency_ns: [u32; JOINTS_MAX],
 }
 
@@ -68,7 +69,7 @@ pub struct Polled {
     pub time: Duration,
     /// Reads of a bus, each a system call.
     pub reads: u32,
-    /// Some replies had not come by its end.
+    /// Some replies had not arrived by its end.
     pub in_vain: bool,
 }
 
@@ -144,9 +145,9 @@ pub struct Ends {
     pub events: Consumer<(u64, Event)>,
     /// Counters.
     pub counters: Arc<Counters>,
-    /// Takes buses that were opened again; without them, a bus that is gone stays gone.
+    /// Takes reopened buses. Without it, a disconnected bus stays disconnected.
     pub supply: Supply,
-    /// The way for emergency stops that waits behind nothing.
+    /// Emergency stops, which wait in no queue.
     pub stops: Arc<EmergencyStops>,
     /// Every state, for recorders.
     pub history: History,
@@ -155,9 +156,10 @@ pub struct Ends {
 /// Counters that both sides may read at any time.
 #[derive(Debug, Default)]
 pub struct Counters {
-    /// The cycle that is running: whoever waits for it to move knows that the cycle lives.
+    /// The number of the running cycle. It advances while the cycle runs.
     pub cycle: AtomicU64,
-    /// Records and events that telemetry was too slow for, and states for recorders that the ipc thread was too slow for.
+    /// Records and events that telemetry did not take in time, and states for recorders that the
+    /// ipc thread did not take in time.
     pub dropped: AtomicU64,
     /// Frames that the kernel kept from the cycle because no motor of the bus has their id, by bus, modulo 2³².
     pub unexpected_ids: [AtomicU32; BUSES_MAX],
@@ -165,20 +167,20 @@ pub struct Counters {
     pub wrong_lease: [AtomicU32; GROUPS_MAX],
     /// Calls to the services that failed.
     pub ipc_errors: AtomicU64,
-    /// The configuration's file is no longer the one that was read at the start.
+    /// The configuration file has changed since the start.
     pub config_changed: AtomicBool,
-    /// Findings that the cycle has yet to act on.
+    /// Alarms that the cycle has not handled yet.
     pub alarms: Alarms,
 }
 
-/// Findings of other threads that the next cycle acts on.
+/// Alarms of other threads, which the next cycle handles.
 #[derive(Debug, Default)]
 pub struct Alarms {
     /// The code of a cause; 0 is none.
     stop: AtomicU32,
-    /// The code of a cause that goes on; 0 is none.
+    /// The code of a cause that persists; 0 is none.
     standing: AtomicU32,
-    /// By group, the lease of an owner whose process has ended; 0 is none.
+    /// By group, the lease of an owner whose process exited; 0 is none.
     ended: [AtomicU64; GROUPS_MAX],
 }
 
@@ -193,7 +195,7 @@ impl Alarms {
         self.standing.store(cause.map_or(0, Cause::code), Ordering::Release);
     }
 
-    /// The process that holds `lease` has ended. Wait-free.
+    /// Reports that the process that holds `lease` exited. Wait-free.
     pub fn owner_ended(&self, lease: Lease) {
         if let Some(ended) = self.ended.get(lease.group()) {
             ended.store(lease.raw(), Ordering::Release);
@@ -201,7 +203,7 @@ impl Alarms {
     }
 }
 
-/// Makes both ends. Allocates; nothing after it does.
+/// Creates both ends. Allocates; nothing after it does.
 #[must_use]
 pub fn link(groups: usize) -> (Link, Ends) {
     let groups = groups.min(GROUPS_MAX);
@@ -273,13 +275,13 @@ impl Link {
         self.requests.pop().ok()
     }
 
-    /// The asker of an emergency stop.
+    /// Takes the process id of the requester of an emergency stop.
     pub(super) fn next_stop(&mut self) -> Option<u32> {
         self.stops.take()
     }
 
     pub(super) fn answer(&mut self, ticket: u32, reply: AdminReply) {
-        // The ipc thread counts each request until it takes its answer, and lets at most so many through.
+        // The ipc thread limits the number of open requests to the size of the ring.
         let _never_full = self.answers.push((ticket, reply));
     }
 
@@ -291,25 +293,26 @@ impl Link {
         }
     }
 
-    /// The causes that every group is to be stopped for: one of them once, the other for as long as it stands. Wait-free.
+    /// Takes the causes to stop every group: one of them once, the other while it persists.
+    /// Wait-free.
     pub(super) fn take_stops(&self) -> [Option<Cause>; 2] {
         let Alarms { stop, standing, .. } = &self.counters.alarms;
         let once = if stop.load(Ordering::Relaxed) == 0 { 0 } else { stop.swap(0, Ordering::Acquire) };
         [once, standing.load(Ordering::Acquire)].map(|code| Cause::try_from(code).ok())
     }
 
-    /// The leases of owners whose processes have ended, once. Wait-free; bounded by groups.
+    /// Takes the leases of owners whose processes exited. Wait-free; bounded by groups.
     pub(super) fn take_ended(&self) -> impl Iterator<Item = Lease> {
         let ended = self.counters.alarms.ended.iter().filter(|ended| ended.load(Ordering::Relaxed) != 0);
         ended.filter_map(|ended| Lease::from_raw(ended.swap(0, Ordering::Acquire)))
     }
 
-    /// The message to write the states of this cycle into, and the counters of the other threads.
+    /// Returns the message for the states of this cycle, and the counters of the other threads.
     pub(super) fn state(&mut self) -> (&mut StateMessage, &Counters) {
         (self.states.input_buffer_mut(), &self.counters)
     }
 
-    /// Hands over what was written, and wakes the ipc thread.
+    /// Publishes the message, and wakes the ipc thread.
     pub(super) fn publish(&mut self, record: Record) {
         let kept = self.history.put(self.states.input_buffer_mut());
         self.states.publish();
@@ -387,7 +390,8 @@ mod tests {
         threads.load(Ordering::Acquire) == 0
     }
 
-    /// The cycle: takes all that is there, and publishes a state that holds its number in every joint, until nobody wants more.
+    /// The cycle: takes all requests, and publishes a state with its number in every joint, until
+    /// the other threads end.
     fn run(link: &mut Link, alive: &Alive) -> (u32, u32) {
         let _leaves = Leaves(&alive.cycle);
         let (mut stops, mut alarms, mut newest) = (0, 0, 0);
@@ -479,7 +483,8 @@ mod tests {
             done.store(true, Ordering::Release);
             reader.join().unwrap()
         });
-        // The records for telemetry, which nobody takes here, are counted by the same counter once their ring is full.
+        // The records for telemetry, which no thread takes here, are counted by the same counter
+        // when their ring is full.
         let records_dropped = (CYCLES + 1).saturating_sub(RECORDS as u64);
         assert_eq!(taken + counters.dropped.load(Ordering::Relaxed), CYCLES + records_dropped);
     }

@@ -1,7 +1,7 @@
 //! Owner and operator in the same program as the cycle: no service, no other process.
 //!
-//! A physics engine or a test runs the cycle itself, one call after another, and talks to it here. Every rule holds as it
-//! does for clients in other processes: leases, the silence of an owner, limits, refusals.
+//! For a physics engine or a test that calls the cycle directly. The rules for clients in other
+//! processes hold here: leases, setpoint timeouts, limits, refusals.
 
 use super::link::{Alarms, Ends, Record};
 use super::replacement::Supply;
@@ -15,14 +15,14 @@ use motord_shared::{
 /// Cycles after which [`LocalClient::ask`] gives up. A request that a motor must confirm takes hundreds.
 const ANSWER_CYCLES: u32 = 4000;
 
-/// Owner of any number of groups, and operator. Does not block. [`Ends`] that nobody else uses are enough.
+/// Owner of any number of groups, and operator. Does not block.
 pub struct LocalClient {
     ends: Ends,
     owned: [Option<Owned>; GROUPS_MAX],
     tickets: u32,
 }
 
-/// A group that this client owns, as far as it knows.
+/// A group that this client claimed. The lease may be lost.
 #[derive(Debug, Clone, Copy)]
 struct Owned {
     lease: Lease,
@@ -30,29 +30,31 @@ struct Owned {
 }
 
 impl LocalClient {
-    /// Talks to the cycle that `ends` belong to.
+    /// Connects to the cycle of these `ends`.
     #[must_use]
     pub fn new(ends: Ends) -> Self {
         Self { ends, owned: [None; GROUPS_MAX], tickets: 0 }
     }
 
-    /// The newest states; all zero before the first cycle.
+    /// Returns the newest states; all zero before the first cycle.
     pub fn state(&mut self) -> &StateMessage {
         self.ends.states.read()
     }
 
-    /// The lease of `group` that was granted last. It may be lost meanwhile: the states show the owner of a group.
+    /// Returns the last granted lease of `group`. It may be lost: the states contain the owner of a
+    /// group.
     #[must_use]
     pub fn lease(&self, group: usize) -> Option<Lease> {
         self.owned.get(group).copied().flatten().map(|owned| owned.lease)
     }
 
-    /// Asks in the name of the owner of `group`; without a lease, as an operator. `cycle` is called until the answer is
-    /// there: it runs one cycle, or waits for one.
+    /// Sends a request as the owner of `group`; without a lease, as an operator. Calls `cycle`,
+    /// which runs one cycle or waits for one, until the answer arrives.
     ///
     /// # Errors
     ///
-    /// Why the cycle refuses; [`Refusal::Busy`] when too many requests are under way, or after 4000 cycles without an answer.
+    /// The refusal of the cycle; [`Refusal::Busy`] when too many requests are open, or after 4000
+    /// cycles without an answer.
     pub fn ask(
         &mut self,
         operation: Operation,
@@ -71,11 +73,11 @@ impl LocalClient {
         Err(Refusal::Busy)
     }
 
-    /// As [`ask`](Self::ask), without waiting. The [`answer`](Self::answer) will bear the ticket that is returned.
+    /// As [`ask`](Self::ask), without waiting. Returns the ticket of the [`answer`](Self::answer).
     ///
     /// # Errors
     ///
-    /// [`Refusal::Busy`] when too many requests are under way.
+    /// [`Refusal::Busy`] when too many requests are open.
     pub fn request(&mut self, operation: Operation, group: usize) -> Result<u32, Refusal> {
         self.post(AdminRequest {
             lease: self.lease(group).map_or(0, Lease::raw),
@@ -86,18 +88,18 @@ impl LocalClient {
         })
     }
 
-    /// Posts any request, good or bad. The [`answer`](Self::answer) will bear the ticket that is returned.
+    /// Posts any request, valid or not. Returns the ticket of the [`answer`](Self::answer).
     ///
     /// # Errors
     ///
-    /// [`Refusal::Busy`] when too many requests are under way.
+    /// [`Refusal::Busy`] when too many requests are open.
     pub fn post(&mut self, request: AdminRequest) -> Result<u32, Refusal> {
         self.tickets = self.tickets.wrapping_add(1);
         self.ends.requests.push((self.tickets, request)).map_err(|_| Refusal::Busy)?;
         Ok(self.tickets)
     }
 
-    /// The next answer, if there is one. That to a claim makes this client the owner.
+    /// Returns the next answer, if any. The answer to a claim makes this client the owner.
     pub fn answer(&mut self) -> Option<(u32, AdminReply)> {
         let (ticket, reply) = self.ends.answers.pop().ok()?;
         if let Some(lease) = Lease::from_raw(reply.lease) {
@@ -106,8 +108,9 @@ impl LocalClient {
         Some((ticket, reply))
     }
 
-    /// The owner's next message to `group`, sent at `now`: one setpoint for each of its joints, joint side. The next cycle
-    /// judges it, after the requests of that cycle. The states count what was accepted and what was rejected.
+    /// Sends the owner's next message to `group`, stamped `now`: one setpoint for each of its
+    /// joints, joint side. The next cycle checks it, after its requests. The states count accepted
+    /// and rejected messages.
     ///
     /// # Errors
     ///
@@ -118,8 +121,8 @@ impl LocalClient {
         Ok(())
     }
 
-    /// The owner's next message to `group`, without sending it. Takes a sequence number. At most as many joints as a message
-    /// holds are in it.
+    /// Returns the owner's next message to `group`, without sending it. Uses a sequence number.
+    /// Joints beyond the size of a message are left out.
     pub fn message(
         &mut self,
         group: usize,
@@ -140,36 +143,37 @@ impl LocalClient {
         Some(message)
     }
 
-    /// Hands over any message, good or bad. It replaces the one before, if no cycle has taken that yet.
+    /// Sends any message, valid or not. It replaces the previous one, if no cycle has taken that
+    /// yet.
     pub fn deliver(&mut self, group: usize, message: &SetpointMessage) {
         if let Some(setpoints) = self.ends.setpoints.get_mut(group) {
             setpoints.write(*message);
         }
     }
 
-    /// The next event with the number of its cycle. What nobody takes is dropped and counted.
+    /// Returns the next event with the number of its cycle. Unread events are dropped and counted.
     pub fn event(&mut self) -> Option<(u64, Event)> {
         self.ends.events.pop().ok()
     }
 
-    /// The next cycle's record. What nobody takes is dropped and counted.
+    /// Returns the next cycle's record. Unread records are dropped and counted.
     pub fn record(&mut self) -> Option<Record> {
         self.ends.records.pop().ok()
     }
 
-    /// Where the next cycle is told that the process of an owner has ended, or that every group must stop.
+    /// Returns the alarms for the next cycle: an owner's process exited, or every group must stop.
     #[must_use]
     pub fn alarms(&self) -> &Alarms {
         &self.ends.counters.alarms
     }
 
-    /// Where a bus goes that was opened again.
+    /// Returns the supply that takes reopened buses.
     pub const fn supply(&mut self) -> &mut Supply {
         &mut self.ends.supply
     }
 }
 
-/// Whether a request was granted. A code that is none cannot come from a cycle in this program.
+/// Returns the refusal in a reply. An unknown code cannot come from a cycle in this program.
 fn outcome(reply: AdminReply) -> Result<AdminReply, Refusal> {
     match reply.refusal {
         0 => Ok(reply),

@@ -1,10 +1,17 @@
 //! One cycle: wake, decide, transmit, collect, publish.
 //!
-//! The functions here run in the real-time thread. After [`assemble`] none allocates, locks or logs, every loop is
-//! bounded by motors, buses or an inbox, and none returns early: that a motor is silent is data for a later phase. System
-//! calls of a cycle: one sleep, one send per bus, and for waiting and receiving at most three further calls per bus, and two. On
-//! top come a read of each line and of each bus on which a request of an earlier cycle is open; busy polling, where configured:
-//! one sleep, and the reads that [`Polled`] counts; and questions: one send per bus that is asked, and the calls for its reply.
+//! These functions run in the real-time thread. After [`assemble`] none allocates, locks or logs.
+//! Every loop is bounded by motors, buses or an inbox. None returns early: a missed reply is data
+//! for a later phase.
+//!
+//! | system calls of a cycle | at most |
+//! |---|---|
+//! | sleep until the tick | 2 |
+//! | send | 1 per bus |
+//! | wait and receive | 3 per CAN bus plus 2 |
+//! | read before the decisions | 1 per line, and per bus with an open request of an earlier cycle |
+//! | busy polling, where configured | 1, and the reads that [`Polled`] counts |
+//! | questions | 1 send per bus that is asked, and the calls for its reply |
 
 mod assemble;
 mod channel;
@@ -40,8 +47,8 @@ use motord_bus::{Backoff, Bus, Duration, Instant, Lateness};
 use motord_shared::limits::{ADMINS_MAX, REQUESTS_PER_CLIENT};
 use timing::Timing;
 
-/// Most requests answered in one cycle: all that the clients may have under way, so an emergency stop does not wait behind
-/// those of others.
+/// Most requests answered in one cycle: all that clients can have open, so that an emergency stop
+/// does not wait behind other requests.
 const REQUESTS_PER_CYCLE: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
 /// Everything the real-time thread owns.
 pub struct Cycle {
@@ -66,8 +73,8 @@ pub struct Cycle {
 }
 
 impl Cycle {
-    /// A cycle that has not run yet. `buses` and `plans` are in the order of the configuration. Allocates; nothing after
-    /// it does.
+    /// Creates a cycle. `buses` and `plans` are in the order of the configuration. Allocates;
+    /// nothing after it does.
     fn new(
         settings: &Settings,
         plans: &[BusPlan],
@@ -103,35 +110,36 @@ impl Cycle {
         }
     }
 
-    /// `begun` is called at the beginning of every cycle with its number. It must not allocate or block, and makes no system
-    /// call.
+    /// Calls `begun` at the beginning of every cycle with its number. It must not allocate, block
+    /// or make a system call.
     pub fn on_begin(&mut self, begun: impl Fn(u64) + Send + 'static) {
         self.link.on_begin(begun);
     }
 
-    /// `published` is called in every cycle once its states are published. It must not allocate or block, and makes at most
-    /// one system call.
+    /// Calls `published` in every cycle after its states are published. It must not allocate or
+    /// block, and may make one system call.
     pub fn on_publish(&mut self, published: impl Fn() + Send + 'static) {
         self.link.on_publish(published);
     }
 
-    /// Tells clients whether this thread has real-time scheduling and locked memory.
+    /// Publishes to clients whether this thread has real-time scheduling and locked memory.
     pub const fn set_realtime(&mut self, realtime: bool) {
         self.realtime = realtime;
     }
 
-    /// The ipc thread has no other processor than this thread: the cycle leaves it time to fetch the setpoints before a tick.
+    /// Leaves time before each tick to the ipc thread, which runs on the processor of this thread.
     pub fn share_processor(&mut self) {
         self.timing.share_processor();
     }
 
-    /// The decisions, for tests.
+    /// Returns the decisions, for tests.
     #[must_use]
     pub const fn control(&self) -> &Control {
         &self.control
     }
 
-    /// Damps and stops everything, for good; [`is_disarmed`](Self::is_disarmed) is true when it has. An alarm that waits is
+    /// Damps and stops every group; none can be enabled afterwards.
+    /// [`is_disarmed`](Self::is_disarmed) returns true when this is complete. A pending alarm is
     /// latched as the cause instead of the shutdown.
     pub fn shut_down(&mut self) {
         self.heed_alarms();
@@ -143,25 +151,26 @@ impl Cycle {
         self.control.stop_now();
     }
 
-    /// Damps and stops every motor after a panic in [`run`](Self::run), by frames that were made beforehand. It trusts
-    /// nothing of the cycle but its buses and its clock; the cycle must not be run again.
+    /// Damps and stops every motor after a panic in [`run`](Self::run), by frames that were made at
+    /// the start. Uses only the buses and the clock of the cycle. The cycle must not run again.
     pub fn stop_after_panic(&mut self) {
         self.stopper.run(&mut *self.clock, &mut self.channels);
     }
 
-    /// The motors that were started and have not answered a stop since.
+    /// Returns the motors that were started and have not answered a stop since.
     pub fn unstopped(&self) -> impl Iterator<Item = usize> {
         self.control.unstopped()
     }
 
-    /// Every group is disarmed: every motor that can be reached is commanded to stop.
+    /// Returns whether every group is disarmed: every reachable motor is commanded to stop.
     #[must_use]
     pub fn is_disarmed(&self) -> bool {
         self.control.is_disarmed()
     }
 
-    /// Sleeps until `tick`, runs its cycle, and returns the next tick. Ticks that have passed meanwhile are missed: no
-    /// burst of cycles makes up for them, and the cycle bears the number of the latest tick that has passed.
+    /// Sleeps until `tick`, runs its cycle, and returns the next tick. Ticks that have passed in
+    /// the meantime are missed: no burst of cycles replaces them. The cycle has the number of the
+    /// latest tick that has passed.
     ///
     /// Real-time: does not allocate; blocks only in the clock, at most until the replies are overdue.
     pub fn run(&mut self, tick: Tick) -> Tick {
@@ -181,8 +190,8 @@ impl Cycle {
         reached.later(1, self.timing.period)
     }
 
-    /// Sleeps until `tick`, less the time by which this thread is usually woken late, and stays awake for the rest. One system call,
-    /// and one more should the clock not move.
+    /// Sleeps until `tick`, less the usual lateness of wake-ups, and polls the clock for the rest.
+    /// One system call, and one more if the clock does not advance.
     fn await_tick(&mut self, tick: Instant) {
         let due = tick - self.early();
         let sleeps = self.clock.now() < due;
@@ -196,7 +205,7 @@ impl Cycle {
         }
     }
 
-    /// How long before a tick the sleep for it should end.
+    /// Returns how long before a tick the sleep for it should end.
     fn early(&self) -> Duration {
         self.tick_lateness.expected().min(self.timing.awake)
     }
@@ -217,13 +226,13 @@ impl Cycle {
         self.publish(wake, transmitted);
         self.control.published();
         if self.control.asks_questions() {
-            // The replies are awaited until the sleep for the next tick should end.
+            // Waits for the replies until the sleep for the next tick should end.
             self.ask(open, wake.scheduled + self.timing.period - self.early());
         }
     }
 
-    /// Takes at most one bus that was opened again. Its motors stay offline until they answer. Does not block: another thread
-    /// closes the old bus.
+    /// Takes at most one reopened bus. Its motors stay offline until they answer. Does not block:
+    /// another thread closes the old bus.
     fn replace_buses(&mut self) {
         if let Some((index, bus)) = self.link.next_bus() {
             let old = self.channels[index].wire_mut().replace(bus);
@@ -231,15 +240,15 @@ impl Cycle {
         }
     }
 
-    /// Stops what other threads say must be stopped. No system call; bounded by groups.
+    /// Stops the groups that other threads raised an alarm for. No system call; bounded by groups.
     fn heed_alarms(&mut self) {
         let Self { link, control, .. } = self;
         link.take_stops().into_iter().flatten().for_each(|cause| control.stop_all(cause, None));
         link.take_ended().for_each(|lease| control.end_owner(lease));
     }
 
-    /// Hands control what clients ask for: at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every group. No
-    /// system call.
+    /// Passes to control at most [`REQUESTS_PER_CYCLE`] requests, and the newest setpoints of every
+    /// group. No system call.
     fn serve(&mut self, now: Instant) {
         self.heed_alarms();
         let Self { link, control, .. } = self;
@@ -249,7 +258,7 @@ impl Cycle {
                 link.answer(ticket, reply);
             }
         }
-        // An emergency stop is heeded after the requests, so that no reset in the same cycle takes it back.
+        // After the requests, so that no reset of the same cycle clears the emergency stop.
         if let Some(pid) = link.next_stop() {
             control.emergency_stop(pid);
         }
@@ -273,7 +282,8 @@ impl Cycle {
     }
 }
 
-/// The least time from a command to its reply. Nothing is known of a CAN interface: a virtual one has no wire.
+/// Returns the least time from a command to its reply. Zero for a CAN interface: a virtual one has
+/// no wire.
 fn fastest_reply(settings: &Settings, plans: &[BusPlan], bus: usize) -> Duration {
     match settings.buses[bus].kind {
         BusKind::SocketCan { .. } => Duration::ZERO,

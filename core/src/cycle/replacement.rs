@@ -1,6 +1,6 @@
-//! Buses that were opened again, on their way into the cycle; the old ones on their way out.
+//! Exchanges disconnected buses for reopened ones.
 //!
-//! Wait-free: opening and closing a bus may take long, so another thread does both.
+//! Wait-free. Another thread opens and closes buses, because both may block.
 
 use motord_bus::Bus;
 use motord_shared::limits::BUSES_MAX;
@@ -21,7 +21,7 @@ pub struct Supply {
     retired: Consumer<Indexed>,
 }
 
-/// Makes both ends. Allocates; nothing after it does.
+/// Creates both ends. Allocates; nothing after it does.
 pub(super) fn replacements() -> (Replacements, Supply) {
     let (opened_producer, opened_consumer) = RingBuffer::new(BUSES_MAX);
     let (retired_producer, retired_consumer) = RingBuffer::new(BUSES_MAX);
@@ -32,25 +32,26 @@ pub(super) fn replacements() -> (Replacements, Supply) {
 }
 
 impl Replacements {
-    /// The next opened bus, if there is one and the old one can be given away. Does not allocate or block.
+    /// Returns the next reopened bus, if any, and if the old one can be returned. Does not allocate
+    /// or block.
     pub(super) fn take(&mut self) -> Option<Indexed> {
         if self.retired.slots() == 0 { None } else { self.opened.pop().ok() }
     }
 
-    /// Gives an old bus away. Does not allocate or block.
+    /// Returns an old bus to the other thread. Does not allocate or block.
     pub(super) fn retire(&mut self, index: usize, bus: Box<dyn Bus>) {
-        // `take` made sure that the ring has a free entry.
+        // `take` checked that the ring has a free entry.
         let _taken = self.retired.push((index, bus));
     }
 }
 
 impl Supply {
-    /// Closes the buses that the cycle gave away. May block as long as the kernel does.
+    /// Closes the buses that the cycle returned. May block in the kernel.
     pub fn close_retired(&mut self) {
         while self.retired.pop().is_ok() {}
     }
 
-    /// Gives an opened bus to the cycle. Returns false when the cycle has too many waiting.
+    /// Passes a reopened bus to the cycle. Returns false when too many are waiting.
     pub fn hand_over(&mut self, index: usize, bus: Box<dyn Bus>) -> bool {
         self.close_retired();
         self.opened.push((index, bus)).is_ok()

@@ -1,4 +1,5 @@
-//! Everything that is known after a cycle, as the message for clients. No other code writes a [`StateMessage`].
+//! Writes the state after a cycle into the message for clients. No other code writes a
+//! [`StateMessage`].
 
 use super::Cycle;
 use crate::control::Wake;
@@ -47,7 +48,7 @@ impl Cycle {
     }
 }
 
-/// Writes `states` into the first entries, and returns how many they are.
+/// Writes `states` into the first entries, and returns their number.
 fn fill<T>(entries: &mut [T], states: impl Iterator<Item = T>) -> u32 {
     entries.iter_mut().zip(states).map(|(entry, state)| *entry = state).count() as u32
 }

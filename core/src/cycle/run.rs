@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   Run ──────▶ Stop ──every group disarmed──▶ last cycles ──every motor stopped, or STOP_TIME──▶ end
-//!                └── StopNow, or SHUTDOWN_MARGIN too late: stopped without more damping
+//!                └── StopNow, or SHUTDOWN_MARGIN too late: stopped without further damping
 //! ```
 
 use super::{Cycle, Tick};
@@ -10,15 +10,16 @@ use motord_bus::Duration;
 
 /// Cycles with stop frames before the loop leaves a stopped robot.
 const LAST_CYCLES: u32 = 3;
-/// A robot that is not disarmed so long after its damping should have ended is stopped without more of it.
+/// A robot that is not disarmed this long after its damping should have ended is stopped without
+/// further damping.
 const SHUTDOWN_MARGIN: Duration = Duration::from_secs(1);
-/// A motor has this time to answer its stop: a few probes of one that is not heard.
+/// Time for a motor to answer its stop: a few probes of one that does not answer.
 const STOP_TIME: Duration = Duration::from_millis(500);
 
-/// An order to the loop. A later one never takes an earlier one back.
+/// An order to the loop. A later order never revokes an earlier one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Order {
-    /// Go on.
+    /// Continue.
     Run,
     /// Damp and stop the motors, then end.
     Stop,

@@ -3,7 +3,8 @@
 use crate::settings::Settings;
 use motord_bus::{Duration, Instant};
 
-/// The longest time for which a cycle stays awake for its tick, or for expected replies if it does not poll.
+/// Longest time that a cycle polls the clock for its tick, or for expected replies if it does not
+/// busy-poll.
 const AWAKE_MAX: Duration = Duration::from_micros(50);
 /// [`AWAKE_MAX`] is cut to the period divided by this.
 const PERIODS_PER_AWAKE: u32 = 20;
@@ -11,7 +12,7 @@ const PERIODS_PER_AWAKE: u32 = 20;
 /// One point of the time grid: when a cycle should begin. Ticks are a period apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tick {
-    /// Its number, from 1; its cycle bears the same.
+    /// Its number, from 1; that of its cycle.
     pub number: u64,
     /// Its time.
     pub at: Instant,
@@ -32,12 +33,13 @@ pub(super) struct Timing {
     pub(super) damp: Duration,
     /// From the sending of the commands to the time when replies count as missed.
     pub(super) reply_deadline: Duration,
-    /// Commands are stale so long after their cycle began: the dead man's switch may have acted by then, or the cycle lost its
-    /// time base.
+    /// Age from the beginning of the cycle at which commands are stale: the dead man's switch may
+    /// have acted, or the cycle lost its time base.
     pub(super) stale_after: Duration,
     /// Time for which the buses are polled for the last replies of a cycle, without a sleep.
     pub(super) busy_poll: Duration,
-    /// The longest time for which a cycle stays awake for its tick, or for expected replies if it does not poll.
+    /// Longest time that a cycle polls the clock for its tick, or for expected replies if it does
+    /// not busy-poll.
     pub(super) awake: Duration,
     /// The ipc thread fetches the setpoints this long before a tick.
     lead: Duration,

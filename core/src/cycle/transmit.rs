@@ -16,7 +16,8 @@ impl Cycle {
                 sent = self.send(bus, wake);
             }
         }
-        // A serial port takes longer to write to than a CAN socket, and no reply of it is awaited in this cycle.
+        // After the CAN buses: a write to a serial port takes longer, and this cycle does not wait
+        // for its reply.
         for line in 0..self.lines.len() {
             self.send(self.lines[line], wake);
         }
@@ -36,7 +37,8 @@ impl Cycle {
         }
         let Self { control, drives, channels, timing, .. } = self;
         let channel = &mut channels[bus];
-        // A process that was frozen since it decided goes on here, when others may have stopped its motors.
+        // A process that was frozen since it decided continues here, when another process may have
+        // stopped the motors.
         let is_stale = now.since(wake.begun) > timing.stale_after;
         let unsent = |motor: usize| {
             drives[motor].withdraw();

@@ -1,27 +1,30 @@
-//! Which request a reply answers.
+//! Finds the request that a reply answers.
 //!
-//! An MIT reply does not say what it answers: a state and a fault report look alike, and a late reply looks like a timely
-//! one (docs/adr/0005). So a motor has at most one open request, and a reply is judged by what is open, by its shape as the
-//! [decoder](super::Decoder) reads it, and by its time.
+//! An MIT reply does not name its request: a state and a fault report look alike, and a late reply
+//! looks like a timely one (docs/adr/0005). A motor therefore has at most one open request. A reply
+//! is judged by the open request, by its shape as the dialect ([`Payload`]) classifies it, and by
+//! its time.
 //!
-//! Pure: a transition depends on the state, the payload and the time only, and changes the state only. Constant time; no
-//! allocation, no call of the system.
+//! Pure: a transition depends on state, payload and time only. Constant time; no allocation, no
+//! system call.
 
 use motord_bus::time::nanos;
 use motord_bus::{Duration, Instant};
 
-/// A reply that is later than this never comes.
+/// No reply arrives later than this.
 pub(crate) const LATEST_REPLY: Duration = Duration::from_millis(50);
-/// After so many fault requests without a report, a payload that continues the motion may be a report.
+/// After this many fault requests without a report, a payload that continues the motion may be a
+/// report.
 const UNREPORTED_MAX: u32 = 3;
-/// After so many fault requests without a report, even a motor that sent a report beyond doubt may answer with another kind of
-/// report: its fault may set bits that no document names.
+/// After this many fault requests without a report, even a motor that sent an unambiguous report
+/// may answer with another kind of report: its fault may set bits that no document names.
 const DOUBTED_AFTER: u32 = 10;
 
 /// The content that a request asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Question {
-    /// The state: every command but the next two. A native motor may confirm such a command without a state.
+    /// The state: every command but the next two. A GIM motor may confirm such a command without a
+    /// state.
     State,
     /// The fault bits.
     Fault,
@@ -29,14 +32,14 @@ pub(super) enum Question {
     Clear,
 }
 
-/// The kind of a payload, as far as its bytes alone tell it.
+/// The kind of a payload, judged by its bytes alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Payload {
-    /// It bears the id of another motor.
+    /// It has the id of another motor.
     OtherId,
-    /// It is no reply. Or it names its request, and another one is open.
+    /// It is no reply, or it names another request than the open one.
     Unreadable,
-    /// A fault report beyond doubt: no state has its shape.
+    /// An unambiguous fault report: no state has its shape.
     Report,
     /// Read as a state, it continues the last state. It may be a fault report by chance.
     Continuation,
@@ -51,7 +54,7 @@ pub(super) enum Verdict {
     Answer(Question, Duration),
     /// A fault report, which answers an earlier fault request.
     LateReport,
-    /// Answers an earlier request: what it says is not known, or no longer true.
+    /// Answers an earlier request. Its content is unknown or outdated.
     Late,
     /// Answers no request.
     Duplicate,
@@ -71,15 +74,17 @@ struct Request {
 /// How well the fault reports of this motor are known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Reports {
-    /// No report beyond doubt has come, or none for long; so many fault requests in a row had no answer in their cycle.
+    /// No unambiguous report has arrived, or none recently. The number counts consecutive fault
+    /// requests without an answer in their cycle.
     Unseen(u32),
-    /// A report beyond doubt has come, and after it so many fault requests in a row had no answer in their cycle. No other
-    /// payload is taken for a report of this motor, until the number reaches [`DOUBTED_AFTER`].
+    /// An unambiguous report has arrived. The number counts later consecutive fault requests
+    /// without an answer in their cycle. No other payload is taken for a report until it reaches
+    /// [`DOUBTED_AFTER`].
     Seen(u32),
 }
 
 impl Reports {
-    /// Another fault request had no answer in its cycle.
+    /// Counts a fault request without an answer in its cycle.
     const fn unreported(self) -> Self {
         match self {
             Self::Seen(unreported) if unreported + 1 < DOUBTED_AFTER => Self::Seen(unreported + 1),
@@ -88,7 +93,7 @@ impl Reports {
     }
 }
 
-/// The state of the correlation: four parts that move side by side.
+/// The state of the correlation: four independent parts.
 ///
 /// ```text
 ///   open             ┌──────── answer, withdrawal ◀────────┐
@@ -105,7 +110,7 @@ impl Reports {
 ///                       ▲                                          │
 ///                       └── the next reply, which is dropped ◀─────┘
 ///
-///   reports          Unseen(n) ── a report beyond doubt ──▶ Seen(0)
+///   reports          Unseen(n) ── an unambiguous report ──▶ Seen(0)
 ///                       ▲                                   │
 ///                       └─────── n = DOUBTED_AFTER ── Seen(n)
 ///                      n + 1: request while Fault is open;  0: a fault request was answered
@@ -125,23 +130,26 @@ impl Reports {
 /// | Fault | plain, once a report was seen | late | late |
 /// | Fault | any other | answer | given up |
 ///
-/// *Unasked* is late while replies are owed, else a duplicate. *Given up* is unasked, and closes the request: else each fault
-/// request would be distrusted for the one before.
+/// *Unasked* is late while replies are owed, otherwise a duplicate. *Given up* is unasked, and
+/// closes the request: otherwise each fault request would be distrusted because of the previous
+/// one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Correlator {
-    /// No reply comes sooner after its request, ns.
+    /// Least time from a request to its reply, ns.
     fastest_reply: u64,
     open: Option<Request>,
-    /// Requests that were not answered before the next, and whose replies may still come.
+    /// Requests that were not answered before the next, and whose replies may still arrive.
     owed: u32,
     owed_since: Instant,
-    /// Until then the next reply is dropped, but for a fault report beyond doubt while no fault request is open.
+    /// Until this time the next reply is dropped, except an unambiguous fault report while no fault
+    /// request is open.
     distrusted_until: Instant,
     reports: Reports,
 }
 
 impl Correlator {
-    /// Nothing was asked yet. No reply comes sooner than `fastest_reply` after its request.
+    /// Creates a correlator without an open request. No reply arrives earlier than `fastest_reply`
+    /// after its request.
     pub(super) const fn new(fastest_reply: Duration) -> Self {
         Self {
             fastest_reply: nanos(fastest_reply),
@@ -153,12 +161,12 @@ impl Correlator {
         }
     }
 
-    /// A request is open.
+    /// Returns whether a request is open.
     pub(super) const fn is_open(&self) -> bool {
         self.open.is_some()
     }
 
-    /// The question of the open request.
+    /// Returns the question of the open request.
     #[inline]
     pub(super) const fn question(&self) -> Option<Question> {
         match self.open {
@@ -167,7 +175,7 @@ impl Correlator {
         }
     }
 
-    /// A request was handed over at `now`. One that is still open is given up.
+    /// Opens a request that is sent at `now`. Gives up the previous one, if it is still open.
     pub(super) fn request(&mut self, question: Question, now: Instant) {
         match self.open {
             Some(open) if now <= open.sent_at + LATEST_REPLY => {
@@ -184,13 +192,13 @@ impl Correlator {
         self.open = Some(Request { question, sent_at: now });
     }
 
-    /// The frame of the open request was not sent after all.
+    /// Withdraws the open request, whose frame was not sent.
     pub(super) const fn withdraw(mut self) -> Self {
         self.open = None;
         self
     }
 
-    /// A payload arrived at `at`.
+    /// Judges a payload that arrived at `at`.
     #[inline(always)]
     pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Verdict {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
@@ -204,12 +212,12 @@ impl Correlator {
         }
     }
 
-    /// A payload that arrived at `at` was sent after the request.
+    /// Returns whether a payload that arrived at `at` can have been sent after the request.
     const fn may_answer(&self, open: Request, at: Instant) -> bool {
         at.as_nanos() >= open.sent_at.as_nanos().saturating_add(self.fastest_reply)
     }
 
-    /// The payload may answer the open request.
+    /// Judges a payload that may answer the open request.
     #[inline(always)]
     fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Verdict {
         match (open.question, payload) {
@@ -259,7 +267,7 @@ impl Correlator {
         Verdict::Duplicate
     }
 
-    /// An answer to a fault request that is no report beyond doubt is more likely a late state.
+    /// Returns whether an ambiguous answer to a fault request is more likely a late state.
     const fn is_rather_a_state(&self, payload: Payload) -> bool {
         match self.reports {
             Reports::Seen(_) => true,

@@ -1,8 +1,8 @@
-//! A drive in native mode, over CAN or a serial line. Source: GIM document.
+//! A drive in GIM mode, over CAN or a serial line. Source: GIM document.
 //!
-//! Native motors report their state only in answer to control commands. A stopped one is asked for its shaft angle
-//! (indicator 0x13) instead, now and then for its speed (0x14), and is commanded to stop, so that its stop is confirmed.
-//! The native commands have no impedance: control sends a torque instead.
+//! GIM motors report their state only in answer to control commands. A stopped motor is asked for
+//! its shaft angle (indicator 0x13), at intervals for its speed (0x14), and is commanded to stop,
+//! so that it confirms its stop. GIM commands have no impedance: control sends a torque instead.
 //!
 //! Real-time: nothing here allocates, blocks or loops.
 
@@ -15,9 +15,9 @@ use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
 use motord_shared::SetpointMode;
 
-/// While stopped: of so many cycles, one asks for the speed and one commands stop.
+/// While stopped, one of this many cycles asks for the speed, and one commands stop.
 const ROUND: u32 = 10;
-/// A velocity that is older makes no state together with a new angle.
+/// A velocity older than this is not combined with a new angle to a state.
 const VELOCITY_MAX_AGE: Duration = Duration::from_millis(500);
 
 #[derive(Debug)]
@@ -27,16 +27,17 @@ pub(super) struct Gim {
     /// Sent with every control command.
     duration: ExecutionTime,
     asked: gim::Command,
-    /// The last request is for an indicator as such, not for a part of the state.
+    /// The last request is for an indicator of telemetry, not for a part of the state.
     asks_indicator: bool,
     turn: u32,
-    /// It confirmed the start command, and was not commanded to stop since. Before that it refuses control commands.
+    /// The motor confirmed the start command, and was not commanded to stop since. Otherwise it
+    /// refuses control commands.
     started: bool,
     /// The last accepted state, motor side.
     state: Measured<Motor>,
-    /// When it told its velocity last.
+    /// When it last reported its velocity.
     velocity_at: Instant,
-    /// Its velocity is older than [`VELOCITY_MAX_AGE`], as after a silence: it may have changed meanwhile.
+    /// Its velocity is older than [`VELOCITY_MAX_AGE`], and may have changed.
     is_velocity_old: bool,
 }
 
@@ -73,7 +74,8 @@ impl Gim {
             Command::GetFault => gim::Command::GetFault,
             Command::GetIndicator(ind_id) => gim::Command::RetrieveIndicator { ind_id: *ind_id },
             Command::ClearFault => gim::Command::AcknowledgeFault,
-            // The zero of a native motor is a configuration item (ConfID 0x14): not a matter of the cycle.
+            // The zero of a GIM motor is a configuration item (ConfID 0x14), which the cycle does
+            // not write.
             Command::SetZero => gim::Command::StopMotor,
             Command::Neutral if !self.started => self.state_question(),
             Command::Neutral => self.control(&Impedance::NEUTRAL, SetpointMode::Torque)?,
@@ -83,7 +85,7 @@ impl Gim {
         Some(self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()))
     }
 
-    /// The next command of the round to a stopped motor.
+    /// Returns the next command of the round to a stopped motor.
     fn stopped(&mut self) -> gim::Command {
         let turn = self.turn;
         self.turn = (turn + 1) % ROUND;
@@ -94,7 +96,7 @@ impl Gim {
         }
     }
 
-    /// Asks for the angle, or first for a velocity that is old.
+    /// Returns the question for the angle, or first for an old velocity.
     const fn state_question(&self) -> gim::Command {
         let old = self.is_velocity_old;
         let ind_id = if old { Indicator::SHAFT_SPEED } else { Indicator::SHAFT_ANGLE };
@@ -116,14 +118,14 @@ impl Gim {
             SetpointMode::Position => {
                 gim::Command::PositionControl { position: Finite::new(wanted.position)?, duration }
             }
-            // Control has made a torque of each impedance.
+            // Control has converted each impedance to a torque.
             SetpointMode::Torque | SetpointMode::Impedance => {
                 gim::Command::TorqueControl { torque: Finite::new(wanted.torque)?, duration }
             }
         })
     }
 
-    /// The last accepted state, for the joint.
+    /// Returns the last accepted state, joint side.
     fn reported(&self, latency: Duration) -> Reported {
         Reported::State(self.transmission.to_joint(&self.state), latency, Status::default())
     }

@@ -22,7 +22,7 @@ pub(super) struct Mit {
     last: Option<Last>,
 }
 
-/// After a longer silence no reply answers a request from before the silence.
+/// After a longer silence no reply answers an earlier request.
 const SILENCE_MAX: Duration = Duration::from_millis(100);
 /// Codes are coarse, and a stopped joint can be pushed: rad and rad/s.
 const POSITION_MARGIN: f32 = 0.05;
@@ -53,7 +53,8 @@ impl Unwrap {
         Self { period: (65536.0 * position.step()) as f32, turns: 0.0, last: None }
     }
 
-    /// The position over any number of turns, rad. A step of more than half the range is a wrap.
+    /// Returns the position over any number of turns, rad. A step of more than half the range is a
+    /// wrap.
     fn position(&mut self, reported: f32) -> f32 {
         let step = reported - self.last.unwrap_or(reported);
         if step.abs() > self.period / 2.0 {
@@ -115,12 +116,13 @@ impl Mit {
         command.encode(&self.scales).ok()
     }
 
-    /// The motor answers a question for its faults. If not, its faults come with its states.
+    /// Returns whether the motor answers a question for its faults. Otherwise its states contain
+    /// them.
     pub(super) const fn answers_fault_question(&self) -> bool {
         self.profile.is_asked_for_faults()
     }
 
-    /// The motor is silent, or its zero changes: its next position says nothing about turns.
+    /// Resets the count of turns: the motor is silent, or its zero changes.
     fn forget_turns(&mut self) {
         if let Some(unwrap) = &mut self.unwrap {
             *unwrap = Unwrap::new(self.scales.position);
@@ -138,8 +140,8 @@ impl Mit {
     /// The control frame for an impedance, clamped to the ranges of the codes.
     #[inline(always)]
     fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
-        // Without stiffness the position means nothing, so it is sent as zero: 0x80, the first byte of zero, is no
-        // native command, should this motor have left MIT mode unseen (protocol note 1.3).
+        // Without stiffness the position has no effect, so it is sent as zero: 0x80, the first byte
+        // of zero, is no GIM command, if this motor has left MIT mode (protocol note 1.3).
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
         let Impedance { velocity, kp, kd, torque, .. } = *wanted;
         if !torque.is_finite() {
@@ -156,13 +158,14 @@ impl Mit {
         codes.ok().map(ControlCodes::pack)
     }
 
-    /// Read as a state, the payload continues the motion.
+    /// Returns whether the payload, read as a state, continues the motion.
     #[cold]
     fn may_continue(&self, payload: &[u8], at: Instant) -> bool {
         self.profile.decode_state(payload, &self.scales).is_ok_and(|state| self.continues(&state, at))
     }
 
-    /// The motor can have reached `state` since its last accepted state. No such state is known after a long silence.
+    /// Returns whether the motor can have reached `state` since its last accepted state. False
+    /// after a long silence.
     fn continues(&self, state: &State, at: Instant) -> bool {
         let Some(last) = self.last else { return false };
         let silence = at.since(last.at);
@@ -172,7 +175,7 @@ impl Mit {
             && (state.velocity - last.velocity).abs() < VELOCITY_MARGIN
     }
 
-    /// Takes `state` as the newest, and gives it for the joint.
+    /// Stores `state` as the newest, and returns it joint side.
     #[inline(always)]
     fn state(&mut self, state: &State, at: Instant, latency: Duration) -> Reported {
         self.last = Some(Last { position: state.position, velocity: state.velocity, at });
@@ -222,7 +225,7 @@ impl Mit {
 }
 
 impl Feedback {
-    /// For torques up to `torque_max`, N·m: no code asks for more than that, but for the two next to zero.
+    /// Limits torques to `torque_max`, N·m. Only the two codes next to zero may exceed it.
     fn within(torque_max: f32, scales: &Scales) -> Self {
         let [low, zero, high] = [-torque_max, 0.0, torque_max].map(|torque| exact(torque, scales));
         Self { carried: 0.0, codes: [low.ceil().min(zero.floor()), high.floor().max(zero.ceil())] }

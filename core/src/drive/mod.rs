@@ -1,4 +1,4 @@
-//! One drive on the wire: commands become frames, and payloads become replies.
+//! One drive: converts commands to frames, and payloads to replies.
 //!
 //! A dialect (`mit`, `gim`) encodes the commands of one protocol and reads its payloads. The `correlator` decides which
 //! request a payload answers. Only a reply that it accepts changes what the dialect remembers.
@@ -20,25 +20,26 @@ use motord_protocol::MotorProtocol;
 /// The meaning of a received frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Received {
-    /// A reply, and what it says.
+    /// A reply and its content.
     Reply(Reported),
     /// Answers no request.
     Duplicate,
-    /// It bears the id of another motor.
+    /// It has the id of another motor.
     UnexpectedId,
     /// It does not decode, or cannot be an answer to the open request.
     Malformed,
 }
 
-/// Whether the payload `reply` can answer the payload `request` on a serial line, as far as their bytes alone tell it. Real-time:
-/// does not allocate or block; takes constant time.
+/// Returns whether the payload `reply` can answer the payload `request` on a serial line, judged by
+/// their bytes alone. Real-time: does not allocate or block; takes constant time.
 #[must_use]
 pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
     motord_protocol::gim::repeats(request, reply)
 }
 
-/// The frames that damp and stop a motor when nobody controls it any more. A native motor is stopped at once: the speed
-/// commands that would brake it may mean full torque in MIT mode, and nobody knows its mode then.
+/// Returns the frames that damp and stop a motor without a cycle. A GIM motor is stopped without
+/// damping: the speed commands that brake it may be full torque to a motor in MIT mode, and its
+/// mode is not known.
 #[must_use]
 pub fn safe_frames(motor: &MotorSettings) -> Option<(Frame, Frame)> {
     let make = |command| Drive::new(motor, Duration::ZERO, false).request(&command, Instant::ZERO);
@@ -89,7 +90,7 @@ impl Drive {
         Some(Frame::full(self.command_id, bytes))
     }
 
-    /// The content that the motor reports in answer to a command.
+    /// Returns the content that the motor reports in answer to a command.
     const fn question(&self, command: &Command) -> Question {
         match (command, &self.dialect) {
             (Command::GetFault, Dialect::Mit(mit)) if !mit.answers_fault_question() => Question::State,
@@ -99,12 +100,12 @@ impl Drive {
         }
     }
 
-    /// The frame of the open request was not sent after all.
+    /// Withdraws the open request, whose frame was not sent.
     pub const fn withdraw(&mut self) {
         self.correlator = self.correlator.withdraw();
     }
 
-    /// The motor could not read the open request, and will not answer it. Constant time.
+    /// Closes the open request, which the motor could not read. Constant time.
     pub fn refuse(&mut self) -> Received {
         if !self.is_open() {
             return Received::Malformed;
@@ -113,7 +114,7 @@ impl Drive {
         Received::Reply(Reported::Refused)
     }
 
-    /// A reply is awaited.
+    /// Returns whether a request is open.
     #[must_use]
     #[inline]
     pub const fn is_open(&self) -> bool {
@@ -138,9 +139,9 @@ impl Drive {
 }
 
 impl Dialect {
-    /// The kind of a payload that arrived at `at` under this motor's reply id, while `open` is asked. Pure: a payload may turn
-    /// out to be late. A continuation of the motion is told apart from a plain reply only where it matters: to a fault
-    /// request.
+    /// Returns the kind of a payload that arrived at `at` with this motor's reply id, while `open`
+    /// is open. Pure: the payload may be late. Distinguishes a continuation of the motion from a
+    /// plain reply only while a fault request is open.
     #[inline(always)]
     fn classify(&self, payload: &[u8], at: Instant, open: Option<Question>) -> Payload {
         match self {

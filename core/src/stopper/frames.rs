@@ -1,4 +1,4 @@
-//! Safe frames: made beforehand, while the settings of the motors are known, and sent without that knowledge.
+//! Safe frames: encoded at the start from the settings, and sent without them.
 
 use crate::drive::safe_frames;
 use crate::settings::Settings;
@@ -7,7 +7,7 @@ use motord_bus::{Frame, Refusal};
 /// The safe frames of one bus.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct BusFrames {
-    /// One frame per motor that damps it. For a native motor it is the frame that stops it: one that
+    /// One frame per motor that damps it. For a GIM motor it is the frame that stops it: one that
     /// brakes it would be full torque to a motor in MIT mode.
     pub damp: Vec<Frame>,
     /// One frame per motor that stops it.
@@ -15,7 +15,7 @@ pub struct BusFrames {
 }
 
 impl BusFrames {
-    /// The safe frames of the motors on the bus with this index. Allocates.
+    /// Returns the safe frames of the motors on the bus with this index. Allocates.
     #[must_use]
     pub fn of(settings: &Settings, bus: usize) -> Self {
         let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
@@ -24,16 +24,16 @@ impl BusFrames {
     }
 }
 
-/// A round on a serial line, which carries one request at a time: each call sends the frame of one motor, and the round is
-/// taken when the last motor has had its frame.
+/// A round on a serial line, which carries one request at a time. Each call sends the frame of one
+/// motor. The round is complete after the frame of the last motor.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LineRound {
     next: usize,
 }
 
 impl LineRound {
-    /// Sends the next frame by `send`, which returns why it was refused. Returns why the round is not taken yet. Does not
-    /// allocate or block, as far as `send` does not.
+    /// Sends the next frame by `send`, which returns the reason of a refusal. Returns the reason
+    /// why the round is not complete. Does not allocate or block, if `send` does not.
     pub fn send(
         &mut self,
         frames: &[Frame],

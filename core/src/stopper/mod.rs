@@ -1,13 +1,14 @@
-//! Damps and stops the motors when nobody else does.
+//! Damps and stops the motors when no cycle controls them.
 //!
-//! | who | on | until |
+//! | process | on | until |
 //! |---|---|---|
 //! | the cycle's thread, after a panic in the cycle | the buses of the cycle | every bus is served, or [`PATIENCE`] |
-//! | the dead man's switch, after the daemon's death | CAN sockets and serial ports of its own | every bus is served |
-//! | `motord safe-stop`, after the death of both | CAN sockets and serial ports of its own | every bus is served, or [`PATIENCE`] |
+//! | the dead man's switch, after the daemon exits | separate CAN sockets and serial ports | every bus is served |
+//! | `motord safe-stop`, after both exit | separate CAN sockets and serial ports | every bus is served, or [`PATIENCE`] |
 //!
-//! A [`Stopper`] knows frames only: no protocol, no joint, no state of the daemon. Each bus has its [`BusFrames`] and a
-//! [`Schedule`] of its own, so a bus that takes nothing delays no other.
+//! A [`Stopper`] uses frames only: no protocol, no joint, no state of the daemon. Each bus has
+//! separate [`BusFrames`] and a separate [`Schedule`], so a bus that accepts nothing delays no
+//! other.
 
 pub mod schedule;
 
@@ -19,18 +20,19 @@ use crate::clock::Clock;
 use motord_bus::{Duration, Frame, Instant, Refusal};
 use schedule::{Order, Schedule};
 
-/// How much longer than the damping [`Stopper::run`] serves a bus that refuses frames.
+/// Time after the damping during which [`Stopper::run`] serves a bus that refuses frames.
 pub const PATIENCE: Duration = Duration::from_secs(1);
 /// The least time between two searches for a missing interface. One search can take longer than a round.
 const SEARCH_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Sends the frames of one bus.
 pub trait Outlet: Send {
-    /// Sends one frame to each motor. Returns why the bus did not take all of them. Neither allocates nor blocks.
+    /// Sends one frame to each motor. Returns the reason if the bus did not accept all of them.
+    /// Neither allocates nor blocks.
     fn send_round(&mut self, now: Instant, frames: &[Frame]) -> Option<Refusal>;
 
-    /// Looks for the interface after [`Refusal::Gone`]. Returns whether it is there again. Does not allocate; may wait
-    /// while another process configures interfaces.
+    /// Searches the interface after [`Refusal::Gone`]. Returns whether it is available. Does not
+    /// allocate; may wait while another process configures interfaces.
     fn find(&mut self) -> bool {
         false
     }
@@ -51,9 +53,9 @@ struct BusStop {
     frames: BusFrames,
     /// `None` until the stopper begins.
     schedule: Option<Schedule>,
-    /// Why the last round was not taken.
+    /// The reason of the last refused round.
     refusal: Option<Refusal>,
-    /// When the interface was last looked for.
+    /// Time of the last search for the interface.
     sought: Option<Instant>,
 }
 
@@ -66,7 +68,7 @@ impl BusStop {
         self.schedule?.due()
     }
 
-    /// Sends what is due.
+    /// Sends the due frames.
     fn send(&mut self, now: Instant, outlet: &mut impl Outlet) {
         let Some(order) = self.schedule.and_then(|schedule| schedule.order(now)) else { return };
         let frames = match order {
@@ -76,13 +78,13 @@ impl BusStop {
         self.refusal = outlet.send_round(now, frames);
     }
 
-    /// Whether frames are due on an interface that is missing, and the last search is long enough ago.
+    /// Returns whether frames are due on a missing interface, and [`SEARCH_INTERVAL`] has passed.
     fn needs_search(&self, now: Instant) -> bool {
         let is_missing = self.refusal == Some(Refusal::Gone) && self.due().is_some_and(|due| due <= now);
         is_missing && self.sought.is_none_or(|before| now.since(before) >= SEARCH_INTERVAL)
     }
 
-    /// Looks for the interface, and sends what is due if it is there again.
+    /// Searches the interface, and sends the due frames if it is available.
     fn search(&mut self, now: Instant, outlet: &mut impl Outlet) {
         self.sought = Some(now);
         if outlet.find() {
@@ -102,47 +104,49 @@ impl BusStop {
 
 /// Damps and stops the motors of several buses, in rounds of one frame per motor.
 ///
-/// The outlets of the buses are arguments, in the order of the frames that the stopper was made with: the cycle lends its
-/// own buses after a panic.
+/// The outlets of the buses are arguments, in the order of the frames: the cycle lends its buses
+/// after a panic.
 pub struct Stopper {
     buses: Vec<BusStop>,
     damp: Duration,
 }
 
 impl Stopper {
-    /// A stopper that damps for `damp`. Nothing is due before it [begins](Self::begin). Allocates; nothing after it does.
+    /// Creates a stopper that damps for `damp`. No frame is due before [`begin`](Self::begin).
+    /// Allocates; nothing after it does.
     #[must_use]
     pub fn new(frames: impl IntoIterator<Item = BusFrames>, damp: Duration) -> Self {
         Self { buses: frames.into_iter().map(BusStop::new).collect(), damp }
     }
 
-    /// From `now` on every bus is owed its damping and its stops.
+    /// Begins the damping and the stops of every bus at `now`.
     pub fn begin(&mut self, now: Instant) {
         for bus in &mut self.buses {
             bus.schedule = Some(Schedule::begin(self.damp, now));
         }
     }
 
-    /// When the next [`round`](Self::round) is due; `None` when every bus is served.
+    /// Returns when the next [`round`](Self::round) is due; `None` when every bus is served.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         self.buses.iter().filter_map(BusStop::due).min()
     }
 
-    /// The indices of the buses that are not served yet.
+    /// Returns the indices of the buses that are not served yet.
     pub fn owed(&self) -> impl Iterator<Item = usize> {
         let owed = self.buses.iter().enumerate().filter(|(_, bus)| bus.due().is_some());
         owed.map(|(index, _)| index)
     }
 
-    /// Whether every bus that is not served refused its last round, after the damping of its motors would have been over.
+    /// Returns whether every bus that is not served refused its last round, after the regular end
+    /// of its damping.
     #[must_use]
     pub fn is_stalled(&self) -> bool {
         self.buses.iter().filter_map(|bus| bus.schedule).all(|it| it.due().is_none() || it.is_slow())
     }
 
-    /// Sends what is due at `now` on every bus. Only then looks for one missing interface, the one that was looked for
-    /// least recently. A round that a bus refuses is lost, and due again.
+    /// Sends the frames that are due at `now` on every bus. Then searches one missing interface:
+    /// the one whose last search is oldest. A refused round is due again.
     ///
     /// Does not allocate. One [`send_round`](Outlet::send_round) per bus, and one more after a search. Only the search can block.
     pub fn round(&mut self, now: Instant, outlets: &mut [impl Outlet]) {
@@ -172,8 +176,8 @@ impl Stopper {
         self.stop_owed(clock.now(), outlets);
     }
 
-    /// Sends one round of stops to every bus that is not served. A bus that takes only a part of every round never comes to
-    /// its stops, but that part of its motors can be stopped.
+    /// Sends one round of stops to every bus that is not served. A bus that accepts only a part of
+    /// every round never reaches its stops, but that part of its motors can be stopped.
     fn stop_owed(&self, now: Instant, outlets: &mut [impl Outlet]) {
         let owed = self.buses.iter().zip(outlets).filter(|(bus, _)| bus.due().is_some());
         for (bus, outlet) in owed {

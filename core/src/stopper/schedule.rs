@@ -1,20 +1,22 @@
-//! Which frames the motors of one bus get, and when: a pure function of the time and of the rounds that the bus took.
+//! The frames that the motors of one bus get, and their times: a pure function of time and of
+//! accepted rounds.
 //!
 //! ```text
 //!                  rounds for all of `damp` taken              STOPS rounds taken
 //!   begin ──▶ Damping ─────────────────────────────▶ Stopping ───────────────────▶ Served
 //! ```
 //!
-//! A round is one frame to each motor. It counts when the bus took all of its frames. A bus that is jammed or missing is
-//! owed its rounds until it takes them: its motors keep their last command meanwhile, and are damped before they are stopped
-//! whenever it comes back. A queue holds two rounds of frames, so a third round that is taken proves that the first has
-//! left.
+//! A round is one frame to each motor. It counts when the bus accepts all of its frames. The rounds
+//! of a jammed or missing bus stay due until it accepts them: its motors keep their last command,
+//! and are damped before they are stopped when the bus reconnects. A queue holds two rounds of
+//! frames, so a third accepted round proves that the first was sent.
 
 use motord_bus::{Duration, Instant};
 
-/// Between two frames to a motor: 100 Hz. A drive keeps its last command, so a higher rate would only fill the bus.
+/// Interval between two frames to a motor: 100 Hz. A drive keeps its last command, so a higher rate
+/// has no effect.
 pub const INTERVAL: Duration = Duration::from_millis(10);
-/// Between two tries on a bus that still refuses when the damping would be over: 10 Hz.
+/// Interval between two attempts on a bus that refuses after the regular end of the damping: 10 Hz.
 const RETRY: Duration = Duration::from_millis(100);
 /// Stop frames to each motor, after damping.
 const STOPS: u32 = 3;
@@ -42,12 +44,12 @@ pub struct Schedule {
     due: Instant,
     /// From the last round to the one that is due.
     interval: Duration,
-    /// From here on a refused round is tried again after [`RETRY`].
+    /// From this time on a refused round is repeated after [`RETRY`].
     slow_from: Instant,
 }
 
 impl Schedule {
-    /// A schedule that begins at `now` and damps for `damp`.
+    /// Creates a schedule that begins at `now` and damps for `damp`.
     #[must_use]
     pub fn begin(damp: Duration, now: Instant) -> Self {
         let rounds = damp.as_nanos().div_ceil(INTERVAL.as_nanos());
@@ -58,19 +60,19 @@ impl Schedule {
         Self { phase, due: now, interval: INTERVAL, slow_from: now + damp }
     }
 
-    /// When the next round is due; `None` when the bus is served.
+    /// Returns when the next round is due; `None` when the bus is served.
     #[must_use]
     pub fn due(&self) -> Option<Instant> {
         (self.phase != Phase::Served).then_some(self.due)
     }
 
-    /// Whether the bus refused its last round, after the damping would have been over.
+    /// Returns whether the bus refused its last round, after the regular end of the damping.
     #[must_use]
     pub fn is_slow(&self) -> bool {
         self.interval == RETRY
     }
 
-    /// The frames that are due at `now`, until the round is [recorded](Self::record).
+    /// Returns the frames that are due at `now`, until the round is [recorded](Self::record).
     #[must_use]
     pub fn order(&self, now: Instant) -> Option<Order> {
         match self.phase {
@@ -80,12 +82,14 @@ impl Schedule {
         }
     }
 
-    /// Moves what is due to the next round after `now`, for a bus whose interface could not be looked for in this one.
+    /// Delays the due round to the next interval after `now`, for a bus whose interface was not
+    /// searched in this one.
     pub fn skip(&mut self, now: Instant) {
         self.due = next_tick(self.due, INTERVAL, now);
     }
 
-    /// Records the round of `now`: whether the bus took all of its frames. Real-time: does not allocate, block or loop.
+    /// Records whether the bus accepted all frames of the round of `now`. Real-time: does not
+    /// allocate, block or loop.
     pub fn record(&mut self, taken: bool, now: Instant) {
         if taken {
             self.phase = match self.phase {
@@ -100,7 +104,7 @@ impl Schedule {
     }
 }
 
-/// The first instant after `now` that is a whole number of `interval`s after `from`.
+/// Returns the first instant after `now` that is a whole number of `interval`s after `from`.
 #[must_use]
 pub fn next_tick(from: Instant, interval: Duration, now: Instant) -> Instant {
     let passed = now.since(from).as_nanos() / interval.as_nanos();

@@ -39,11 +39,11 @@ pub(super) struct Group {
     takes_turns: bool,
     safe_stop: SafeStop,
     phase: Phase,
-    /// When the phase began; damping begins anew when a held joint is let go.
+    /// When the phase began. Damping begins again when a hold ends.
     since: Instant,
-    /// Since when every joint has been at rest while damping.
+    /// Begin of the time in which every joint has been at rest while damping.
     resting_since: Option<Instant>,
-    /// The stop under way holds until then, and damps after it.
+    /// The current stop holds until this time, and then damps.
     held_until: Option<Instant>,
     /// A motor reported over-voltage: braking feeds the supply, so the group is damped less.
     over_voltage: bool,
@@ -55,7 +55,7 @@ pub(super) struct Group {
     rejected: [u32; Rejection::COUNT],
 }
 
-/// The cause of a stop, and the joint that gave it or the process that asked for it.
+/// The cause of a stop, and the joint or the requesting process that it comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Latched {
     cause: Cause,
@@ -68,7 +68,7 @@ struct Latched {
 pub(super) struct Owner {
     pub(super) lease: Lease,
     pub(super) pid: u32,
-    /// When it last gave a sign of life.
+    /// Time of its last valid message or request.
     heard: Instant,
     /// The last sequence number accepted.
     sequence: u64,
@@ -101,7 +101,7 @@ impl Group {
         }
     }
 
-    /// Draws the consequences of time, and writes the command of each of its joints into `commands`. Does not allocate;
+    /// Handles timeouts, and writes the command of each joint into `commands`. Does not allocate;
     /// bounded by its motors.
     pub(super) fn decide(
         &mut self,
@@ -144,7 +144,7 @@ impl Group {
         self.owner.is_some_and(|owner| owner.lease == lease)
     }
 
-    /// The right is that of an operator, or of the owner of the group.
+    /// Returns whether the right is that of an operator or of the owner of the group.
     pub(super) fn obeys(&self, right: Right) -> bool {
         match right {
             Right::Operator => true,
@@ -153,7 +153,7 @@ impl Group {
         }
     }
 
-    /// The request comes from the process that owns the group.
+    /// Returns whether the process that owns the group sends the request.
     pub(super) fn is_asked_by_owner(&self, asker: &Asker) -> bool {
         self.owner.is_some_and(|owner| asker.lease() == Some(owner.lease) || owner.pid == asker.pid)
     }
@@ -163,14 +163,14 @@ impl Group {
         cx.push(Event::Owner { group: self.index, pid: Some(pid) });
     }
 
-    /// Its owner gave a sign of life, if `lease` is the owner's.
+    /// Records a sign of life of the owner, if it holds `lease`.
     pub(super) fn hear_owner(&mut self, lease: Lease, now: Instant) {
         if let Some(owner) = self.owner.as_mut().filter(|owner| owner.lease == lease) {
             owner.heard = now;
         }
     }
 
-    /// Forgets the owner and its setpoints.
+    /// Removes the owner and its setpoints.
     pub(super) fn disown(&mut self, cx: &mut Context) {
         self.setpoints.forget();
         if self.owner.take().is_some() {
@@ -178,13 +178,14 @@ impl Group {
         }
     }
 
-    /// Excludes the motor at `place`, or ends that. The setpoints were checked for the other case.
+    /// Excludes or includes the motor at `place`. Removes the setpoints: they were checked for the
+    /// previous case.
     pub(super) fn exclude(&mut self, place: usize, excluded: bool, cx: &mut Context) {
         self.motors[place].exclude(excluded, cx);
         self.setpoints.forget();
     }
 
-    /// Leaves the latched cause, if there is one.
+    /// Clears the latched cause, if any.
     pub(super) fn reset(&mut self, cx: &mut Context) {
         if self.cause.take().is_some() {
             self.over_voltage = false;
@@ -192,17 +193,17 @@ impl Group {
         }
     }
 
-    /// Age of the setpoints in use; `None` when there are none.
+    /// Returns the age of the setpoints in use; `None` when there are none.
     pub(super) fn setpoint_age(&self, now: Instant) -> Option<Duration> {
         self.setpoints.age(now)
     }
 
-    /// The setpoints in use are not older than the limit.
+    /// Returns whether the setpoints in use are not older than the limit.
     pub(super) fn has_fresh_setpoints(&self, cx: &Context) -> bool {
         self.setpoint_age(cx.now).is_some_and(|age| age <= cx.safety.setpoint_timeout)
     }
 
-    /// The first motor whose setpoint would make it jump.
+    /// Returns the first motor whose setpoint would make it jump.
     pub(super) fn first_jump(&self, cx: &Context) -> Option<&Motor> {
         let mut included = self.motors.iter().enumerate().filter(|(_, motor)| !motor.is_excluded());
         included.find_map(|(place, motor)| {

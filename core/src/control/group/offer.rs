@@ -7,14 +7,15 @@ use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
 use motord_shared::{JointSetpoint, Rejection, SetpointMessage, SetpointMode};
 
-/// A setpoint may be stamped this much later than the cycle's own reading of the clock.
+/// A setpoint may be stamped this much later than the cycle's reading of the clock.
 const FUTURE_MAX: Duration = Duration::from_millis(1);
-/// A sequence number may rise by this much at once; a larger step is a message that was never counted up.
+/// Largest step of a sequence number. A larger one is an arbitrary number.
 const SEQUENCE_STEP_MAX: u64 = 1 << 32;
 
 impl Group {
-    /// Takes the setpoints of `message` before a cycle decides, or counts why not. `cx` is still that of the cycle before.
-    /// Does not allocate; bounded by the joints of one message.
+    /// Takes the setpoints of `message` before a cycle decides, or counts the reason of the
+    /// rejection. `cx` is that of the previous cycle. Does not allocate; bounded by the joints of
+    /// one message.
     pub(crate) fn offer(&mut self, message: &SetpointMessage, now: Instant, cx: &Context) {
         match self.check(message, now, cx.safety.setpoint_timeout) {
             Ok(()) => self.accept(message, now, cx.wake.cycle),
@@ -25,7 +26,7 @@ impl Group {
         }
     }
 
-    /// `before` is the number of the cycle before.
+    /// `before` is the number of the previous cycle.
     fn accept(&mut self, message: &SetpointMessage, now: Instant, before: u64) {
         let Self { setpoints, owner, accepted, late, .. } = self;
         setpoints.answered = if message.cycle > before { 0 } else { message.cycle };
@@ -81,7 +82,8 @@ fn check_joint(joint: &JointSetpoint, motor: &MotorSettings) -> Result<(), Rejec
     }
 }
 
-/// The setpoint of a joint that passed [`check_joint`]. An excluded joint may have failed it, but nothing uses its setpoint.
+/// Returns the setpoint of a joint that passed [`check_joint`]. An excluded joint may have failed,
+/// but its setpoint is not used.
 fn setpoint(joint: &JointSetpoint) -> Setpoint {
     let mode = SetpointMode::try_from(joint.mode).unwrap_or(SetpointMode::Impedance);
     Setpoint { values: values(joint), mode }

@@ -1,4 +1,4 @@
-//! Moves a group from phase to phase; the phases are drawn in [`group`](super).
+//! The transitions between the phases of a group. The module [`group`](super) has the diagram.
 
 use super::{Group, Latched};
 use crate::control::Event;
@@ -28,7 +28,7 @@ impl Group {
             },
             Some(motor) => {
                 let late = cx.now.since(self.since) > cx.safety.start_timeout;
-                // A fault may be its joint's matter only, but then this joint does not start any more.
+                // A fault may stop its joint only, but then this joint cannot start.
                 (late || motor.mode() != MotorMode::Starting).then_some(motor.joint)
             }
         };
@@ -69,15 +69,16 @@ impl Group {
         self.enter(Phase::Disarmed, cx);
     }
 
-    /// Latches `cause`, and follows no setpoint from now on. A disarmed group latches only a shutdown and a lost directory.
-    /// Nothing about an excluded motor is a cause.
+    /// Latches `cause`, and stops following setpoints. A disarmed group latches only a shutdown and
+    /// a lost directory. An excluded motor causes no stop.
     pub(crate) fn stop(&mut self, cause: Cause, joint: Option<usize>, cx: &mut Context) {
         if !self.motors.iter().any(|motor| motor.is_excluded() && Some(motor.joint) == joint) {
             self.stop_as(Latched { cause, joint, pid: None }, cx);
         }
     }
 
-    /// As [`stop`](Self::stop), because process `pid` asked for it. A request latches also where nothing moves.
+    /// As [`stop`](Self::stop), for a request of process `pid`. A request latches also in a
+    /// disarmed group.
     pub(crate) fn stop_for(&mut self, cause: Cause, pid: u32, cx: &mut Context) {
         self.stop_as(Latched { cause, joint: None, pid: Some(pid) }, cx);
     }
@@ -94,7 +95,8 @@ impl Group {
         }
     }
 
-    /// Latches the first cause; later ones are consequences. An emergency stop is never hidden by another cause.
+    /// Latches the first cause: later ones are consequences. An emergency stop replaces any other
+    /// cause.
     fn latch(&mut self, latched: Latched) -> bool {
         let emergency = latched.cause == Cause::EmergencyStop && self.cause() != Some(Cause::EmergencyStop);
         let latches = self.cause.is_none() || emergency;
@@ -104,8 +106,9 @@ impl Group {
         latches
     }
 
-    /// Begins the safe stop of a group that is starting or active: stops its motors at once, damps them, or first holds them
-    /// if the reason `may_hold`. A later reason that may not hold ends a hold.
+    /// Begins the safe stop of a group that is starting or active: stops its motors immediately,
+    /// damps them, or first holds them if the cause `may_hold`. A later cause that may not hold
+    /// ends a hold.
     pub(crate) fn begin_damping(&mut self, may_hold: bool, cx: &mut Context) {
         if !matches!(self.phase, Phase::Starting | Phase::Active) {
             return self.let_go(cx.now, !may_hold);
@@ -121,7 +124,7 @@ impl Group {
         }
     }
 
-    /// Ends a hold when its time is over, or at once: the group is damped from `now` on.
+    /// Ends a hold when its time is over, or immediately. The group is damped from `now` on.
     fn let_go(&mut self, now: Instant, at_once: bool) {
         if self.held_until.take_if(|until| at_once || *until <= now).is_some() {
             self.begin(Phase::Damping, now);
@@ -148,7 +151,8 @@ impl Group {
     }
 }
 
-/// A robot is only held still while everything but its owner is well: the reports of its motors are true, and on time.
+/// Returns whether a group may hold: only its owner failed, so the reports of its motors are
+/// usable.
 fn may_hold(cause: Cause) -> bool {
     matches!(cause, Cause::SetpointTimeout | Cause::OwnerLost | Cause::OwnerDied | Cause::Disabled)
 }

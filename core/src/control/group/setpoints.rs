@@ -8,7 +8,7 @@ use motord_bus::{Duration, Instant};
 pub(super) struct Setpoints {
     /// When they were sent, or when they arrived if that was earlier. `None`: there are none.
     pub(super) at: Option<Instant>,
-    /// The cycle whose states they answer; 0 when their owner tells none that has been.
+    /// The cycle whose states they answer; 0 when their owner names no past cycle.
     pub(super) answered: u64,
     /// The cycle that first used them; 0 before it.
     pub(super) used: u64,
@@ -16,7 +16,7 @@ pub(super) struct Setpoints {
 }
 
 impl Setpoints {
-    /// None, for a group of so many joints. Allocates; nothing after it does.
+    /// Creates an empty buffer for a group of `joints` joints. Allocates; nothing after it does.
     pub(super) fn new(joints: usize) -> Self {
         Self { at: None, answered: 0, used: 0, joints: vec![Setpoint::NEUTRAL; joints] }
     }
@@ -33,7 +33,7 @@ impl Setpoints {
         (self.at, self.answered, self.used) = (None, 0, 0);
     }
 
-    /// The cycle with this number uses them, if there are any.
+    /// Records that the cycle with this number uses them, if there are any.
     pub(super) const fn begin_use(&mut self, cycle: u64) {
         if self.at.is_some() && self.used == 0 {
             self.used = cycle;

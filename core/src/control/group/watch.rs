@@ -1,4 +1,4 @@
-//! Draws the consequences of observations for a group: heat, buses, its owner, states, faults, silence.
+//! Reacts to observations: heat, buses, the owner, states, faults, missed replies.
 
 use super::Group;
 use crate::control::bus_health::BusHealth;
@@ -10,7 +10,8 @@ use motord_bus::{Duration, Instant};
 use motord_protocol::Faults;
 use motord_shared::{Cause, Lease, Phase};
 
-/// The owner of a disarmed or damped group has gone after this silence, or after the setpoint timeout where that is longer.
+/// The owner of a disarmed or damped group loses it after this silence, or after the setpoint
+/// timeout where that is longer.
 const OWNER_SILENCE: Duration = Duration::from_secs(1);
 
 /// The consequence of a report for the other groups.
@@ -25,8 +26,8 @@ pub(crate) enum Report {
 }
 
 impl Group {
-    /// Follows the heat of all windings, and stops the group when one is overheated: in the modes in which the drive itself
-    /// decides on the torque, no limit can derate it.
+    /// Updates the heat of all windings, and stops the group when one is overheated: no limit
+    /// derates the modes in which the drive controls the torque.
     pub(super) fn watch_heat(&mut self, elapsed: Duration, cx: &mut Context) {
         let elapsed = elapsed.as_secs_f64();
         let mut hottest = None;
@@ -72,7 +73,7 @@ impl Group {
         }
     }
 
-    /// The process of the owner with `lease` has ended.
+    /// Ends the ownership of `lease`, whose process exited.
     pub(crate) fn end_owner(&mut self, lease: Lease, cx: &mut Context) {
         if !self.is_owned_by(lease) {
             return;
@@ -83,7 +84,8 @@ impl Group {
         self.disown(cx);
     }
 
-    /// The motor at `place` answered at `at`. Does not allocate; bounded by the motors of the group.
+    /// Takes a reply of the motor at `place` that arrived at `at`. Does not allocate; bounded by
+    /// the motors of the group.
     #[inline(always)]
     pub(crate) fn receive(
         &mut self,
@@ -92,7 +94,7 @@ impl Group {
         at: Instant,
         cx: &mut Context,
     ) -> Report {
-        // Nearly all are states: they come first, and are not told from the others one by one.
+        // Nearly all replies are states, so they are checked first.
         if let Reported::State(state, latency, status) = *reported {
             return self.receive_state(place, state, (at, latency), status, cx);
         }
@@ -109,7 +111,7 @@ impl Group {
         Report::None
     }
 
-    /// A state of the motor at `place` arrived, `latency` after its command.
+    /// Takes a state of the motor at `place` that arrived `latency` after its command.
     #[inline(always)]
     fn receive_state(
         &mut self,
@@ -150,7 +152,7 @@ impl Group {
         Report::None
     }
 
-    /// The motor at `place` answered one question twice.
+    /// Records that the motor at `place` answered one question twice.
     pub(crate) fn receive_duplicate(&mut self, place: usize, cx: &mut Context) {
         let motor = &mut self.motors[place];
         if motor.report_twice() {
@@ -159,7 +161,7 @@ impl Group {
         }
     }
 
-    /// A cycle begins: where it is the turn of a motor, the turn before is over.
+    /// Begins a cycle: ends the previous turn of each motor whose turn it is.
     pub(super) fn begin_turns(&mut self, cx: &mut Context) {
         for place in 0..self.motors.len() {
             let turn = &mut self.motors[place].turn;
@@ -169,7 +171,7 @@ impl Group {
         }
     }
 
-    /// A cycle is over, and every answer that can come in it has come.
+    /// Ends the turns that last for one cycle: no further reply of it is read.
     pub(crate) fn end_cycle(&mut self, cx: &mut Context) {
         for place in 0..self.motors.len() {
             if !self.motors[place].turn.outlasts_cycle {
@@ -178,7 +180,7 @@ impl Group {
         }
     }
 
-    /// The turn of the motor at `place` is over.
+    /// Ends the turn of the motor at `place`.
     #[inline(always)]
     fn end_turn(&mut self, place: usize, cx: &mut Context) {
         let motor = &mut self.motors[place];

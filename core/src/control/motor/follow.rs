@@ -11,7 +11,7 @@ use motord_shared::SetpointMode;
 
 /// Damping, or the slope of a braked speed, that is left when a motor reports over-voltage.
 const OVER_VOLTAGE_DAMPING: f32 = 0.25;
-/// A state that answers the last turn is not older than so many turns, jitter included.
+/// Largest age of a state that answers the last turn, in turns, jitter included.
 const LATE_TURNS: f32 = 1.5;
 
 impl Motor {
@@ -28,8 +28,8 @@ impl Motor {
         Command::Control(self.executable(applied.setpoint, cx))
     }
 
-    /// The `applied` setpoint as the motor can execute it. A motor without impedance control gets the torque of the setpoint at
-    /// its last believed state.
+    /// Returns the `applied` setpoint as the motor can execute it. A motor without impedance
+    /// control gets the torque of the setpoint at its last plausible state.
     fn executable(&self, applied: Setpoint, cx: &Context) -> Setpoint {
         let Setpoint { values, mode } = applied;
         if self.settings.capabilities.impedance || mode != SetpointMode::Impedance {
@@ -43,8 +43,9 @@ impl Motor {
         Setpoint { values: torque, mode: SetpointMode::Torque }
     }
 
-    /// The share of stiffness and damping that is left at the age of the state, 1 down to 0. A control loop over a late state
-    /// becomes unstable at lower gains, so gain times age is never more than with a state of the last turn.
+    /// Returns the factor for stiffness and damping at the age of the state, 1 down to 0. A control
+    /// loop over a late state becomes unstable at lower gains, so gain times age is at most that of
+    /// a state of the last turn.
     fn share_of_gains(&self, cx: &Context) -> f32 {
         let turn = self.turn_time(cx);
         let age = cx.now.since(self.measured_at).as_secs_f32();
@@ -55,7 +56,7 @@ impl Motor {
         let (Some(wanted), Some(measured)) = (orders.wanted, self.measured()) else {
             return self.damp(None, orders, cx);
         };
-        // A value that the last setpoint did not use is meaningless: slew from the measured one.
+        // The last setpoint did not use these values: slew from the measured ones.
         let mut previous = self.applied.setpoint;
         if !previous.pulls() {
             previous.values.position = measured.position;
@@ -81,7 +82,8 @@ impl Motor {
         let limits = &self.settings.limits;
         let share = if orders.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
         let kd = self.settings.damping_kd * share;
-        // A motor without impedance mode holds and brakes by itself: its setpoints have no gains to do it with.
+        // The drive of a motor without impedance mode holds and brakes: its setpoints have no
+        // gains.
         let impedance = self.settings.capabilities.impedance;
         match (held, self.measured()) {
             (Some(held), Some(measured)) => {
@@ -95,12 +97,13 @@ impl Motor {
         }
     }
 
-    /// The time that a command lasts, s.
+    /// Returns the time that a command lasts, s.
     fn turn_time(&self, cx: &Context) -> f32 {
         self.turn.elapsed.unwrap_or(cx.elapsed)
     }
 
-    /// Age of its state, s. Where every cycle is a turn, it counts the cycles without a state, and at least the unanswered ones.
+    /// Returns the age of its state, s. Where every cycle is a turn, this counts the cycles without
+    /// a state, and at least the unanswered ones.
     fn age(&self, cx: &Context) -> f32 {
         match self.turn.outlasts_cycle {
             true => cx.now.since(self.measured_at).as_secs_f32(),

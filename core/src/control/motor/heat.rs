@@ -1,7 +1,8 @@
-//! The heat of a winding, from the torque it gave: an I²t model, for many drives report no temperature.
+//! Models the heat of a winding from its torque (I²t), because many drives report no temperature.
 //!
-//! Loss goes with the square of the torque. In a measure where the rated torque, given for good, ends at 1, the heat
-//! follows d heat / dt = ((torque / rated)² − heat) / time constant, and the torque that may be given follows the heat:
+//! The loss is proportional to the square of the torque. The unit of heat is the steady state at
+//! rated torque: d heat / dt = ((torque / rated)² − heat) / time constant. The allowed torque
+//! follows the heat:
 //!
 //! ```text
 //!   limit ────────────────╮
@@ -14,8 +15,8 @@ use crate::settings::MotorSettings;
 
 /// Heat above which the permitted torque falls.
 const KNEE: f64 = 0.8;
-/// Beyond it the winding is warmer than any torque that was allowed makes it: something else warms it, or the motor does
-/// not do as it is commanded.
+/// No allowed torque heats the winding beyond this value: it has another source of heat, or the
+/// motor does not follow its commands.
 const OVERHEATED: f64 = 1.2;
 /// Twice the rated torque warms a cold winding to 1 within this part of the time constant: ln(4/3), by the equation.
 const TWICE_RATED: f64 = 0.287_682_072_451_781;
@@ -24,16 +25,16 @@ const TWICE_RATED: f64 = 0.287_682_072_451_781;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Heat {
     value: f64,
-    /// The torque that it can give for good, N·m.
+    /// Continuous torque, N·m.
     rated: f32,
-    /// The most torque that it can give, N·m.
+    /// Highest torque, N·m.
     peak: f32,
     /// s.
     time_constant: f64,
 }
 
 impl Heat {
-    /// A cold winding.
+    /// Creates a cold winding.
     pub(super) fn of(settings: &MotorSettings) -> Self {
         Self {
             value: 0.0,
@@ -43,15 +44,15 @@ impl Heat {
         }
     }
 
-    /// `torque`, N·m, was given for `elapsed`, s. Readings above peak torque are clamped to it.
+    /// Adds the heat of `torque`, N·m, during `elapsed`, s. Clamps readings to the peak torque.
     pub(super) fn warm(&mut self, torque: f32, elapsed: f64) {
         let torque = if torque.abs() < self.peak { torque } else { self.peak };
         let loss = f64::from(torque / self.rated).powi(2);
-        // Implicit, so that no elapsed time, however long, leads beyond the loss.
+        // Implicit integration: no elapsed time leads beyond the loss.
         self.value += (loss - self.value) * elapsed / (self.time_constant + elapsed);
     }
 
-    /// The torque that may be given now, of at most `limit`, N·m.
+    /// Returns the allowed torque, at most `limit`, N·m.
     pub(super) fn allowed(&self, limit: f32) -> f32 {
         if self.value <= KNEE {
             return limit;
@@ -60,7 +61,7 @@ impl Heat {
         limit.min(self.rated + (limit - self.rated).max(0.0) * share)
     }
 
-    /// It is warmer than what was allowed can have made it.
+    /// Returns whether the winding is hotter than allowed torques can heat it.
     pub(super) fn is_overheated(&self) -> bool {
         self.value > OVERHEATED
     }
@@ -76,7 +77,8 @@ mod tests {
     const COLD: Heat = Heat { value: 0.0, rated: RATED, peak: 22.0, time_constant: 10.0 / TWICE_RATED };
     const CYCLE: f64 = 1e-3;
 
-    /// Gives `wanted` for `seconds`, as far as it is allowed. Returns what was allowed last.
+    /// Applies `wanted` for `seconds`, limited to the allowed torque. Returns the last allowed
+    /// torque.
     fn give(heat: &mut Heat, wanted: f32, seconds: u32) -> f32 {
         for _ in 0..seconds * 1000 {
             heat.warm(wanted.min(heat.allowed(LIMIT)), CYCLE);

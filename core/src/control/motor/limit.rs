@@ -224,7 +224,7 @@ impl Limiter {
         self.bounded(limit, value, centre - most, centre + most)
     }
 
-    /// The value within the bounds that is next to `value`. One that is no number becomes the lower bound.
+    /// Returns the value within the bounds that is nearest to `value`. NaN becomes the lower bound.
     #[inline(always)]
     fn bounded(&mut self, limit: Limit, value: f32, low: f32, high: f32) -> f32 {
         let inside = nearest(value, low, high);
@@ -233,7 +233,7 @@ impl Limiter {
     }
 }
 
-/// Limits seldom act.
+/// Cold: most setpoints are within the limits.
 #[cold]
 fn nearest(value: f32, low: f32, high: f32) -> f32 {
     let inside = if value > low { value } else { low };

@@ -1,6 +1,5 @@
-//! One motor, as far as it can be known: its drive reports position, speed and torque, and its faults with every state or
-//! when asked.
-//! The modes are drawn in [`mode`].
+//! One motor, as its drive reports it: position, speed, torque, and faults with every state or on
+//! request. The module [`mode`] has the diagram of its modes.
 
 mod follow;
 mod heat;
@@ -33,9 +32,9 @@ use service::ZERO_TOLERANCE;
 
 /// A motor that has been silent for this many turns is asked for its faults instead.
 const SILENT_TURNS: u32 = 5;
-/// A joint that takes more than this share of the rated torque to stand still bears a load.
+/// A joint at rest whose torque is more than this share of the rated torque bears a load.
 const LOAD_SHARE: f32 = 0.1;
-/// So many states in a row that say "off" stop the group of a motor that should follow setpoints.
+/// Number of consecutive states with "off" that stop the group of an active motor.
 const OFF_STATES_MAX: u32 = 5;
 
 /// One motor and its joint.
@@ -54,9 +53,9 @@ pub(super) struct Motor {
     pub(super) request: Option<ServiceRequest>,
     heat: Heat,
     faults: FaultWatch,
-    /// It was started, and has not confirmed a stop since.
+    /// The motor was started and has not confirmed a stop since.
     may_run: bool,
-    /// Its states in a row that said "off" while it should follow setpoints.
+    /// Number of consecutive states with "off" while the motor should follow setpoints.
     off_states: u32,
     replies: Replies,
     plausibility: Plausibility,
@@ -69,7 +68,7 @@ struct FaultWatch {
     reported: Faults,
     /// When it should be asked next.
     poll_at: Instant,
-    /// It refused a command: it is asked in the next cycle.
+    /// The motor refused a command, and is asked in the next cycle.
     refused: bool,
 }
 
@@ -106,46 +105,48 @@ impl Motor {
         self.measured.as_ref()
     }
 
-    /// Its state was received in the turn before this one, or in this one.
+    /// Returns whether a state arrived in the previous or the current turn.
     pub(super) const fn is_fresh(&self) -> bool {
         self.measured.is_some() && self.replies.age_cycles <= 1
     }
 
-    /// It is known to stand where no setpoint may be.
+    /// Returns whether its known position is outside its limits.
     pub(super) fn is_outside_limits(&self) -> bool {
         let [low, high] = self.settings.limits.position;
         self.measured.is_some_and(|state| !(low..=high).contains(&state.position))
     }
 
-    /// It is known to turn slower than `rest_velocity`, rad/s, and would do so without its drive.
+    /// Returns whether it is known to turn slower than `rest_velocity`, rad/s, and not only because
+    /// its drive brakes it.
     pub(super) fn is_at_rest(&self, rest_velocity: f32) -> bool {
         let rests =
             |state: Measured<Joint>| state.velocity.abs() < rest_velocity && !self.is_held_by_brake(&state);
         self.is_fresh() && self.measured.is_some_and(rests)
     }
 
-    /// Its drive brakes it against a load: it stands still, and falls when it is let go. A damped joint under a load sinks.
+    /// Returns whether its drive brakes it against a load: the joint would fall without torque. A
+    /// damped joint under a load sinks.
     fn is_held_by_brake(&self, state: &Measured<Joint>) -> bool {
         !self.settings.capabilities.impedance && state.torque.abs() > LOAD_SHARE * self.settings.rated_torque
     }
 
-    /// It was started, and nothing says that it has stopped since. A motor in fault stopped by itself.
+    /// Returns whether it was started and may still run. A motor in fault has stopped.
     pub(super) const fn may_run(&self) -> bool {
         self.may_run && !matches!(self.mode, Mode::Fault { .. })
     }
 
-    /// It answered after it was started; an excluded one is not started.
+    /// Returns whether it answered after it was started. An excluded motor is not started.
     pub(super) fn is_ready(&self) -> bool {
         self.mode == Mode::Starting(Start::Ready) || self.is_excluded()
     }
 
-    /// An operator or the configuration says that it is not there.
+    /// Returns whether an operator or the configuration excludes it.
     pub(super) const fn is_excluded(&self) -> bool {
         matches!(self.mode, Mode::Excluded(_))
     }
 
-    /// Excludes it: only its confirmation of a stop is used from now on. Or includes it: it is looked for again. Only while
-    /// its group is disarmed.
+    /// Excludes it: of its replies only the confirmation of a stop is used. Or includes it: it is
+    /// probed again. Only while its group is disarmed.
     pub(super) fn exclude(&mut self, excluded: bool, cx: &mut Context) {
         if self.is_excluded() != excluded {
             self.mode = if excluded { Mode::EXCLUDED } else { Mode::OFFLINE };
@@ -158,12 +159,12 @@ impl Motor {
         }
     }
 
-    /// Two motors answer to its id.
+    /// Returns whether two motors answer to its id.
     pub(super) const fn is_doubled(&self) -> bool {
         self.plausibility.is_doubled()
     }
 
-    /// It has reported no state since the daemon started, and is not excluded.
+    /// Returns whether it has reported no state since the daemon started, and is not excluded.
     pub(super) fn was_never_heard(&self) -> bool {
         self.measured_at == Instant::ZERO && !self.is_excluded()
     }
@@ -180,7 +181,7 @@ impl Motor {
         self.may_run = true;
     }
 
-    /// From now on it follows setpoints; the slew limits start from where it stands.
+    /// Begins to follow setpoints. The slew limits start from its position.
     pub(super) fn activate(&mut self) {
         if self.is_excluded() {
             return;
@@ -190,7 +191,7 @@ impl Motor {
         self.applied.setpoint = Setpoint::impedance(Impedance::new(position, 0.0, 0.0, 0.0, 0.0));
     }
 
-    /// Leaves setpoints behind.
+    /// Stops following setpoints.
     pub(super) fn begin_damping(&mut self) {
         if matches!(self.mode, Mode::Starting(_) | Mode::Active) {
             let Impedance { kp, kd, .. } = self.applied.setpoint.values;
@@ -200,15 +201,15 @@ impl Motor {
         }
     }
 
-    /// From now on it receives only stop commands.
+    /// Sends only stop commands from now on.
     pub(super) const fn rest(&mut self) {
         if self.mode.is_moving() {
             self.mode = Mode::Idle;
         }
     }
 
-    /// Its winding gave torque for `elapsed`, s: the reported one, or the commanded one when that is more. So a motor that
-    /// reports too little torque is not allowed more heat.
+    /// Adds the heat of `elapsed`, s, at the larger of the reported and the commanded torque: a
+    /// motor that reports too little torque is not allowed more heat.
     pub(super) fn warm(&mut self, elapsed: f64) {
         let fresh = self.measured.filter(|_| self.is_fresh());
         let reported = fresh.map_or(0.0, |state| state.torque.abs());
@@ -237,7 +238,7 @@ impl Motor {
         command
     }
 
-    /// A motor whose states have its faults is told to stop instead of being asked for them.
+    /// Replaces a question for faults by a stop, for a motor whose states contain its faults.
     const fn translated(&self, command: Command) -> Command {
         match command {
             Command::GetFault if !self.settings.capabilities.answers_fault_question => Command::Stop,
@@ -245,8 +246,9 @@ impl Motor {
         }
     }
 
-    /// A silent motor may be one in fault that answers nothing but a question for its fault (GIM document 3.2.16): every
-    /// so often that question takes the place of the command. Never twice in a row: a motor that moves needs its commands.
+    /// Returns whether a question for faults replaces the command. A motor in fault may answer
+    /// nothing else (GIM document 3.2.16), so a silent motor is asked at intervals. Never in two
+    /// consecutive turns: a moving motor needs its commands.
     const fn doubts(&mut self) -> bool {
         if self.replies.asked_fault {
             return false;
@@ -257,8 +259,8 @@ impl Motor {
         doubts && self.settings.capabilities.answers_fault_question
     }
 
-    /// Its state came, `latency` after the command, and says whether the motor `runs`, or nothing of it. A state that cannot be
-    /// true is counted, and not used.
+    /// Takes its state, which arrived `latency` after the command. `runs` is `None` where states do
+    /// not contain it. Counts an implausible state, and does not use it.
     ///
     /// # Errors
     /// The cause for which its group must be stopped.
@@ -327,14 +329,14 @@ impl Motor {
         self.confirm_zero(cx);
     }
 
-    /// A state came that says whether the motor `runs`, or nothing of it. As the answer to a stop, it confirms the stop unless it
-    /// says that the motor runs.
+    /// Takes a state as the confirmation of a stop, if it answers a stop and does not report that
+    /// the motor `runs`.
     fn confirm_stop(&mut self, runs: Option<bool>) {
         let confirms = self.settings.capabilities.state_confirms_stop && runs != Some(true);
         self.may_run &= !(self.replies.asked_stop && confirms);
     }
 
-    /// It answered, but not with a state. One that was offline is asked for that at once.
+    /// Records an answer without a state. An offline motor is probed in the next cycle.
     pub(super) const fn report_alive(&mut self) {
         self.replies.alive();
         match &mut self.mode {
@@ -344,29 +346,29 @@ impl Motor {
         }
     }
 
-    /// It confirmed a stop.
+    /// Records the confirmation of a stop.
     pub(super) const fn report_stop(&mut self) {
         self.report_alive();
         self.may_run = false;
     }
 
-    /// It refuses the command.
+    /// Records that it refuses the command.
     pub(super) const fn report_refusal(&mut self) {
         self.replies.alive();
         self.faults.refused = true;
     }
 
-    /// It answered too late.
+    /// Counts a late answer.
     pub(super) const fn report_late(&mut self) {
         self.replies.late = self.replies.late.wrapping_add(1);
     }
 
-    /// It answered one question twice. Returns whether two motors share its id.
+    /// Records a second answer to one question. Returns whether two motors share its id.
     pub(super) fn report_twice(&mut self) -> bool {
         self.plausibility.duplicate()
     }
 
-    /// Its fault bits came.
+    /// Takes its fault bits.
     pub(super) fn report_fault(&mut self, fault: Faults, at: Instant, cx: &mut Context) {
         self.faults.poll_at = at + Duration::from_secs_f64(1.0 / cx.safety.fault_poll_hz.max(0.01));
         let was_in_fault = matches!(self.mode, Mode::Fault { .. });
@@ -388,14 +390,14 @@ impl Motor {
         }
     }
 
-    /// The bus did not take the command that its request is about.
+    /// Repeats the command of its request, which the bus did not accept.
     pub(super) const fn resume_request(&mut self) {
         if let Some(request) = &mut self.request {
             request.sent = false;
         }
     }
 
-    /// Gives a request up whose time is over.
+    /// Refuses a request whose deadline has passed.
     pub(super) fn watch_request(&mut self, cx: &mut Context) {
         if let Some(request) = self.request.take_if(|request| cx.now > request.deadline) {
             cx.answer(request.ticket, Err(Refused::joint(Refusal::NotConfirmed, self.joint)));
@@ -422,7 +424,7 @@ impl Motor {
         }
     }
 
-    /// Its turn is over. Returns whether the motor is lost by its silence.
+    /// Ends its turn. Returns whether the motor is lost.
     #[inline(always)]
     pub(super) fn end_turn(&mut self, cx: &Context) -> bool {
         self.plausibility.end_turn();
@@ -433,12 +435,12 @@ impl Motor {
         self.end_unanswered_turn(cx)
     }
 
-    /// Its turn is over without a state. Returns whether the motor is lost by its silence.
+    /// Ends a turn without a state. Returns whether the motor is lost.
     #[cold]
     fn end_unanswered_turn(&mut self, cx: &Context) -> bool {
         self.replies.age(cx.publications);
         let counts = !matches!(self.mode, Mode::Offline(_) | Mode::Excluded(_)) && self.request.is_none();
-        // It answers, but has reported no state for too long while it is meant to move: it refuses its commands.
+        // It answers, but reports no state while it should move: it refuses its commands.
         let lost_cycles = cx.safety.lost_cycles;
         let blind = self.mode.is_moving() && self.replies.age_cycles >= lost_cycles;
         let lost = blind || counts && self.replies.miss(cx.wake.cycle) >= lost_cycles;
@@ -451,8 +453,8 @@ impl Motor {
         lost
     }
 
-    /// When it should be asked for its faults next, if it may be asked now: no service request is under way, its state has
-    /// arrived, and no late reply can be mistaken for the answer.
+    /// Returns when it should be asked for its faults next, if it may be asked now: no service
+    /// request is open, its state has arrived, and no late reply can be mistaken for the answer.
     pub(super) fn poll_at(&self, cycle: u64) -> Option<Instant> {
         let answers = self.settings.capabilities.answers_fault_question;
         (answers && self.request.is_none() && self.replies.is_settled(cycle)).then_some(self.faults.poll_at)

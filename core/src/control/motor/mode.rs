@@ -21,17 +21,18 @@ use motord_shared::MotorMode;
 
 /// Neutral commands that a motor receives before it is started.
 const NEUTRAL_CYCLES: u32 = 10;
-/// A motor that is offline is asked this often whether it is back.
+/// Interval between probes of an offline motor.
 const PROBE_PERIOD: Duration = Duration::from_millis(100);
-/// One of so many probes asks for the fault: in fault a motor may answer nothing else.
+/// One of this many probes asks for the fault: a motor in fault may answer nothing else.
 const PROBES_PER_FAULT: u32 = 5;
 
 /// Each mode with the data that only it needs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Mode {
-    /// It does not answer.
+    /// The motor does not answer.
     Offline(Probe),
-    /// An operator or the configuration says that it is missing or broken. It gets stops only: it may still run, or come back.
+    /// An operator or the configuration excludes the motor. It gets only stops: it may still run,
+    /// or reconnect.
     Excluded(Probe),
     /// It is stopped.
     Idle,
@@ -44,7 +45,7 @@ pub(super) enum Mode {
         /// Its position and gains when the stop began, where they were known: a stop that holds keeps them.
         held: Option<Impedance<Joint>>,
     },
-    /// It reported a fault, and stopped by itself.
+    /// It reported a fault, and stopped.
     Fault {
         /// The next command asks for the fault.
         asks: bool,
@@ -61,13 +62,13 @@ pub(super) struct Probe {
 /// The steps between `Idle` and `Active`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Start {
-    /// So many neutral commands were sent.
+    /// Number of neutral commands that were sent.
     Neutral(u32),
     /// The start command is sent until it is answered.
     Commanded,
     /// It answered the start command.
     Answered,
-    /// It reported its state in answer to a neutral command after that, and did not say that it is off.
+    /// It answered a later neutral command with a state that does not report "off".
     Ready,
 }
 
@@ -90,13 +91,13 @@ impl Mode {
         }
     }
 
-    /// It is started or being started, or damped after that.
+    /// Returns whether it is starting, active or damping.
     pub(super) const fn is_moving(&self) -> bool {
         matches!(self, Self::Starting(_) | Self::Active | Self::Damping { .. })
     }
 
-    /// The command of this cycle in the modes that depend on nothing else. `Active` and `Damping` follow their group:
-    /// for them it is a stop.
+    /// Returns the command of this cycle in the modes that depend on nothing else. `Active` and
+    /// `Damping` depend on their group: for them this is a stop.
     pub(super) fn command(&mut self, now: Instant) -> Command {
         match self {
             Self::Offline(probe) => probe.command(now),
@@ -112,7 +113,7 @@ impl Mode {
 }
 
 impl Probe {
-    /// It is there: the next command need not wait.
+    /// Makes the next probe due immediately.
     pub(super) const fn hurry(&mut self) {
         self.next = Instant::ZERO;
     }
@@ -149,7 +150,7 @@ impl Start {
         }
     }
 
-    /// The motor answered: `is_on` with a state that does not say "off".
+    /// Records an answer; `is_on`: with a state that does not report "off".
     pub(super) const fn answered(&mut self, is_on: bool) {
         *self = match *self {
             Self::Commanded => Self::Answered,

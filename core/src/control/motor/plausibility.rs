@@ -1,13 +1,13 @@
-//! Whether a report of a motor can be true, and whether the motor does as it is commanded.
+//! Judges the plausibility of a motor's reports, and whether the motor follows its commands.
 //!
 //! | observation | for how long | cause |
 //! |---|---|---|
 //! | a step longer than the motor's top speed allows | 3 replies in a row | implausible |
-//! | speed, while the position stands still to the code | 50 ms | encoder-stuck |
+//! | speed, while the code of the position does not change | 50 ms | encoder-stuck |
 //! | 1.2 times the joint's speed limit, or the end of the speeds that the motor can report | 5 ms | overspeed |
 //! | too far from the position it is pulled to | 50 ms | following-error |
 //! | at the temperature limit | 1 s | over-temperature |
-//! | the end of the positions that the motor can report | at once | range-end |
+//! | the end of the positions that the motor can report | immediately | range-end |
 //! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
 use crate::joint::{Joint, Measured};
@@ -15,12 +15,12 @@ use crate::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_bus::{Duration, Instant};
 use motord_shared::Cause;
 
-/// A step may be this much longer than speed and time say: codes are coarse, and replies jitter.
+/// Tolerance of a step against speed times time: codes are coarse, and replies jitter.
 const STEP_FACTOR: f32 = 1.5;
 const STEP_MARGIN: f32 = 0.02;
-/// So many implausible replies in a row are no longer noise: the last is believed, and the group is stopped.
+/// After this many consecutive implausible replies the last one is used, and the group is stopped.
 const STEPS_MAX: u32 = 3;
-/// Slower than this, rad/s, a position may well keep its code for a while.
+/// Below this speed, rad/s, the code of a position may stay the same.
 const STUCK_VELOCITY: f32 = 0.5;
 const STUCK_TIME: Duration = Duration::from_millis(50);
 const OVERSPEED_FACTOR: f32 = 1.2;
@@ -34,8 +34,8 @@ const HOT_TIME: Duration = Duration::from_secs(1);
 const TEMPERATURES: core::ops::RangeInclusive<f32> = -40.0..=180.0;
 /// No winding heats up by this much from one reply to the next, K.
 const TEMPERATURE_STEP: f32 = 20.0;
-/// So close to the end of the positions that a motor can report, rad, it is stopped: beyond the end it wraps or clamps, and
-/// the vendors' documents do not say which.
+/// Distance to the end of the positions that a motor can report, rad, at which it is stopped.
+/// Beyond the end it wraps or clamps; the vendors' documents do not state which.
 const END_MARGIN: f32 = 0.5;
 /// A leaky bucket: a second answer adds, every turn takes one off.
 const DUPLICATE_WEIGHT: u32 = 2;
@@ -53,12 +53,12 @@ pub(super) struct Plausibility {
     duplicates: u32,
 }
 
-/// Since when something has been so.
+/// How long a condition has held.
 #[derive(Debug, Clone, Copy, Default)]
 struct Since(Option<Instant>);
 
 impl Since {
-    /// It is so now, or not. Tells whether it has been so for `time`.
+    /// Updates the condition. Returns whether it has held for `time`.
     fn lasts(&mut self, so: bool, at: Instant, time: Duration) -> bool {
         if !so {
             self.0 = None;
@@ -68,15 +68,15 @@ impl Since {
     }
 }
 
-/// The knowledge that a report is judged by.
+/// The data that a report is judged by.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expectation<'a> {
     pub(super) settings: &'a MotorSettings,
-    /// The state before, and when it came.
+    /// The previous state and its arrival.
     pub(super) before: Option<(&'a Measured<Joint>, Instant)>,
-    /// The position that the motor is commanded to, rad, if it is.
+    /// The commanded position, rad, if any.
     pub(super) pulled_to: Option<f32>,
-    /// It follows setpoints.
+    /// The motor follows setpoints.
     pub(super) active: bool,
 }
 
@@ -87,12 +87,12 @@ pub(super) enum Verdict {
     Sound(Measured<Joint>),
     /// It may be used, but the group must be stopped.
     Stop(Measured<Joint>, Cause),
-    /// It cannot be true.
+    /// It is implausible.
     Unbelievable,
 }
 
 impl Plausibility {
-    /// Judges `reported`, which came at `at`. Constant time.
+    /// Judges `reported`, which arrived at `at`. Constant time.
     #[inline(always)]
     pub(super) fn judge(
         &mut self,
@@ -117,18 +117,18 @@ impl Plausibility {
         }
     }
 
-    /// A second answer to one question. Tells whether two motors share the id.
+    /// Records a second answer to one question. Returns whether two motors share the id.
     pub(super) fn duplicate(&mut self) -> bool {
         self.duplicates = (self.duplicates + DUPLICATE_WEIGHT).min(4 * DUPLICATES_MAX);
         self.is_doubled()
     }
 
-    /// Two motors answer to this id, as far as was seen lately.
+    /// Returns whether two motors answered to this id recently.
     pub(super) const fn is_doubled(&self) -> bool {
         self.duplicates > DUPLICATES_MAX
     }
 
-    /// A turn is over.
+    /// Ends a turn.
     pub(super) const fn end_turn(&mut self) {
         self.duplicates = self.duplicates.saturating_sub(1);
     }
@@ -170,8 +170,8 @@ impl Plausibility {
         (active && is_at_range_end(reported, pulled_to, settings)).then_some(Cause::RangeEnd)
     }
 
-    /// A single step of the temperature is garbage; many in a row are the truth. A temperature that no motor can have is never
-    /// believed: frost, read without a sign, looks like extreme heat.
+    /// Ignores a single step of the temperature; uses it after many in a row. Ignores impossible
+    /// temperatures always: frost, read without a sign, looks like extreme heat.
     fn believable_temperature(
         &mut self,
         reported: &Measured<Joint>,
@@ -189,7 +189,8 @@ impl Plausibility {
     }
 }
 
-/// The speed from which on a joint with this limit is too fast, where the motor reports speeds up to `end` only, rad/s.
+/// Returns the speed above which a joint with this limit is too fast, rad/s. The motor reports
+/// speeds up to `end`.
 fn overspeed(limit: f32, end: Option<f32>) -> f32 {
     let factored = OVERSPEED_FACTOR * limit;
     let clamped = end.map_or(factored, |end| CLAMPED_FROM * end);
@@ -201,7 +202,8 @@ fn is_far(reported: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSett
     (target - reported.position).abs() > most
 }
 
-/// A motor that wraps may turn on as long as nothing pulls it to a position: commands cannot name a position beyond the range.
+/// A motor that wraps may turn beyond the range while no setpoint pulls it to a position: commands
+/// cannot contain a position there.
 fn is_at_range_end(reported: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
     let Some(end) = settings.capabilities.position_end else { return false };
     let position = settings.transmission.position_to_motor(reported.position);

@@ -1,10 +1,11 @@
-//! The count of one motor's replies: which came, which did not.
+//! Counts the replies of one motor, and those that it missed.
 
 use crate::control::Command;
 use motord_bus::Duration;
 use motord_bus::time::nanos;
 
-/// A motor that missed a reply is not asked for its faults for so many cycles: a late reply could be mistaken for the answer.
+/// Cycles without a question for faults after a missed reply: a late reply could be mistaken for
+/// the answer.
 const SETTLE_CYCLES: u64 = 10;
 
 #[derive(Debug, Default)]
@@ -17,11 +18,11 @@ pub(super) struct Replies {
     pub(super) asked_fault: bool,
     /// It reported its state since the command.
     answered: bool,
-    /// How often states had been published when it reported its state last.
+    /// Number of publications when its last state arrived.
     publications: Option<u64>,
-    /// Turns in a row without any answer.
+    /// Consecutive turns without any answer.
     pub(super) silent: u32,
-    /// Turns in a row whose own command had no answer. A late state ends a silence, but not this.
+    /// Consecutive turns whose command had no answer. A late state ends a silence, but not this.
     pub(super) unanswered: u32,
     /// Turns since its last state; 0 when that came in the last one.
     pub(super) age_cycles: u32,
@@ -38,7 +39,7 @@ pub(super) struct Replies {
 }
 
 impl Replies {
-    /// A command is sent. A state that is not published yet stays new.
+    /// Records that a command is sent. A state that is not published yet stays new.
     pub(super) const fn asked(&mut self, command: &Command) {
         self.asked = command.is_answered_by_state();
         self.asked_stop = matches!(command, Command::Stop);
@@ -46,17 +47,17 @@ impl Replies {
         self.answered = false;
     }
 
-    /// It reported its state in this turn.
+    /// Returns whether a state arrived in this turn.
     pub(super) const fn answered(&self) -> bool {
         self.answered
     }
 
-    /// It reported its state since states were published for the last time.
+    /// Returns whether a state arrived since the last publication.
     pub(super) const fn is_new(&self, publications: u64) -> bool {
         matches!(self.publications, Some(before) if before == publications)
     }
 
-    /// A state came, `latency` after the command.
+    /// Records a state that arrived `latency` after the command.
     pub(super) fn state(&mut self, latency: Duration, publications: u64) {
         self.latency_ns = u32::try_from(nanos(latency)).unwrap_or(u32::MAX);
         self.answered = true;
@@ -64,7 +65,7 @@ impl Replies {
         (self.silent, self.age_cycles) = (0, 0);
     }
 
-    /// The state that came last is not used any more, and is not published as new.
+    /// Discards the last state: it is not published as new.
     pub(super) const fn forget(&mut self, publications: u64) {
         if self.is_new(publications) {
             self.publications = None;
@@ -72,18 +73,19 @@ impl Replies {
         }
     }
 
-    /// Another answer came: no state is awaited any more.
+    /// Records another answer: no state is awaited any more.
     pub(super) const fn alive(&mut self) {
         self.asked = false;
         (self.silent, self.unanswered) = (0, 0);
     }
 
-    /// No state answered the command of this turn. One that is not published yet is not older for that.
+    /// Records a turn without a state. A state that is not published yet does not age.
     pub(super) const fn age(&mut self, publications: u64) {
         self.age_cycles = self.age_cycles.saturating_add(!self.is_new(publications) as u32);
     }
 
-    /// No answer came in a turn that is over in `cycle`. Returns the unanswered turns in a row; 0 where no answer was due.
+    /// Records a turn without an answer that ends in `cycle`. Returns the consecutive unanswered
+    /// turns; 0 where no answer was due.
     pub(super) const fn miss(&mut self, cycle: u64) -> u32 {
         if !self.asked && self.silent == 0 {
             return 0;
@@ -96,7 +98,7 @@ impl Replies {
         self.unanswered
     }
 
-    /// The state of this turn has arrived by `cycle`, and no late reply is to be expected.
+    /// Returns whether the state of this turn has arrived by `cycle` and no late reply is expected.
     pub(super) const fn is_settled(&self, cycle: u64) -> bool {
         self.answered && (self.last_missed == 0 || cycle > self.last_missed + SETTLE_CYCLES)
     }

@@ -1,9 +1,9 @@
-//! A request of an operator to one stopped motor, whose outcome is only known later.
+//! A request of an operator to one stopped motor, whose outcome is known in a later cycle.
 //!
 //! ```text
 //!   SetZero:    send ──▶ wait for a state within 0.01 rad of zero ──▶ done      (MIT document 1.1; protocol note M13)
-//!   ClearFault: send ──▶ ask for the fault, and when it still     ──▶ done      (MIT document 1.2: the clear reply
-//!               has one send again, until it says none                           says nothing, so it is confirmed)
+//!   ClearFault: send ──▶ ask for the fault; send again while      ──▶ done      (MIT document 1.2: the clear reply
+//!               the motor reports one                                            has no content)
 //!   either:     not confirmed in time ──▶ refused
 //! ```
 
@@ -13,7 +13,7 @@ use motord_bus::{Duration, Instant};
 /// Setting the zero writes flash: drives of this family are silent for up to 1.5 s.
 const ZERO_TIME: Duration = Duration::from_secs(3);
 const CLEAR_TIME: Duration = Duration::from_secs(1);
-/// A motor that stands at its new zero reports a position below this, rad.
+/// A motor at its new zero reports a position below this, rad.
 pub(super) const ZERO_TOLERANCE: f32 = 0.01;
 
 /// The kind of a service request.
@@ -27,9 +27,9 @@ pub(crate) enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct ServiceRequest {
     pub(super) kind: Kind,
-    /// Whom to answer.
+    /// The ticket of the answer.
     pub(super) ticket: u32,
-    /// When it has failed.
+    /// The request fails at this time.
     pub(super) deadline: Instant,
     pub(super) sent: bool,
 }
@@ -43,17 +43,17 @@ impl ServiceRequest {
         Self { kind, ticket, deadline: now + time, sent: false }
     }
 
-    /// The command of this kind was sent, and its outcome is awaited.
+    /// Returns whether the command of this kind was sent and its outcome is awaited.
     pub(super) fn awaits(&self, kind: Kind) -> bool {
         self.kind == kind && self.sent
     }
 
-    /// The motor still has its fault: the command may have been lost on the way.
+    /// Sends the clear again: the motor still has its fault, so the command may have been lost.
     pub(super) const fn repeat_clear(&mut self) {
         self.sent &= !matches!(self.kind, Kind::ClearFault);
     }
 
-    /// The command of this cycle.
+    /// Returns the command of this cycle.
     pub(super) const fn command(&mut self) -> Command {
         let first = !self.sent;
         self.sent = true;

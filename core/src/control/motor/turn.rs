@@ -1,7 +1,8 @@
-//! When a motor gets its commands.
+//! The cycles in which a motor gets its commands.
 //!
-//! On most buses every cycle is the turn of every motor, and a reply that has not come by the end of the cycle is missed.
-//! Where motors take turns a reply may come until the motor's next turn, so the turn ends only then.
+//! On most buses every cycle is the turn of every motor, and a reply that has not arrived by the
+//! end of the cycle is missed. Where motors take turns, a reply may arrive until the motor's next
+//! turn.
 
 use core::num::NonZero;
 use motord_bus::{Duration, Instant};
@@ -15,7 +16,7 @@ pub(crate) struct Turn {
     left: u32,
     /// A turn ends when the next begins.
     pub(crate) outlasts_cycle: bool,
-    /// This cycle is not its turn.
+    /// This cycle is not the motor's turn.
     pub(super) waits: bool,
     /// When the last turn began.
     begun: Instant,
@@ -39,8 +40,8 @@ impl Turn {
         Self { every, left: cycle, outlasts_cycle: true, waits: true, elapsed: Some(0.0), ..Self::EACH_CYCLE }
     }
 
-    /// A cycle begins at `now`. Returns whether it is the motor's turn. Cycles are counted as they run, so that missed ticks
-    /// take no motor's turn away.
+    /// Begins a cycle at `now`. Returns whether it is the motor's turn. Missed ticks are not
+    /// counted, so they take no turn from a motor.
     pub(crate) fn begin_cycle(&mut self, now: Instant, period: Duration) -> bool {
         self.waits = self.left > 0;
         if self.waits {

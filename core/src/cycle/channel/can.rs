@@ -22,7 +22,7 @@ pub(crate) struct CanChannel {
     batch: Batch,
     /// By [`Batch`].
     expected: [ReplyTime; 2],
-    /// How long a question and its reply take on the wire at worst.
+    /// Longest time of a question and its reply on the wire.
     question_time: Duration,
 }
 
@@ -81,18 +81,18 @@ impl CanChannel {
         self.wire.withhold(unsent).took_all
     }
 
-    /// When all replies to this batch are expected to have arrived.
+    /// Returns when all replies to this batch are expected to have arrived.
     #[inline]
     pub(crate) fn expected(&self) -> Instant {
         self.sent_at + self.expected[self.batch as usize].latest()
     }
 
-    /// Before it the last reply to this batch seldom arrives.
+    /// Returns the time before which the last reply to this batch rarely arrives.
     pub(crate) fn earliest(&self) -> Instant {
         self.sent_at + self.expected[self.batch as usize].earliest()
     }
 
-    /// Every reply to this batch has arrived: learns how long that takes.
+    /// Records that every reply to this batch has arrived, and adapts the expected reply time.
     #[inline]
     pub(crate) fn complete(&mut self) {
         if !self.wire.is_idle() {
@@ -100,25 +100,26 @@ impl CanChannel {
         }
     }
 
-    /// The cycle waits for a reply to the last batch. A motor that is seldom asked, since it does not answer, is not
-    /// waited for in between.
+    /// Returns whether the cycle waits for a reply to the last batch. It does not wait for offline
+    /// motors between their probes.
     #[inline]
     pub(crate) const fn is_open(&self) -> bool {
         self.awaited > 0
     }
 
-    /// A request of an earlier cycle may still be answered. If so, the next read takes everything that has arrived.
+    /// Returns whether a request of an earlier cycle may still be answered. If so, the next read
+    /// takes everything that has arrived.
     pub(super) const fn reads_early(&mut self) -> bool {
         self.is_cut_short |= self.owes;
         self.owes
     }
 
-    /// How to wait for the bus. No system call.
+    /// Returns how to wait for the bus. No system call.
     pub(crate) fn readiness(&self) -> Readiness<'_> {
         self.wire.readiness()
     }
 
-    /// How long a question and its reply take on the wire at worst.
+    /// Returns the longest time of a question and its reply on the wire.
     pub(crate) const fn question_time(&self) -> Duration {
         self.question_time
     }
@@ -135,7 +136,8 @@ impl CanChannel {
         if takes_all || self.awaited == 0 { Inbox::CAPACITY } else { self.awaited }
     }
 
-    /// A reply that is awaited may be unread, behind something else. The next read takes all.
+    /// Returns whether an awaited reply may be unread, behind another arrival. The next read takes
+    /// all.
     pub(crate) const fn is_cut_short(&self) -> bool {
         self.is_cut_short
     }

@@ -138,7 +138,7 @@ impl Wire {
         self.inbox.clear_for(arrivals);
     }
 
-    /// The last read filled the space that it was given, and the inbox has more.
+    /// Returns whether the last read filled the space that it was given, and the inbox has more.
     pub(super) fn is_read_full(&self) -> bool {
         self.inbox.free() == 0 && self.inbox.arrivals().len() < Inbox::CAPACITY
     }
@@ -186,41 +186,42 @@ impl Wire {
         Arrivals { all: inbox.arrivals().len(), answers }
     }
 
-    /// No frame is queued.
+    /// Returns whether no frame is queued.
     #[inline]
     pub(crate) fn is_idle(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// The motors of the last batch, in the order of its frames.
+    /// Returns the motors of the last batch, in the order of its frames.
     pub(super) fn senders(&self) -> &[usize] {
         &self.senders
     }
 
-    /// The motors of the bus without a frame in the last batch.
+    /// Returns the motors of the bus without a frame in the last batch.
     pub(super) fn others(&self) -> impl Iterator<Item = usize> {
         let others = self.routes.iter().filter(|_| self.senders.len() < self.routes.len());
         others.map(|(_, motor)| *motor).filter(|motor| !self.senders.contains(motor))
     }
 
-    /// The arrival of the last reply; the last sending where none has arrived since.
+    /// Returns the arrival of the last reply; the time of the last sending where none has arrived
+    /// since.
     #[inline]
     pub(super) const fn replied_at(&self) -> Instant {
         self.replied_at
     }
 
-    /// How to wait for the bus. No system call.
+    /// Returns how to wait for the bus. No system call.
     pub(super) fn readiness(&self) -> Readiness<'_> {
         self.bus.readiness()
     }
 
-    /// The condition of the bus as of its last report or refusal.
+    /// Returns the condition of the bus as of its last report or refusal.
     #[inline]
     pub(crate) const fn condition(&self) -> BusCondition {
         self.condition
     }
 
-    /// The counters and the condition, as they are published.
+    /// Returns the counters and the condition, as they are published.
     #[inline]
     pub(crate) const fn report(&self) -> BusState {
         BusState { condition: self.condition.code(), ..self.counters }
