@@ -451,7 +451,7 @@ codes! {
     BusCondition {
         Active = 0 "active" "The controller takes full part in the bus.",
         Warning = 1 "warning" "The controller counted many errors.",
-        Passive = 2 "passive" "The controller counted so many errors that it may no longer interrupt others.",
+        Passive = 2 "passive" "The controller counted many errors, and may no longer interrupt other nodes.",
         Off = 3 "off" "The controller left the bus.",
         Down = 4 "down" "The interface is down.",
         Gone = 5 "gone" "The interface does not exist.",
