@@ -31,7 +31,7 @@ impl Outlet for Missing {
 const BEGIN: Instant = Instant::from_nanos(1);
 
 fn frames() -> BusFrames {
-    let frame = |last| Frame::full(FrameId::new(1).unwrap(), [0, 0, 0, 0, 0, 0, 0, last]);
+    let frame = |last| Frame::classic(FrameId::new(1).unwrap(), [0, 0, 0, 0, 0, 0, 0, last]);
     BusFrames { damp: vec![frame(0)], stop: vec![frame(1)] }
 }
 

@@ -96,7 +96,7 @@ struct Robot {
     client: LocalClient,
     tick: Tick,
     observer: SocketCanBus,
-    heard: Vec<(u16, Meaning)>,
+    heard: Vec<(u32, Meaning)>,
     motors: Option<Motors>,
 }
 
@@ -209,7 +209,7 @@ impl Robot {
     }
 
     /// Commands to the motors since the last call: id and meaning.
-    fn heard(&mut self) -> Vec<(u16, Meaning)> {
+    fn heard(&mut self) -> Vec<(u32, Meaning)> {
         self.listen();
         std::mem::take(&mut self.heard)
     }

@@ -192,19 +192,19 @@ pub enum Wrong {
     #[error(
         "id {host_id:#05x} is a motor's command id on the same bus, and only one node may send an id; the default of this motor is {default:#05x}"
     )]
-    HostIdIsCommandId { host_id: u16, default: u16 },
+    HostIdIsCommandId { host_id: u32, default: u16 },
     #[error(
         "id {host_id:#05x} is the reply id of {other:?} too, so replies could not be told apart; the default of this motor is {default:#05x}"
     )]
-    DuplicateHostId { host_id: u16, other: String, default: u16 },
+    DuplicateHostId { host_id: u32, other: String, default: u16 },
     #[error(
         "host id {host_id:#04x} is that of {other:?} on the same line too, so a late reply of one can be taken for the other's; give every motor of the line its own, here and with `motorctl id --set-host-id`"
     )]
-    SharedHostId { host_id: u16, other: String },
+    SharedHostId { host_id: u32, other: String },
     #[error(
         "replies with id {host_id:#05x} outrank commands with id {command:#05x} on this bus and delay them; the default of this motor is {default:#05x}"
     )]
-    HostIdOutranks { host_id: u16, command: u16, default: u16 },
+    HostIdOutranks { host_id: u32, command: u32, default: u16 },
     #[error("direction {0} is neither 1 nor -1; give one of them, and the gear ratio by gear-ratio")]
     Direction(i64),
     #[error("expected two numbers, the lowest and the highest position, found {0}")]

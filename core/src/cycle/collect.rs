@@ -243,7 +243,7 @@ impl Cycle {
             let Self { channels, drives, .. } = self;
             let Some(channel) = channels[bus].can_mut() else { continue };
             channel.begin(Batch::Question, now);
-            channel.wire.queue(motor, drives[motor].request(&question, now));
+            channel.wire.queue(motor, |frame| drives[motor].write_request(&question, now, frame));
             channel.send(now, |motor| drives[motor].withdraw());
             asked = true;
         }

@@ -3,7 +3,7 @@
 use super::Cycle;
 use super::channel::BusChannel;
 use crate::control::Wake;
-use motord_bus::Instant;
+use motord_bus::{Frame, Instant};
 
 impl Cycle {
     /// Decides, and sends one frame to each motor whose turn it is. Returns the time just before the last frames are handed over
@@ -31,7 +31,9 @@ impl Cycle {
         let Self { control, drives, channels, .. } = self;
         let channel = &mut channels[bus];
         channel.begin(now);
-        channel.wire_mut().queue_each(|motor| drives[motor].request(control.command(motor), now));
+        let write =
+            |motor: usize, frame: &mut Frame| drives[motor].write_request(control.command(motor), now, frame);
+        channel.wire_mut().queue_each(write);
         if matches!(channel, BusChannel::Line(_)) {
             self.queue_question(bus, now);
         }
@@ -58,7 +60,7 @@ impl Cycle {
             return;
         }
         let Some((motor, question)) = self.control.question(bus) else { return };
-        let frame = self.drives[motor].request(&question, now);
-        self.channels[bus].wire_mut().queue(motor, frame);
+        let Self { channels, drives, .. } = self;
+        channels[bus].wire_mut().queue(motor, |frame| drives[motor].write_request(&question, now, frame));
     }
 }

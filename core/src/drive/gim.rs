@@ -10,7 +10,7 @@ use super::correlator::Payload;
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
 use crate::settings::MotorSettings;
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::Scales;
 use motord_protocol::gim::{self, ExecutionTime, Finite, Indicator, Pending, RPM, Reply};
 use motord_shared::SetpointMode;
@@ -59,8 +59,8 @@ impl Gim {
         }
     }
 
-    /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
-    pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
+    /// Writes the frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
+    pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
         if !matches!(command, Command::Stop | Command::Nothing | Command::Wait | Command::GetIndicator(_)) {
             self.turn = 0;
         }
@@ -82,7 +82,8 @@ impl Gim {
             Command::Control(setpoint) => self.control(&setpoint.values, setpoint.mode)?,
         };
         self.asks_indicator = matches!(command, Command::GetIndicator(_));
-        Some(self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()))
+        frame.set(id, self.asked.encode_mit_safe().unwrap_or_else(|| self.asked.encode()));
+        Some(())
     }
 
     /// Returns the next command of the round to a stopped motor.

@@ -6,7 +6,7 @@ use super::correlator::{Payload, Question};
 use crate::control::{Command, Reported, Status};
 use crate::joint::{Impedance, Measured, Motor, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
-use motord_bus::{Duration, Instant};
+use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
 use motord_protocol::{Field, Profile, Scales};
 
@@ -89,9 +89,9 @@ impl Mit {
         }
     }
 
-    /// The frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
+    /// Writes the frame for `command`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Constant time.
     #[inline(always)]
-    pub(super) fn encode(&mut self, command: &Command) -> Option<[u8; 8]> {
+    pub(super) fn encode(&mut self, command: &Command, id: FrameId, frame: &mut Frame) -> Option<()> {
         let command = match command {
             Command::Nothing => {
                 self.forget_turns();
@@ -108,12 +108,17 @@ impl Mit {
             // Such a motor may take the question for a control frame of full stiffness (protocol note M17).
             Command::GetFault => mit::Command::Stop,
             Command::ClearFault => mit::Command::ClearFault,
-            Command::Neutral | Command::Control(_) => return self.control(&self.wanted(command)),
+            Command::Neutral | Command::Control(_) => {
+                let wanted = self.wanted(command);
+                frame.set(id, self.codes(&wanted)?.pack());
+                return Some(());
+            }
         };
         if let Some(feedback) = &mut self.feedback {
             feedback.carried = 0.0;
         }
-        command.encode(&self.scales).ok()
+        frame.set(id, command.encode(&self.scales).ok()?);
+        Some(())
     }
 
     /// Returns whether the motor answers a question for its faults. Otherwise its states contain
@@ -137,9 +142,9 @@ impl Mit {
         }
     }
 
-    /// The control frame for an impedance, clamped to the ranges of the codes.
+    /// The control codes for an impedance, clamped to the ranges of the codes.
     #[inline(always)]
-    fn control(&mut self, wanted: &Impedance<Motor>) -> Option<[u8; 8]> {
+    fn codes(&mut self, wanted: &Impedance<Motor>) -> Option<ControlCodes> {
         // Without stiffness the position has no effect, so it is sent as zero: 0x80, the first byte
         // of zero, is no GIM command, if this motor has left MIT mode (protocol note 1.3).
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };
@@ -155,7 +160,7 @@ impl Mit {
             }
             None => ControlCodes::nearest(&wanted, &self.scales),
         };
-        codes.ok().map(ControlCodes::pack)
+        codes.ok()
     }
 
     /// Returns whether the payload, read as a state, continues the motion.

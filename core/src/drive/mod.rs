@@ -79,15 +79,23 @@ impl Drive {
     }
 
     /// The frame for `command`, to be sent at `now`; `None` for [`Command::Nothing`] and [`Command::Wait`]. Opens a request. Constant time.
-    #[inline(always)]
     pub fn request(&mut self, command: &Command, now: Instant) -> Option<Frame> {
-        let bytes = match &mut self.dialect {
-            Dialect::Mit(mit) => mit.encode(command),
-            Dialect::Gim(gim) => gim.encode(command),
-        }?;
-        let question = self.question(command);
-        self.correlator.request(question, now);
-        Some(Frame::full(self.command_id, bytes))
+        let mut frame = Frame::EMPTY;
+        self.write_request(command, now, &mut frame).then_some(frame)
+    }
+
+    /// As [`request`](Self::request), but writes into `frame`. Returns whether there is a frame.
+    #[inline(always)]
+    pub fn write_request(&mut self, command: &Command, now: Instant, frame: &mut Frame) -> bool {
+        let is_written = match &mut self.dialect {
+            Dialect::Mit(mit) => mit.encode(command, self.command_id, frame),
+            Dialect::Gim(gim) => gim.encode(command, self.command_id, frame),
+        };
+        if is_written.is_some() {
+            let question = self.question(command);
+            self.correlator.request(question, now);
+        }
+        is_written.is_some()
     }
 
     /// Returns the content that the motor reports in answer to a command.

@@ -543,9 +543,9 @@ fn motor_left_running_is_stopped_and_forgets_target() {
     use motord_bus::{Bus, Frame, FrameId};
     let mut robot = Robot::new(robot::three_motors(), 1);
     let id = FrameId::new(1).unwrap();
-    let start = Frame::full(id, [255, 255, 255, 255, 255, 255, 255, 0xFC]);
+    let start = Frame::classic(id, [255, 255, 255, 255, 255, 255, 255, 0xFC]);
     // Position 2 rad, kp 100, kd 1.
-    let pull = Frame::full(id, [0x94, 0x7A, 0x80, 0x03, 0x33, 0x33, 0x38, 0x00]);
+    let pull = Frame::classic(id, [0x94, 0x7A, 0x80, 0x03, 0x33, 0x33, 0x38, 0x00]);
     let before = robot.now() - Duration::from_millis(5);
     robot.buses[0].with(|bus| bus.send(before, &[start, pull]));
     robot.steps(50);

@@ -72,7 +72,7 @@ fn tracks(settings: &Settings, log: &[LogLine<'_>]) -> Vec<Track> {
         let Some(bus) = settings.buses.iter().position(|bus| is_here(&bus.kind)) else { continue };
         let goes_to_motor = |frame: &Frame| {
             let mut motors = settings.motors.iter().filter(|motor| motor.bus == bus);
-            motors.any(|motor| u16::from(motor.id) == frame.id().raw())
+            motors.any(|motor| motor.command_id() == frame.id())
         };
         let at = Instant::from_nanos(nanos(line.at));
         match line.content {

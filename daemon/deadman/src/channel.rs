@@ -34,7 +34,7 @@ const FILES_MAX: usize = 253;
 pub const PATIENCE: Duration = Duration::from_secs(2);
 /// Begins every message. Its number rises with every change of the messages, so that programs of different versions refuse each
 /// other in words.
-const VERSION: &[u8] = b"motord-deadman 2\n";
+const VERSION: &[u8] = b"motord-deadman 3\n";
 /// A sign of life of the switch.
 const BEAT: &[u8] = b".";
 /// Signs of life that are taken at a time.

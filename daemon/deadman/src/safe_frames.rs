@@ -1,6 +1,6 @@
 //! The safe frames of a daemon, as its dead man's switch gets them: made beforehand, by interface.
 
-use motord_bus::{Duration, Frame, FrameId, Inbox};
+use motord_bus::{Duration, Frame, Inbox, candump};
 use motord_core::settings::{BusKind, Settings};
 use motord_core::stopper::BusFrames;
 use serde::{Deserialize, Serialize};
@@ -30,8 +30,8 @@ pub struct InterfaceFrames {
     pub stop: Vec<WrittenFrame>,
 }
 
-/// A frame on its way between processes: arbitration id and payload.
-pub type WrittenFrame = (u16, [u8; 8]);
+/// A frame on its way between processes, as `candump` writes it: `101#0180008008001E00`.
+pub type WrittenFrame = String;
 
 /// Why the motors of an interface cannot be stopped.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
@@ -42,11 +42,11 @@ pub enum InterfaceError {
         /// The error of the interface, as text: it comes from another process.
         reason: String,
     },
-    /// An arbitration id has more than 11 bits.
-    #[error("{id:#x} is no arbitration id: it has more than 11 bits")]
-    Id {
-        /// The id of a frame.
-        id: u16,
+    /// A text is not a frame.
+    #[error("{text:?} is not a frame such as 101#0180008008001E00")]
+    Frame {
+        /// The text.
+        text: WrittenFrame,
     },
     /// The interface has more frames than fit into one call.
     #[error("{count} motors on {interface}: at most {} fit", Inbox::CAPACITY)]
@@ -81,13 +81,12 @@ impl SafeFrames {
 
 impl InterfaceFrames {
     fn of(settings: &Settings, index: usize, interface: &str, baud: Option<u32>) -> Self {
-        let written = |frame: &Frame| Some((frame.id().raw(), frame.payload().try_into().ok()?));
         let BusFrames { damp, stop } = BusFrames::of(settings, index);
         Self {
             interface: interface.to_owned(),
             baud,
-            damp: damp.iter().filter_map(written).collect(),
-            stop: stop.iter().filter_map(written).collect(),
+            damp: damp.iter().map(Frame::to_string).collect(),
+            stop: stop.iter().map(Frame::to_string).collect(),
         }
     }
 
@@ -95,7 +94,7 @@ impl InterfaceFrames {
     ///
     /// # Errors
     ///
-    /// [`InterfaceError::Id`] or [`InterfaceError::Count`].
+    /// [`InterfaceError::Frame`] or [`InterfaceError::Count`].
     pub fn checked(&self) -> Result<BusFrames, InterfaceError> {
         let count = self.damp.len().max(self.stop.len());
         if count > Inbox::CAPACITY {
@@ -106,8 +105,8 @@ impl InterfaceFrames {
 }
 
 fn frames(written: &[WrittenFrame]) -> Result<Vec<Frame>, InterfaceError> {
-    let frame = |&(id, bytes): &WrittenFrame| {
-        FrameId::new(id).map(|id| Frame::full(id, bytes)).ok_or(InterfaceError::Id { id })
+    let frame = |text: &WrittenFrame| {
+        candump::frame(text).ok_or_else(|| InterfaceError::Frame { text: text.clone() })
     };
     written.iter().map(frame).collect()
 }

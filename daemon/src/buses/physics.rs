@@ -91,7 +91,7 @@ fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
     let twin = simulator::MotorSettings {
         name: motor.name.clone(),
         id: u16::from(motor.id),
-        host_id: motor.host_id.raw(),
+        host_id: u16::try_from(motor.host_id.raw()).unwrap_or(u16::MAX),
         dialect: match motor.protocol {
             MotorProtocol::Mit => Dialect::Mit,
             MotorProtocol::Gim => Dialect::Gim,

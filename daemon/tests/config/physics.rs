@@ -23,7 +23,7 @@ fn simulated(model: &Model) -> (SimulatedBus, MotorSettings) {
 
 /// The data of the answer to `request`, a native command with data in its last four bytes.
 fn ask(bus: &mut SimulatedBus, now: &mut u64, request: [u8; 8]) -> [u8; 4] {
-    bus.send(Instant::from_nanos(*now), &[Frame::full(FrameId::new(1).unwrap(), request)]);
+    bus.send(Instant::from_nanos(*now), &[Frame::classic(FrameId::new(1).unwrap(), request)]);
     *now += 1_000_000;
     let mut inbox = Inbox::new();
     bus.receive(Instant::from_nanos(*now), &mut inbox);

@@ -2,13 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, clock};
+use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, candump, clock};
 use motord_configuration as config;
 use motord_core::stopper::Outlet;
 use motord_deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
 use motord_deadman::registrar::Registrar;
-use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames, WrittenFrame};
+use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
 use motord_deadman::safe_stop::safe_stop;
 use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
@@ -31,8 +31,8 @@ use tempfile::TempDir;
 /// Longer than a shared machine stalls a process, so that only what a test does makes the switch act.
 const PATIENCE: Duration = Duration::from_millis(400);
 const DAMP: Duration = Duration::from_millis(200);
-const DAMPING: WrittenFrame = (1, *b"damping!");
-const STOPPING: WrittenFrame = (1, *b"stopping");
+const DAMPING: &str = "001#64616D70696E6721";
+const STOPPING: &str = "001#73746F7070696E67";
 /// Where a child that plays the daemon finds its runtime directory.
 const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
 
@@ -41,19 +41,25 @@ const PLAY_ON: &str = "MOTORD_TEST_PLAY_ON";
 /// An interface that a successor drives, in one test.
 const SUCCEEDED: &str = "succeeded";
 
+/// The motor on `can0`.
+const FIRST: u8 = 1;
 /// The motor on `can1`, which can be jammed.
-const SECOND: u16 = 2;
+const SECOND: u8 = 2;
 
 fn safe_frames() -> SafeFrames {
-    let bus =
-        InterfaceFrames { interface: "can0".into(), baud: None, damp: vec![DAMPING], stop: vec![STOPPING] };
+    let bus = InterfaceFrames {
+        interface: "can0".into(),
+        baud: None,
+        damp: vec![DAMPING.into()],
+        stop: vec![STOPPING.into()],
+    };
     SafeFrames { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
 }
 
 /// The same, and a motor on `can1`.
 fn safe_frames_of_two() -> SafeFrames {
     let mut frames = safe_frames();
-    let (damp, stop) = (vec![(SECOND, DAMPING.1)], vec![(SECOND, STOPPING.1)]);
+    let [damp, stop] = [DAMPING, STOPPING].map(|first| vec![first.replace("001#", "002#")]);
     frames.buses.push(InterfaceFrames { interface: "can1".into(), baud: None, damp, stop });
     frames
 }
@@ -128,18 +134,19 @@ impl Switch {
 
     /// The damping and the stops of the motor on `can0`. Returns when they began.
     fn stops_the_first(&self) -> Instant {
-        self.serves(DAMPING.0)
+        self.serves(FIRST)
     }
 
     /// Damping of one motor for [`DAMP`], three stops, and no more to any. Returns when it began.
-    fn serves(&self, id: u16) -> Instant {
+    fn serves(&self, id: u8) -> Instant {
         let mut frames = Vec::new();
         while let Ok(sent) = self.sent.recv_timeout(Duration::from_millis(1000)) {
             frames.push(sent);
         }
         let (damped, stopped) = frames.split_at(frames.len() - 3);
-        let payloads = |frames: &[(Instant, Frame)], of: WrittenFrame| {
-            frames.iter().all(|(_, frame)| frame.id().raw() == id && *frame.payload() == of.1)
+        let payloads = |frames: &[(Instant, Frame)], of: &str| {
+            let of = candump::frame(of).unwrap();
+            frames.iter().all(|(_, frame)| frame.id().byte() == Some(id) && frame.payload() == of.payload())
         };
         assert!(!damped.is_empty() && payloads(damped, DAMPING) && payloads(stopped, STOPPING), "{frames:?}");
         assert!(damped.len() <= 20, "100 Hz at most");
@@ -292,7 +299,7 @@ fn stalled_daemon_is_damped_until_it_resumes() {
     let daemon = Daemon::start(directory.path());
     let stopped = daemon.signal(Signal::SIGSTOP);
     let (first, frame) = switch.sent.recv().unwrap();
-    assert_eq!(*frame.payload(), DAMPING.1);
+    assert_eq!(candump::frame(DAMPING), Some(frame));
     assert!(first.since(stopped) >= PATIENCE - Duration::from_millis(100));
     daemon.signal(Signal::SIGCONT);
     sleep(Duration::from_millis(100));
@@ -329,7 +336,7 @@ fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
 #[test]
 fn jammed_bus_is_damped_and_stopped_when_possible() {
     let (_directory, instance, switch) = dead_with_a_jam();
-    switch.serves(DAMPING.0);
+    switch.serves(FIRST);
     assert_eq!(owed(&instance), ["can1"], "long after the damping was over");
     switch.jammed.store(false, Ordering::Relaxed);
     switch.serves(SECOND);
@@ -339,7 +346,7 @@ fn jammed_bus_is_damped_and_stopped_when_possible() {
 #[test]
 fn next_daemon_clears_debt_to_jammed_bus() {
     let (directory, _instance, switch) = dead_with_a_jam();
-    switch.serves(DAMPING.0);
+    switch.serves(FIRST);
     let _next = Daemon::start(directory.path());
     switch.jammed.store(false, Ordering::Relaxed);
     switch.sends_nothing_for(PATIENCE);
@@ -382,7 +389,7 @@ fn second_daemon_is_refused_then_watched_after_death() {
     let busy = Answer::Refused(Refusal::Busy { pid: first.0.id() as i32 });
     assert_eq!(register(&instance, safe_frames(), &pulse).1, busy);
     first.signal(Signal::SIGKILL);
-    assert_eq!(switch.sent.recv().map(|(_, frame)| frame.payload() == DAMPING.1), Ok(true));
+    assert_eq!(switch.sent.recv().map(|(_, frame)| Some(frame) == candump::frame(DAMPING)), Ok(true));
 
     let unfit = SafeFrames {
         buses: vec![InterfaceFrames { interface: "can9".into(), baud: None, damp: vec![], stop: vec![] }],
@@ -431,13 +438,13 @@ fn nonsense_and_silence_do_not_keep_others_out() {
         buses: vec![InterfaceFrames {
             interface: "can0".into(),
             baud: None,
-            damp: vec![(0x800, [0; 8])],
+            damp: vec!["800#00".into()],
             stop: vec![],
         }],
         ..safe_frames()
     };
     let (_heartbeat, pulse) = beating();
-    let refused = Answer::Refused(Refusal::SafeFrames(InterfaceError::Id { id: 0x800 }));
+    let refused = Answer::Refused(Refusal::SafeFrames(InterfaceError::Frame { text: "800#00".into() }));
     assert_eq!(register(&instance, too_wide, &pulse).1, refused);
     let daemon = Daemon::start(directory.path());
     daemon.signal(Signal::SIGKILL);
@@ -566,12 +573,12 @@ fn safe_frames_match_documented_damping_and_stop() {
     let directory = TempDir::new().unwrap();
     let settings = config::load(&configuration(directory.path(), &can("nocan0"))).unwrap().settings;
     let frames = SafeFrames::of(&settings);
-    let gim_stop = (2, [0x92, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]);
+    let gim_stop = || "002#9200800000000800".to_owned();
     let expected = InterfaceFrames {
         baud: None,
         interface: "nocan0".into(),
-        damp: vec![(1, [0x80, 0x00, 0x80, 0x00, 0x00, 0x66, 0x68, 0x00]), gim_stop],
-        stop: vec![(1, [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]), gim_stop],
+        damp: vec!["001#8000800000666800".into(), gim_stop()],
+        stop: vec!["001#FFFFFFFFFFFFFFFD".into(), gim_stop()],
     };
     assert_eq!((frames.damp, frames.buses), (Duration::from_millis(200), vec![expected]));
 }

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
-use motord_bus::{Duration, Frame, Instant, Monotonic, Refusal};
+use motord_bus::{Duration, Frame, FrameId, Instant, Monotonic, Refusal};
 use motord_core::stopper::Outlet;
 use motord_deadman::interfaces::{Interface, Interfaces};
 use motord_deadman::safe_frames::InterfaceFrames;
@@ -40,10 +40,10 @@ fn stop(device: &str) -> (Vec<Instant>, Vec<String>) {
     let can = InterfaceFrames {
         interface: "can0".into(),
         baud: None,
-        damp: vec![(1, [0; 8])],
-        stop: vec![(1, [1; 8])],
+        damp: vec!["001#0000000000000000".into()],
+        stop: vec!["001#0101010101010101".into()],
     };
-    let frames = vec![(1, STOP), (2, STOP)];
+    let frames = [1, 2].map(|id| Frame::classic(FrameId::from(id), STOP).to_string()).to_vec();
     let port =
         InterfaceFrames { interface: device.into(), baud: Some(921_600), damp: frames.clone(), stop: frames };
     let opened = [port, can].map(|frames| Interface::open(&frames, &mut open).unwrap());

@@ -71,7 +71,7 @@ impl Line {
     /// Sends a request once the one before is given up.
     fn ask(&mut self, id: u8, payload: [u8; 8]) {
         self.now = self.now + TIMEOUT;
-        assert_eq!(self.bus.send(self.now, &[Frame::full(FrameId::from(id), payload)]), Sent::all(1));
+        assert_eq!(self.bus.send(self.now, &[Frame::classic(FrameId::from(id), payload)]), Sent::all(1));
         let mut request = [0; 12];
         self.motors.read_exact(&mut request).unwrap();
         assert_eq!(request, framed(id, payload));

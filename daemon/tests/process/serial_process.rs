@@ -75,7 +75,7 @@ impl Arm {
         let begun = Instant::now();
         while self.modes().contains(&Mode::Stopped) {
             for id in [1, 2] {
-                let sent = sender.send(&Frame::full(FrameId::from(id), START));
+                let sent = sender.send(&Frame::classic(FrameId::from(id), START));
                 assert!(matches!(sent, Ok(()) | Err(Refusal::Full)), "{sent:?}");
                 sleep(Duration::from_millis(3));
             }

@@ -53,7 +53,7 @@ impl Arguments {
 /// `motorctl id`: shows or changes the address of a motor.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     if let (Some(id), Some(host_id)) = (arguments.set_id, arguments.set_host_id)
-        && u16::from(id) == host_id.raw()
+        && host_id.byte() == Some(id)
     {
         let usage = "id and host id must differ: two nodes would send frames with one id".to_owned();
         return Err(DirectFailure::Usage(usage));
@@ -115,7 +115,7 @@ fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<
         wanted = with(&wanted, CAN_ID, id.into());
     }
     if let Some(host_id) = arguments.set_host_id {
-        wanted = with(&wanted, HOST_ID, host_id.raw().into());
+        wanted = with(&wanted, HOST_ID, i32::try_from(host_id.raw()).unwrap_or(i32::MAX));
     }
     if let Some(protocol) = arguments.set_protocol {
         wanted = with(&wanted, PROTOCOL, protocol_number(protocol));

@@ -42,7 +42,7 @@ fn parse_ids(text: &str) -> Result<RangeInclusive<u8>, String> {
 struct ScannedMotor<'a> {
     bus: &'a str,
     id: u8,
-    host_id: Option<u16>,
+    host_id: Option<u32>,
     protocol: &'static str,
     family: &'static str,
     refuses: Option<String>,
@@ -188,7 +188,7 @@ pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> 
     struct Ping<'a> {
         bus: &'a str,
         id: u8,
-        host_id: Option<u16>,
+        host_id: Option<u32>,
         protocol: &'static str,
         answer_us: u64,
     }

@@ -1,5 +1,6 @@
 //! Why a frame cannot be read or made.
 
+use motord_bus::FrameId;
 use motord_bus::candump::InvalidLine;
 use motord_bus::serial::framing::FrameError;
 use motord_protocol::{DecodeError, ScaleError};
@@ -45,6 +46,6 @@ pub(super) enum Rejected {
     LogLine(#[from] InvalidLine),
     #[error("unsupported frame: expected a data frame with an 11-bit id and at most 8 bytes")]
     Unsupported,
-    #[error("unexpected id {id:03X}: no motor on {interface} receives or sends it")]
-    UnexpectedId { interface: String, id: u16 },
+    #[error("unexpected id {id}: no motor on {interface} receives or sends it")]
+    UnexpectedId { interface: String, id: FrameId },
 }

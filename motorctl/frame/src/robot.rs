@@ -6,7 +6,7 @@ use crate::options::{AnsweredCommand, Direction, FrameProtocol};
 use crate::rejected::Rejected;
 use crate::scale::Scale;
 use motord_bus::candump::LogLine;
-use motord_bus::{Content, Frame};
+use motord_bus::{Content, Frame, FrameId};
 use motord_configuration::Problem;
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{Profile, ScaleError};
@@ -80,7 +80,8 @@ struct LoggedMotor {
     name: String,
     interface: String,
     id: u8,
-    host_id: u16,
+    /// `None` when the configured number is no id.
+    host_id: Option<FrameId>,
     protocol: FrameProtocol,
     profile: &'static Profile,
     scale: Option<Scale>,
@@ -106,9 +107,12 @@ impl LoggedRobot {
     pub(super) fn decode(&mut self, line: &str) -> Result<Object, Rejected> {
         let LogLine { at, interface, content } = LogLine::parse(line)?;
         let Content::Frame(frame) = content else { return Err(Rejected::Unsupported) };
+        if !frame.is_classic() || frame.id().is_extended() {
+            return Err(Rejected::Unsupported);
+        }
         let (motor, direction) = self
             .motor_of(interface, &frame)
-            .ok_or_else(|| Rejected::UnexpectedId { interface: interface.into(), id: frame.id().raw() })?;
+            .ok_or_else(|| Rejected::UnexpectedId { interface: interface.into(), id: frame.id() })?;
         let mut object = motor.decode(frame.payload(), direction)?;
         // Microseconds since 1970 fit into 53 bits, nanoseconds do not.
         object.insert("time", at.as_micros() as f64 / 1e6);
@@ -143,7 +147,7 @@ impl LoggedMotor {
             name: config.name,
             interface: bus.and_then(|bus| bus.interface.clone()).unwrap_or(config.bus),
             id: config.id,
-            host_id: config.host_id.unwrap_or(profile.ids.reply_offset + u16::from(config.id)),
+            host_id: FrameId::new(config.host_id.unwrap_or(profile.ids.reply_offset + u16::from(config.id))),
             protocol: match config.protocol {
                 ProtocolConfig::Mit => FrameProtocol::Mit,
                 ProtocolConfig::Gim => FrameProtocol::GimCan,
@@ -157,10 +161,10 @@ impl LoggedMotor {
     fn direction(&self, frame: &Frame) -> Option<Direction> {
         let names_this =
             self.protocol != FrameProtocol::Mit || self.profile.is_from(self.id, frame.payload());
-        let id = frame.id().raw();
-        if id == u16::from(self.id) {
+        let id = frame.id();
+        if id == FrameId::from(self.id) {
             Some(Direction::ToMotor)
-        } else if id == self.host_id && names_this {
+        } else if Some(id) == self.host_id && names_this {
             Some(Direction::ToHost)
         } else {
             None

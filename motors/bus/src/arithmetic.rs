@@ -1,24 +1,107 @@
 //! Lengths of frames in bits, and the part of a cycle that a bus needs.
 //!
-//! Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
-//! revised" (2007): a standard data frame with s bytes has 34 + 8s bits that are subject to stuffing (start of frame,
-//! id, control, data, CRC) and 13 that are not, the 3-bit interframe space included.
+//! Bits of a frame, without stuff bits and with the interframe space:
+//!
+//! | field | classic | CAN FD |
+//! |---|---|---|
+//! | start of frame to r0, or to BRS: 11-bit id, 29-bit id | 15, 35 | 17, 36 |
+//! | ESI | | 1, at the data bit rate |
+//! | DLC and payload of s bytes | 4 + 8s | 4 + 8s, at the data bit rate |
+//! | stuff count, CRC and their fixed stuff bits | 15 | 27 up to 16 bytes, otherwise 32, at the data bit rate |
+//! | CRC delimiter | 1 | 1, at the data bit rate |
+//! | ACK to interframe space | 12 | 12 |
+//!
+//! A stuff bit follows at most 5 equal bits, and at most every 4 bits after that. In a classic frame, the bits up to the CRC
+//! are stuffed. In a CAN FD frame, the bits up to the payload are. There the first fixed stuff bit takes the place of a stuff
+//! bit behind the payload.
+//!
+//! Sources: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
+//! revised" (2007); ISO 11898-1:2015, 10.4.2 and 10.5.
 
 use crate::time::Duration;
 
-/// Bits of a standard data frame with `bytes` of payload without stuff bits, including the interframe space.
+/// The width of an arbitration id.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum IdWidth {
+    /// 11 bits.
+    Standard,
+    /// 29 bits.
+    Extended,
+}
+
+/// Bits of a classic frame from the DLC to the end, without the payload, that are and are not subject to stuffing.
+const CLASSIC_END: (u32, u32) = (4 + 15, 13);
+/// Bits of any frame from the ACK slot to the end of the interframe space.
+const END: u32 = 12;
+
+/// Bits of a classic data frame with `bytes` of payload without stuff bits, including the interframe space.
 #[must_use]
-pub const fn unstuffed_bits(bytes: u32) -> u32 {
-    47 + 8 * bytes
+pub const fn unstuffed_bits(width: IdWidth, bytes: u32) -> u32 {
+    stuffable_bits(width, bytes) + CLASSIC_END.1
 }
 
 /// Bits of the same frame with the most stuff bits that are possible.
 #[must_use]
-pub const fn worst_case_bits(bytes: u32) -> u32 {
-    unstuffed_bits(bytes) + (34 + 8 * bytes - 1) / 4
+pub const fn worst_case_bits(width: IdWidth, bytes: u32) -> u32 {
+    unstuffed_bits(width, bytes) + (stuffable_bits(width, bytes) - 1) / 4
 }
 
-/// One command and its reply, by their payload lengths in bytes.
+const fn stuffable_bits(width: IdWidth, bytes: u32) -> u32 {
+    let header = match width {
+        IdWidth::Standard => 15,
+        IdWidth::Extended => 35,
+    };
+    header + CLASSIC_END.0 + 8 * bytes
+}
+
+/// Bits of a CAN FD frame, including the interframe space, by the bit rate at which they are sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FdBits {
+    /// At the bit rate of arbitration.
+    pub nominal: u32,
+    /// At the data bit rate, if the frame switches to it (BRS).
+    pub data: u32,
+}
+
+impl FdBits {
+    /// A frame with `bytes` of payload, with the fixed stuff bits of its CRC only.
+    #[must_use]
+    pub const fn unstuffed(width: IdWidth, bytes: u32) -> Self {
+        let crc = if bytes <= 16 { 4 + 17 + 6 } else { 4 + 21 + 7 };
+        Self { nominal: Self::header(width) + END, data: Self::content(bytes) + crc + 1 }
+    }
+
+    /// The same frame with the most stuff bits that are possible, as many as possible of them at the nominal bit rate.
+    #[must_use]
+    pub const fn worst_case(width: IdWidth, bytes: u32) -> Self {
+        let Self { nominal, data } = Self::unstuffed(width, bytes);
+        let header = Self::header(width);
+        let stuff_bits = (header + Self::content(bytes) - 2) / 4;
+        let in_header = (header - 1) / 4;
+        Self { nominal: nominal + in_header, data: data + stuff_bits - in_header }
+    }
+
+    /// The time of the frame, rounded up to a nanosecond. A frame that does not switch has one bit rate for both.
+    #[must_use]
+    pub const fn wire_time(self, bitrate: u32, data_bitrate: u32) -> Duration {
+        wire_time(self.nominal, bitrate).saturating_add(wire_time(self.data, data_bitrate))
+    }
+
+    /// Start of frame to BRS.
+    const fn header(width: IdWidth) -> u32 {
+        match width {
+            IdWidth::Standard => 17,
+            IdWidth::Extended => 36,
+        }
+    }
+
+    /// ESI, DLC and payload.
+    const fn content(bytes: u32) -> u32 {
+        1 + 4 + 8 * bytes
+    }
+}
+
+/// One command and its reply as classic frames with standard ids, by their payload lengths in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Transaction {
     /// Payload of the command.
@@ -31,13 +114,13 @@ impl Transaction {
     /// Bits on a CAN bus without stuff bits.
     #[must_use]
     pub const fn unstuffed_bits(self) -> u32 {
-        unstuffed_bits(self.command) + unstuffed_bits(self.reply)
+        unstuffed_bits(IdWidth::Standard, self.command) + unstuffed_bits(IdWidth::Standard, self.reply)
     }
 
     /// Bits on a CAN bus with the most stuff bits.
     #[must_use]
     pub const fn worst_case_bits(self) -> u32 {
-        worst_case_bits(self.command) + worst_case_bits(self.reply)
+        worst_case_bits(IdWidth::Standard, self.command) + worst_case_bits(IdWidth::Standard, self.reply)
     }
 }
 
@@ -67,10 +150,38 @@ mod tests {
 
     #[test]
     fn frame_lengths_are_those_of_the_published_formula() {
-        assert_eq!((unstuffed_bits(8), worst_case_bits(8)), (111, 135));
-        assert_eq!((unstuffed_bits(6), worst_case_bits(6)), (95, 115));
+        let classic = |width, bytes| (unstuffed_bits(width, bytes), worst_case_bits(width, bytes));
+        assert_eq!(classic(IdWidth::Standard, 8), (111, 135));
+        assert_eq!(classic(IdWidth::Standard, 6), (95, 115));
+        // 54 + 64 bits are stuffed, 13 are not: 131, and (118 - 1) / 4 = 29 stuff bits.
+        assert_eq!(classic(IdWidth::Extended, 8), (131, 160));
+        // 54 stuffed and 13 others: 67, and 53 / 4 = 13 stuff bits.
+        assert_eq!(classic(IdWidth::Extended, 0), (67, 80));
         assert_eq!((SHORT_REPLY.unstuffed_bits(), SHORT_REPLY.worst_case_bits()), (206, 250));
         assert_eq!((LONG_REPLY.unstuffed_bits(), LONG_REPLY.worst_case_bits()), (222, 270));
+    }
+
+    #[test]
+    fn fd_lengths_are_those_worked_by_hand() {
+        let fd = |width, bytes| {
+            let [least, most] = [FdBits::unstuffed(width, bytes), FdBits::worst_case(width, bytes)];
+            [least.nominal, least.data, most.nominal, most.data]
+        };
+        // Header 17, end 12. Data: 1 + 4 + 0 payload + 27 + 1 = 33. Of 22 bits, (22 - 2) / 4 = 5 get a stuff bit, 4 in the header.
+        assert_eq!(fd(IdWidth::Standard, 0), [29, 33, 33, 34]);
+        // Data: 1 + 4 + 64 + 27 + 1 = 97. Of 86 bits, 84 / 4 = 21 stuff bits, 4 and 17.
+        assert_eq!(fd(IdWidth::Standard, 8), [29, 97, 33, 114]);
+        // The last length with CRC-17. Data: 1 + 4 + 128 + 27 + 1 = 161. Of 150 bits, 148 / 4 = 37, 4 and 33.
+        assert_eq!(fd(IdWidth::Standard, 16), [29, 161, 33, 194]);
+        // CRC-21. Data: 1 + 4 + 160 + 32 + 1 = 198. Of 182 bits, 180 / 4 = 45, 4 and 41.
+        assert_eq!(fd(IdWidth::Standard, 20), [29, 198, 33, 239]);
+        // Data: 1 + 4 + 512 + 32 + 1 = 550. Of 534 bits, 532 / 4 = 133, 4 and 129.
+        assert_eq!(fd(IdWidth::Standard, 64), [29, 550, 33, 679]);
+        // Header 36. Of 36 + 517 = 553 bits, 551 / 4 = 137, 8 in the header and 129.
+        assert_eq!(fd(IdWidth::Extended, 64), [48, 550, 56, 679]);
+        // 33 µs at 1 Mbit/s, and 679 bits of 200 ns.
+        let longest = FdBits::worst_case(IdWidth::Standard, 64);
+        assert_eq!(longest.wire_time(1_000_000, 5_000_000), Duration::from_nanos(33_000 + 135_800));
     }
 
     #[test]

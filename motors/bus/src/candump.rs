@@ -2,7 +2,7 @@
 //!
 //! Source: can-utils, `candump.c` and `lib.h` (`snprintf_canframe`).
 
-use crate::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
+use crate::frame::{Content, ErrorFrame, Format, Frame, FrameId, Unsupported};
 use crate::time::Duration;
 
 /// `CAN_ERR_FLAG` of `linux/can.h`: this id belongs to an error message frame.
@@ -48,9 +48,23 @@ impl<'a> LogLine<'a> {
         let mut words = line.split_ascii_whitespace();
         let mut word = || words.next().ok_or(InvalidLine::Shape);
         let (at, interface) = (time(word()?).ok_or(InvalidLine::Time)?, word()?);
-        let (id, data) = word()?.split_once('#').ok_or(InvalidLine::Shape)?;
-        Ok(Self { at, interface, content: content(id, data)? })
+        Ok(Self { at, interface, content: content(word()?)? })
     }
+}
+
+/// Reads a data frame as a log has it, `101#0180008008001E00`. `None` for any other text.
+#[must_use]
+pub fn frame(text: &str) -> Option<Frame> {
+    match content(text) {
+        Ok(Content::Frame(frame)) => Some(frame),
+        _ => None,
+    }
+}
+
+/// A frame as a line of a log, without its end. Parts of a microsecond are cut off, as `candump` has none.
+#[must_use]
+pub fn line<'a>(at: Duration, interface: &'a str, frame: &'a Frame) -> impl core::fmt::Display + 'a {
+    core::fmt::from_fn(move |f| write!(f, "({}.{:06}) {interface} {frame}", at.as_secs(), at.subsec_micros()))
 }
 
 fn time(word: &str) -> Option<Duration> {
@@ -63,46 +77,63 @@ fn time(word: &str) -> Option<Duration> {
     Some(Duration::new(seconds.parse().ok()?, fraction.parse::<u32>().ok()? * scale))
 }
 
-/// The frame of `id` and of the text behind `#`. There, R begins a remote frame, a second # the flags of CAN FD, and `_` a
+/// Reads an id and what follows its `#`. There, R begins a remote frame, a second # the flags of CAN FD, and `_` a
 /// raw DLC.
-fn content(id: &str, data: &str) -> Result<Content, InvalidLine> {
+fn content(text: &str) -> Result<Content, InvalidLine> {
+    let (id, data) = text.split_once('#').ok_or(InvalidLine::Shape)?;
     let word = hexadecimal(id).ok_or(InvalidLine::Id)?;
-    let standard = match id.len() {
+    let id = match id.len() {
         3 => Some(u16::try_from(word).ok().and_then(FrameId::new).ok_or(InvalidLine::Id)?),
-        8 => None,
+        8 => FrameId::extended(word),
         _ => return Err(InvalidLine::Id),
     };
     if data.starts_with('R') {
         return Ok(Content::Unsupported(Unsupported::Remote));
     }
-    if data.starts_with('#') {
-        return Ok(Content::Unsupported(Unsupported::Fd));
-    }
+    let (format, data) = format(data)?;
     let (data, raw_dlc) = data.split_once('_').map_or((data, None), |(data, dlc)| (data, Some(dlc)));
-    let Some((bytes, len)) = bytes(data)? else { return Ok(Content::Unsupported(Unsupported::Length)) };
+    let mut bytes = [0; Frame::LEN_MAX];
+    let Some(payload) = unhex(data, &mut bytes)? else {
+        return Ok(Content::Unsupported(Unsupported::Length));
+    };
     if word & ERROR_FLAG != 0 {
-        return Ok(Content::Error(ErrorFrame { class: word & CLASS_MASK, data: bytes }));
+        return Ok(error(word & CLASS_MASK, payload));
     }
-    Ok(match standard.map(|id| Frame::new(id, &bytes[..len])) {
-        None => Content::Unsupported(Unsupported::Extended),
-        Some(Some(frame)) if raw_dlc.is_none() => Content::Frame(frame),
-        Some(_) => Content::Unsupported(Unsupported::Length),
-    })
+    let Some(id) = id else { return Ok(Content::Unsupported(Unsupported::Extended)) };
+    let frame = Frame::with_format(id, format, payload).filter(|_| raw_dlc.is_none());
+    Ok(frame.map_or(Content::Unsupported(Unsupported::Length), Content::Frame))
 }
 
-/// The bytes in `digits` and their number; `None` when they are more than a classic frame holds.
-fn bytes(digits: &str) -> Result<Option<([u8; 8], usize)>, InvalidLine> {
+/// The format of a frame, and the text of its payload. The digit behind `##` holds BRS, ESI and further flags, which have no
+/// meaning here.
+fn format(data: &str) -> Result<(Format, &str), InvalidLine> {
+    let Some(flagged) = data.strip_prefix('#') else { return Ok((Format::Classic, data)) };
+    let (digit, payload) = flagged.split_at_checked(1).ok_or(InvalidLine::Data)?;
+    let flags = hexadecimal(digit).ok_or(InvalidLine::Data)?;
+    let format = Format::Fd { switches_rate: flags & 1 != 0, error_passive: flags & 2 != 0 };
+    Ok((format, payload))
+}
+
+fn error(class: u32, payload: &[u8]) -> Content {
+    let mut data = [0; 8];
+    match data.get_mut(..payload.len()) {
+        Some(first) => first.copy_from_slice(payload),
+        None => return Content::Unsupported(Unsupported::Length),
+    }
+    Content::Error(ErrorFrame { class, data })
+}
+
+/// The bytes in `digits`; `None` when they are more than the longest frame holds.
+fn unhex<'b>(digits: &str, bytes: &'b mut [u8; Frame::LEN_MAX]) -> Result<Option<&'b [u8]>, InvalidLine> {
     if !digits.len().is_multiple_of(2) || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return Err(InvalidLine::Data);
     }
-    let mut bytes = [0; 8];
-    let len = digits.len() / 2;
-    let Some(data) = bytes.get_mut(..len) else { return Ok(None) };
+    let Some(data) = bytes.get_mut(..digits.len() / 2) else { return Ok(None) };
     for (byte, pair) in data.iter_mut().zip(digits.as_bytes().chunks(2)) {
         let nibble = |digit: u8| char::from(digit).to_digit(16).unwrap_or(0) as u8;
         *byte = nibble(pair[0]) << 4 | nibble(pair[1]);
     }
-    Ok(Some((bytes, len)))
+    Ok(Some(data))
 }
 
 /// Unlike `from_str_radix`, takes no sign.
@@ -114,6 +145,7 @@ fn hexadecimal(digits: &str) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn content_of(frame: &str) -> Result<Content, InvalidLine> {
         LogLine::parse(&format!("(0.0) can0 {frame}")).map(|line| line.content)
@@ -135,14 +167,61 @@ mod tests {
         assert_eq!(content_of("20000040#0000000000000000"), error(ErrorFrame::BUS_OFF, [0; 8]));
         assert_eq!(content_of("20000004#0020"), error(ErrorFrame::CONTROLLER, [0, 0x20, 0, 0, 0, 0, 0, 0]));
         for (frame, unsupported) in [
-            ("12345678#00", Unsupported::Extended),
+            ("92345678#00", Unsupported::Extended),
             ("044#R", Unsupported::Remote),
             ("044#R8", Unsupported::Remote),
-            ("044##100", Unsupported::Fd),
+            ("044##1001122334455667788", Unsupported::Length),
             ("044#0011223344556677_9", Unsupported::Length),
             ("044#001122334455667788", Unsupported::Length),
         ] {
             assert_eq!(content_of(frame), Ok(Content::Unsupported(unsupported)), "{frame}");
+        }
+    }
+
+    #[test]
+    fn fd_frames_and_extended_ids_are_read() {
+        let standard = FrameId::new(0x044).unwrap();
+        let extended = FrameId::extended(0x1234_5678).unwrap();
+        for (text, id, format, payload) in [
+            ("12345678#00", extended, Format::Classic, &[0][..]),
+            ("044##0", standard, Format::FD, &[]),
+            ("044##1AA", standard, Format::FD_BRS, &[0xAA]),
+            ("12345678##5AABB", extended, Format::FD_BRS, &[0xAA, 0xBB]),
+            (
+                "044##300112233445566778899AABB",
+                standard,
+                Format::Fd { switches_rate: true, error_passive: true },
+                &[0, 0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88, 0x99, 0xAA, 0xBB],
+            ),
+        ] {
+            let frame = Frame::with_format(id, format, payload).unwrap();
+            assert_eq!(content_of(text), Ok(Content::Frame(frame)), "{text}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn written_line_is_read_as_same_frame(
+            micros in any::<u32>(),
+            raw in any::<u32>(),
+            is_extended in any::<bool>(),
+            flags in 0..=4_u8,
+            bytes in any::<[u8; 64]>(),
+            len in 0..16_usize,
+        ) {
+            const LENGTHS: [usize; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
+            let id = if is_extended { FrameId::extended(raw >> 3) } else { FrameId::new((raw & 0x7FF) as u16) };
+            let format = match flags {
+                4 => Format::Classic,
+                _ => Format::Fd { switches_rate: flags & 1 != 0, error_passive: flags & 2 != 0 },
+            };
+            let len = if flags == 4 { len.min(8) } else { LENGTHS[len] };
+            let frame = Frame::with_format(id.unwrap(), format, &bytes[..len]).unwrap();
+            let at = Duration::from_micros(micros.into());
+            let text = line(at, "can0", &frame).to_string();
+            let expected = LogLine { at, interface: "can0", content: Content::Frame(frame) };
+            prop_assert_eq!(super::frame(&frame.to_string()), Some(frame));
+            prop_assert_eq!(LogLine::parse(&text), Ok(expected), "{}", text);
         }
     }
 
@@ -164,6 +243,9 @@ mod tests {
             ("(0.0) can0 0044#", InvalidLine::Id),
             ("(0.0) can0 044#2", InvalidLine::Data),
             ("(0.0) can0 044#2é", InvalidLine::Data),
+            ("(0.0) can0 044##", InvalidLine::Data),
+            ("(0.0) can0 044##é", InvalidLine::Data),
+            ("(0.0) can0 044##10", InvalidLine::Data),
         ] {
             assert_eq!(LogLine::parse(line), Err(wrong), "{line}");
         }

@@ -105,7 +105,7 @@ const BLOCKED: Duration = Duration::from_millis(500);
 
 fn numbered(id: FrameId, number: u16) -> Frame {
     let [high, low] = number.to_be_bytes();
-    Frame::full(id, [high, low, 2, 3, 4, 5, 6, 7])
+    Frame::classic(id, [high, low, 2, 3, 4, 5, 6, 7])
 }
 
 fn frames(count: u16) -> Vec<Frame> {

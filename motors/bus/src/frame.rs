@@ -1,12 +1,14 @@
-//! Classic CAN frames with an 11-bit identifier, and reports of a controller about the bus.
+//! Frames of a CAN bus, classic and FD, and reports of a controller about the bus.
 //!
 //! A serial bus uses the same [`Frame`]: its identifier is the address byte of the RS485 header.
 
 use crate::time::Instant;
+use core::cmp::Ordering;
+use core::fmt;
 
-/// The arbitration id of a standard frame: 11 bits, the lower the more urgent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct FrameId(u16);
+/// An arbitration id of 11 bits (standard) or 29 bits (extended). Ids are ordered by arbitration: the least one wins the bus.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct FrameId(u32);
 
 impl From<u8> for FrameId {
     fn from(id: u8) -> Self {
@@ -15,67 +17,217 @@ impl From<u8> for FrameId {
 }
 
 impl FrameId {
-    /// The largest id, 0x7FF.
+    /// The largest standard id, 0x7FF.
     pub const MAX: Self = Self(0x7FF);
+    /// The largest extended id, 0x1FFF_FFFF.
+    pub const MAX_EXTENDED: Self = Self(Self::EXTENDED | Self::RAW);
 
-    /// `None` when `raw` has more than 11 bits.
+    /// `CAN_EFF_FLAG` of `linux/can.h`: the id has 29 bits.
+    const EXTENDED: u32 = 0x8000_0000;
+    const RAW: u32 = 0x1FFF_FFFF;
+
+    /// A standard id. `None` when `raw` has more than 11 bits.
     #[must_use]
     pub const fn new(raw: u16) -> Option<Self> {
+        let raw = raw as u32;
         if raw <= Self::MAX.0 { Some(Self(raw)) } else { None }
     }
 
-    /// The id as a number, 0 to 0x7FF.
+    /// An extended id. `None` when `raw` has more than 29 bits.
     #[must_use]
-    pub const fn raw(self) -> u16 {
+    pub const fn extended(raw: u32) -> Option<Self> {
+        if raw <= Self::RAW { Some(Self(Self::EXTENDED | raw)) } else { None }
+    }
+
+    /// The id as a number, up to 0x7FF or 0x1FFF_FFFF.
+    #[must_use]
+    pub const fn raw(self) -> u32 {
+        self.0 & Self::RAW
+    }
+
+    /// The id has 29 bits.
+    #[must_use]
+    pub const fn is_extended(self) -> bool {
+        self.0 & Self::EXTENDED != 0
+    }
+
+    /// The id of a motor: a standard id of at most 8 bits.
+    #[must_use]
+    pub fn byte(self) -> Option<u8> {
+        u8::try_from(self.0).ok()
+    }
+
+    /// The id with the kernel's flag for extended ids.
+    pub(crate) const fn word(self) -> u32 {
         self.0
+    }
+
+    /// The bits in the order of arbitration: the 11 upper ones, IDE, the 18 lower ones.
+    const fn arbitration(self) -> u32 {
+        let raw = self.raw();
+        if self.is_extended() { (raw >> 18) << 19 | 1 << 18 | raw & 0x3_FFFF } else { raw << 19 }
     }
 }
 
-/// A data frame with 0 to 8 bytes.
-#[derive(Clone, Copy, PartialEq, Eq)]
+impl Ord for FrameId {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.arbitration().cmp(&other.arbitration())
+    }
+}
+
+impl PartialOrd for FrameId {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl fmt::Display for FrameId {
+    /// As `candump` prints it: three hexadecimal digits, or eight of an extended id.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_extended() { write!(f, "{:08X}", self.raw()) } else { write!(f, "{:03X}", self.raw()) }
+    }
+}
+
+impl fmt::Debug for FrameId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "FrameId({self})")
+    }
+}
+
+/// The format of a frame on the wire.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// At most 8 bytes.
+    Classic,
+    /// CAN FD: at most 64 bytes.
+    Fd {
+        /// BRS: the payload is sent at the data bit rate.
+        switches_rate: bool,
+        /// ESI: the sender is error passive.
+        error_passive: bool,
+    },
+}
+
+impl Format {
+    /// CAN FD at one bit rate.
+    pub const FD: Self = Self::Fd { switches_rate: false, error_passive: false };
+    /// CAN FD with the payload at the data bit rate.
+    pub const FD_BRS: Self = Self::Fd { switches_rate: true, error_passive: false };
+
+    /// A frame of this format can have `len` bytes: a DLC of CAN FD has no code for most lengths above 8.
+    #[must_use]
+    pub const fn fits(self, len: usize) -> bool {
+        match self {
+            Self::Classic => len <= Frame::CLASSIC_LEN_MAX,
+            Self::Fd { .. } => matches!(len, 0..=8 | 12 | 16 | 20 | 24 | 32 | 48 | 64),
+        }
+    }
+}
+
+/// A data frame: an id of either width, 0 to 64 bytes, and the flags of CAN FD.
+///
+/// A frame takes 72 bytes. Code that runs in every cycle writes a frame where it will be read ([`set`](Self::set)) and
+/// passes references. Only the bytes of the payload are written.
+#[derive(Clone, Copy)]
 pub struct Frame {
     id: FrameId,
+    format: Format,
     len: u8,
-    data: [u8; 8],
+    /// Those behind `len` have no meaning, except that the first eight of a classic frame are zero there.
+    data: [u8; Frame::LEN_MAX],
 }
 
 impl Frame {
-    /// `None` when `payload` is longer than 8 bytes.
+    /// The longest payload of a CAN FD frame.
+    pub const LEN_MAX: usize = 64;
+    /// The longest payload of a classic frame.
+    pub const CLASSIC_LEN_MAX: usize = 8;
+    /// A classic frame with id 0 and no bytes: space for another frame.
+    pub const EMPTY: Self =
+        Self { id: FrameId(0), format: Format::Classic, len: 0, data: [0; Self::LEN_MAX] };
+
+    /// A classic frame. `None` when `payload` is longer than 8 bytes.
     #[must_use]
     pub fn new(id: FrameId, payload: &[u8]) -> Option<Self> {
-        let mut data = [0; 8];
-        data.get_mut(..payload.len())?.copy_from_slice(payload);
-        Some(Self { id, len: payload.len() as u8, data })
+        Self::with_format(id, Format::Classic, payload)
     }
 
-    /// A frame with all 8 bytes, as every command to a motor is.
+    /// A frame of any format. `None` when a frame of this format cannot have the length of `payload`.
     #[must_use]
-    pub const fn full(id: FrameId, data: [u8; 8]) -> Self {
-        Self { id, len: 8, data }
+    pub fn with_format(id: FrameId, format: Format, payload: &[u8]) -> Option<Self> {
+        if !format.fits(payload.len()) {
+            return None;
+        }
+        let mut frame = Self { id, format, len: payload.len() as u8, ..Self::EMPTY };
+        frame.data.get_mut(..payload.len())?.copy_from_slice(payload);
+        Some(frame)
     }
 
-    /// `None` when `len` is more than 8. The bytes of `data` beyond it are dropped.
+    /// A classic frame with a payload of known length, at most 8 bytes.
     #[must_use]
     #[inline]
-    pub const fn cut(id: FrameId, len: u8, data: [u8; 8]) -> Option<Self> {
-        let kept = match len {
-            0 => 0,
-            1..=8 => u64::MAX >> (64 - 8 * len as u32),
-            _ => return None,
-        };
-        Some(Self { id, len, data: (u64::from_le_bytes(data) & kept).to_le_bytes() })
+    pub fn classic<const N: usize>(id: FrameId, payload: [u8; N]) -> Self {
+        let mut frame = Self::EMPTY;
+        frame.set(id, payload);
+        frame
     }
 
-    /// The bytes, and zeros up to the eighth.
+    /// Makes this a classic frame with a payload of known length, at most 8 bytes.
+    #[inline]
+    pub fn set<const N: usize>(&mut self, id: FrameId, payload: [u8; N]) {
+        const { assert!(N <= Self::CLASSIC_LEN_MAX, "a classic frame has at most 8 bytes") };
+        let mut data = [0; Self::CLASSIC_LEN_MAX];
+        data[..N].copy_from_slice(&payload);
+        self.set_padded(id, N as u8, data);
+    }
+
+    /// Makes this a classic frame with the first `len` bytes of `data`, as a controller delivers it. Returns `false`, and
+    /// changes nothing, when `len` is more than 8.
     #[must_use]
-    pub const fn padded(&self) -> [u8; 8] {
-        self.data
+    #[inline]
+    pub(crate) fn set_cut(&mut self, id: FrameId, len: u8, data: [u8; Self::CLASSIC_LEN_MAX]) -> bool {
+        let kept = match len {
+            0 => 0,
+            1..=8 => u64::MAX >> (64 - 8 * u32::from(len)),
+            _ => return false,
+        };
+        self.set_padded(id, len, (u64::from_le_bytes(data) & kept).to_le_bytes());
+        true
+    }
+
+    #[inline]
+    fn set_padded(&mut self, id: FrameId, len: u8, data: [u8; Self::CLASSIC_LEN_MAX]) {
+        (self.id, self.format, self.len) = (id, Format::Classic, len);
+        if let Some(first) = self.data.first_chunk_mut() {
+            *first = data;
+        }
+    }
+
+    /// The bytes of a classic frame, and zeros up to the eighth.
+    #[inline]
+    pub(crate) fn padded(&self) -> [u8; Self::CLASSIC_LEN_MAX] {
+        self.data.first_chunk().copied().unwrap_or_default()
     }
 
     /// The arbitration id.
     #[must_use]
+    #[inline]
     pub const fn id(&self) -> FrameId {
         self.id
+    }
+
+    /// The format.
+    #[must_use]
+    #[inline]
+    pub const fn format(&self) -> Format {
+        self.format
+    }
+
+    /// A classic frame, not one of CAN FD.
+    #[must_use]
+    #[inline]
+    pub const fn is_classic(&self) -> bool {
+        matches!(self.format, Format::Classic)
     }
 
     /// The bytes: as many as the DLC says.
@@ -86,11 +238,30 @@ impl Frame {
     }
 }
 
-impl core::fmt::Debug for Frame {
-    /// As `candump` prints it: `101#0180008008001E00`.
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "{:03X}#", self.id.raw())?;
+impl PartialEq for Frame {
+    fn eq(&self, other: &Self) -> bool {
+        (self.id, self.format, self.payload()) == (other.id, other.format, other.payload())
+    }
+}
+
+impl Eq for Frame {}
+
+impl fmt::Display for Frame {
+    /// As `candump -L` prints it: `101#0180008008001E00`, or `101##1` and up to 64 bytes, with the flags of CAN FD.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.format {
+            Format::Classic => write!(f, "{}#", self.id)?,
+            Format::Fd { switches_rate, error_passive } => {
+                write!(f, "{}##{}", self.id, u8::from(switches_rate) | u8::from(error_passive) << 1)?;
+            }
+        }
         self.payload().iter().try_for_each(|byte| write!(f, "{byte:02X}"))
+    }
+}
+
+impl fmt::Debug for Frame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
     }
 }
 
@@ -108,7 +279,7 @@ pub struct Arrival {
 /// A serial line names the receiver only: on a serial bus the id is that of the motor whose request is answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
-    /// A data frame with an 11-bit id and at most 8 bytes.
+    /// A data frame that the bus supports.
     Frame(Frame),
     /// The motor with this id could not read its request, and will not answer it: an ACK frame on a serial line (GIM document,
     /// table 3).
@@ -222,7 +393,7 @@ impl Inbox {
     /// An empty inbox.
     #[must_use]
     pub const fn new() -> Self {
-        let nothing = Arrival { at: Instant::ZERO, content: Content::Unsupported(Unsupported::Length) };
+        let nothing = Arrival { at: Instant::ZERO, content: Content::Frame(Frame::EMPTY) };
         Self { arrivals: [nothing; Self::CAPACITY], len: 0, space: Self::CAPACITY, lost: 0 }
     }
 
@@ -255,6 +426,25 @@ impl Inbox {
         Ok(())
     }
 
+    /// Adds the frame that `write` makes of an old one, without a copy. Returns `false` when the inbox is full, or `write`
+    /// returns `false`.
+    #[must_use]
+    #[inline]
+    pub fn push_frame(&mut self, at: Instant, write: impl FnOnce(&mut Frame) -> bool) -> bool {
+        let is_full = self.len >= self.space;
+        let Some(place) = self.arrivals.get_mut(self.len).filter(|_| !is_full) else { return false };
+        place.at = at;
+        let is_written = match &mut place.content {
+            Content::Frame(frame) => write(frame),
+            other => {
+                *other = Content::Frame(Frame::EMPTY);
+                if let Content::Frame(frame) = other { write(frame) } else { false }
+            }
+        };
+        self.len += usize::from(is_written);
+        is_written
+    }
+
     /// The number of arrivals that still fit.
     #[must_use]
     #[inline]
@@ -279,15 +469,76 @@ impl Default for Inbox {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    fn any_id() -> impl Strategy<Value = FrameId> {
+        prop_oneof![
+            (0..=0x7FF_u16).prop_map(|raw| FrameId::new(raw).unwrap()),
+            (0..=0x1FFF_FFFF_u32).prop_map(|raw| FrameId::extended(raw).unwrap()),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn ids_of_either_width_keep_value_and_width(raw in any::<u32>()) {
+            let standard = u16::try_from(raw).ok().and_then(FrameId::new);
+            prop_assert_eq!(standard.map(FrameId::raw), Some(raw).filter(|raw| *raw <= 0x7FF));
+            prop_assert!(standard.is_none_or(|id| !id.is_extended()));
+            let extended = FrameId::extended(raw);
+            prop_assert_eq!(extended.map(FrameId::raw), Some(raw).filter(|raw| *raw <= 0x1FFF_FFFF));
+            prop_assert!(extended.is_none_or(FrameId::is_extended));
+            prop_assert!(standard.is_none() || standard != extended);
+        }
+
+        #[test]
+        fn ids_are_ordered_by_arbitration(one in any_id(), other in any_id()) {
+            // Bit by bit as on the wire: 11 bits, then a standard frame sends RTR 0, an extended one SRR 1.
+            let wire = |id: FrameId| match id.is_extended() {
+                false => (id.raw(), 0, 0),
+                true => (id.raw() >> 18, 1, id.raw() & 0x3_FFFF),
+            };
+            prop_assert_eq!(one.cmp(&other), wire(one).cmp(&wire(other)));
+        }
+
+        #[test]
+        fn frames_keep_id_format_and_payload(id in any_id(), bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+            for format in [Format::Classic, Format::FD, Format::FD_BRS] {
+                let frame = Frame::with_format(id, format, &bytes);
+                prop_assert_eq!(frame.is_some(), format.fits(bytes.len()));
+                let parts = frame.map(|frame| (frame.id(), frame.format(), frame.payload().to_vec()));
+                prop_assert_eq!(parts, frame.map(|_| (id, format, bytes.clone())));
+            }
+        }
+
+        #[test]
+        fn frame_written_over_another_equals_new_one(
+            id in any_id(),
+            before in prop::collection::vec(any::<u8>(), 64),
+            data in any::<[u8; 8]>(),
+            len in 0..=8_u8,
+        ) {
+            let mut frame = Frame::with_format(FrameId::MAX, Format::FD_BRS, &before).unwrap();
+            prop_assert!(frame.set_cut(id, len, data));
+            prop_assert_eq!(frame, Frame::new(id, &data[..usize::from(len)]).unwrap());
+            prop_assert!(!frame.set_cut(id, 9, data));
+            frame.set(id, data);
+            prop_assert_eq!(frame, Frame::new(id, &data).unwrap());
+        }
+    }
 
     #[test]
-    fn frame_holds_eight_bytes_and_eleven_id_bits() {
+    fn frame_takes_72_bytes_and_prints_as_candump() {
+        assert_eq!(size_of::<Frame>(), 72);
         let id = FrameId::new(0x7FF).unwrap();
         assert_eq!(FrameId::new(0x800), None);
         assert_eq!(Frame::new(id, &[0; 9]), None);
         let frame = Frame::new(id, &[1, 2, 3]).unwrap();
         assert_eq!(frame.payload(), [1, 2, 3]);
         assert_eq!(format!("{frame:?}"), "7FF#010203");
+        let extended = FrameId::extended(0x1234).unwrap();
+        assert_eq!(Frame::classic(extended, [0xAB]).to_string(), "00001234#AB");
+        let fd = Frame::with_format(extended, Format::FD_BRS, &[0xAB; 12]).unwrap();
+        assert_eq!(fd.to_string(), "00001234##1ABABABABABABABABABABABAB");
     }
 
     #[test]
@@ -317,5 +568,27 @@ mod tests {
         assert_eq!((inbox.arrivals(), inbox.free()), (&[][..], Inbox::CAPACITY));
         inbox.clear_for(usize::MAX);
         assert_eq!(inbox.free(), Inbox::CAPACITY);
+    }
+
+    #[test]
+    fn frame_written_into_inbox_replaces_any_content() {
+        let mut inbox = Inbox::new();
+        let frame = Frame::classic(FrameId::MAX, [1, 2]);
+        let content =
+            |inbox: &Inbox| inbox.arrivals().iter().map(|arrival| arrival.content).collect::<Vec<_>>();
+        for before in [Content::Unsupported(Unsupported::Fd), Content::Frame(Frame::EMPTY)] {
+            inbox.clear_for(1);
+            inbox.push(Arrival { at: Instant::ZERO, content: before }).unwrap();
+            inbox.clear_for(1);
+            assert!(!inbox.push_frame(Instant::ZERO, |_| false));
+            assert_eq!(inbox.arrivals(), []);
+            let write = |slot: &mut Frame| {
+                *slot = frame;
+                true
+            };
+            assert!(inbox.push_frame(Instant::ZERO, write));
+            assert_eq!(content(&inbox), [Content::Frame(frame)]);
+            assert!(!inbox.push_frame(Instant::ZERO, write), "it is full");
+        }
     }
 }

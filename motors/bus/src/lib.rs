@@ -5,7 +5,7 @@
 //! in one system call.
 //!
 //! - [`time`]: instants and durations, as values that are passed in.
-//! - [`frame`]: classic CAN frames, and a controller's report on itself.
+//! - [`frame`]: frames of CAN and CAN FD, and a controller's report on itself.
 //! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
 //! - [`candump`]: the logs of CAN traffic.
 //! - [`serial`]: RS485 and RS232.
@@ -37,7 +37,7 @@ mod virtual_clock;
 #[cfg(feature = "linux")]
 mod wait;
 
-pub use frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
+pub use frame::{Arrival, Content, ErrorFrame, Format, Frame, FrameId, Inbox, Unsupported};
 pub use learned::{Backoff, Lateness, ReplyTime};
 #[cfg(feature = "linux")]
 pub use lock::{BusLock, Holder, LockError};

@@ -76,7 +76,7 @@ impl Motors {
 }
 
 fn frame(id: u8, payload: [u8; 8]) -> Frame {
-    Frame::full(FrameId::from(id), payload)
+    Frame::classic(FrameId::from(id), payload)
 }
 
 fn ask(bus: &mut SerialBus, id: u8) -> Sent {
@@ -120,7 +120,7 @@ fn unsendable_frame_is_refused_by_line() {
     let mut motors = Motors::new();
     let mut bus = motors.bus();
     let refused = Sent { accepted: 0, refusal: Some(Refusal::Error(22)) };
-    assert_eq!(bus.send(clock::monotonic(), &[Frame::full(FrameId::MAX, [0; 8])]), refused);
+    assert_eq!(bus.send(clock::monotonic(), &[Frame::classic(FrameId::MAX, [0; 8])]), refused);
     assert_eq!(bus.send(clock::monotonic(), &[Frame::new(FrameId::from(1), &[0; 6]).unwrap()]), refused);
     assert_eq!(motors.heard(), []);
 }

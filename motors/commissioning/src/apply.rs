@@ -130,7 +130,8 @@ impl Apply<'_> {
         }
         let new_id = self.integer("can-id");
         let new_host_id = self.integer("host-id").filter(|_| motor.link().wire() == Wire::Can);
-        let known = host_id.filter(|_| motor.link().wire() == Wire::Can).map(|id| i32::from(id.raw()));
+        let known =
+            host_id.filter(|_| motor.link().wire() == Wire::Can).and_then(|id| i32::try_from(id.raw()).ok());
         if (new_id.is_some() || new_host_id.is_some())
             && new_host_id.or(known) == Some(new_id.unwrap_or(id.into()))
         {

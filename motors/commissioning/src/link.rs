@@ -109,7 +109,7 @@ impl Link {
         mut read: impl FnMut(Heard) -> Option<T>,
     ) -> Result<Option<T>, Error> {
         self.drain();
-        let request = Frame::full(id_of(id), payload);
+        let request = Frame::classic(id_of(id), payload);
         self.send(&request, patience)?;
         self.hear(patience, |heard| match heard {
             Heard::Frame(frame) if frame.payload() == payload => None,

@@ -14,7 +14,7 @@ pub struct ReportedMotor {
     /// The id that it answered to.
     pub id: u8,
     /// The id that its answers bore; `None` when it cannot be told.
-    pub host_id: Option<u16>,
+    pub host_id: Option<u32>,
     /// The protocol that it answered in.
     pub protocol: ReportedProtocol,
     /// Version of its firmware; only in native mode.

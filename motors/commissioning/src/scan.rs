@@ -120,7 +120,7 @@ impl Unprompted {
     fn owns(self, id: u8) -> bool {
         match self {
             Self::CanSimple { node } => u16::from(id) >> 5 == u16::from(node),
-            Self::CustomFault { id: own } => own.raw() == u16::from(id),
+            Self::CustomFault { id: own } => own.byte() == Some(id),
         }
     }
 }

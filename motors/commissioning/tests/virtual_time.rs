@@ -361,7 +361,7 @@ fn scan_finds_every_motor_and_moves_none() {
         for found in &report.found {
             let in_mit = kind == BusKind::Can && found.id % 2 == 0;
             assert_eq!(found.family, if in_mit { Family::Mit } else { Family::Native }, "{found:?}");
-            assert_eq!(found.host_id.unwrap().raw(), 0x100 + u16::from(found.id), "{found:?}");
+            assert_eq!(found.host_id.unwrap().raw(), 0x100 + u32::from(found.id), "{found:?}");
         }
         assert_eq!(steps, 254);
         let mut frames = 0;
@@ -427,7 +427,7 @@ fn ids_that_command_other_drivers_are_not_asked() {
     use motord_bus::{Content, Frame, FrameId};
     let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Gim)]);
     let mut link = link(&bus, BusKind::Can);
-    let heartbeat = Frame::full(FrameId::new(0x001).unwrap(), [0; 8]);
+    let heartbeat = Frame::classic(FrameId::new(0x001).unwrap(), [0; 8]);
     bus.lock().deliver(START + Duration::from_millis(100), Content::Frame(heartbeat));
     let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
     assert_eq!(report.skipped, (1..32).collect::<Vec<u8>>());
@@ -588,7 +588,7 @@ fn every_result_code_is_error_on_both_wires() {
                 _ => 1,
             };
             bytes[place] = self.0;
-            self.1 = Some(Frame::full(FrameId::new(3).unwrap(), bytes));
+            self.1 = Some(Frame::classic(FrameId::new(3).unwrap(), bytes));
             Sent::all(1)
         }
         fn receive(&mut self, now: Instant, inbox: &mut Inbox) {

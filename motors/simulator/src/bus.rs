@@ -2,13 +2,13 @@
 
 use crate::contention::{Answers, Contender, Sender};
 use crate::fault::{Fault, FaultVerb, InjectError};
-use crate::length::frame_bits;
+use crate::length::frame_time;
 use crate::motor::{Impairment, Motor, Reply};
 use crate::random::Random;
 use crate::record::{Direction, Record, Recorded};
 use crate::settings::{BusKind, BusSettings, MotorSettings};
 use crate::shaft::Shaft;
-use motord_bus::arithmetic::{SERIAL_FRAME_BITS, unstuffed_bits, wire_time};
+use motord_bus::arithmetic::{IdWidth, SERIAL_FRAME_BITS, unstuffed_bits, wire_time};
 use motord_bus::frame::ControllerState;
 use motord_bus::{Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, Inbox, Instant};
 use motord_bus::{Readiness, Refusal, Sent};
@@ -346,11 +346,10 @@ impl SimulatedBus {
     }
 
     fn duration(&self, frame: &Frame) -> Duration {
-        let bits = match self.settings.kind {
-            BusKind::Can => frame_bits(frame),
-            BusKind::Serial => SERIAL_FRAME_BITS,
-        };
-        wire_time(bits, self.wire_bitrate())
+        match self.settings.kind {
+            BusKind::Can => frame_time(frame, self.wire_bitrate(), self.settings.data_bitrate),
+            BusKind::Serial => wire_time(SERIAL_FRAME_BITS, self.wire_bitrate()),
+        }
     }
 
     /// Every node but the sender hears a frame when it is complete.
@@ -448,7 +447,7 @@ impl SimulatedBus {
         let latency =
             |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);
         let latency = self.motors.iter().map(latency).min().unwrap_or(Duration::ZERO);
-        latency + wire_time(unstuffed_bits(ANSWER_BYTES_MIN), self.wire_bitrate())
+        latency + wire_time(unstuffed_bits(IdWidth::Standard, ANSWER_BYTES_MIN), self.wire_bitrate())
     }
 }
 
@@ -513,18 +512,19 @@ fn controller_report(state: ControllerState) -> ErrorFrame {
 
 fn unexpected_frame(random: &mut Random) -> Frame {
     let id = UNEXPECTED_ID | (random.next() & 0xF) as u16;
-    Frame::full(FrameId::new(id).unwrap_or(FrameId::MAX), random.next().to_le_bytes())
+    Frame::classic(FrameId::new(id).unwrap_or(FrameId::MAX), random.next().to_le_bytes())
 }
 
 fn damaged(frame: Frame, impairment: &Impairment, random: &mut Random) -> Frame {
-    let mut bytes = [0; 8];
+    let mut bytes = [0; Frame::LEN_MAX];
     let mut len = frame.payload().len();
     bytes[..len].copy_from_slice(frame.payload());
     if impairment.garbage {
-        bytes = random.next().to_le_bytes();
+        let garbage = random.next().to_le_bytes();
+        bytes.chunks_mut(garbage.len()).for_each(|chunk| chunk.copy_from_slice(&garbage[..chunk.len()]));
     }
     if impairment.short {
         len = len.saturating_sub(2);
     }
-    Frame::new(frame.id(), &bytes[..len]).unwrap_or(frame)
+    Frame::with_format(frame.id(), frame.format(), &bytes[..len]).unwrap_or(frame)
 }

@@ -17,7 +17,7 @@
 //! let hip = MotorSettings { name: "fl-hip".into(), id: 1, host_id: 0x101, ..Default::default() };
 //! let mut bus = SimulatedBus::new(BusSettings::default(), vec![hip], 7);
 //! let (start, later) = (Instant::ZERO, Instant::from_nanos(1_000_000));
-//! let stop = Frame::full(FrameId::new(1).unwrap(), [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]);
+//! let stop = Frame::classic(FrameId::new(1).unwrap(), [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD]);
 //!
 //! bus.send(start, &[stop]);
 //! let mut inbox = Inbox::new();

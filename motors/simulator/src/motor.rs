@@ -17,6 +17,8 @@ use motord_bus::{Duration, Frame, FrameId, Instant};
 
 /// Steps that one call computes at most, 0.2 s; a longer gap takes longer steps.
 const STEPS_MAX: u64 = 4_000;
+/// Bytes of every command, in both protocols.
+const COMMAND_BYTES: usize = 8;
 /// The shaft turns this fast while it is calibrated, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
@@ -72,8 +74,8 @@ pub struct Motor {
     silent_until: Instant,
     impairment: Impairment,
     last_executed: Option<(Instant, Frame)>,
-    /// The payload of the answer before.
-    last_answer: [u8; 8],
+    /// The answer before.
+    last_answer: Frame,
     /// Frames that it can still destroy.
     disturbances: u8,
 }
@@ -130,7 +132,7 @@ impl Motor {
             silent_until: Instant::ZERO,
             impairment: Impairment { dead: !settings.has_power, ..Impairment::default() },
             last_executed: None,
-            last_answer: [0; 8],
+            last_answer: Frame::EMPTY,
             disturbances: DISTURBANCES,
             settings,
             kind,
@@ -322,23 +324,16 @@ impl Motor {
 
     /// Takes `frame` from the wire at `at`; the answer, if the motor gives one.
     pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
-        if !self.is_addressed(at, frame.id()) {
+        let is_command = frame.is_classic() && frame.payload().len() == COMMAND_BYTES;
+        if !is_command || !self.is_addressed(at, frame.id()) {
             return None;
         }
-        let bytes = <[u8; 8]>::try_from(frame.payload()).ok()?;
         self.advance(at);
         self.reach(at.as_nanos());
-        // A change of id or protocol takes effect after its own answer.
-        let host_id = self.host_address();
-        let (payload, length, after) = if self.is_native() {
-            let (payload, after) = self.gim(at, frame, bytes)?;
-            (payload, 8, after)
-        } else {
-            let (payload, length) = self.mit(at, frame, bytes)?;
-            (payload, length, Duration::ZERO)
-        };
-        self.last_answer = payload;
-        Some(Reply { frame: Frame::new(host_id, &payload[..length])?, after })
+        let (frame, after) =
+            if self.is_native() { self.gim(at, frame)? } else { (self.mit(at, frame)?, Duration::ZERO) };
+        self.last_answer = frame;
+        Some(Reply { frame, after })
     }
 
     /// Whether it destroys a frame on a CAN bus, as one of another bit rate may.
@@ -359,7 +354,12 @@ impl Motor {
 
     /// The bytes of an answer that have no meaning.
     fn filler(&self) -> [u8; 8] {
-        if self.settings.behaviour.stale_bytes { self.last_answer } else { [0; 8] }
+        let mut filler = [0; 8];
+        if self.settings.behaviour.stale_bytes {
+            let stale = self.last_answer.payload();
+            filler[..stale.len()].copy_from_slice(stale);
+        }
+        filler
     }
 
     /// From now on the bus has this bit rate.

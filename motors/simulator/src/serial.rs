@@ -115,7 +115,7 @@ impl SerialSlave {
             match self.start() {
                 Start::Incomplete => return,
                 Start::Request(payload) => {
-                    self.bus.send(now, &[Frame::full(self.addressee(), payload)]);
+                    self.bus.send(now, &[Frame::classic(self.addressee(), payload)]);
                     self.searching = false;
                     self.len = 0;
                 }

@@ -13,6 +13,8 @@ pub struct BusSettings {
     pub bitrate: u32,
     /// Bit/s of the wire itself, if it is not `bitrate`. A high rate makes up for the time that a slow machine adds.
     pub wire_bitrate: Option<u32>,
+    /// Bit/s of the wire for the payload of CAN FD frames with BRS.
+    pub data_bitrate: u32,
     /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
     pub tx_queue: usize,
     /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's buffer.
@@ -28,6 +30,7 @@ impl Default for BusSettings {
             kind: BusKind::Can,
             bitrate: 1_000_000,
             wire_bitrate: None,
+            data_bitrate: 5_000_000,
             tx_queue: 10,
             rx_queue: 256,
             record: 0,

@@ -71,27 +71,30 @@ pub(crate) struct Control {
 }
 
 impl MitCommand {
-    pub(crate) fn decode(bytes: [u8; 8]) -> Self {
-        match bytes {
+    /// `None` for a payload that does not have eight bytes.
+    pub(crate) fn decode(payload: &[u8]) -> Option<Self> {
+        Some(match payload {
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC] => Self::Start,
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD] => Self::Stop,
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFE] => Self::SetZero,
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFB] => Self::ClearFault,
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, _, 0xFB] => Self::GetFault,
-            _ => Self::Control(Control::decode(bytes)),
-        }
+            _ => Self::Control(Control::decode(payload)?),
+        })
     }
 }
 
 impl Control {
-    pub(crate) fn decode([p1, p0, v1, v0_kp1, kp0, kd1, kd0_t1, t0]: [u8; 8]) -> Self {
-        Self {
+    /// `None` for a payload that does not have eight bytes.
+    pub(crate) fn decode(payload: &[u8]) -> Option<Self> {
+        let &[p1, p0, v1, v0_kp1, kp0, kd1, kd0_t1, t0] = payload else { return None };
+        Some(Self {
             position: u16::from_be_bytes([p1, p0]),
             velocity: u16::from(v1) * 16 + u16::from(v0_kp1) / 16,
             kp: u16::from(v0_kp1) % 16 * 256 + u16::from(kp0),
             kd: u16::from(kd1) * 16 + u16::from(kd0_t1) / 16,
             torque: u16::from(kd0_t1) % 16 * 256 + u16::from(t0),
-        }
+        })
     }
 }
 
@@ -241,7 +244,7 @@ mod tests {
         assert!(vectors.len() > 30);
         for (bytes, vector) in vectors {
             let decoded = &vector["decoded"];
-            let command = MitCommand::decode(bytes.try_into().unwrap());
+            let command = MitCommand::decode(&bytes).unwrap();
             let expected = match decoded["kind"].as_str().unwrap() {
                 "start_motor" => MitCommand::Start,
                 "stop_motor" => MitCommand::Stop,

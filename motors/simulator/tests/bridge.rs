@@ -45,7 +45,7 @@ impl Robot {
 
     fn stop(&mut self, id: u16) -> Instant {
         let asked = clock::monotonic();
-        let command = Frame::full(FrameId::new(id).expect("11 bits"), STOP);
+        let command = Frame::classic(FrameId::new(id).expect("11 bits"), STOP);
         assert_eq!(self.host.send(asked, &[command]).refusal, None);
         asked
     }
@@ -111,11 +111,11 @@ fn motor_with_changed_id_is_received_under_it() {
     const VERSION: [u8; 8] = [0xB1, 0, 0, 0, 0, 0, 0, 0];
     let mut robot = Robot::of("vcan2", Dialect::Gim);
     for (id, bytes) in [(1, NEW_ID), (9, VERSION)] {
-        let command = Frame::full(FrameId::new(id).expect("11 bits"), bytes);
+        let command = Frame::classic(FrameId::new(id).expect("11 bits"), bytes);
         assert_eq!(robot.host.send(clock::monotonic(), &[command]).refusal, None);
         assert_eq!(robot.listen().arrivals().len(), 1, "{id}");
     }
-    let command = Frame::full(FrameId::new(1).expect("11 bits"), VERSION);
+    let command = Frame::classic(FrameId::new(1).expect("11 bits"), VERSION);
     assert_eq!(robot.host.send(clock::monotonic(), &[command]).refusal, None);
     assert_eq!(robot.listen().arrivals(), [], "nobody has the old id");
 }

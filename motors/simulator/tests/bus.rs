@@ -14,7 +14,7 @@ fn at(micros: u64) -> Instant {
 }
 
 fn to(id: u16, bytes: [u8; 8]) -> Frame {
-    Frame::full(FrameId::new(id).unwrap(), bytes)
+    Frame::classic(FrameId::new(id).unwrap(), bytes)
 }
 
 fn motor(id: u16) -> MotorSettings {
@@ -71,7 +71,7 @@ fn the_lowest_id_that_waits_goes_first() {
     let mut bus = bus(vec![motor(1), motor(2), motor(3)]);
     bus.send(at(0), &[to(3, NEUTRAL), to(2, NEUTRAL), to(1, NEUTRAL)]);
     received(&mut bus, at(2000));
-    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    let ids: Vec<u32> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
     // The host's queue is first in first out, and its ids beat every answer that waits meanwhile. When it is empty
     // 0x103 and 0x102 wait, and while 0x102 is sent 0x101 becomes ready and overtakes 0x103.
     assert_eq!(ids, [3, 2, 1, 0x102, 0x101, 0x103]);
@@ -82,7 +82,7 @@ fn low_id_answer_outranks_host_commands() {
     let mut bus = bus(vec![MotorSettings { host_id: 0, ..motor(1) }, motor(2), motor(3)]);
     bus.send(at(0), &[to(1, NEUTRAL), to(2, NEUTRAL), to(3, NEUTRAL)]);
     received(&mut bus, at(2000));
-    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    let ids: Vec<u32> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
     assert_eq!(ids, [1, 2, 0, 3, 0x102, 0x103]);
 }
 
@@ -162,7 +162,7 @@ fn unanswered_serial_request_blocks_no_other() {
         bus.send(at(time), &[to(id, get_fault)]);
         received(&mut bus, at(time + 990));
     }
-    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    let ids: Vec<u32> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
     assert_eq!(ids, [1, 0x01, 9, 2, 0x02], "answers bear the low byte of the host id");
 }
 
@@ -174,7 +174,7 @@ fn a_serial_line_knows_no_priority() {
     // Nobody has the address 9. The answer becomes ready during the second request, when the third waits already.
     bus.send(at(0), &[1, 9, 9].map(|id| to(id, [0xB2, 0, 0, 0, 0, 0, 0, 0])));
     received(&mut bus, at(2000));
-    let ids: Vec<u16> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
+    let ids: Vec<u32> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
     assert_eq!(ids, [1, 9, 9, 0x01], "answers bear the low byte of the host id");
 }
 

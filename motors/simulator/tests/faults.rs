@@ -21,7 +21,7 @@ fn push(bench: &mut Bench) -> Vec<u8> {
 }
 
 fn neutral() -> Frame {
-    Frame::full(FrameId::new(1).unwrap(), NEUTRAL)
+    Frame::classic(FrameId::new(1).unwrap(), NEUTRAL)
 }
 
 #[test]

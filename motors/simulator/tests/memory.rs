@@ -241,7 +241,7 @@ fn motors_of_two_rates_share_a_bus() {
     let motor = |name: &str, id| MotorSettings { name: name.into(), id, host_id: 0x100 + id, ..settings() };
     let mut bus = SimulatedBus::new(BusSettings::default(), vec![motor("a", 1), motor("b", 2)], 0);
     let heard = |bus: &mut SimulatedBus, now: u64, id, bytes| {
-        bus.send(Instant::from_nanos(now), &[Frame::full(FrameId::new(id).unwrap(), bytes)]);
+        bus.send(Instant::from_nanos(now), &[Frame::classic(FrameId::new(id).unwrap(), bytes)]);
         let mut inbox = motord_bus::Inbox::new();
         bus.receive(Instant::from_nanos(now + 1_000_000), &mut inbox);
         common::frames(inbox.arrivals()).len()
@@ -265,7 +265,7 @@ fn wrong_rate_motor_destroys_frames_sent_again() {
     };
     let mut bus = SimulatedBus::new(BusSettings::default(), vec![motor("a", 1), motor("b", 2)], 0);
     let heard = |bus: &mut SimulatedBus, now: u64, id, bytes| {
-        bus.send(Instant::from_nanos(now), &[Frame::full(FrameId::new(id).unwrap(), bytes)]);
+        bus.send(Instant::from_nanos(now), &[Frame::classic(FrameId::new(id).unwrap(), bytes)]);
         let mut inbox = motord_bus::Inbox::new();
         bus.receive(Instant::from_nanos(now + 5_000_000), &mut inbox);
         let frames = common::frames(inbox.arrivals()).len();

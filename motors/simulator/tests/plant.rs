@@ -50,7 +50,7 @@ impl Bench {
     }
 
     fn send(&mut self, bus: usize, bytes: [u8; 8]) {
-        let frame = Frame::full(FrameId::new(1).unwrap(), bytes);
+        let frame = Frame::classic(FrameId::new(1).unwrap(), bytes);
         assert_eq!(self.buses[bus].send(self.now, &[frame]).accepted, 1);
     }
 

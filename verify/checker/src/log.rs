@@ -220,7 +220,10 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
     let said = || format!("candump says: {line}");
     let LogLine { at, interface, content } = LogLine::parse(line).map_err(|_| said())?;
     let Content::Frame(frame) = content else { return Err(said()) };
-    let id = frame.id().raw();
+    if !frame.is_classic() {
+        return Err(said());
+    }
+    let id = frame.id();
     let is_to = |motor: &crate::robot::Wired| motor.interface == interface && motor.id == id;
     if let Some(motor) = wiring.motors.iter().position(is_to) {
         // A kind depends on no range, so one serves for every motor.

@@ -2,6 +2,7 @@
 
 use crate::codec::{Ranges, Reply};
 use motord_bus::Duration;
+use motord_bus::FrameId;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -38,9 +39,9 @@ pub struct Motor {
     /// Index of its bus.
     pub bus: usize,
     /// Id of the commands.
-    pub id: u16,
+    pub id: FrameId,
     /// Id of the replies.
-    pub reply_id: u16,
+    pub reply_id: FrameId,
     /// The protocol that it speaks.
     pub protocol: Protocol,
     /// It gets a command in one of so many cycles.
@@ -70,6 +71,12 @@ pub enum Protocol {
 }
 
 impl Motor {
+    /// The byte by which a motor names itself in a payload.
+    #[must_use]
+    pub fn own_id(&self) -> u8 {
+        self.id.raw() as u8
+    }
+
     /// It gets no command in most cycles, and one cycle may take more than its turn.
     #[must_use]
     pub const fn takes_turns(&self) -> bool {
@@ -145,9 +152,9 @@ pub struct Wired {
     /// As candump calls it.
     pub interface: String,
     /// Id of the commands.
-    pub id: u16,
+    pub id: FrameId,
     /// Id of the replies.
-    pub reply_id: u16,
+    pub reply_id: FrameId,
     /// It answers the question for its faults. Another motor takes the question for a control frame.
     pub answers_question: bool,
     /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the file gives no limits, or the codes
@@ -233,12 +240,16 @@ impl Wiring {
             let bus = bus.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?;
             let (reply_offset, answers_question) = vendor(motor.model.as_deref());
             let position = motor.position();
+            let reply_id = motor.host_id.unwrap_or(reply_offset + motor.id);
+            let id =
+                |raw| FrameId::new(raw).ok_or_else(|| format!("{}: no id has more than 11 bits", motor.name));
+            let (id, reply_id) = (id(motor.id)?, id(reply_id)?);
             Ok(bus.interface.clone().map(|interface| Wired {
                 interface,
                 position,
                 name: motor.name,
-                id: motor.id,
-                reply_id: motor.host_id.unwrap_or(reply_offset + motor.id),
+                id,
+                reply_id,
                 answers_question,
             }))
         };
@@ -263,6 +274,6 @@ impl Wired {
     /// Interface and id, as candump spells them.
     #[must_use]
     pub fn place(&self) -> String {
-        format!("{} {:03X}", self.interface, self.id)
+        format!("{} {}", self.interface, self.id)
     }
 }

@@ -295,11 +295,10 @@ impl Checker {
     fn judge_command(&mut self, cycle: &mut Cycle, command: &Command) {
         let Command { bus, frame, .. } = *command;
         let motors = &self.robot.motors;
-        let motor = motors.iter().position(|motor| (motor.bus, motor.id) == (bus, frame.id().raw()));
+        let motor = motors.iter().position(|motor| (motor.bus, motor.id) == (bus, frame.id()));
         let motor = motor.expect("frames go to motors");
-        let bytes = frame.payload().try_into().expect("every command has eight bytes");
-        judge_bytes(&motors[motor], bytes);
-        let order = Order::of(bytes, &motors[motor]);
+        judge_payload(&motors[motor], frame.payload());
+        let order = Order::of(frame.payload(), &motors[motor]);
         cycle.frames[bus] += 1;
         let most = 1 + motors.iter().filter(|motor| motor.bus == bus).count();
         assert!(cycle.frames[bus] <= most, "I5: more than {most} frames");
@@ -452,8 +451,9 @@ impl Checker {
     }
 }
 
-/// Bytes that no motor may hear, whatever is asked of it.
-fn judge_bytes(motor: &Motor, bytes: [u8; 8]) {
+/// Judges a payload by itself: some no motor may hear, whatever is asked of it.
+fn judge_payload(motor: &Motor, payload: &[u8]) {
+    let bytes = payload.try_into().expect("every command has eight bytes");
     assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
     match motor.protocol {
         Protocol::Mit { ranges, reply } => {

@@ -56,8 +56,8 @@ fn robot(protocol: Protocol) -> Robot {
     let motor = Motor {
         name: "hip".into(),
         bus: 0,
-        id: 1,
-        reply_id: 0x101,
+        id: FrameId::from(1),
+        reply_id: FrameId::new(0x101).unwrap(),
         protocol,
         turn: 1,
         direction: 1.0,
@@ -170,7 +170,7 @@ impl Script {
 
     fn judge(&mut self, next: Next) {
         let Next { state, commands, reply } = next;
-        let frame = |bytes: u64| Frame::full(FrameId::new(1).unwrap(), bytes.to_be_bytes());
+        let frame = |bytes: u64| Frame::classic(FrameId::new(1).unwrap(), bytes.to_be_bytes());
         let command = |bytes: &u64| Command { ready: state.begun, bus: 0, frame: frame(*bytes) };
         let commands: Vec<_> = commands.iter().map(command).collect();
         let at = Instant::from_nanos(state.joints[0].receive_ns);

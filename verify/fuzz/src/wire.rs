@@ -169,8 +169,10 @@ fn content(input: &mut Input<'_>, robot: &Robot) -> Content {
     }
 }
 
+/// Any id: one with the upper bit has 29 bits.
 fn id(raw: u16) -> FrameId {
-    FrameId::new(raw & 0x7FF).expect("it has eleven bits")
+    let id = if raw & 0x8000 == 0 { FrameId::new(raw & 0x7FF) } else { FrameId::extended(raw.into()) };
+    id.expect("it has eleven bits, or 29")
 }
 
 /// The stream of a serial line. Each byte is skipped or part of an accepted frame: none is both and none is lost. A frame that is

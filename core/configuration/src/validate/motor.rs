@@ -251,7 +251,7 @@ fn judge_ids(items: &[Item], addresses: &[Option<Address>], findings: &mut Findi
             continue;
         }
         let (host_id, default) = (motor.host_id.raw(), motor.ids.reply_offset + u16::from(motor.id));
-        let commands = on_bus(motor.bus).map(|(_, other)| u16::from(other.id));
+        let commands = on_bus(motor.bus).map(|(_, other)| u32::from(other.id));
         let is_heard = on_bus(motor.bus).any(|(_, other)| other.ids.hears(other.id, host_id));
         if let Some((other, _)) = before.find(|(_, other)| other.host_id == motor.host_id) {
             findings.error(keys.host_id.at, Wrong::DuplicateHostId { host_id, other: named(other), default });

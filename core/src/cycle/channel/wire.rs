@@ -11,6 +11,7 @@ pub(crate) struct Wire {
     bus: Box<dyn Bus>,
     /// Id of the arrivals of a motor, and the motor, in the order of the configuration.
     routes: Vec<(FrameId, usize)>,
+    /// One slot for each motor of the bus. The first hold the batch: one frame for each of `senders`.
     frames: Vec<Frame>,
     senders: Vec<usize>,
     inbox: Inbox,
@@ -42,7 +43,7 @@ impl Wire {
     pub(super) fn new(bus: Box<dyn Bus>, routes: Vec<(FrameId, usize)>) -> Self {
         Self {
             bus,
-            frames: Vec::with_capacity(routes.len()),
+            frames: vec![Frame::EMPTY; routes.len()],
             senders: Vec::with_capacity(routes.len()),
             routes,
             inbox: Inbox::new(),
@@ -61,25 +62,23 @@ impl Wire {
     /// Removes the frames of the last batch.
     #[inline]
     pub(super) fn clear(&mut self) {
-        self.frames.clear();
         self.senders.clear();
     }
 
-    /// Queues a frame for each motor that `command` has one for.
+    /// Queues a frame for each motor that `write` writes one for.
     #[inline]
-    pub(crate) fn queue_each(&mut self, mut command: impl FnMut(usize) -> Option<Frame>) {
-        for &(_, motor) in &self.routes {
-            if let Some(frame) = command(motor) {
-                self.frames.push(frame);
-                self.senders.push(motor);
+    pub(crate) fn queue_each(&mut self, mut write: impl FnMut(usize, &mut Frame) -> bool) {
+        let Self { routes, frames, senders, .. } = self;
+        for &(_, motor) in routes.iter() {
+            if frames.get_mut(senders.len()).is_some_and(|frame| write(motor, frame)) {
+                senders.push(motor);
             }
         }
     }
 
-    /// Queues the frame of a motor, if there is one. There is reserved space for one frame per motor of the bus.
-    pub(crate) fn queue(&mut self, motor: usize, frame: Option<Frame>) {
-        if let Some(frame) = frame {
-            self.frames.push(frame);
+    /// Queues the frame of a motor, if `write` writes one. There is a slot for each motor of the bus.
+    pub(crate) fn queue(&mut self, motor: usize, write: impl FnOnce(&mut Frame) -> bool) {
+        if self.frames.get_mut(self.senders.len()).is_some_and(write) {
             self.senders.push(motor);
         }
     }
@@ -89,12 +88,12 @@ impl Wire {
     #[inline]
     pub(super) fn send(&mut self, now: Instant, unsent: impl FnMut(usize)) -> Accepted {
         self.replied_at = now;
-        if self.frames.is_empty() {
+        if self.is_idle() {
             return Accepted { frames: 0, took_all: true };
         }
         let sent = match self.condition {
             BusCondition::Off | BusCondition::Gone => Sent { accepted: 0, refusal: None },
-            _ => self.bus.send(now, &self.frames),
+            _ => self.bus.send(now, &self.frames[..self.senders.len()]),
         };
         match sent.refusal {
             Some(Refusal::Down) => self.condition = BusCondition::Down,
@@ -113,8 +112,8 @@ impl Wire {
 
     #[inline]
     fn account(&mut self, accepted: usize, mut unsent: impl FnMut(usize)) -> Accepted {
-        let accepted = accepted.min(self.frames.len());
-        let dropped = self.frames.len() - accepted;
+        let accepted = accepted.min(self.senders.len());
+        let dropped = self.senders.len() - accepted;
         self.senders[accepted..].iter().for_each(|&motor| unsent(motor));
         self.counters.sent = self.counters.sent.wrapping_add(accepted as u32);
         self.counters.dropped = self.counters.dropped.wrapping_add(dropped as u32);
@@ -189,7 +188,7 @@ impl Wire {
     /// Returns whether no frame is queued.
     #[inline]
     pub(crate) fn is_idle(&self) -> bool {
-        self.frames.is_empty()
+        self.senders.is_empty()
     }
 
     /// Returns the motors of the last batch, in the order of its frames.

@@ -9,7 +9,7 @@ use std::os::fd::OwnedFd;
 use std::time::Instant as Clock;
 
 fn stops() -> [Frame; 3] {
-    [1, 2, 3].map(|id| Frame::full(FrameId::from(id), [0x92, 0, 0x80, 0, 0, 0, 8, 0]))
+    [1, 2, 3].map(|id| Frame::classic(FrameId::from(id), [0x92, 0, 0x80, 0, 0, 0, 8, 0]))
 }
 
 /// The motors' end of a line, and the device.

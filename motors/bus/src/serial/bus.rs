@@ -87,9 +87,15 @@ impl<S: ByteStream> Bus for SerialBus<S> {
         };
         self.is_gone = count == 0;
         let Self { line, buffer, .. } = self;
-        let replies = buffer[..count].iter().filter_map(|byte| line.push(*byte)).last();
-        let arrivals = [replies.or_else(|| line.refusal()), line.unmatched()];
-        for content in arrivals.into_iter().flatten() {
+        let reply = buffer[..count].iter().filter_map(|byte| line.push(*byte)).last();
+        let is_reply = reply.is_some_and(|reply| {
+            inbox.push_frame(now, |frame| {
+                reply.write(frame);
+                true
+            })
+        });
+        let refusal = if is_reply { None } else { line.refusal() };
+        for content in [refusal, line.unmatched()].into_iter().flatten() {
             inbox.push(Arrival { at: now, content }).expect("there is space for them");
         }
     }
@@ -119,8 +125,7 @@ impl SerialSender {
     ///
     /// Why it was not sent. After [`Refusal::Gone`], close the port and open it again.
     pub fn send(&self, frame: &Frame) -> Result<(), Refusal> {
-        let id = u8::try_from(frame.id().raw()).ok();
-        let request = id.and_then(|id| Request::new(Address { id, host_id: None }, frame));
+        let request = frame.id().byte().and_then(|id| Request::new(Address { id, host_id: None }, frame));
         let request = request.ok_or(Refusal::Error(libc::EINVAL))?;
         if self.0.unsent().map_err(refusal)? > 0 {
             return Err(Refusal::Full);

@@ -19,7 +19,8 @@ pub const HEADER_LEN: usize = 4;
 /// Bytes of the longest frame.
 pub const FRAME_LEN_MAX: usize = HEADER_LEN + PAYLOAD_LEN;
 
-const PAYLOAD_LEN: usize = 8;
+/// Bytes of the payload of a normal frame.
+pub const PAYLOAD_LEN: usize = 8;
 const TYPE_NORMAL: u8 = 0;
 const TYPE_ACK: u8 = 1;
 
@@ -44,7 +45,7 @@ pub struct SerialFrame {
 impl SerialFrame {
     /// A command or a reply for `receiver`.
     #[must_use]
-    pub const fn normal(receiver: u8, payload: [u8; 8]) -> Self {
+    pub const fn normal(receiver: u8, payload: [u8; PAYLOAD_LEN]) -> Self {
         Self { receiver, frame_type: FrameType::Normal, len: PAYLOAD_LEN as u8, payload }
     }
 

@@ -14,7 +14,7 @@
 
 use core::cell::Cell;
 
-use super::framing::{Decoder, FRAME_LEN_MAX, FrameType, SerialFrame};
+use super::framing::{Decoder, FRAME_LEN_MAX, FrameType, PAYLOAD_LEN, SerialFrame};
 use super::{Address, Answers, Settings};
 use crate::frame::{Content, Frame, FrameId, Unsupported};
 use crate::time::{Duration, Instant};
@@ -31,9 +31,10 @@ pub(super) struct Request {
 }
 
 impl Request {
-    /// `None` when `frame` does not have eight bytes.
+    /// `None` when `frame` is not a classic one of eight bytes.
     pub(super) fn new(address: Address, frame: &Frame) -> Option<Self> {
-        let frame = SerialFrame::normal(address.id, frame.payload().try_into().ok()?);
+        let payload = frame.is_classic().then(|| frame.payload())?;
+        let frame = SerialFrame::normal(address.id, payload.try_into().ok()?);
         let mut bytes = [0; FRAME_LEN_MAX];
         frame.write(&mut bytes);
         Some(Self { address, frame, bytes })
@@ -52,6 +53,21 @@ impl Request {
             Some(_) => receiver == id && !has_echo,
             None => receiver != id || !has_echo,
         }
+    }
+}
+
+/// The reply to a request.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reply {
+    /// The motor that was asked.
+    id: u8,
+    payload: [u8; PAYLOAD_LEN],
+}
+
+impl Reply {
+    /// Writes the reply as a frame with the id of the motor that was asked.
+    pub(super) fn write(self, frame: &mut Frame) {
+        frame.set(FrameId::from(self.id), self.payload);
     }
 }
 
@@ -138,9 +154,9 @@ impl Line {
         self.open.is_some()
     }
 
-    /// The request for `frame`; `None` when it does not have eight bytes, or its id does not fit into one.
+    /// The request for `frame`; `None` when it is not a classic one of eight bytes, or its id does not fit into one.
     pub(super) fn request(&self, frame: &Frame) -> Option<Request> {
-        let id = u8::try_from(frame.id().raw()).ok()?;
+        let id = frame.id().byte()?;
         let listed = self.addresses.binary_search_by_key(&id, |address| address.id);
         let address = listed.map_or(Address { id, host_id: None }, |index| self.addresses[index]);
         Request::new(address, frame)
@@ -171,10 +187,10 @@ impl Line {
         }
     }
 
-    /// Takes the next byte. Returns the reply that it completes, under the id of the motor that was asked.
+    /// Takes the next byte. Returns the reply that it completes.
     ///
     /// Real-time: does not allocate or block; tries at most 12 positions for each of at most 12 bytes.
-    pub(super) fn push(&mut self, byte: u8) -> Option<Content> {
+    pub(super) fn push(&mut self, byte: u8) -> Option<Reply> {
         let Some(open) = &mut self.open else {
             self.unmatched = true;
             return None;
@@ -194,7 +210,7 @@ impl Line {
         self.decode(byte)
     }
 
-    fn decode(&mut self, byte: u8) -> Option<Content> {
+    fn decode(&mut self, byte: u8) -> Option<Reply> {
         let open = self.open.as_mut()?;
         let Open { request, refused, .. } = open;
         let (answers, echoed) = (self.answers, Cell::new(self.has_echo));
@@ -219,7 +235,7 @@ impl Line {
             return None;
         }
         self.replied(id);
-        Frame::new(FrameId::from(id), frame.payload()).map(Content::Frame)
+        Some(Reply { id, payload: frame.payload().try_into().ok()? })
     }
 
     /// The open request is over: the motor with this id has replied.
@@ -248,6 +264,7 @@ impl Line {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Format;
 
     const TIMEOUT: Duration = Duration::from_millis(2);
     const START: Instant = Instant::from_nanos(1_000_000_000);
@@ -274,7 +291,7 @@ mod tests {
     }
 
     fn ask(line: &mut Line, id: u8, millis: u64) -> Vec<u8> {
-        let request = line.request(&Frame::full(FrameId::from(id), STOP)).unwrap();
+        let request = line.request(&Frame::classic(FrameId::from(id), STOP)).unwrap();
         line.sent(request, START + Duration::from_millis(millis));
         request.bytes().to_vec()
     }
@@ -293,12 +310,16 @@ mod tests {
 
     /// The arrivals of one read.
     fn read(line: &mut Line, bytes: &[u8]) -> Vec<Content> {
-        let reply = bytes.iter().filter_map(|byte| line.push(*byte)).last();
+        let reply = bytes.iter().filter_map(|byte| line.push(*byte)).last().map(|reply| {
+            let mut frame = Frame::EMPTY;
+            reply.write(&mut frame);
+            Content::Frame(frame)
+        });
         reply.or_else(|| line.refusal()).into_iter().chain(line.unmatched()).collect()
     }
 
     fn from(id: u8) -> Content {
-        Content::Frame(Frame::full(FrameId::from(id), STOPPED))
+        Content::Frame(Frame::classic(FrameId::from(id), STOPPED))
     }
 
     const UNMATCHED: Content = Content::Unsupported(Unsupported::Unmatched);
@@ -307,8 +328,10 @@ mod tests {
     fn a_request_has_the_header_of_the_document() {
         assert_eq!(ask(&mut line(), 1, 0), [&[0x01, 0x00, 0x08, 0x09][..], &STOP].concat());
         let line = line();
-        assert!(line.request(&Frame::full(FrameId::new(0x101).unwrap(), STOP)).is_none());
+        assert!(line.request(&Frame::classic(FrameId::new(0x101).unwrap(), STOP)).is_none());
         assert!(line.request(&Frame::new(FrameId::from(1), &STOP[..6]).unwrap()).is_none());
+        assert!(line.request(&Frame::classic(FrameId::extended(1).unwrap(), STOP)).is_none());
+        assert!(line.request(&Frame::with_format(FrameId::from(1), Format::FD, &STOP).unwrap()).is_none());
     }
 
     #[test]

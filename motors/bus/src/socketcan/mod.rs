@@ -29,7 +29,7 @@ use nix::sys::socket::{AddressFamily, SockFlag, SockProtocol, SockType, socket};
 use socketcan::{CanAddr, CanSocket, Socket, SocketOptions};
 
 use crate::clock::{self, RealtimeOffset};
-use crate::frame::{Arrival, ErrorFrame, Frame, FrameId, Inbox};
+use crate::frame::{ErrorFrame, Frame, FrameId, Inbox};
 use crate::kernel::{Batch, CLASSIC_BYTES, FRAME_BYTES, errno};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Refusal, Sent};
@@ -81,6 +81,8 @@ const ERROR_FILTER: u32 = ErrorFrame::TX_TIMEOUT
 
 /// With this mask, the kernel finds the filter for one standard id by a table look-up.
 const EXACT: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_SFF_MASK;
+/// The mask of a filter for one extended id.
+const EXACT_EXTENDED: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_EFF_MASK;
 
 /// The part of a send buffer that a queued frame takes, in bytes: `struct sk_buff` and its data block on 64-bit kernels up to 6.12.
 const QUEUED_FRAME_BYTES: u32 = 768;
@@ -153,17 +155,27 @@ impl SocketCanBus {
     }
 }
 
-/// Sends the frames that fit. One system call.
+/// Sends the frames that fit, up to the first that is not classic. One system call.
 fn send(outgoing: &mut Batch, socket: BorrowedFd<'_>, frames: &[Frame]) -> Sent {
     if frames.is_empty() {
         return Sent::all(0);
     }
-    let count = frames.len().min(outgoing.capacity());
-    for (index, frame) in frames.iter().take(count).enumerate() {
-        outgoing.put(index, wire::encode(frame));
+    let capacity = outgoing.capacity();
+    let mut count = 0;
+    for frame in frames.iter().take(capacity).take_while(|frame| frame.is_classic()) {
+        outgoing.put(count, wire::encode(frame));
+        count += 1;
+    }
+    let refused = match frames.get(count) {
+        None => None,
+        Some(_) if count == capacity => Some(Refusal::Full),
+        Some(_) => Some(Refusal::Error(libc::EINVAL)),
+    };
+    if count == 0 {
+        return Sent { accepted: 0, refusal: refused };
     }
     let sent = send_first(outgoing, socket, count);
-    Sent { refusal: sent.refusal.or((count < frames.len()).then_some(Refusal::Full)), ..sent }
+    Sent { refusal: sent.refusal.or(refused), ..sent }
 }
 
 /// Sends the first `count` frames that were put into a batch.
@@ -215,7 +227,8 @@ fn configure(socket: &CanSocket, filters: &[(u32, u32)], queue_length: u32) -> i
 
 /// One filter for each id.
 fn exact(host_ids: &[FrameId]) -> Vec<(u32, u32)> {
-    host_ids.iter().map(|id| (u32::from(id.raw()), EXACT)).collect()
+    let mask = |id: &FrameId| if id.is_extended() { EXACT_EXTENDED } else { EXACT };
+    host_ids.iter().map(|id| (id.word(), mask(id))).collect()
 }
 
 /// Lets at most `frames` wait for the wire.
@@ -252,9 +265,8 @@ impl Bus for SocketCanBus {
                 inbox.lost = inbox.lost.saturating_add(lost.wrapping_sub(*dropped));
                 *dropped = lost;
             }
-            let arrival =
-                Arrival { at: *latest, content: wire::decode(message.frame_bytes(), message.classic()) };
-            inbox.push(arrival).expect("no more messages were asked for than fit");
+            let has_space = wire::deliver(*latest, message.frame_bytes(), message.classic(), inbox);
+            assert!(has_space, "no more messages were asked for than fit");
         }
         if count < free {
             *latest = now;

@@ -64,9 +64,11 @@ const FILTERS_MAX: usize = 512;
 /// to every frame of the bus, on a virtual interface within the call that sends it, so they must be cheap: it compares each frame
 /// with each filter for several ids, but finds the filter for a single id in a table.
 fn others(expected: &[FrameId]) -> Vec<(u32, u32)> {
-    let block = Block::around(expected);
+    // No extended frame is supported, so none is expected.
+    let expected: Vec<u32> = expected.iter().filter(|id| !id.is_extended()).map(|id| id.raw()).collect();
+    let block = Block::around(&expected);
     // The block takes one inverted filter, and at most one filter for each of its ids.
-    if block.len() < FILTERS_MAX { block.filters_without(expected) } else { ranges_without(expected) }
+    if block.len() < FILTERS_MAX { block.filters_without(&expected) } else { ranges_without(&expected) }
 }
 
 /// The ids that equal `id` in all bits but those of `varying`.
@@ -77,11 +79,11 @@ struct Block {
 
 impl Block {
     /// The least block that has all `expected` ids; all ids where there are none.
-    fn around(expected: &[FrameId]) -> Self {
-        let Some(id) = expected.first().map(|id| u32::from(id.raw())) else {
+    fn around(expected: &[u32]) -> Self {
+        let Some(&id) = expected.first() else {
             return Self { id: 0, varying: libc::CAN_SFF_MASK };
         };
-        let varying = expected.iter().fold(0, |varying, other| varying | (u32::from(other.raw()) ^ id));
+        let varying = expected.iter().fold(0, |varying, other| varying | (other ^ id));
         Self { id: id & !varying, varying }
     }
 
@@ -90,18 +92,18 @@ impl Block {
     }
 
     /// One filter for all that is outside, and one for each id inside that is not expected.
-    fn filters_without(&self, expected: &[FrameId]) -> Vec<(u32, u32)> {
+    fn filters_without(&self, expected: &[u32]) -> Vec<(u32, u32)> {
         let Self { id, varying } = *self;
         let outside = (id | libc::CAN_INV_FILTER, EXACT & !varying);
         let inside = (0..=libc::CAN_SFF_MASK).filter(|other| other & !varying == id);
-        let unexpected = inside.filter(|inside| expected.iter().all(|id| u32::from(id.raw()) != *inside));
+        let unexpected = inside.filter(|inside| !expected.contains(inside));
         std::iter::once(outside).chain(unexpected.map(|id| (id, EXACT))).collect()
     }
 }
 
 /// Filters for ranges of ids without the `expected` ones. The smallest ranges get one filter for each id, as
 /// long as the socket has enough filters.
-fn ranges_without(expected: &[FrameId]) -> Vec<(u32, u32)> {
+fn ranges_without(expected: &[u32]) -> Vec<(u32, u32)> {
     let mut ranges = Vec::new();
     append_ranges(expected, 0, libc::CAN_SFF_MASK + 1, &mut ranges);
     ranges.sort_by_key(|&(_, size)| size);
@@ -122,9 +124,9 @@ fn ranges_without(expected: &[FrameId]) -> Vec<(u32, u32)> {
 
 /// Appends the ranges of ids that are not `expected` among the `size` ids from `start`, each as start and size. `size` is a
 /// power of two.
-fn append_ranges(expected: &[FrameId], start: u32, size: u32, ranges: &mut Vec<(u32, u32)>) {
+fn append_ranges(expected: &[u32], start: u32, size: u32, ranges: &mut Vec<(u32, u32)>) {
     let range = start..start + size;
-    if !expected.iter().any(|id| range.contains(&u32::from(id.raw()))) {
+    if !expected.iter().any(|id| range.contains(id)) {
         ranges.push((start, size));
     } else if size > 1 {
         append_ranges(expected, start, size / 2, ranges);
@@ -154,7 +156,7 @@ mod tests {
             assert!(filters.len() <= FILTERS_MAX, "{}", filters.len());
             let met = |frame: u32| filters.iter().filter(|filter| meets(frame, **filter)).count();
             for id in 0..=libc::CAN_SFF_MASK {
-                let is_expected = expected.iter().any(|known| u32::from(known.raw()) == id);
+                let is_expected = expected.iter().any(|known| known.raw() == id);
                 assert_eq!(met(id), usize::from(!is_expected), "{id:#x}");
                 assert_eq!(met(id | libc::CAN_RTR_FLAG), 1, "{id:#x}");
                 assert_eq!(met(id | libc::CAN_EFF_FLAG), 1, "{id:#x}");

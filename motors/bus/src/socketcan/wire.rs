@@ -5,9 +5,13 @@
 //! messages).
 
 use crate::clock::RealtimeStamp;
-use crate::frame::{Content, ErrorFrame, Frame, FrameId, Unsupported};
+use crate::frame::{Arrival, Content, ErrorFrame, Frame, FrameId, Inbox, Unsupported};
 use crate::kernel::{CLASSIC_BYTES, FRAME_BYTES};
+use crate::time::Instant;
 use core::cell::Cell;
+
+/// The payload of `struct can_frame`.
+type Data = [u8; Frame::CLASSIC_LEN_MAX];
 
 /// `struct can_frame`, by bytes.
 mod field {
@@ -19,10 +23,10 @@ mod field {
     pub(super) const DATA: Range<usize> = 8..16;
 }
 
-/// The bytes to send for `frame`.
+/// The bytes to send for a classic frame.
 #[inline]
 pub(super) fn encode(frame: &Frame) -> [u8; CLASSIC_BYTES] {
-    lay_out(u32::from(frame.id().raw()), frame.payload().len() as u8, frame.padded())
+    lay_out(frame.id().word(), frame.payload().len() as u8, frame.padded())
 }
 
 /// The bytes with which the kernel would report `error`.
@@ -31,7 +35,7 @@ pub(super) fn encode_error(error: &ErrorFrame) -> [u8; CLASSIC_BYTES] {
 }
 
 #[inline]
-fn lay_out(word: u32, len: u8, data: [u8; 8]) -> [u8; CLASSIC_BYTES] {
+fn lay_out(word: u32, len: u8, data: Data) -> [u8; CLASSIC_BYTES] {
     let mut bytes = [0; CLASSIC_BYTES];
     bytes[field::ID].copy_from_slice(&word.to_ne_bytes());
     bytes[field::LEN] = len;
@@ -39,18 +43,20 @@ fn lay_out(word: u32, len: u8, data: [u8; 8]) -> [u8; CLASSIC_BYTES] {
     bytes
 }
 
-/// The content of a received message of `len` bytes, whose first ones are `bytes`.
+/// Adds a received message of `len` bytes, whose first ones are `bytes`. Returns `false` when the inbox is full.
 #[inline]
-pub(super) fn decode(len: usize, bytes: [u8; CLASSIC_BYTES]) -> Content {
-    data_frame(len, &bytes).map_or_else(|| other_content(len, &bytes), Content::Frame)
+pub(super) fn deliver(at: Instant, len: usize, bytes: [u8; CLASSIC_BYTES], inbox: &mut Inbox) -> bool {
+    let is_frame = inbox.push_frame(at, |frame| data_frame(len, &bytes, frame).is_some());
+    is_frame || inbox.push(Arrival { at, content: other_content(len, &bytes) }).is_ok()
 }
 
-/// A data frame with an id of 11 bits: no flag is set.
+/// Writes a data frame with an id of 11 bits: no flag is set.
 #[inline]
-fn data_frame(len: usize, bytes: &[u8; CLASSIC_BYTES]) -> Option<Frame> {
+fn data_frame(len: usize, bytes: &[u8; CLASSIC_BYTES], frame: &mut Frame) -> Option<()> {
     let id = FrameId::new(u16::try_from(word(bytes)?).ok()?)?;
     let is_whole = len == CLASSIC_BYTES && !(9..=15).contains(&bytes[field::LEN8_DLC]);
-    if is_whole { Frame::cut(id, bytes[field::LEN], *bytes[field::DATA].first_chunk()?) } else { None }
+    let data = *bytes[field::DATA].first_chunk()?;
+    (is_whole && frame.set_cut(id, bytes[field::LEN], data)).then_some(())
 }
 
 #[cold]
@@ -160,7 +166,13 @@ mod tests {
 
     /// Of a message of `struct can_frame`.
     fn decode(bytes: [u8; CLASSIC_BYTES]) -> Content {
-        super::decode(CLASSIC_BYTES, bytes)
+        decode_of_length(CLASSIC_BYTES, bytes)
+    }
+
+    fn decode_of_length(len: usize, bytes: [u8; CLASSIC_BYTES]) -> Content {
+        let mut inbox = Inbox::new();
+        assert!(deliver(Instant::ZERO, len, bytes, &mut inbox));
+        inbox.arrivals()[0].content
     }
 
     #[test]
@@ -169,6 +181,8 @@ mod tests {
             let frame = Frame::new(FrameId::new(0x101).unwrap(), &[0xA5; 8][..len]).unwrap();
             assert_eq!(decode(encode(&frame)), Content::Frame(frame));
         }
+        let extended = Frame::classic(FrameId::extended(0x101).unwrap(), [1, 2]);
+        assert_eq!(encode(&extended)[..5], bytes(0x8000_0101, 2, 0)[..5]);
         let frame = Frame::new(FrameId::MAX, &[1, 2, 3, 4, 5, 6]).unwrap();
         assert_eq!(decode(bytes(0x7FF, 6, 0)), Content::Frame(frame), "bytes beyond the length mean nothing");
         let error = ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 0x20, 0, 0, 0, 0, 0, 0] };
@@ -177,7 +191,7 @@ mod tests {
 
     #[test]
     fn an_unsupported_frame_is_never_a_frame() {
-        let of_length = |len, bytes| match super::decode(len, bytes) {
+        let of_length = |len, bytes| match decode_of_length(len, bytes) {
             Content::Unsupported(unsupported) => Some(unsupported),
             _ => None,
         };

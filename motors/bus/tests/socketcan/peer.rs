@@ -25,9 +25,9 @@ impl Peer {
 
     pub(crate) fn inject(&mut self, stimulus: Stimulus) -> bool {
         let bytes = match stimulus {
-            Stimulus::Frame(frame) => classic(u32::from(frame.id().raw()), frame.payload()),
-            Stimulus::Extended(id) => classic(u32::from(id.raw()) | EXTENDED, &[0; 6]),
-            Stimulus::Remote(id) => classic(u32::from(id.raw()) | REMOTE, &[]),
+            Stimulus::Frame(frame) => classic(frame.id().raw(), frame.payload()),
+            Stimulus::Extended(id) => classic(id.raw() | EXTENDED, &[0; 6]),
+            Stimulus::Remote(id) => classic(id.raw() | REMOTE, &[]),
             Stimulus::Error(report) => classic(report.class | ERROR, &report.data),
             Stimulus::Fd(id) => return self.inject_fd(id),
         };
@@ -48,7 +48,7 @@ impl Peer {
 
     fn inject_fd(&self, id: FrameId) -> bool {
         let mut bytes = [0; 72];
-        bytes[..4].copy_from_slice(&u32::from(id.raw()).to_ne_bytes());
+        bytes[..4].copy_from_slice(&id.raw().to_ne_bytes());
         bytes[4] = 8;
         CanFdSocket::open(&self.interface).is_ok_and(|mut socket| socket.write(&bytes).is_ok())
     }

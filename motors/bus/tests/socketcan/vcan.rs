@@ -125,7 +125,7 @@ motord_bus::conformance! {
 }
 
 fn frame(raw: u16) -> Frame {
-    Frame::full(FrameId::new(raw).expect("11 bits"), [raw as u8; 8])
+    Frame::classic(FrameId::new(raw).expect("11 bits"), [raw as u8; 8])
 }
 
 #[test]

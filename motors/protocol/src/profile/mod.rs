@@ -61,9 +61,9 @@ pub struct Ids {
 impl Ids {
     /// Whether a motor with this `id` takes a frame with the id `other` for a command to it.
     #[must_use]
-    pub fn hears(&self, id: u8, other: u16) -> bool {
-        let id = u16::from(id);
-        id == other || self.also_hears.iter().any(|offset| id + offset == other)
+    pub fn hears(&self, id: u8, other: u32) -> bool {
+        let id = u32::from(id);
+        id == other || self.also_hears.iter().any(|offset| id + u32::from(*offset) == other)
     }
 }
 

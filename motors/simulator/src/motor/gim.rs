@@ -14,7 +14,14 @@ const POSITION_LOOP: f64 = 60.0;
 
 impl Motor {
     /// The answer, and the time that the motor is busy before it.
-    pub(super) fn gim(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<([u8; 8], Duration)> {
+    pub(super) fn gim(&mut self, at: Instant, frame: &Frame) -> Option<(Frame, Duration)> {
+        // A change of id or protocol takes effect after its own answer.
+        let host_id = self.host_address();
+        let (payload, after) = self.answer_gim(at, frame, frame.payload().try_into().ok()?)?;
+        Some((Frame::classic(host_id, payload), after))
+    }
+
+    fn answer_gim(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<([u8; 8], Duration)> {
         let now = |payload| Some((payload, Duration::ZERO));
         let refused = |motor: &Self, result| now(motor.plain(bytes, result));
         match (self.mode, bytes[0]) {

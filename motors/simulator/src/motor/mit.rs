@@ -7,22 +7,24 @@ use crate::body::Law;
 use crate::settings::{InFault, ReplyTiming};
 use crate::twin::{Answer, Asked, Status};
 use crate::wire::{Control, KD, KP, MitCommand, State};
-use motord_bus::{Frame, Instant};
+use motord_bus::{Frame, FrameId, Instant};
 
 impl Motor {
     /// Any eight bytes are a command: those that are not special are a control frame.
-    pub(super) fn mit(&mut self, at: Instant, frame: &Frame, bytes: [u8; 8]) -> Option<([u8; 8], usize)> {
-        let command = (self.twin.hear)(bytes);
+    pub(super) fn mit(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
+        let command = (self.twin.hear)(frame.payload())?;
+        // A change of id takes effect after its own answer.
+        let host_id = self.host_address();
         let is_silent = self.settings.behaviour.in_fault == InFault::Silent && !self.twin.answers_in_fault;
         match command {
             MitCommand::GetFault => {
                 let state = self.state(at);
-                return Some(self.answer(Asked::Fault, state));
+                return Some(self.answer(Asked::Fault, host_id, state));
             }
             MitCommand::ClearFault => {
                 self.acknowledge();
                 let state = self.state(at);
-                return Some(self.answer(Asked::Clear, state));
+                return Some(self.answer(Asked::Clear, host_id, state));
             }
             _ if self.mode == Mode::Fault && is_silent => return None,
             _ => {}
@@ -33,10 +35,10 @@ impl Motor {
             ReplyTiming::BeforeCommand => before,
             ReplyTiming::AfterCommand => self.state(at),
         };
-        Some(self.answer(Asked::State, state))
+        Some(self.answer(Asked::State, host_id, state))
     }
 
-    fn answer(&self, asked: Asked, state: State) -> ([u8; 8], usize) {
+    fn answer(&self, asked: Asked, host_id: FrameId, state: State) -> Frame {
         let temperatures = [self.body.winding, self.board_temperature()];
         let status = match self.mode {
             Mode::Fault => Status::Fault,
@@ -44,7 +46,7 @@ impl Motor {
             _ => Status::Off,
         };
         let (id, fault, filler) = (self.mit_id(), self.fault, self.filler());
-        (self.twin.answer)(&Answer { asked, id, state, status, fault, temperatures, filler })
+        (self.twin.answer)(&Answer { asked, host_id, id, state, status, fault, temperatures, filler })
     }
 
     /// The id fills one byte of an answer, whatever its configuration holds.

@@ -6,22 +6,23 @@
 
 use super::drive::{Answer, Status, Twin};
 use crate::wire::{Control, MitCommand};
+use motord_bus::Frame;
 
 pub(super) const TWIN: Twin =
     Twin { name: "damiao", hear, answer, answers_in_fault: true, conditions: [0x8, 0x9, 0xC], raise };
 
 /// Every special command begins with seven bytes 0xFF. SteadyWin's question for the fault is a control frame here.
-fn hear(bytes: [u8; 8]) -> MitCommand {
-    match (bytes[..7] == [0xFF; 7], bytes[7]) {
-        (true, 0xFB) => MitCommand::ClearFault,
-        (true, 0xFC) => MitCommand::Start,
-        (true, 0xFD) => MitCommand::Stop,
-        (true, 0xFE) => MitCommand::SetZero,
-        _ => MitCommand::Control(Control::decode(bytes)),
-    }
+fn hear(payload: &[u8]) -> Option<MitCommand> {
+    Some(match payload {
+        [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFB] => MitCommand::ClearFault,
+        [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC] => MitCommand::Start,
+        [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD] => MitCommand::Stop,
+        [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFE] => MitCommand::SetZero,
+        _ => MitCommand::Control(Control::decode(payload)?),
+    })
 }
 
-fn answer(answer: &Answer) -> ([u8; 8], usize) {
+fn answer(answer: &Answer) -> Frame {
     let status = match answer.status {
         Status::Fault => answer.fault as u8,
         Status::On => 1,
@@ -29,7 +30,7 @@ fn answer(answer: &Answer) -> ([u8; 8], usize) {
     };
     let [a, b, c, d, e] = answer.state.mit();
     let [rotor, transistors] = answer.temperatures.map(|celsius| celsius as u8);
-    ([status << 4 | answer.id & 0x0F, a, b, c, d, e, transistors, rotor], 8)
+    Frame::classic(answer.host_id, [status << 4 | answer.id & 0x0F, a, b, c, d, e, transistors, rotor])
 }
 
 /// The drive keeps the first fault until it is cleared; the numbers 0 and 1 are no faults.

@@ -1,16 +1,17 @@
 //! The form of a vendor's drive.
 
 use crate::wire::{MitCommand, State};
+use motord_bus::{Frame, FrameId};
 
 /// How one vendor's drive differs from the next.
 #[derive(Debug)]
 pub(crate) struct Twin {
     /// The vendor's name in [`MotorSettings::vendor`](crate::MotorSettings::vendor).
     pub(super) name: &'static str,
-    /// Decodes a frame as the motor does.
-    pub(crate) hear: fn([u8; 8]) -> MitCommand,
-    /// The bytes of an answer, and how many they are.
-    pub(crate) answer: fn(&Answer) -> ([u8; 8], usize),
+    /// Decodes a payload as the motor does; `None` for one that the motor ignores.
+    pub(crate) hear: fn(&[u8]) -> Option<MitCommand>,
+    /// The frame of an answer.
+    pub(crate) answer: fn(&Answer) -> Frame,
     /// It answers everything in fault, whatever the settings say.
     pub(crate) answers_in_fault: bool,
     /// The vendor's numbers of over-voltage, under-voltage and over-temperature.
@@ -23,6 +24,9 @@ pub(crate) struct Twin {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Answer {
     pub(crate) asked: Asked,
+    /// The id of its frame.
+    pub(crate) host_id: FrameId,
+    /// The id of the motor, in the payload.
     pub(crate) id: u8,
     pub(crate) state: State,
     pub(crate) status: Status,

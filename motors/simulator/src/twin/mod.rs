@@ -28,6 +28,7 @@ impl Twin {
 mod tests {
     use super::*;
     use crate::wire::{MitCommand, State};
+    use motord_bus::FrameId;
 
     const HEADER: &str =
         "direction,kind,model,hex,id,position,velocity,kp,kd,torque,temperatures,faults,source";
@@ -62,7 +63,7 @@ mod tests {
     fn golden_commands_mean_to_twin_as_sourced() {
         for twin in TWINS {
             for row in golden(twin).iter().filter(|row| row[0] == "to-motor") {
-                let command = (twin.hear)(unhex(&row[3]).try_into().unwrap());
+                let command = (twin.hear)(&unhex(&row[3])).unwrap();
                 assert!(is_kind(command, &row[1]), "{row:?}: {command:?}");
             }
         }
@@ -85,10 +86,17 @@ mod tests {
                 let temperatures = [second.unwrap_or(first), first];
                 let id = row[4].parse().unwrap();
                 let status = if bytes[0] == id { Status::Off } else { Status::On };
-                let answer =
-                    Answer { asked: Asked::State, id, state, status, fault: 0, temperatures, filler: [0; 8] };
-                let (sent, length) = (twin.answer)(&answer);
-                assert_eq!(sent[..length], bytes, "{row:?}");
+                let answer = Answer {
+                    asked: Asked::State,
+                    host_id: FrameId::MAX,
+                    id,
+                    state,
+                    status,
+                    fault: 0,
+                    temperatures,
+                    filler: [0; 8],
+                };
+                assert_eq!((twin.answer)(&answer).payload(), bytes, "{row:?}");
             }
         }
     }
@@ -103,6 +111,7 @@ mod tests {
                 let (id, status) = (row[4].parse().unwrap(), Status::Fault);
                 let answer = Answer {
                     asked: Asked::Fault,
+                    host_id: FrameId::MAX,
                     id,
                     state,
                     status,
@@ -110,8 +119,7 @@ mod tests {
                     temperatures: [0.0; 2],
                     filler: [0; 8],
                 };
-                let (sent, length) = (twin.answer)(&answer);
-                assert_eq!(sent[..length], bytes, "{row:?}");
+                assert_eq!((twin.answer)(&answer).payload(), bytes, "{row:?}");
             }
         }
     }

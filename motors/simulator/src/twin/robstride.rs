@@ -5,6 +5,7 @@
 
 use super::drive::{Answer, Asked, Twin, bits};
 use crate::wire::MitCommand;
+use motord_bus::Frame;
 
 pub(super) const TWIN: Twin = Twin {
     name: "robstride",
@@ -15,13 +16,13 @@ pub(super) const TWIN: Twin = Twin {
     raise: bits,
 };
 
-fn answer(answer: &Answer) -> ([u8; 8], usize) {
+fn answer(answer: &Answer) -> Frame {
     if answer.asked == Asked::Fault {
         let [a, b, c, d] = answer.fault.to_le_bytes();
-        return ([answer.id, a, b, c, d, 0, 0, 0], 8);
+        return Frame::classic(answer.host_id, [answer.id, a, b, c, d, 0, 0, 0]);
     }
     let [a, b, c, d, e] = answer.state.mit();
     let [winding, _] = answer.temperatures;
     let [high, low] = ((winding * 10.0).round() as u16).to_be_bytes();
-    ([answer.id, a, b, c, d, e, high, low], 8)
+    Frame::classic(answer.host_id, [answer.id, a, b, c, d, e, high, low])
 }

@@ -2,6 +2,7 @@
 
 use super::drive::{Answer, Asked, Twin, bits};
 use crate::wire::MitCommand;
+use motord_bus::Frame;
 
 pub(super) const TWIN: Twin = Twin {
     name: "steadywin",
@@ -12,12 +13,12 @@ pub(super) const TWIN: Twin = Twin {
     raise: bits,
 };
 
-fn answer(answer: &Answer) -> ([u8; 8], usize) {
-    let Answer { id, filler: [_, f1, f2, f3, f4, f5, ..], .. } = *answer;
+fn answer(answer: &Answer) -> Frame {
+    let Answer { host_id, id, filler: [_, f1, f2, f3, f4, f5, ..], .. } = *answer;
     let [a, b, c, d, e] = match answer.asked {
         Asked::State => answer.state.mit(),
         Asked::Fault => [answer.fault as u8, f2, f3, f4, f5],
         Asked::Clear => [f1, f2, f3, f4, f5],
     };
-    ([id, a, b, c, d, e, 0, 0], 6)
+    Frame::classic(host_id, [id, a, b, c, d, e])
 }

@@ -35,7 +35,7 @@ impl Bench {
 
     /// Sends `bytes` to the motor, and returns the arrivals of the next millisecond.
     pub(crate) fn arrivals(&mut self, bytes: [u8; 8]) -> Vec<Arrival> {
-        assert_eq!(self.bus.send(self.now, &[Frame::full(self.id, bytes)]).accepted, 1);
+        assert_eq!(self.bus.send(self.now, &[Frame::classic(self.id, bytes)]).accepted, 1);
         self.pass(Duration::from_millis(1))
     }
 

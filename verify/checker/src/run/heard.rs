@@ -37,8 +37,9 @@ pub(super) enum Order {
 }
 
 impl Order {
-    /// Reads the eight bytes of a command to `motor`.
-    pub(super) fn of(bytes: [u8; 8], motor: &Motor) -> Self {
+    /// Reads the payload of a command to `motor`, which has eight bytes.
+    pub(super) fn of(payload: &[u8], motor: &Motor) -> Self {
+        let bytes = payload.try_into().expect("every command has eight bytes");
         match &motor.protocol {
             Protocol::Mit { ranges, .. } => Self::of_mit(codec::Meaning::of(bytes, ranges), motor),
             Protocol::Native => Self::of_native(gim::Meaning::of(bytes), motor),

@@ -45,14 +45,14 @@ fn is_close(reported: f64, published: f64) -> bool {
 }
 
 fn is_from(reply: &Reply, motor: &Motor) -> bool {
-    (reply.bus, reply.frame.id().raw()) == (motor.bus, motor.reply_id)
+    (reply.bus, reply.frame.id()) == (motor.bus, motor.reply_id)
 }
 
 /// Position and velocity of an MIT motor by its reply, joint side.
 pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
     let Protocol::Mit { ranges, reply: kind } = &motor.protocol else { return None };
     let read =
-        if is_from(reply, motor) { kind.read(reply.frame.payload(), motor.id as u8, ranges) } else { None };
+        if is_from(reply, motor) { kind.read(reply.frame.payload(), motor.own_id(), ranges) } else { None };
     read.map(|[position, velocity]| [motor.direction * position + motor.offset, motor.direction * velocity])
 }
 
@@ -73,7 +73,7 @@ pub(super) fn says(
     let is = |reported: [f64; 2]| is_close(reported[0], position) && is_close(reported[1], velocity);
     let payload = reply.frame.payload();
     match &motor.protocol {
-        Protocol::Mit { ranges, reply } => reply.read(payload, motor.id as u8, ranges).is_some_and(is),
+        Protocol::Mit { ranges, reply } => reply.read(payload, motor.own_id(), ranges).is_some_and(is),
         Protocol::Native => match Reported::of(payload) {
             Some(Reported::State(state)) => is(state),
             Some(Reported::Angle(angle)) => {

@@ -97,9 +97,9 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
     Motor {
         name: settings.name.clone(),
         bus: settings.bus,
-        id: u16::from(settings.id),
+        id: settings.command_id(),
         // A reply on a line is recorded under the id of the motor that was asked.
-        reply_id: if bus.is_line() { settings.id.into() } else { settings.host_id.raw() },
+        reply_id: if bus.is_line() { settings.command_id() } else { settings.host_id },
         protocol: protocol(settings),
         turn: bus.every.get(),
         direction: f64::from(settings.transmission.direction()),

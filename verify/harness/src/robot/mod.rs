@@ -58,7 +58,7 @@ impl Sent {
     /// Returns the frame in the invariant checker's type.
     pub fn command(&self) -> Command {
         let id = FrameId::new(self.id).expect("an id has eleven bits");
-        Command { ready: self.ready, bus: self.bus, frame: Frame::full(id, self.bytes) }
+        Command { ready: self.ready, bus: self.bus, frame: Frame::classic(id, self.bytes) }
     }
 }
 
@@ -190,16 +190,16 @@ impl Robot {
                 self.replies.push(Reply { at, bus, frame });
                 continue;
             }
-            let id = frame.id().raw();
-            let motor =
-                self.settings.motors.iter().find(|motor| motor.bus == bus && u16::from(motor.id) == id);
-            let ranges = ranges::ranges(motor.expect("frames go to motors of the bus"));
+            let mut motors = self.settings.motors.iter();
+            let motor = motors.find(|motor| (motor.bus, motor.command_id()) == (bus, frame.id()));
+            let motor = motor.expect("frames go to motors of the bus");
+            let ranges = ranges::ranges(motor);
             let bytes = frame.payload().try_into().expect("every command has eight bytes");
             self.sent.push(Sent {
                 ready: recorded.ready,
                 at,
                 bus,
-                id,
+                id: motor.id.into(),
                 bytes,
                 meaning: Meaning::of(bytes, &ranges),
             });
