@@ -11,7 +11,7 @@ use motord_core::cycle::{LocalClient, Tick, assemble};
 use motord_core::joint::Transmission;
 use motord_core::settings::{
     BeyondRange, BusKind, BusSettings, CycleSettings, FaultPolicy, GroupSettings, IpcMode, IpcSettings,
-    LimitSettings, MotorSettings, MotorSimulation, SafeStop, SafetySettings, Settings,
+    LimitSettings, MotorSettings, SafeStop, SafetySettings, Settings, WindingSettings,
 };
 use motord_protocol::gim::ExecutionTime;
 use motord_protocol::{MotorProtocol, Profile};
@@ -134,6 +134,7 @@ fn settings() -> Settings {
             every: NonZero::<u32>::MIN,
         }],
         motors: JOINTS.into_iter().zip(1..).map(|(name, id)| motor(name, id)).collect(),
+        simulation: Vec::new(),
         groups: vec![GroupSettings { name: "all".into(), motors: vec![0, 1, 2], safe_stop: SafeStop::Damp }],
     }
 }
@@ -151,10 +152,11 @@ fn motor(name: &str, id: u8) -> MotorSettings {
         profile,
         scales,
         constants: None,
-        mismatch: false,
-        rated_torque: model.rated_torque,
-        peak_torque: model.peak_torque,
-        overload: Duration::from_secs(10),
+        winding: WindingSettings {
+            rated_torque: model.rated_torque,
+            peak_torque: model.peak_torque,
+            overload: Duration::from_secs(10),
+        },
         max_velocity: model.max_velocity,
         transmission: Transmission::new(1.0, 0.0),
         capabilities: profile.capabilities(MotorProtocol::Mit, &scales),
@@ -176,11 +178,6 @@ fn motor(name: &str, id: u8) -> MotorSettings {
             temperature_derate: 70.0,
             temperature: 90.0,
             following_error: None,
-        },
-        simulation: MotorSimulation {
-            initial_position: 0.0,
-            load_inertia: 0.01,
-            reply_latency: Duration::ZERO,
         },
     }
 }

@@ -1,7 +1,7 @@
 //! Whether the motors are the configured ones: by the lock file, and by their own words before the first cycle.
 //!
 //! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
-//! motor that differs is never enabled ([`MotorSettings::mismatch`](motord_core::settings::MotorSettings::mismatch)).
+//! motor that differs is never enabled ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)).
 //! A motor that does not answer yet is offline, and is judged by the lock file only.
 
 use motord_bus::{Bus, Duration};
@@ -15,27 +15,29 @@ use std::path::Path;
 const PATIENCE: Duration = Duration::from_millis(10);
 
 /// Marks the motors that differ from the configuration, by the lock beside its `file` or by what they report. Logs each
-/// difference with its cure. Returns the buses. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
+/// difference with its cure. Returns the buses, and the indices of these motors. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
 /// read requests to native ones.
 ///
 /// # Errors
 ///
 /// When there is a lock file that cannot be read.
 pub fn judge(
-    settings: &mut Settings,
+    settings: &Settings,
     file: &Path,
     buses: Vec<Box<dyn Bus>>,
-) -> Result<Vec<Box<dyn Bus>>, LockError> {
+) -> Result<(Vec<Box<dyn Bus>>, Vec<usize>), LockError> {
     let mut found = Lock::load(file)?.map_or_else(Vec::new, |lock| mismatches(settings, &lock));
     let (buses, reported): (Vec<_>, Vec<_>) =
         buses.into_iter().enumerate().map(|(index, bus)| ask_bus(settings, index, bus)).unzip();
     found.extend(reported.into_iter().flatten());
+    let mut mismatched = Vec::new();
     for finding in found {
         tracing::error!(see = "mismatch", "{finding}. It will not be enabled.");
-        let named = settings.motors.iter_mut().filter(|motor| motor.name == finding.motor);
-        named.for_each(|motor| motor.mismatch = true);
+        mismatched.extend(settings.motors.iter().position(|motor| motor.name == finding.motor));
     }
-    Ok(buses)
+    mismatched.sort_unstable();
+    mismatched.dedup();
+    Ok((buses, mismatched))
 }
 
 /// The bus, and the differences that its motors tell. A simulated motor is made of the configuration, and not asked.

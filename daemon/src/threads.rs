@@ -137,6 +137,7 @@ impl Daemon {
         let orders = Arc::new(Orders::default());
         let boot_id = boot_id();
         let (mut cycle, ends) = assemble(&settings, buses.buses, Monotonic, boot_id);
+        buses.mismatched.into_iter().for_each(|joint| cycle.mark_mismatch(joint));
         if !std::thread::available_parallelism().is_ok_and(|processors| processors.get() > 1) {
             cycle.share_processor();
         }

@@ -22,6 +22,8 @@ pub struct Settings {
     pub buses: Vec<BusSettings>,
     /// `[[motor]]`, in the order of the file: motor and joint indices everywhere.
     pub motors: Vec<MotorSettings>,
+    /// `[motor.simulation]`, in the order of the motors. Only simulators use it.
+    pub simulation: Vec<MotorSimulation>,
     /// `[[group]]`, or one group `all`. Every motor is in exactly one.
     pub groups: Vec<GroupSettings>,
 }
@@ -252,14 +254,8 @@ pub struct MotorSettings {
     pub scales: Scales,
     /// The constants that its scales follow from; `None` for a motor whose codes are torques.
     pub constants: Option<DriveConstants>,
-    /// The motor reports other data of itself than the configuration has: its group is never enabled.
-    pub mismatch: bool,
-    /// Continuous torque, output side, N·m.
-    pub rated_torque: f32,
-    /// Highest torque, output side, N·m.
-    pub peak_torque: f32,
-    /// Twice the rated torque may be given for this long by a cold motor.
-    pub overload: Duration,
+    /// The torques that its winding bears.
+    pub winding: WindingSettings,
     /// Its fastest speed without load, output side, rad/s.
     pub max_velocity: f32,
     /// Direction and offset of the joint on its motor.
@@ -282,8 +278,6 @@ pub struct MotorSettings {
     pub excluded: bool,
     /// `[motor.limits]`.
     pub limits: LimitSettings,
-    /// `[motor.simulation]`, for simulated buses.
-    pub simulation: MotorSimulation,
 }
 
 impl MotorSettings {
@@ -300,6 +294,17 @@ impl MotorSettings {
     pub fn takes(&self, mode: SetpointMode) -> bool {
         !self.capabilities.impedance || mode == SetpointMode::Impedance
     }
+}
+
+/// The torques that the winding of a motor bears, output side.
+#[derive(Debug, Clone)]
+pub struct WindingSettings {
+    /// Continuous torque, N·m.
+    pub rated_torque: f32,
+    /// Highest torque, N·m.
+    pub peak_torque: f32,
+    /// Twice the rated torque may be given for this long by a cold motor.
+    pub overload: Duration,
 }
 
 /// `[motor.limits]`, joint side.

@@ -139,7 +139,7 @@ impl Control {
         }
         match motor.mode() {
             // First: a motor that is not the configured one may be silent because of that.
-            _ if motor.settings.mismatch => Err(Refused::joint(Refusal::Mismatch, joint)),
+            _ if motor.is_mismatched => Err(Refused::joint(Refusal::Mismatch, joint)),
             MotorMode::Offline => Err(Refused::joint(Refusal::MotorOffline, joint)),
             MotorMode::Fault => Err(Refused::joint(Refusal::MotorFault, joint)),
             _ if motor.request.is_some() => Err(Refused::joint(Refusal::Busy, joint)),

@@ -114,6 +114,12 @@ impl Control {
         }
     }
 
+    /// Marks a motor that differs from its configuration: its group is never enabled.
+    pub fn mark_mismatch(&mut self, joint: usize) {
+        let Place { group, place } = self.places[joint];
+        self.groups[group].motors[place].is_mismatched = true;
+    }
+
     /// Returns the command of a joint in this cycle.
     #[must_use]
     pub fn command(&self, joint: usize) -> &Command {

@@ -132,6 +132,11 @@ impl Cycle {
         self.timing.share_processor();
     }
 
+    /// Marks a motor that differs from its configuration: its group is never enabled.
+    pub fn mark_mismatch(&mut self, joint: usize) {
+        self.control.mark_mismatch(joint);
+    }
+
     /// Returns the decisions, for tests.
     #[must_use]
     pub const fn control(&self) -> &Control {

@@ -329,7 +329,7 @@ fn panic_in_cycle_damps_then_stops_joints() {
 #[test]
 fn joint_outside_limits_is_not_enabled() {
     let mut settings = robot::three_motors();
-    settings.motors[1].simulation.initial_position = 4.5;
+    settings.simulation[1].initial_position = 4.5;
     let mut robot = Robot::new(settings, 1);
     robot.steps(10);
     robot.claim().unwrap();

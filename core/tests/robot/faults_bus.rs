@@ -639,7 +639,8 @@ fn over_voltage_is_damped_less() {
 #[test]
 fn twice_rated_torque_falls_to_rated_after_while() {
     let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[0].coulomb_friction = 100.0);
-    let (rated, overload) = (robot.settings.motors[0].rated_torque, robot.settings.motors[0].overload);
+    let winding = &robot.settings.motors[0].winding;
+    let (rated, overload) = (winding.rated_torque, winding.overload);
     let mut joints = robot.activate();
     joints[0] = JointSetpoint { torque: 2.0 * rated, ..Default::default() };
     let time = overload.as_secs_f64() / (4.0_f64 / 3.0).ln();

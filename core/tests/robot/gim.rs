@@ -402,9 +402,8 @@ fn indicators_are_polled_independently_of_fault_questions() {
 
 #[test]
 fn mismatched_motor_is_named_even_when_silent() {
-    let mut settings = arm().settings;
-    settings.motors[1].mismatch = true;
-    let mut robot = Robot::new(settings, 1);
+    let mut robot = Robot::new(arm().settings, 1);
+    robot.cycle.mark_mismatch(1);
     robot.disturb("elbow off");
     robot.steps(300);
     assert_eq!(robot.mode(1), MotorMode::Offline);

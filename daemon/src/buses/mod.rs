@@ -57,6 +57,8 @@ pub enum BusError {
 pub struct Buses {
     /// In the order of the configuration.
     pub buses: Vec<Box<dyn Bus>>,
+    /// Indices of the motors that differ from the configuration.
+    pub mismatched: Vec<usize>,
     /// Held until they are dropped.
     pub locks: Vec<BusLock>,
     /// Gives faults to the buses, which are all simulated; `None` when one of them is real.
@@ -70,9 +72,9 @@ pub struct Buses {
 /// The first bus that cannot be opened, and why.
 pub fn open(settings: &Settings) -> Result<Buses, BusError> {
     if let Some((buses, injectors)) = Injectors::open(settings) {
-        return Ok(Buses { buses, locks: Vec::new(), injectors: Some(injectors) });
+        return Ok(Buses { buses, mismatched: Vec::new(), locks: Vec::new(), injectors: Some(injectors) });
     }
-    let mut opened = Buses { buses: Vec::new(), locks: Vec::new(), injectors: None };
+    let mut opened = Buses { buses: Vec::new(), mismatched: Vec::new(), locks: Vec::new(), injectors: None };
     for (index, bus) in settings.buses.iter().enumerate() {
         opened.locks.extend(lock(bus)?);
         opened.buses.push(open_one(settings, index)?);

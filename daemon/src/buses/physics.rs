@@ -2,7 +2,7 @@
 //!
 //! The only place that does it. The daemon, `motord-sim` and the tests take it from here, and change what they need.
 
-use motord_core::settings::{BusKind, MotorSettings, Settings};
+use motord_core::settings::{BusKind, MotorSettings, MotorSimulation, Settings};
 use motord_protocol::{Model, MotorProtocol};
 use motord_simulator::{self as simulator, Dialect, SimulatedBus};
 
@@ -13,7 +13,8 @@ const CURRENT_MAX: f64 = 225.0;
 /// one, else CAN. Everything that the configuration does not say is the simulator's default.
 #[must_use]
 pub fn physics(settings: &Settings, bus: usize) -> (simulator::BusSettings, Vec<simulator::MotorSettings>) {
-    let motors = settings.motors.iter().filter(|motor| motor.bus == bus).map(twin).collect();
+    let twins = settings.motors.iter().zip(&settings.simulation).filter(|(motor, _)| motor.bus == bus);
+    let motors = twins.map(|(motor, simulation)| twin(motor, simulation)).collect();
     let bus = &settings.buses[bus];
     let kind = match bus.kind {
         BusKind::Serial { .. } => simulator::BusKind::Serial,
@@ -84,7 +85,7 @@ fn rotor_size(model: &Model) -> f64 {
 }
 
 /// The simulated twin of a configured motor.
-fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
+fn twin(motor: &MotorSettings, simulation: &MotorSimulation) -> simulator::MotorSettings {
     let defaults = simulator::MotorSettings::default();
     let model = Model::by_name(&motor.model);
     let gear_ratio = model.map_or(defaults.gear_ratio, |model| f64::from(model.gear_ratio));
@@ -100,9 +101,9 @@ fn twin(motor: &MotorSettings) -> simulator::MotorSettings {
         ends: model.and_then(|model| model.ends),
         torque_constant: torque_constant(motor, model, gear_ratio),
         gear_ratio,
-        initial_position: motor.simulation.initial_position,
-        load_inertia: motor.simulation.load_inertia,
-        reply_latency: motor.simulation.reply_latency,
+        initial_position: simulation.initial_position,
+        load_inertia: simulation.load_inertia,
+        reply_latency: simulation.reply_latency,
         ..defaults
     };
     model.map_or(twin.clone(), |model| of_model(model, twin))

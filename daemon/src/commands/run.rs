@@ -1,7 +1,7 @@
 //! `motord run`: reads the configuration, starts the daemon, and ends it on a signal so that the robot is damped first.
 
 use crate::arming;
-use crate::buses::{self, Buses};
+use crate::buses;
 use crate::host::watchdog::Watchdog;
 use crate::run_error::RunError;
 use crate::threads::Daemon;
@@ -26,19 +26,19 @@ const SIGNAL_TURN: Duration = Duration::from_millis(20);
 ///
 /// Why it could not start, or why it ended by itself.
 pub fn run(path: &Path) -> Result<(), RunError> {
-    let config::Loaded { mut settings, telemetry, warnings, hash, .. } = config::load(path)?;
+    let config::Loaded { settings, telemetry, warnings, hash, .. } = config::load(path)?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     let descriptors = raise_descriptors()?;
     tracing::debug!("file descriptors: {descriptors}");
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
-    let Buses { buses, locks, injectors } = buses::open(&settings)?;
+    let mut buses = buses::open(&settings)?;
     #[cfg(feature = "panic-on-request")]
     crate::host::panics::hear_requests()?;
     let mut signals = SignalsInfo::<WithOrigin>::new([SIGTERM, SIGINT, SIGHUP])?;
     let (deep_sleep, _keeps_awake) = forbid_deep_sleep();
     deep_sleep.log("main");
 
-    let buses = Buses { buses: arming::judge(&mut settings, path, buses)?, locks, injectors };
+    (buses.buses, buses.mismatched) = arming::judge(&settings, path, buses.buses)?;
     let damp = settings.safety.damp;
     let size = (settings.buses.len(), settings.motors.len(), settings.cycle.rate_hz);
     let outputs =

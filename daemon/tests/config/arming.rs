@@ -46,13 +46,13 @@ fn marked(change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String
 }
 
 fn judged(file: &Path, change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
-    let mut settings = settings();
+    let settings = settings();
     let (bus, mut motors) = buses::physics(&settings, 0);
     change(&mut motors);
     let bus: Box<dyn Bus> = Box::new(SimulatedBus::new(bus, motors, 1));
-    let buses = arming::judge(&mut settings, file, vec![bus]).unwrap();
+    let (buses, mismatched) = arming::judge(&settings, file, vec![bus]).unwrap();
     assert_eq!(buses.len(), 1, "the cycle gets its bus back");
-    settings.motors.into_iter().filter(|motor| motor.mismatch).map(|motor| motor.name).collect()
+    mismatched.into_iter().map(|joint| settings.motors[joint].name.clone()).collect()
 }
 
 #[test]

@@ -820,7 +820,7 @@ fn default_times_follow_a_slow_cycle() {
 fn a_simulated_motor_starts_where_its_joint_does() {
     let reversed = "direction = -1\noffset-rad = 0.5\nsimulation = { initial-position-rad = 0.8 }";
     let Loaded { settings, .. } = judge(&damaged("damping-kd = 2.0", reversed)).expect("is good");
-    assert!((settings.motors[0].simulation.initial_position + 0.3).abs() < 1e-6);
+    assert!((settings.simulation[0].initial_position + 0.3).abs() < 1e-6);
 }
 
 #[test]
@@ -1095,7 +1095,7 @@ proptest! {
             prop_assert!(settings.cycle.period >= Duration::from_micros(250));
             for motor in settings.motors {
                 let (torque, kp) = (motor.limits.torque, motor.limits.kp);
-                prop_assert!(torque > 0.0 && torque <= motor.peak_torque && kp.is_finite());
+                prop_assert!(torque > 0.0 && torque <= motor.winding.peak_torque && kp.is_finite());
             }
         }
     }

@@ -188,7 +188,7 @@ struct Explained<'a> {
 impl Explained<'_> {
     fn limits(&self) -> Vec<Limit> {
         let (keys, is) = (&self.keys.limits, &self.motor.limits);
-        let rated = (&self.keys.keys.rated_torque_nm, self.motor.rated_torque);
+        let rated = (&self.keys.keys.rated_torque_nm, self.motor.winding.rated_torque);
         let [low, high] = is.position;
         let position = self.limit(&keys.position_rad, high, Origin::Default);
         vec![
@@ -239,7 +239,7 @@ impl Explained<'_> {
 
     /// The default is the rated torque, limited to the range of the protocol.
     fn torque(&self) -> Origin {
-        if self.motor.limits.torque < self.motor.rated_torque {
+        if self.motor.limits.torque < self.motor.winding.rated_torque {
             return Origin::Protocol;
         }
         let written = &self.keys.keys.rated_torque_nm;
@@ -249,7 +249,7 @@ impl Explained<'_> {
     /// The default is the rated torque of the model, unless the file gives a smaller peak torque.
     fn rated_torque(&self) -> Origin {
         let peak = &self.keys.keys.peak_torque_nm;
-        match self.motor.rated_torque < self.motor.peak_torque {
+        match self.motor.winding.rated_torque < self.motor.winding.peak_torque {
             false if peak.is_written => self.fact(peak, "peak torque"),
             _ => Origin::Model("rated torque"),
         }

@@ -37,12 +37,14 @@ pub(super) fn settings(document: &Document, findings: &mut Findings<'_>) -> Opti
     let ipc = ipc(&document.ipc, &cycle, findings);
     let safety = safety(&document.safety, &cycle, findings);
     let buses = bus::buses(&document.buses, findings);
-    let motors = motor::motors(&document.motors, &document.buses, &buses, findings);
+    let motors = motor::motors(&document.motors, &document.buses, &buses, findings).into_iter();
+    let (motors, simulation): (Vec<_>, Vec<_>) = motors.map(Option::unzip).unzip();
     let groups = group::groups(&document.groups, &document.motors, safety.safe_stop, findings);
     motor::judge_damping(&document.motors, &motors, groups.as_deref().unwrap_or_default(), findings);
     let (buses, motors) =
         (buses.into_iter().collect::<Option<_>>()?, motors.into_iter().collect::<Option<_>>()?);
-    let settings = Settings { instance, cycle, ipc, safety, buses, motors, groups: groups? };
+    let simulation = simulation.into_iter().collect::<Option<_>>()?;
+    let settings = Settings { instance, cycle, ipc, safety, buses, motors, simulation, groups: groups? };
     bus::judge_load(&document.buses, &settings, findings);
     motor::judge_durations(&document.motors, &settings, findings);
     Some(settings)

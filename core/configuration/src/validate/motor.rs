@@ -6,7 +6,7 @@ use motord_protocol::profile::{Ids, PROFILES, STEADYWIN};
 use motord_protocol::{DriveConstants, Model, MotorProtocol, Profile, Scales};
 use motord_settings::joint::Transmission;
 use motord_settings::settings::{
-    BusKind, BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings,
+    BusKind, BusSettings, GroupSettings, MotorSettings, MotorSimulation, SafeStop, Settings, WindingSettings,
 };
 use motord_shared::limits::JOINTS_MAX;
 
@@ -29,13 +29,14 @@ const DURATION_TURNS: u32 = 3;
 /// Default damping of a safe stop, N·m·s/rad.
 const DAMPING_KD: f64 = 2.0;
 
-/// All motors, in the order of the file; `None` for one that cannot be built.
+/// Returns all motors with their simulation, in the order of the file; `None` for one that cannot be
+/// built.
 pub(super) fn motors(
     items: &[Item],
     bus_items: &[BusItem],
     buses: &[Option<BusSettings>],
     findings: &mut Findings<'_>,
-) -> Vec<Option<MotorSettings>> {
+) -> Vec<Option<(MotorSettings, MotorSimulation)>> {
     findings.count(items, "motor", JOINTS_MAX);
     let names = items.iter().map(|motor| &motor.keys.keys.name);
     findings.unique(names, |name| Wrong::DuplicateName { name, what: "motor" });
@@ -45,7 +46,11 @@ pub(super) fn motors(
     items.iter().zip(addresses).map(|(item, address)| motor(&item.keys, address, findings)).collect()
 }
 
-fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) -> Option<MotorSettings> {
+fn motor(
+    item: &Motor,
+    address: Option<Address>,
+    findings: &mut Findings<'_>,
+) -> Option<(MotorSettings, MotorSimulation)> {
     let keys = &item.keys;
     let name = findings.name(&keys.name);
     let (profile, model) = model(&keys.model, findings).unzip();
@@ -59,7 +64,7 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
     let simulation = simulation(&item.simulation, &capability, limits.position, findings);
     let Address { bus, id, host_id, .. } = address?;
     let protocol = keys.protocol.value?;
-    Some(MotorSettings {
+    let settings = MotorSettings {
         name: name?,
         bus,
         id,
@@ -69,10 +74,11 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         profile: profile?,
         scales: scales?,
         constants: constants.filter(|_| model.is_some_and(|model| model.ends.is_none())),
-        mismatch: false,
-        rated_torque: capability.rated_torque as f32,
-        peak_torque: capability.peak_torque as f32,
-        overload: Duration::from_secs_f64(keys.overload_seconds.value),
+        winding: WindingSettings {
+            rated_torque: capability.rated_torque as f32,
+            peak_torque: capability.peak_torque as f32,
+            overload: Duration::from_secs_f64(keys.overload_seconds.value),
+        },
         max_velocity: capability.max_velocity as f32,
         transmission: capability.transmission,
         capabilities: profile?.capabilities(protocol, &scales?),
@@ -83,8 +89,8 @@ fn motor(item: &Motor, address: Option<Address>, findings: &mut Findings<'_>) ->
         may_be_excluded: keys.may_be_excluded.value,
         excluded: excluded(keys, findings),
         limits,
-        simulation,
-    })
+    };
+    Some((settings, simulation))
 }
 
 /// The bus of a motor, and its ids there.

@@ -38,9 +38,9 @@ impl Heat {
     pub(super) fn of(settings: &MotorSettings) -> Self {
         Self {
             value: 0.0,
-            rated: settings.rated_torque,
-            peak: settings.peak_torque,
-            time_constant: settings.overload.as_secs_f64() / TWICE_RATED,
+            rated: settings.winding.rated_torque,
+            peak: settings.winding.peak_torque,
+            time_constant: settings.winding.overload.as_secs_f64() / TWICE_RATED,
         }
     }
 

@@ -43,6 +43,8 @@ pub(super) struct Motor {
     /// Index of its joint.
     pub(super) joint: usize,
     pub(super) settings: MotorSettings,
+    /// The motor differs from its configuration: its group is never enabled.
+    pub(super) is_mismatched: bool,
     pub(super) turn: Turn,
     mode: Mode,
     measured: Option<Measured<Joint>>,
@@ -77,6 +79,7 @@ impl Motor {
         Self {
             joint,
             settings: settings.clone(),
+            is_mismatched: false,
             turn,
             mode: if settings.excluded { Mode::EXCLUDED } else { Mode::OFFLINE },
             measured: None,
@@ -127,7 +130,8 @@ impl Motor {
     /// Returns whether its drive brakes it against a load: the joint would fall without torque. A
     /// damped joint under a load sinks.
     fn is_held_by_brake(&self, state: &Measured<Joint>) -> bool {
-        !self.settings.capabilities.impedance && state.torque.abs() > LOAD_SHARE * self.settings.rated_torque
+        !self.settings.capabilities.impedance
+            && state.torque.abs() > LOAD_SHARE * self.settings.winding.rated_torque
     }
 
     /// Returns whether it was started and may still run. A motor in fault has stopped.
