@@ -97,7 +97,7 @@ fn daemon_process() {
     let daemon = Daemon::start(
         settings,
         None,
-        Buses { buses: opened, locks: Vec::new(), injectors: None },
+        Buses { buses: opened, mismatched: Vec::new(), locks: Vec::new(), injectors: None },
         &lock,
         None,
     )

@@ -105,7 +105,12 @@ fn absurd_value_is_rejected_or_limited() {
     let lock = Arc::new(Instance::below(directory.path(), "sweep").unwrap().lock().unwrap());
     let torque_max = settings.motors[0].limits.torque;
     let torque_end = settings.motors[0].scales.torque.max();
-    let opened = Buses { buses: vec![Box::new(bus.clone())], locks: Vec::new(), injectors: None };
+    let opened = Buses {
+        buses: vec![Box::new(bus.clone())],
+        mismatched: Vec::new(),
+        locks: Vec::new(),
+        injectors: None,
+    };
     let daemon = Daemon::start(settings, None, opened, &lock, None).unwrap();
 
     let not_finite = send_absurd_values(directory.path());

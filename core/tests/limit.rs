@@ -1,7 +1,7 @@
 //! The limits, which are the last thing before the wire.
 
 use motord_core::control::{Applied, Circumstances, damp, limit};
-use motord_core::joint::{Impedance, Joint, Measured, Setpoint};
+use motord_core::joint::{Impedance, JointSide, Measured, Setpoint};
 use motord_core::settings::LimitSettings;
 use motord_shared::Limit;
 
@@ -20,8 +20,8 @@ const LIMITS: LimitSettings = LimitSettings {
 };
 
 fn limited(
-    wanted: Impedance<Joint>,
-    previous: Impedance<Joint>,
+    wanted: Impedance<JointSide>,
+    previous: Impedance<JointSide>,
     temperature: Option<f32>,
     ramp: f32,
 ) -> Applied {

@@ -15,12 +15,12 @@ pub(super) struct Document {
     pub(super) telemetry: keys::Telemetry,
     pub(super) safety: keys::Safety,
     pub(super) buses: Vec<Item<keys::Bus>>,
-    pub(super) motors: Vec<Item<Motor>>,
+    pub(super) motors: Vec<Item<MotorTables>>,
     pub(super) groups: Vec<Item<keys::Group>>,
 }
 
 /// A `[[motor]]` with its tables.
-pub(super) struct Motor {
+pub(super) struct MotorTables {
     pub(super) keys: keys::Motor,
     pub(super) limits: keys::Limits,
     pub(super) simulation: keys::Simulation,
@@ -47,7 +47,7 @@ impl Document {
     }
 }
 
-impl Section for Motor {
+impl Section for MotorTables {
     const PATH: &'static str = keys::Motor::PATH;
     const KEYS: &'static [&'static str] = keys::Motor::KEYS;
 

@@ -4,14 +4,14 @@
 //! between them:
 //!
 //! ```compile_fail
-//! # use motord_settings::joint::{Impedance, Joint, Motor};
-//! let wanted: Impedance<Joint> = Impedance::NEUTRAL;
-//! let sent: Impedance<Motor> = wanted;
+//! # use motord_settings::joint::{Impedance, JointSide, MotorSide};
+//! let wanted: Impedance<JointSide> = Impedance::NEUTRAL;
+//! let sent: Impedance<MotorSide> = wanted;
 //! ```
 //!
 //! ```
-//! # use motord_settings::joint::{Impedance, Motor, Transmission};
-//! let sent: Impedance<Motor> = Transmission::new(-1.0, 0.5).to_motor(&Impedance::NEUTRAL);
+//! # use motord_settings::joint::{Impedance, MotorSide, Transmission};
+//! let sent: Impedance<MotorSide> = Transmission::new(-1.0, 0.5).to_motor(&Impedance::NEUTRAL);
 //! ```
 
 use core::marker::PhantomData;
@@ -19,11 +19,11 @@ use motord_shared::SetpointMode;
 
 /// The robot's side: sign and zero as the controllers know them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Joint {}
+pub enum JointSide {}
 
 /// The drive's side: sign and zero as they are on the wire. Both sides are after the gear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Motor {}
+pub enum MotorSide {}
 
 /// The control law of a drive: torque = `kp`·(position − p) + `kd`·(velocity − v) + `torque`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +68,7 @@ impl<Side> Impedance<Side> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setpoint {
     /// The values. A mode other than impedance uses those that it needs.
-    pub values: Impedance<Joint>,
+    pub values: Impedance<JointSide>,
     /// The meaning of the values.
     pub mode: SetpointMode,
 }
@@ -79,7 +79,7 @@ impl Setpoint {
 
     /// In impedance mode.
     #[must_use]
-    pub const fn impedance(values: Impedance<Joint>) -> Self {
+    pub const fn impedance(values: Impedance<JointSide>) -> Self {
         Self { values, mode: SetpointMode::Impedance }
     }
 
@@ -156,7 +156,7 @@ impl Transmission {
     /// Converts a command for the joint to one for the motor.
     #[must_use]
     #[inline]
-    pub fn to_motor(&self, joint: &Impedance<Joint>) -> Impedance<Motor> {
+    pub fn to_motor(&self, joint: &Impedance<JointSide>) -> Impedance<MotorSide> {
         Impedance::new(
             self.position_to_motor(joint.position),
             self.direction * joint.velocity,
@@ -169,7 +169,7 @@ impl Transmission {
     /// Converts a state of the motor to that of the joint.
     #[must_use]
     #[inline]
-    pub fn to_joint(&self, motor: &Measured<Motor>) -> Measured<Joint> {
+    pub fn to_joint(&self, motor: &Measured<MotorSide>) -> Measured<JointSide> {
         Measured::new(
             self.position_to_joint(motor.position),
             self.direction * motor.velocity,
@@ -186,9 +186,9 @@ mod tests {
     #[test]
     fn reversed_joint_has_equal_torque_on_both_sides() {
         let transmission = Transmission::new(-1.0, 0.3);
-        let motor = Measured::<Motor>::new(0.8, -2.0, 1.5, None);
+        let motor = Measured::<MotorSide>::new(0.8, -2.0, 1.5, None);
         let joint = transmission.to_joint(&motor);
-        let wanted = Impedance::<Joint>::new(0.1, 1.0, 40.0, 2.0, -3.0);
+        let wanted = Impedance::<JointSide>::new(0.1, 1.0, 40.0, 2.0, -3.0);
         let sent = transmission.to_motor(&wanted);
 
         let on_joint = wanted.predicted_torque(joint.position, joint.velocity);

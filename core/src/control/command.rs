@@ -1,6 +1,6 @@
 //! The two ends of control: commands to the motors, and reports from them.
 
-use crate::joint::{Joint, Measured, Setpoint};
+use crate::joint::{JointSide, Measured, Setpoint};
 use motord_bus::Duration;
 use motord_protocol::Faults;
 
@@ -52,7 +52,7 @@ pub struct Status {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reported {
     /// Its state, the time from the command to the answer, and the status in the state.
-    State(Measured<Joint>, Duration, Status),
+    State(Measured<JointSide>, Duration, Status),
     /// Its fault bits.
     Fault(Faults),
     /// The value of the indicator with this number, in the unit of that indicator; NaN when the

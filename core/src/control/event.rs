@@ -62,7 +62,7 @@ pub enum Event {
         condition: BusCondition,
     },
     /// Ticks were missed: the cycle thread woke up too late for them.
-    Overrun {
+    MissedTicks {
         /// Their number.
         missed_ticks: u64,
     },

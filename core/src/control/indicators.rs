@@ -14,11 +14,11 @@ const SLOWEST_HZ: f64 = 0.01;
 /// The indicators of the first [`INDICATOR_JOINTS_MAX`] motors that have some; of no motor where none is asked for.
 #[derive(Debug)]
 pub(super) struct Indicators {
-    motors: Vec<Asked>,
+    motors: Vec<IndicatorPoll>,
 }
 
 #[derive(Debug)]
-struct Asked {
+struct IndicatorPoll {
     joint: usize,
     bus: usize,
     count: u8,
@@ -30,7 +30,7 @@ struct Asked {
     values: [f32; INDICATORS_MAX],
 }
 
-impl Asked {
+impl IndicatorPoll {
     fn new(joint: usize, motor: &MotorSettings, hz: f64) -> Self {
         let count = motor.capabilities.indicators.min(INDICATORS_MAX as u8);
         Self {
@@ -51,7 +51,7 @@ impl Indicators {
         let hz = settings.cycle.indicator_hz;
         let motors = settings.motors.iter().enumerate();
         let with = motors.filter(|(_, motor)| hz > 0.0 && motor.capabilities.indicators > 0);
-        let asked = with.map(|(joint, motor)| Asked::new(joint, motor, hz.max(SLOWEST_HZ)));
+        let asked = with.map(|(joint, motor)| IndicatorPoll::new(joint, motor, hz.max(SLOWEST_HZ)));
         Self { motors: asked.take(INDICATOR_JOINTS_MAX).collect() }
     }
 

@@ -35,7 +35,7 @@ pub use wake::Wake;
 use crate::settings::Settings;
 use bus_health::BusHealth;
 use context::Context;
-use group::{Group, Report};
+use group::{Consequence, Group};
 use indicators::Indicators;
 use leases::Leases;
 use motor::{Motor, Turn};
@@ -141,7 +141,7 @@ impl Control {
     pub fn decide(&mut self, wake: Wake) -> &[Command] {
         let elapsed = self.context.begin(wake);
         if wake.missed_ticks > 0 {
-            self.context.push(Event::Overrun { missed_ticks: wake.missed_ticks });
+            self.context.push(Event::MissedTicks { missed_ticks: wake.missed_ticks });
         }
         if let Some(cause) = self.time_base.judge(&wake, elapsed) {
             self.stop_moving(cause);
@@ -172,11 +172,11 @@ impl Control {
     #[inline(always)]
     pub fn receive(&mut self, joint: usize, reported: &Reported, at: Instant) {
         let Place { group, place } = self.places[joint];
-        let report = self.groups[group].receive(place, reported, at, &mut self.context);
-        match report {
-            Report::None => {}
-            Report::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),
-            Report::Indicator(number, value) => self.indicators.take(joint, number, value),
+        let consequence = self.groups[group].receive(place, reported, at, &mut self.context);
+        match consequence {
+            Consequence::None => {}
+            Consequence::StopAll => self.stop_all(Cause::MotorFault, Some(joint)),
+            Consequence::Indicator(number, value) => self.indicators.take(joint, number, value),
         }
     }
 

@@ -114,7 +114,7 @@ impl Record {
 }
 
 /// The real-time thread's end.
-pub struct Link {
+pub struct RealTimeEnd {
     setpoints: Vec<triple_buffer::Output<SetpointMessage>>,
     states: triple_buffer::Input<StateMessage>,
     requests: Consumer<(u32, AdminRequest)>,
@@ -205,7 +205,7 @@ impl Alarms {
 
 /// Creates both ends. Allocates; nothing after it does.
 #[must_use]
-pub fn link(groups: usize) -> (Link, Ends) {
+pub fn link(groups: usize) -> (RealTimeEnd, Ends) {
     let groups = groups.min(GROUPS_MAX);
     let (setpoint_inputs, setpoint_outputs) =
         (0..groups).map(|_| TripleBuffer::new(&SetpointMessage::default()).split()).unzip();
@@ -218,7 +218,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
     let (queue, history) = history();
     let counters = Arc::new(Counters::default());
     let stops = Arc::new(EmergencyStops::default());
-    let link = Link {
+    let link = RealTimeEnd {
         setpoints: setpoint_outputs,
         states: state_input,
         requests: request_consumer,
@@ -247,7 +247,7 @@ pub fn link(groups: usize) -> (Link, Ends) {
     (link, ends)
 }
 
-impl Link {
+impl RealTimeEnd {
     pub(super) fn on_publish(&mut self, published: impl Fn() + Send + 'static) {
         self.published = Some(Box::new(published));
     }
@@ -392,7 +392,7 @@ mod tests {
 
     /// The cycle: takes all requests, and publishes a state with its number in every joint, until
     /// the other threads end.
-    fn run(link: &mut Link, alive: &Alive) -> (u32, u32) {
+    fn run(link: &mut RealTimeEnd, alive: &Alive) -> (u32, u32) {
         let _leaves = Leaves(&alive.cycle);
         let (mut stops, mut alarms, mut newest) = (0, 0, 0);
         let (mut cycle, mut is_last) = (0, false);
@@ -455,7 +455,7 @@ mod tests {
     #[test]
     fn recorder_receives_states_in_order_or_counts_them() {
         let (mut link, Ends { mut history, counters, .. }) = link(1);
-        let publish = |link: &mut Link, cycle| {
+        let publish = |link: &mut RealTimeEnd, cycle| {
             link.state().0.cycle = cycle;
             link.state().0.joint_count = 4;
             link.state().0.joints[..4].iter_mut().for_each(|joint| joint.missed = cycle as u32);

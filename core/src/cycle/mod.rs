@@ -29,7 +29,7 @@ mod transmit;
 pub use assemble::assemble;
 pub use emergency::{EmergencyStops, StopRequest};
 pub use history::History;
-pub use link::{Alarms, Counters, Ends, Link, Polled, REQUESTS_MAX, Record, link};
+pub use link::{Alarms, Counters, Ends, Polled, REQUESTS_MAX, RealTimeEnd, Record, link};
 pub use local::LocalClient;
 pub use replacement::Supply;
 pub use run::Order;
@@ -59,7 +59,7 @@ pub struct Cycle {
     /// The buses that are serial lines.
     lines: Vec<usize>,
     control: Control,
-    link: Link,
+    link: RealTimeEnd,
     stopper: Stopper,
     missed_ticks: u64,
     /// How late the sleeps for ticks end.
@@ -80,7 +80,7 @@ impl Cycle {
         plans: &[BusPlan],
         buses: Vec<Box<dyn Bus>>,
         clock: Box<dyn Clock + Send>,
-        link: Link,
+        link: RealTimeEnd,
         boot_id: u64,
     ) -> Self {
         let drives = settings.motors.iter().map(|motor| {

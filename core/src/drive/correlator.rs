@@ -49,7 +49,7 @@ pub(super) enum Payload {
 
 /// The role of a payload, judged by its bytes and by the requests that were sent before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Verdict {
+pub(super) enum Role {
     /// The answer to the open request, and the time since that was sent.
     Answer(Question, Duration),
     /// A fault report, which answers an earlier fault request.
@@ -200,10 +200,10 @@ impl Correlator {
 
     /// Judges a payload that arrived at `at`.
     #[inline(always)]
-    pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Verdict {
+    pub(super) fn receive(&mut self, payload: Payload, at: Instant) -> Role {
         let asks_fault = self.open.is_some_and(|open| open.question == Question::Fault);
         match payload {
-            Payload::OtherId => Verdict::UnexpectedId,
+            Payload::OtherId => Role::UnexpectedId,
             Payload::Report if at < self.distrusted_until && !asks_fault => self.late_report(),
             _ => match self.open {
                 Some(open) if self.may_answer(open, at) => self.judge(open, payload, at),
@@ -219,9 +219,9 @@ impl Correlator {
 
     /// Judges a payload that may answer the open request.
     #[inline(always)]
-    fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Verdict {
+    fn judge(&mut self, open: Request, payload: Payload, at: Instant) -> Role {
         match (open.question, payload) {
-            (_, Payload::Unreadable) | (Question::State, Payload::Report) => Verdict::Malformed,
+            (_, Payload::Unreadable) | (Question::State, Payload::Report) => Role::Malformed,
             (Question::Fault, Payload::Continuation | Payload::Plain) if self.is_rather_a_state(payload) => {
                 self.late()
             }
@@ -234,7 +234,7 @@ impl Correlator {
     }
 
     /// Takes the payload as the answer to the open request, unless the next reply is distrusted.
-    fn answer(&mut self, open: Request, at: Instant) -> Verdict {
+    fn answer(&mut self, open: Request, at: Instant) -> Role {
         let is_fault = open.question == Question::Fault;
         if at < self.distrusted_until {
             self.open = self.open.filter(|_| !is_fault);
@@ -244,27 +244,27 @@ impl Correlator {
         if is_fault && matches!(self.reports, Reports::Unseen(_)) {
             self.reports = Reports::Unseen(0);
         }
-        Verdict::Answer(open.question, at.since(open.sent_at))
+        Role::Answer(open.question, at.since(open.sent_at))
     }
 
-    const fn late_report(&mut self) -> Verdict {
+    const fn late_report(&mut self) -> Role {
         self.reports = Reports::Seen(0);
         let _late = self.late();
-        Verdict::LateReport
+        Role::LateReport
     }
 
-    const fn late(&mut self) -> Verdict {
+    const fn late(&mut self) -> Role {
         self.distrusted_until = Instant::ZERO;
         self.owed = self.owed.saturating_sub(1);
-        Verdict::Late
+        Role::Late
     }
 
-    const fn unasked(&mut self) -> Verdict {
+    const fn unasked(&mut self) -> Role {
         if self.owed > 0 {
             return self.late();
         }
         self.distrusted_until = Instant::ZERO;
-        Verdict::Duplicate
+        Role::Duplicate
     }
 
     /// Returns whether an ambiguous answer to a fault request is more likely a late state.
@@ -289,16 +289,16 @@ mod tests {
         state
     }
 
-    /// The state and the verdict after a payload.
-    fn received(mut state: Correlator, payload: Payload, at: Instant) -> (Correlator, Verdict) {
-        let verdict = state.receive(payload, at);
-        (state, verdict)
+    /// The state and the role after a payload.
+    fn received(mut state: Correlator, payload: Payload, at: Instant) -> (Correlator, Role) {
+        let role = state.receive(payload, at);
+        (state, role)
     }
 
     const SENT: Instant = Instant::from_nanos(1_000_000_000);
     const FASTEST: Duration = Duration::from_micros(200);
 
-    /// The verdict on a payload, and its effect on the state of the correlator.
+    /// The role on a payload, and its effect on the state of the correlator.
     #[derive(Debug, Clone, Copy, PartialEq)]
     enum Outcome {
         /// The answer: closes the request.
@@ -395,23 +395,23 @@ mod tests {
         TABLE.iter().filter(speaks).collect()
     }
 
-    /// The state and the verdict that an outcome means.
-    fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, Verdict) {
-        let late = |verdict| {
+    /// The state and the role that an outcome means.
+    fn expected(outcome: Outcome, before: Correlator, at: Instant) -> (Correlator, Role) {
+        let late = |role| {
             let owed = before.owed.saturating_sub(1);
-            (Correlator { owed, distrusted_until: Instant::ZERO, ..before }, verdict)
+            (Correlator { owed, distrusted_until: Instant::ZERO, ..before }, role)
         };
-        let unasked = || late(if before.owed > 0 { Verdict::Late } else { Verdict::Duplicate });
-        let closed = |(state, verdict)| (Correlator { open: None, ..state }, verdict);
+        let unasked = || late(if before.owed > 0 { Role::Late } else { Role::Duplicate });
+        let closed = |(state, role)| (Correlator { open: None, ..state }, role);
         match outcome {
-            Mal => (before, Verdict::Malformed),
-            Lat => late(Verdict::Late),
-            Rep => late(Verdict::LateReport),
+            Mal => (before, Role::Malformed),
+            Lat => late(Role::Late),
+            Rep => late(Role::LateReport),
             Una => unasked(),
             Giv => closed(unasked()),
             Ans => {
                 let Request { question, sent_at } = before.open.expect("it answers a request");
-                closed((before, Verdict::Answer(question, at.since(sent_at))))
+                closed((before, Role::Answer(question, at.since(sent_at))))
             }
         }
     }
@@ -427,7 +427,7 @@ mod tests {
         }
     }
 
-    /// Goal: every payload in every state at every time has the verdict that the table says, and leaves the state it says.
+    /// Goal: every payload in every state at every time has the role that the table says, and leaves the state it says.
     /// Method: all states that differ in any column, each looked up in the table; exactly one row speaks of each.
     #[test]
     fn every_payload_in_every_state_matches_the_table() {
@@ -436,15 +436,11 @@ mod tests {
             let rows = rows(&before, time);
             assert_eq!(rows.len(), 1, "{before:?}, {time:?}: {rows:?}");
             for (payload, outcome) in PAYLOADS.into_iter().zip(rows[0].5) {
-                let (mut state, verdict) = expected(outcome, before, at);
+                let (mut state, role) = expected(outcome, before, at);
                 state.reports = expected_reports(outcome, before, payload);
-                assert_eq!(
-                    received(before, payload, at),
-                    (state, verdict),
-                    "{before:?}, {payload:?}, {time:?}"
-                );
+                assert_eq!(received(before, payload, at), (state, role), "{before:?}, {payload:?}, {time:?}");
             }
-            assert_eq!(received(before, OtherId, at), (before, Verdict::UnexpectedId));
+            assert_eq!(received(before, OtherId, at), (before, Role::UnexpectedId));
         }
     }
 
@@ -467,8 +463,8 @@ mod tests {
         let state = asked(unanswered, State, SENT + Duration::from_millis(1));
         assert_eq!((state.distrusted_until, state.reports), (SENT + LATEST_REPLY, Reports::Unseen(1)));
         let just_before = SENT + LATEST_REPLY - Duration::from_nanos(1);
-        assert_eq!(received(state, Plain, just_before).1, Verdict::Late);
-        assert!(matches!(received(state, Plain, SENT + LATEST_REPLY).1, Verdict::Answer(State, _)));
+        assert_eq!(received(state, Plain, just_before).1, Role::Late);
+        assert!(matches!(received(state, Plain, SENT + LATEST_REPLY).1, Role::Answer(State, _)));
         let trusted = asked(asked(Correlator::new(FASTEST), State, SENT), State, SENT + LATEST_REPLY);
         assert_eq!(trusted.distrusted_until, Instant::ZERO);
     }
@@ -483,9 +479,9 @@ mod tests {
         assert_eq!(reports(DOUBTED_AFTER), Reports::Seen(DOUBTED_AFTER - 1));
         assert_eq!(reports(DOUBTED_AFTER + 1), Reports::Unseen(DOUBTED_AFTER));
         let later = SENT + LATEST_REPLY;
-        let verdict = |requests| received(after(requests), Plain, later).1;
-        assert_eq!(verdict(DOUBTED_AFTER), Verdict::Late);
-        assert!(matches!(verdict(DOUBTED_AFTER + 1), Verdict::Answer(Fault, _)));
+        let role = |requests| received(after(requests), Plain, later).1;
+        assert_eq!(role(DOUBTED_AFTER), Role::Late);
+        assert!(matches!(role(DOUBTED_AFTER + 1), Role::Answer(Fault, _)));
     }
 
     #[test]

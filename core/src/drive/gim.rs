@@ -8,7 +8,7 @@
 
 use super::correlator::Payload;
 use crate::control::{Command, Reported, Status};
-use crate::joint::{Impedance, Joint, Measured, Motor, Transmission};
+use crate::joint::{Impedance, JointSide, Measured, MotorSide, Transmission};
 use crate::settings::MotorSettings;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::Scales;
@@ -34,7 +34,7 @@ pub(super) struct Gim {
     /// refuses control commands.
     started: bool,
     /// The last accepted state, motor side.
-    state: Measured<Motor>,
+    state: Measured<MotorSide>,
     /// When it last reported its velocity.
     velocity_at: Instant,
     /// Its velocity is older than [`VELOCITY_MAX_AGE`], and may have changed.
@@ -109,7 +109,7 @@ impl Gim {
         (self.velocity_at, self.is_velocity_old) = (at, false);
     }
 
-    fn control(&self, joint: &Impedance<Joint>, mode: SetpointMode) -> Option<gim::Command> {
+    fn control(&self, joint: &Impedance<JointSide>, mode: SetpointMode) -> Option<gim::Command> {
         let wanted = self.transmission.to_motor(joint);
         let duration = self.duration;
         Some(match mode {

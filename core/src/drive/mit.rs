@@ -4,7 +4,7 @@
 
 use super::correlator::{Payload, Question};
 use crate::control::{Command, Reported, Status};
-use crate::joint::{Impedance, Measured, Motor, Transmission};
+use crate::joint::{Impedance, Measured, MotorSide, Transmission};
 use crate::settings::{BeyondRange, MotorSettings};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::mit::{self, Asked, ControlCodes, Reply, State};
@@ -135,7 +135,7 @@ impl Mit {
     }
 
     /// The impedance of a command that has one; neutral for any other command.
-    fn wanted(&self, command: &Command) -> Impedance<Motor> {
+    fn wanted(&self, command: &Command) -> Impedance<MotorSide> {
         match command {
             Command::Control(setpoint) => self.transmission.to_motor(&setpoint.values),
             _ => Impedance::NEUTRAL,
@@ -144,7 +144,7 @@ impl Mit {
 
     /// The control codes for an impedance, clamped to the ranges of the codes.
     #[inline(always)]
-    fn codes(&mut self, wanted: &Impedance<Motor>) -> Option<ControlCodes> {
+    fn codes(&mut self, wanted: &Impedance<MotorSide>) -> Option<ControlCodes> {
         // Without stiffness the position has no effect, so it is sent as zero: 0x80, the first byte
         // of zero, is no GIM command, if this motor has left MIT mode (protocol note 1.3).
         let position = if wanted.kp > 0.0 { wanted.position } else { 0.0 };

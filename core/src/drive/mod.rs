@@ -13,7 +13,7 @@ use crate::control::{Command, Reported};
 use crate::joint::{Impedance, Setpoint};
 use crate::settings::MotorSettings;
 pub(crate) use correlator::LATEST_REPLY;
-use correlator::{Correlator, Payload, Question, Verdict};
+use correlator::{Correlator, Payload, Question, Role};
 use motord_bus::{Duration, Frame, FrameId, Instant};
 use motord_protocol::MotorProtocol;
 
@@ -135,12 +135,12 @@ impl Drive {
         let Self { dialect, correlator, .. } = self;
         let kind = dialect.classify(payload, at, correlator.question());
         let (question, latency) = match correlator.receive(kind, at) {
-            Verdict::Answer(question, latency) => (question, latency),
-            Verdict::LateReport => (Question::Fault, Duration::ZERO),
-            Verdict::Late => return Received::Reply(Reported::Late),
-            Verdict::Duplicate => return Received::Duplicate,
-            Verdict::UnexpectedId => return Received::UnexpectedId,
-            Verdict::Malformed => return Received::Malformed,
+            Role::Answer(question, latency) => (question, latency),
+            Role::LateReport => (Question::Fault, Duration::ZERO),
+            Role::Late => return Received::Reply(Reported::Late),
+            Role::Duplicate => return Received::Duplicate,
+            Role::UnexpectedId => return Received::UnexpectedId,
+            Role::Malformed => return Received::Malformed,
         };
         Received::Reply(dialect.accept(payload, question, at, latency))
     }

@@ -18,7 +18,7 @@ pub use frames::{BusFrames, LineRound};
 
 use crate::clock::Clock;
 use motord_bus::{Duration, Frame, Instant, Refusal};
-use schedule::{Order, Schedule};
+use schedule::{SafeFrame, Schedule};
 
 /// Time after the damping during which [`Stopper::run`] serves a bus that refuses frames.
 pub const PATIENCE: Duration = Duration::from_secs(1);
@@ -72,8 +72,8 @@ impl BusStop {
     fn send(&mut self, now: Instant, outlet: &mut impl Outlet) {
         let Some(order) = self.schedule.and_then(|schedule| schedule.order(now)) else { return };
         let frames = match order {
-            Order::Damp => &self.frames.damp,
-            Order::Stop => &self.frames.stop,
+            SafeFrame::Damp => &self.frames.damp,
+            SafeFrame::Stop => &self.frames.stop,
         };
         self.refusal = outlet.send_round(now, frames);
     }

@@ -23,7 +23,7 @@ const STOPS: u32 = 3;
 
 /// The kind of frame that every motor gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Order {
+pub enum SafeFrame {
     /// The frame that damps it.
     Damp,
     /// The frame that stops it.
@@ -74,10 +74,10 @@ impl Schedule {
 
     /// Returns the frames that are due at `now`, until the round is [recorded](Self::record).
     #[must_use]
-    pub fn order(&self, now: Instant) -> Option<Order> {
+    pub fn order(&self, now: Instant) -> Option<SafeFrame> {
         match self.phase {
-            Phase::Damping { .. } if self.due <= now => Some(Order::Damp),
-            Phase::Stopping { .. } if self.due <= now => Some(Order::Stop),
+            Phase::Damping { .. } if self.due <= now => Some(SafeFrame::Damp),
+            Phase::Stopping { .. } if self.due <= now => Some(SafeFrame::Stop),
             Phase::Damping { .. } | Phase::Stopping { .. } | Phase::Served => None,
         }
     }

@@ -143,7 +143,7 @@ impl Log {
             Event::Reset { group } => tracing::debug!(cycle, group = self.groups[group].name, "reset"),
             Event::Owner { group, pid } => self.log_owner(cycle, group, pid, askers),
             Event::Bus { bus, condition } => self.log_condition(cycle, bus, condition),
-            Event::Overrun { missed_ticks } => self.missed_ticks += missed_ticks,
+            Event::MissedTicks { missed_ticks } => self.missed_ticks += missed_ticks,
         }
     }
 

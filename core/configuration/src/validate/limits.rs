@@ -4,7 +4,7 @@ use motord_protocol::{Field, Scales};
 use motord_settings::joint::Transmission;
 use motord_settings::settings::{BeyondRange, LimitSettings, MotorSettings, Settings};
 
-use crate::document::{Document, Motor};
+use crate::document::{Document, MotorTables};
 use crate::entry::{At, Entry, degrees};
 use crate::findings::{Findings, line};
 use crate::keys::Limits;
@@ -181,7 +181,7 @@ pub(crate) fn explained(document: &Document, settings: &Settings, text: &str) ->
 /// A motor, as it is written and as it is built.
 struct Explained<'a> {
     text: &'a str,
-    keys: &'a Motor,
+    keys: &'a MotorTables,
     motor: &'a MotorSettings,
 }
 

@@ -12,14 +12,14 @@ use motord_shared::limits::JOINTS_MAX;
 
 use super::limits::{self, Capability};
 use super::time::micros;
-use crate::document::Motor;
+use crate::document::MotorTables;
 use crate::entry::{self, Entry, degrees};
 use crate::findings::Findings;
 use crate::keys;
 use crate::problem::{Wrong, plain};
 use crate::similar::suggestion;
 
-pub(super) type Item = entry::Item<Motor>;
+pub(super) type Item = entry::Item<MotorTables>;
 type BusItem = entry::Item<keys::Bus>;
 
 /// The header of a serial frame has one byte for the receiver (GIM document, table 3).
@@ -47,7 +47,7 @@ pub(super) fn motors(
 }
 
 fn motor(
-    item: &Motor,
+    item: &MotorTables,
     address: Option<Address>,
     findings: &mut Findings<'_>,
 ) -> Option<(MotorSettings, MotorSimulation)> {

@@ -16,7 +16,7 @@ mod phase;
 mod setpoints;
 mod watch;
 
-pub(super) use watch::Report;
+pub(super) use watch::Consequence;
 
 use super::bus_health::BusHealth;
 use super::context::Context;

@@ -2,7 +2,7 @@
 
 use super::{Group, Owner};
 use crate::control::context::Context;
-use crate::joint::{Impedance, Joint, Setpoint};
+use crate::joint::{Impedance, JointSide, Setpoint};
 use crate::settings::MotorSettings;
 use motord_bus::{Duration, Instant};
 use motord_shared::{JointSetpoint, Rejection, SetpointMessage, SetpointMode};
@@ -89,7 +89,7 @@ fn setpoint(joint: &JointSetpoint) -> Setpoint {
     Setpoint { values: values(joint), mode }
 }
 
-const fn values(joint: &JointSetpoint) -> Impedance<Joint> {
+const fn values(joint: &JointSetpoint) -> Impedance<JointSide> {
     let JointSetpoint { position, velocity, kp, kd, torque, .. } = *joint;
     Impedance::new(position, velocity, kp, kd, torque)
 }

@@ -4,7 +4,7 @@ use super::Group;
 use crate::control::bus_health::BusHealth;
 use crate::control::context::Context;
 use crate::control::{Reported, Status};
-use crate::joint::{Joint, Measured};
+use crate::joint::{JointSide, Measured};
 use crate::settings::FaultPolicy;
 use motord_bus::{Duration, Instant};
 use motord_protocol::Faults;
@@ -16,7 +16,7 @@ const OWNER_SILENCE: Duration = Duration::from_secs(1);
 
 /// The consequence of a report for the other groups.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Report {
+pub(crate) enum Consequence {
     /// None.
     None,
     /// Every group must be stopped for the fault of this joint.
@@ -93,7 +93,7 @@ impl Group {
         reported: &Reported,
         at: Instant,
         cx: &mut Context,
-    ) -> Report {
+    ) -> Consequence {
         // Nearly all replies are states, so they are checked first.
         if let Reported::State(state, latency, status) = *reported {
             return self.receive_state(place, state, (at, latency), status, cx);
@@ -102,13 +102,13 @@ impl Group {
         match *reported {
             Reported::State(..) => {}
             Reported::Fault(bits) => return self.receive_fault(place, bits, at, cx),
-            Reported::Indicator(number, value) => return Report::Indicator(number, value),
+            Reported::Indicator(number, value) => return Consequence::Indicator(number, value),
             Reported::Cleared | Reported::Alive => motor.report_alive(),
             Reported::Stopped => motor.report_stop(),
             Reported::Refused => motor.report_refusal(),
             Reported::Late => motor.report_late(),
         }
-        Report::None
+        Consequence::None
     }
 
     /// Takes a state of the motor at `place` that arrived `latency` after its command.
@@ -116,13 +116,13 @@ impl Group {
     fn receive_state(
         &mut self,
         place: usize,
-        state: Measured<Joint>,
+        state: Measured<JointSide>,
         (at, latency): (Instant, Duration),
         status: Status,
         cx: &mut Context,
-    ) -> Report {
+    ) -> Consequence {
         let by_faults =
-            status.faults.map_or(Report::None, |faults| self.receive_fault(place, faults, at, cx));
+            status.faults.map_or(Consequence::None, |faults| self.receive_fault(place, faults, at, cx));
         let motor = &mut self.motors[place];
         if let Err(cause) = motor.report_state(state, at, latency, status.runs, cx) {
             let joint = motor.joint;
@@ -131,14 +131,14 @@ impl Group {
         by_faults
     }
 
-    fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Report {
+    fn receive_fault(&mut self, place: usize, bits: Faults, at: Instant, cx: &mut Context) -> Consequence {
         let motor = &mut self.motors[place];
         if motor.is_excluded() {
-            return Report::None;
+            return Consequence::None;
         }
         motor.report_fault(bits, at, cx);
         if bits.is_none() {
-            return Report::None;
+            return Consequence::None;
         }
         self.over_voltage |= bits.has(Faults::OVER_VOLTAGE);
         match motor.settings.fault_policy {
@@ -147,9 +147,9 @@ impl Group {
                 let joint = motor.joint;
                 self.stop(Cause::MotorFault, Some(joint), cx);
             }
-            FaultPolicy::StopAll => return Report::StopAll,
+            FaultPolicy::StopAll => return Consequence::StopAll,
         }
-        Report::None
+        Consequence::None
     }
 
     /// Records that the motor at `place` answered one question twice.

@@ -6,7 +6,7 @@ use super::mode::Mode;
 use super::orders::Orders;
 use crate::control::Command;
 use crate::control::context::Context;
-use crate::joint::{Impedance, Joint, Setpoint};
+use crate::joint::{Impedance, JointSide, Setpoint};
 use motord_shared::SetpointMode;
 
 /// Damping, or the slope of a braked speed, that is left when a motor reports over-voltage.
@@ -78,7 +78,7 @@ impl Motor {
         limit(&wanted, &circumstances)
     }
 
-    fn damp(&self, held: Option<Impedance<Joint>>, orders: &Orders, cx: &Context) -> Applied {
+    fn damp(&self, held: Option<Impedance<JointSide>>, orders: &Orders, cx: &Context) -> Applied {
         let limits = &self.settings.limits;
         let share = if orders.over_voltage { OVER_VOLTAGE_DAMPING } else { 1.0 };
         let kd = self.settings.damping_kd * share;

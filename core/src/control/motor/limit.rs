@@ -4,7 +4,7 @@
 //! |kp·Δp + kd·Δv + torque|, temperature, and the heat of the winding. The limits that acted are reported bit by bit next to
 //! the applied command.
 
-use crate::joint::{Impedance, Joint, Measured, Setpoint};
+use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::LimitSettings;
 use motord_shared::{Limit, SetpointMode};
 
@@ -28,9 +28,9 @@ pub struct Circumstances<'a> {
     /// The limits of the joint.
     pub limits: &'a LimitSettings,
     /// The command applied in the turn before.
-    pub previous: &'a Impedance<Joint>,
+    pub previous: &'a Impedance<JointSide>,
     /// The last state of the joint.
-    pub measured: &'a Measured<Joint>,
+    pub measured: &'a Measured<JointSide>,
     /// Age of the state, s. Adds kp·abs(v)·age to the predicted torque that is bounded.
     pub age: f32,
     /// Time since the turn before, s.
@@ -60,7 +60,7 @@ pub fn limit(wanted: &Setpoint, circumstances: &Circumstances<'_>) -> Applied {
 
 /// A damping command whose torque stays within the joint's limit: braking a fast joint must not break its gear.
 #[must_use]
-pub fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<Joint>>) -> Applied {
+pub fn damp(kd: f32, limits: &LimitSettings, measured: Option<&Measured<JointSide>>) -> Applied {
     let damping = Setpoint::impedance(Impedance::new(0.0, 0.0, 0.0, kd, 0.0));
     let mut limiter = Limiter::new(damping, 0.0);
     if let Some(measured) = measured {
@@ -78,7 +78,7 @@ pub(super) fn brake(
     previous: &Setpoint,
     share: f32,
     limits: &LimitSettings,
-    measured: Option<&Measured<Joint>>,
+    measured: Option<&Measured<JointSide>>,
     elapsed: f32,
 ) -> Applied {
     let turns = measured.map_or(0.0, |measured| measured.velocity);
@@ -97,7 +97,7 @@ pub(super) fn hold(
     held: Setpoint,
     kd: f32,
     limits: &LimitSettings,
-    measured: &Measured<Joint>,
+    measured: &Measured<JointSide>,
     age: f32,
 ) -> Applied {
     let mut limiter = Limiter::new(held, age);
@@ -110,7 +110,7 @@ pub(super) fn hold(
 const SPEED_RISE: f32 = 0.5;
 
 struct Limiter {
-    value: Impedance<Joint>,
+    value: Impedance<JointSide>,
     mode: SetpointMode,
     acted: u32,
     age: f32,
@@ -185,12 +185,12 @@ impl Limiter {
         self.around(Limit::StartRamp, slewed, 0.0, ramp * limits.velocity)
     }
 
-    fn bound(&mut self, torque_max: f32, measured: &Measured<Joint>) {
+    fn bound(&mut self, torque_max: f32, measured: &Measured<JointSide>) {
         self.bound_to(Limit::TotalTorque, torque_max, measured);
     }
 
     /// Scales stiffness, damping and torque together, so that their total keeps its sign and the shares of its parts.
-    fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<Joint>) {
+    fn bound_to(&mut self, limit: Limit, torque_max: f32, measured: &Measured<JointSide>) {
         let Measured { position, velocity, .. } = *measured;
         let gone = velocity.abs() * self.age;
         let predicted = self.value.predicted_torque(position, velocity).abs() + self.value.kp * gone;

@@ -19,14 +19,14 @@ pub(super) use turn::Turn;
 use super::answers::Refused;
 use super::context::Context;
 use super::{Command, Event};
-use crate::joint::{Impedance, Joint, Measured, Setpoint};
+use crate::joint::{Impedance, JointSide, Measured, Setpoint};
 use crate::settings::MotorSettings;
 use heat::Heat;
 use mode::{Mode, Start};
 use motord_bus::{Duration, Instant};
 use motord_protocol::Faults;
 use motord_shared::{Cause, JointState, MotorMode, Refusal, message};
-use plausibility::{Expectation, Plausibility, Verdict};
+use plausibility::{Credibility, Expectation, Plausibility};
 use replies::Replies;
 use service::ZERO_TOLERANCE;
 
@@ -47,7 +47,7 @@ pub(super) struct Motor {
     pub(super) is_mismatched: bool,
     pub(super) turn: Turn,
     mode: Mode,
-    measured: Option<Measured<Joint>>,
+    measured: Option<Measured<JointSide>>,
     measured_at: Instant,
     /// The command of this cycle; the slew limits start from it in the next.
     applied: Applied,
@@ -104,7 +104,7 @@ impl Motor {
         cx.push(Event::Motor { motor: self.joint, mode: self.mode() });
     }
 
-    pub(super) const fn measured(&self) -> Option<&Measured<Joint>> {
+    pub(super) const fn measured(&self) -> Option<&Measured<JointSide>> {
         self.measured.as_ref()
     }
 
@@ -122,14 +122,15 @@ impl Motor {
     /// Returns whether it is known to turn slower than `rest_velocity`, rad/s, and not only because
     /// its drive brakes it.
     pub(super) fn is_at_rest(&self, rest_velocity: f32) -> bool {
-        let rests =
-            |state: Measured<Joint>| state.velocity.abs() < rest_velocity && !self.is_held_by_brake(&state);
+        let rests = |state: Measured<JointSide>| {
+            state.velocity.abs() < rest_velocity && !self.is_held_by_brake(&state)
+        };
         self.is_fresh() && self.measured.is_some_and(rests)
     }
 
     /// Returns whether its drive brakes it against a load: the joint would fall without torque. A
     /// damped joint under a load sinks.
-    fn is_held_by_brake(&self, state: &Measured<Joint>) -> bool {
+    fn is_held_by_brake(&self, state: &Measured<JointSide>) -> bool {
         !self.settings.capabilities.impedance
             && state.torque.abs() > LOAD_SHARE * self.settings.winding.rated_torque
     }
@@ -271,7 +272,7 @@ impl Motor {
     #[inline(always)]
     pub(super) fn report_state(
         &mut self,
-        reported: Measured<Joint>,
+        reported: Measured<JointSide>,
         at: Instant,
         latency: Duration,
         runs: Option<bool>,
@@ -282,9 +283,9 @@ impl Motor {
             return Ok(());
         }
         let (measured, cause) = match self.judge(reported, at) {
-            Verdict::Sound(measured) => (measured, None),
-            Verdict::Stop(measured, cause) => (measured, Some(cause)),
-            Verdict::Unbelievable => {
+            Credibility::Sound(measured) => (measured, None),
+            Credibility::Stop(measured, cause) => (measured, Some(cause)),
+            Credibility::Unbelievable => {
                 self.replies.implausible = self.replies.implausible.wrapping_add(1);
                 self.report_alive();
                 return Ok(());
@@ -296,7 +297,7 @@ impl Motor {
     }
 
     #[inline(always)]
-    fn judge(&mut self, reported: Measured<Joint>, at: Instant) -> Verdict {
+    fn judge(&mut self, reported: Measured<JointSide>, at: Instant) -> Credibility {
         // A step is expected while the zero is being moved.
         let zeroing = self.request.is_some_and(|request| request.kind == Kind::SetZero);
         let before = self.measured.as_ref().filter(|_| !zeroing).map(|measured| (measured, self.measured_at));
@@ -310,7 +311,7 @@ impl Motor {
     #[inline(always)]
     fn take_state(
         &mut self,
-        measured: Measured<Joint>,
+        measured: Measured<JointSide>,
         at: Instant,
         latency: Duration,
         runs: Option<bool>,

@@ -15,7 +15,7 @@
 //! ```
 
 use crate::control::Command;
-use crate::joint::{Impedance, Joint};
+use crate::joint::{Impedance, JointSide};
 use motord_bus::{Duration, Instant};
 use motord_shared::MotorMode;
 
@@ -43,7 +43,7 @@ pub(super) enum Mode {
     /// It is damped before it is stopped.
     Damping {
         /// Its position and gains when the stop began, where they were known: a stop that holds keeps them.
-        held: Option<Impedance<Joint>>,
+        held: Option<Impedance<JointSide>>,
     },
     /// It reported a fault, and stopped.
     Fault {

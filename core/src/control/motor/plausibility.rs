@@ -10,7 +10,7 @@
 //! | the end of the positions that the motor can report | immediately | range-end |
 //! | two answers to one question | 5 times in 10 turns | duplicate-id |
 
-use crate::joint::{Joint, Measured};
+use crate::joint::{JointSide, Measured};
 use crate::settings::{BeyondRange, LimitSettings, MotorSettings};
 use motord_bus::{Duration, Instant};
 use motord_shared::Cause;
@@ -73,20 +73,20 @@ impl Since {
 pub(super) struct Expectation<'a> {
     pub(super) settings: &'a MotorSettings,
     /// The previous state and its arrival.
-    pub(super) before: Option<(&'a Measured<Joint>, Instant)>,
+    pub(super) before: Option<(&'a Measured<JointSide>, Instant)>,
     /// The commanded position, rad, if any.
     pub(super) pulled_to: Option<f32>,
     /// The motor follows setpoints.
     pub(super) active: bool,
 }
 
-/// The verdict on a reply.
+/// The credibility of a reply.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Verdict {
+pub(super) enum Credibility {
     /// It may be used.
-    Sound(Measured<Joint>),
+    Sound(Measured<JointSide>),
     /// It may be used, but the group must be stopped.
-    Stop(Measured<Joint>, Cause),
+    Stop(Measured<JointSide>, Cause),
     /// It is implausible.
     Unbelievable,
 }
@@ -96,24 +96,24 @@ impl Plausibility {
     #[inline(always)]
     pub(super) fn judge(
         &mut self,
-        reported: Measured<Joint>,
+        reported: Measured<JointSide>,
         at: Instant,
         expected: &Expectation<'_>,
-    ) -> Verdict {
+    ) -> Credibility {
         let temperature = self.believable_temperature(&reported, expected.before);
         let reported = Measured::new(reported.position, reported.velocity, reported.torque, temperature);
         if self.is_jump(&reported, at, expected) {
             self.steps += 1;
             if self.steps < STEPS_MAX {
-                return Verdict::Unbelievable;
+                return Credibility::Unbelievable;
             }
             self.steps = 0;
-            return Verdict::Stop(reported, Cause::Implausible);
+            return Credibility::Stop(reported, Cause::Implausible);
         }
         self.steps = 0;
         match self.cause(&reported, at, expected) {
-            Some(cause) => Verdict::Stop(reported, cause),
-            None => Verdict::Sound(reported),
+            Some(cause) => Credibility::Stop(reported, cause),
+            None => Credibility::Sound(reported),
         }
     }
 
@@ -133,7 +133,7 @@ impl Plausibility {
         self.duplicates = self.duplicates.saturating_sub(1);
     }
 
-    fn is_jump(&self, reported: &Measured<Joint>, at: Instant, expected: &Expectation<'_>) -> bool {
+    fn is_jump(&self, reported: &Measured<JointSide>, at: Instant, expected: &Expectation<'_>) -> bool {
         let Some((before, then)) = expected.before else { return false };
         let top = expected.settings.max_velocity;
         let reach = STEP_FACTOR * top * at.seconds_since(then) + STEP_MARGIN;
@@ -143,7 +143,7 @@ impl Plausibility {
     #[inline(always)]
     fn cause(
         &mut self,
-        reported: &Measured<Joint>,
+        reported: &Measured<JointSide>,
         at: Instant,
         expected: &Expectation<'_>,
     ) -> Option<Cause> {
@@ -174,8 +174,8 @@ impl Plausibility {
     /// temperatures always: frost, read without a sign, looks like extreme heat.
     fn believable_temperature(
         &mut self,
-        reported: &Measured<Joint>,
-        before: Option<(&Measured<Joint>, Instant)>,
+        reported: &Measured<JointSide>,
+        before: Option<(&Measured<JointSide>, Instant)>,
     ) -> Option<f32> {
         const ODD_MAX: u32 = 10;
         let temperature = reported.temperature?;
@@ -197,14 +197,14 @@ fn overspeed(limit: f32, end: Option<f32>) -> f32 {
     if factored < clamped { factored } else { clamped }
 }
 
-fn is_far(reported: &Measured<Joint>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
+fn is_far(reported: &Measured<JointSide>, pulled_to: Option<f32>, limits: &LimitSettings) -> bool {
     let Some((most, target)) = limits.following_error.zip(pulled_to) else { return false };
     (target - reported.position).abs() > most
 }
 
 /// A motor that wraps may turn beyond the range while no setpoint pulls it to a position: commands
 /// cannot contain a position there.
-fn is_at_range_end(reported: &Measured<Joint>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
+fn is_at_range_end(reported: &Measured<JointSide>, pulled_to: Option<f32>, settings: &MotorSettings) -> bool {
     let Some(end) = settings.capabilities.position_end else { return false };
     let position = settings.transmission.position_to_motor(reported.position);
     let free = settings.beyond_range == BeyondRange::Wrap && pulled_to.is_none();
