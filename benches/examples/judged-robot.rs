@@ -61,7 +61,7 @@ fn run(path: &Path, group: &str) -> Result<usize, RunError> {
     let lock = Arc::new(Instance::find(&settings.instance)?.lock()?);
     let buses: Vec<SharedBus> = (0..settings.buses.len()).map(|bus| recorded(&settings, bus)).collect();
     let boxed = buses.iter().map(|bus| Box::new(bus.clone()) as Box<dyn Bus>).collect();
-    let opened = Buses { buses: boxed, locks: Vec::new(), injectors: None };
+    let opened = Buses { buses: boxed, mismatched: Vec::new(), locks: Vec::new(), injectors: None };
     let mut judge = Judge::new(settings.clone(), group, buses);
     let daemon = Daemon::start(settings, None, opened, &lock, None)?;
     let realtime = granted(daemon.realtime());
