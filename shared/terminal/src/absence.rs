@@ -1,24 +1,24 @@
-//! The time in which the daemon is away.
+//! Reports of an unavailable daemon.
 
 use crate::text::printable;
 use std::fmt::Display;
 
-/// Reports once for each time that the daemon is away: repeated messages would only scroll.
+/// Reports an unavailable daemon once, not on every failed attempt.
 #[derive(Debug, Default)]
 pub struct Absence {
     reported: bool,
 }
 
 impl Absence {
-    /// The daemon is away, as `error` says: reports it on standard error, unless it is reported.
+    /// Prints `error` on standard error, unless this absence was reported already.
     pub fn report(&mut self, error: &impl Display) {
         if !std::mem::replace(&mut self.reported, true) {
             eprintln!("motorctl: {}", printable(&error.to_string()));
-            eprintln!("motorctl: waiting for the daemon to return");
+            eprintln!("motorctl: waiting for the daemon to restart");
         }
     }
 
-    /// The daemon is there: the next absence is reported again.
+    /// Ends the absence: the next one is reported again.
     pub const fn end(&mut self) {
         self.reported = false;
     }

@@ -1,4 +1,4 @@
-//! Ctrl-C and its relatives, as a question that can be asked.
+//! Signals that end a command, as a flag that the command polls.
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 use signal_hook::flag;
@@ -6,34 +6,36 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How long a signal may stay unnoticed in a pause.
+/// Longest time between two checks of the flag in a pause.
 const GLANCE: Duration = Duration::from_millis(50);
 
-/// Whether the process was asked to end.
+/// The flag that a signal sets.
 #[derive(Debug, Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// From now on SIGINT, SIGQUIT, SIGTERM and SIGHUP end nothing, but are noticed.
+    /// Registers SIGINT, SIGQUIT, SIGTERM and SIGHUP: they set the flag and no longer end the
+    /// process.
     pub fn register() -> Self {
         let flag = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGQUIT, SIGTERM, SIGHUP] {
-            flag::register(signal, Arc::clone(&flag)).expect("each of these can be handled by any process");
+            flag::register(signal, Arc::clone(&flag)).expect("any process may handle these signals");
         }
         Self(flag)
     }
 
-    /// Whether one of them came.
+    /// Returns true after one of the signals arrived.
     pub fn came(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Whether one of them came since this was asked last, so that a second one can cut an orderly end short.
+    /// Returns true when a signal arrived since the last call, and clears the flag. A second signal
+    /// can end an orderly shutdown early.
     pub fn came_again(&self) -> bool {
         self.0.swap(false, Ordering::Relaxed)
     }
 
-    /// Sleeps until `deadline`, or until one of them comes.
+    /// Sleeps until `deadline`, or until a signal arrives.
     pub fn pause_until(&self, deadline: Instant) {
         while !self.came() {
             let left = deadline.saturating_duration_since(Instant::now());

@@ -1,5 +1,5 @@
-//! The habits of the commands on a terminal: tables, colours, JSON lines, Ctrl-C, exit statuses;
-//! and what every program prints of its command line: completions and manual pages.
+//! The terminal side of all programs: tables, colours, JSON lines, signals, exit statuses,
+//! shell completions and manual pages.
 
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! The commands that every program has: shell completions and manual pages, made of its command line.
+//! The commands `completions` and `manual`, generated from the command line of a program.
 
 use clap::{Command, Subcommand, ValueEnum};
 use clap_complete::generate;
@@ -19,7 +19,8 @@ pub enum Pages {
     },
     /// Write the manual pages of this program and of its commands.
     Manual {
-        /// The directory for the pages; it is made where it does not exist. `man -l DIRECTORY/PROGRAM.1` shows one.
+        /// The directory for the pages, created if it does not exist. `man -l DIRECTORY/PROGRAM.1`
+        /// shows one.
         directory: PathBuf,
     },
 }
@@ -36,7 +37,7 @@ pub enum Shell {
 }
 
 impl Pages {
-    /// Writes them for `program`.
+    /// Writes the files of `program`.
     ///
     /// # Errors
     ///
@@ -70,7 +71,7 @@ fn completions(shell: Shell, program: &Command) -> Vec<u8> {
     script
 }
 
-/// clap_complete 4.6 takes a hyphen in a program's name for the beginning of a command where it answers, not where it asks.
+/// Works around clap_complete 4.6, which writes a hyphen in a program's name in two ways.
 fn with_hyphen(name: &str, script: Vec<u8>) -> Vec<u8> {
     if !name.contains('-') {
         return script;
@@ -81,7 +82,7 @@ fn with_hyphen(name: &str, script: Vec<u8>) -> Vec<u8> {
 
 /// `command` without its hidden commands, which `clap_complete` would offer.
 fn visible(command: &Command) -> Command {
-    // clap wants names that live as long as the program, which ends when it has printed this.
+    // clap needs 'static names. The program ends after it has printed them.
     let kept = |text: &str| -> &'static str { text.to_owned().leak() };
     let commands = command.get_subcommands().filter(|command| !command.is_hide_set()).map(visible);
     let mut seen = Command::new(kept(command.get_name()))
@@ -97,7 +98,7 @@ fn visible(command: &Command) -> Command {
     }
 }
 
-/// Writes the page of `command`, and those of its commands. Hidden ones have none.
+/// Writes the page of `command` and of its subcommands, without the hidden ones.
 fn write_pages(command: &Command, version: &str, directory: &Path) -> io::Result<()> {
     for below in command.get_subcommands().filter(|below| !below.is_hide_set()) {
         write_pages(below, version, directory)?;
@@ -106,8 +107,8 @@ fn write_pages(command: &Command, version: &str, directory: &Path) -> io::Result
     std::fs::write(directory.join(format!("{name}.1")), page(command, name, version)?)
 }
 
-/// The sections of `clap_mangen`, with a title and examples of our own: its title has the version where the date belongs, and
-/// its examples are filled like text.
+/// Returns the sections of `clap_mangen` with another title and other examples. Its title has the
+/// version in place of the date, and it fills examples like text.
 fn page(command: &Command, name: &str, version: &str) -> io::Result<Vec<u8>> {
     let page = Man::new(command.clone());
     let mut roff = format!(
@@ -126,7 +127,8 @@ fn page(command: &Command, name: &str, version: &str) -> io::Result<Vec<u8>> {
     Ok(roff)
 }
 
-/// The text after a help: a line that ends with a colon is a heading, indented lines stay as they are, others are filled.
+/// Converts the text after a help to roff. A line that ends with a colon becomes a heading;
+/// indented lines stay as they are.
 fn sections(text: &str) -> String {
     const EXIT_STATUS: &str = "Exit status: ";
     let (mut roff, mut is_filled) = (String::new(), true);
@@ -149,7 +151,7 @@ fn sections(text: &str) -> String {
     roff + if is_filled { "" } else { ".fi\n" }
 }
 
-/// `text` as roff prints it, letter by letter, to be pasted into a shell.
+/// Escapes `text` so that roff prints every character unchanged.
 fn verbatim(text: &str) -> String {
     let escaped = |letter| match letter {
         '\\' => "\\e".to_owned(),

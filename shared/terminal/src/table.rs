@@ -1,4 +1,4 @@
-//! Text in columns, and colour where it is wanted.
+//! Tables and colours.
 
 use crate::text::{number, printable};
 use std::io::{self, IsTerminal, Write};
@@ -6,11 +6,11 @@ use std::io::{self, IsTerminal, Write};
 /// Colour of a piece of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Colour {
-    /// As the terminal shows it.
+    /// The default colour of the terminal.
     Plain,
-    /// Something to know.
+    /// Information.
     Yellow,
-    /// Something to act on.
+    /// Action needed.
     Red,
     /// A heading.
     Bold,
@@ -27,21 +27,22 @@ impl Colour {
     }
 }
 
-/// Whether text is coloured.
+/// The choice between coloured and plain text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Palette {
     coloured: bool,
 }
 
 impl Palette {
-    /// Colour only for a person at a terminal who has not refused it (<https://no-color.org>).
+    /// Colours text on a terminal, unless `NO_COLOR` is set (<https://no-color.org>) or the
+    /// terminal is dumb.
     pub fn of_stdout() -> Self {
         let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
         let dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");
         Self { coloured: io::stdout().is_terminal() && !refused && !dumb }
     }
 
-    /// The text of `cell` in its colour.
+    /// Returns the text of `cell` in its colour.
     pub fn paint(self, cell: &Cell) -> String {
         let Cell { text, colour } = cell;
         if self.coloured && *colour != Colour::Plain && !text.is_empty() {
@@ -60,28 +61,28 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Text in a colour; control characters in it are spelled out.
+    /// Creates a cell with a colour. Control characters in the text are spelled out.
     pub fn new(text: impl ToString, colour: Colour) -> Self {
         Self { text: printable(&text.to_string()).into_owned(), colour }
     }
 
-    /// Text as it is.
+    /// Creates a cell without colour.
     pub fn plain(text: impl ToString) -> Self {
         Self::new(text, Colour::Plain)
     }
 
-    /// A number with `digits` decimals, or a dash for one that is not known.
+    /// Creates a cell with `digits` decimals, or a dash for an unknown number.
     pub fn number(value: Option<f64>, digits: usize) -> Self {
         Self::plain(number(value, digits))
     }
 
-    /// A counter that should be 0.
+    /// Creates a cell for a counter that should be 0.
     pub fn counter(count: u32) -> Self {
         Self::new(count, if count == 0 { Colour::Plain } else { Colour::Yellow })
     }
 }
 
-/// Rows of cells under headings; the first column stands left, the others right.
+/// Rows of cells under headings. The first column is aligned left, the others right.
 #[derive(Debug, Clone)]
 pub struct Table {
     headings: Vec<&'static str>,
@@ -89,7 +90,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// No row yet.
+    /// Creates a table without rows.
     pub fn new(headings: &[&'static str]) -> Self {
         Self { headings: headings.to_vec(), rows: Vec::new() }
     }
@@ -100,7 +101,7 @@ impl Table {
         self.rows.push(cells);
     }
 
-    /// Writes the table, or nothing when it has no row.
+    /// Writes the table, or nothing when it has no rows.
     ///
     /// # Errors
     ///
@@ -129,7 +130,7 @@ impl Table {
 fn line(row: &[Cell], widths: &[usize], palette: Palette) -> String {
     let mut line = String::new();
     for (column, (cell, &width)) in row.iter().zip(widths).enumerate() {
-        // Padding is outside of the colour codes, which have no width on the screen.
+        // Colour codes have no width on the screen, so padding stays outside of them.
         let padding = " ".repeat(width.saturating_sub(cell.text.chars().count()));
         let text = palette.paint(cell);
         if column == 0 {

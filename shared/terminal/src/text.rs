@@ -1,9 +1,9 @@
-//! Text that a terminal may show.
+//! Text for a terminal.
 
 use std::borrow::Cow;
 
-/// `text` with its control characters spelled out, as `\u{1b}`: what a file or another process says must not move the cursor,
-/// change colours or ring. Ends of lines stay.
+/// Spells out control characters, as `\u{1b}`. Text of a file or another process must not move the
+/// cursor, change colours or ring. Line ends stay.
 pub fn printable(text: &str) -> Cow<'_, str> {
     let is_harmless = |letter: char| letter == '\n' || !letter.is_control();
     if text.chars().all(is_harmless) {
@@ -19,7 +19,8 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(spelled)
 }
 
-/// `value` with `digits` decimals, a dash for one that is not known, and no minus sign before a zero.
+/// Formats `value` with `digits` decimals, an unknown one as a dash, and a zero without a minus
+/// sign.
 pub fn number(value: Option<f64>, digits: usize) -> String {
     let Some(value) = value.filter(|value| value.is_finite()) else { return "-".to_owned() };
     let text = format!("{value:.digits$}");
@@ -27,11 +28,11 @@ pub fn number(value: Option<f64>, digits: usize) -> String {
     if is_zero { text.trim_start_matches('-').to_owned() } else { text }
 }
 
-/// The number that `text` is, when it is one from `least` to `most`.
+/// Parses a number from `least` to `most`.
 ///
 /// # Errors
 ///
-/// The range that is expected, for an argument that clap refuses.
+/// The expected range, as text for clap.
 pub fn within(text: &str, least: f64, most: f64) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number| (least..=most).contains(number));
     number.ok_or_else(|| format!("expected {least} to {most}"))
