@@ -116,7 +116,7 @@ fn every_writable_item_is_set_over_can() {
     line::write_every_address(&line);
     for (code, bitrate) in [(5, 500_000), (10, 1_000_000)] {
         let said = line.good(&format!("config set can-baud-rate {code} @ --yes"));
-        assert!(said.contains("out of reach until this bus has its bit rate"), "{said}");
+        assert!(said.contains("unreachable until this bus has its bit rate"), "{said}");
         line.bad("ping @", 69);
         line.inject(&format!("line bitrate {bitrate}"));
         assert_eq!(line.json("config get can-baud-rate @")["value"], code);

@@ -1,4 +1,4 @@
-//! `motorctl id` and `motorctl protocol`: how a motor is reached.
+//! `motorctl id` and `motorctl protocol`: the address of a motor.
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -17,7 +17,7 @@ const HOST_ID: &str = "host-id";
 const BAUD: &str = "can-baud-rate";
 const PROTOCOL: &str = "can-protocol";
 
-/// The new address.
+/// The options of `motorctl id`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
     #[command(flatten)]
@@ -25,10 +25,12 @@ pub struct Arguments {
     /// The new id, 1 to 254.
     #[arg(long, value_name = "ID", value_parser = parse_id)]
     set_id: Option<u8>,
-    /// The new host id: the id that the motor's answers bear. Unique on its bus; 0x100 + id is what motord expects.
+    /// The new host id: the CAN id of the motor's answers. It must be unique on its bus; motord
+    /// expects 0x100 + id.
     #[arg(long, value_name = "ID", value_parser = parse_host_id)]
     set_host_id: Option<FrameId>,
-    /// The new bit rate of its CAN, bit/s. The unit of the stored number is in no document: it is inferred from the present one.
+    /// The new CAN bit rate, bit/s. No document gives the unit of the stored number: the command
+    /// infers it from the present one.
     #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
     set_bitrate: Option<u32>,
     /// The new protocol over CAN. There is no way back from MIT over CAN.
@@ -74,7 +76,7 @@ pub(crate) fn protocol(target: &Target, to: Protocol, confirm: Confirm) -> Resul
         return print_line(&format!("{}: speaks this protocol already", session.name()));
     }
     if session.protocol == Protocol::Mit {
-        let reason = "over CAN there is no way back from MIT: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
+        let reason = "a motor in MIT mode cannot be changed over CAN: use its serial port (`motorctl protocol gim --bus /dev/ttyUSB0`)";
         return Err(session.unfit(reason));
     }
     let present = read(&mut session)?;
@@ -128,7 +130,7 @@ fn wanted(session: &Session, present: &Values, arguments: &Arguments) -> Result<
     Ok(wanted)
 }
 
-/// The stored number for `rate`, by the unit that the present number must have.
+/// Returns the stored number for `rate`, in the unit inferred from the present number.
 fn rate_code(present: i32, bus: Option<u32>, rate: u32) -> Result<i32, String> {
     let unit = bitrate_unit(present)
         .ok_or_else(|| format!("its bit rate is stored as {present}, whose unit cannot be inferred"))?;
@@ -180,9 +182,7 @@ fn write(session: &mut Session, changes: &[Change], confirm: Confirm) -> Result<
         .collect();
     let to_mit = changes.iter().any(|change| change.item.name == PROTOCOL && change.to == Value::Integer(1));
     let way_back = match (to_mit, wire) {
-        (true, _) => {
-            "\nOver CAN there is no way back from MIT: only its serial port (RS485, RS232) changes it again."
-        }
+        (true, _) => "\nIt cannot be changed back over CAN, only by its serial port (RS485, RS232).",
         (false, _) => "",
     };
     confirm.ask(&format!(

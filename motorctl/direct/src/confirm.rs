@@ -1,23 +1,25 @@
-//! Asking before something that cannot be taken back.
+//! Consent to a command that cannot be undone.
 
 use crate::failure::DirectFailure;
 use motord_terminal::printable;
 use std::io::{self, BufRead, IsTerminal, Write};
 
-/// The confirmation of a command that moves a motor, or changes it for good.
+/// The consent to a command that moves a motor or changes it permanently.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Confirm {
-    /// Confirm in advance: do not ask. Without it, the command asks at a terminal and refuses elsewhere.
+    /// Confirm in advance. Without this option the command asks at a terminal, and refuses
+    /// elsewhere.
     #[arg(long)]
     pub(crate) yes: bool,
 }
 
 impl Confirm {
-    /// Says the effect, and goes on only with consent.
+    /// Prints the effect and asks for consent.
     ///
     /// # Errors
     ///
-    /// [`DirectFailure::Unconfirmed`] when nobody can be asked, [`DirectFailure::Declined`].
+    /// [`DirectFailure::Unconfirmed`] without a terminal, [`DirectFailure::Declined`] without
+    /// consent.
     pub fn ask(self, effect: &str) -> Result<(), DirectFailure> {
         if self.yes {
             return Ok(());

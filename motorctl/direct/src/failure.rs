@@ -1,4 +1,4 @@
-//! Why a command on the bus failed.
+//! The error of a command on the bus.
 
 use motord_bus::socketcan::OpenError;
 use motord_bus::{LockError, serial};
@@ -8,19 +8,19 @@ use motord_terminal::exit_status;
 use std::io;
 use std::path::PathBuf;
 
-/// Why a command on the bus failed.
+/// The error of a command on the bus.
 #[derive(Debug, thiserror::Error)]
 pub enum DirectFailure {
-    /// The call is wrong. Nothing was sent.
+    /// The command line is wrong. Nothing was sent.
     #[error("{0}")]
     Usage(String),
-    /// A person must confirm, and nobody can be asked. Nothing was sent.
-    #[error("{warning}\nmotorctl: not done: repeat the command with --yes, or from a terminal")]
+    /// The command needs consent, and there is no terminal. Nothing was sent.
+    #[error("{warning}\nmotorctl: not done: repeat the command with --yes or at a terminal")]
     Unconfirmed {
         /// The effect of the command.
         warning: String,
     },
-    /// The person did not confirm. Nothing was done.
+    /// The operator did not consent. Nothing was done.
     #[error("not done")]
     Declined,
     /// The CAN interface cannot be used.
@@ -29,13 +29,13 @@ pub enum DirectFailure {
     /// The serial port cannot be used.
     #[error(transparent)]
     Serial(#[from] serial::OpenError),
-    /// A daemon, or another tool, uses the interface.
+    /// A daemon or another tool uses the bus.
     #[error(transparent)]
     Lock(#[from] LockError),
-    /// The configuration is refused.
+    /// The configuration has mistakes.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// Nobody answers.
+    /// No motor answers.
     #[error(
         "no motor answers as id {id} on {bus}: check its power, the wiring, the termination and the bit rate; a motor with a \
          fault may answer only `motorctl fault get --protocol mit` or `--protocol gim`"
@@ -51,13 +51,13 @@ pub enum DirectFailure {
     Unfit {
         /// The motor.
         id: u8,
-        /// A sentence with a way out.
+        /// The reason and a remedy.
         reason: String,
     },
     /// A transaction failed.
     #[error(transparent)]
     Motor(#[from] Error),
-    /// A configuration was not written to its end.
+    /// A configuration was written partly.
     #[error("{reason}; {} tells what was done", .journal.display())]
     Apply {
         /// Why.
@@ -68,7 +68,7 @@ pub enum DirectFailure {
     /// The configurations differ.
     #[error("{count} items differ")]
     Differs {
-        /// How many.
+        /// Their number.
         count: usize,
     },
     /// Standard output cannot be written.
@@ -82,7 +82,7 @@ pub enum DirectFailure {
         /// The error of the system.
         source: io::Error,
     },
-    /// A file is not what it should be.
+    /// A file has mistakes.
     #[error("{}: {reason}", .path.display())]
     Malformed {
         /// The file.
@@ -93,7 +93,7 @@ pub enum DirectFailure {
 }
 
 impl DirectFailure {
-    /// The exit status, of sysexits(3).
+    /// Returns the exit status.
     pub fn status(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Unconfirmed { .. } => exit_status::USAGE,

@@ -1,4 +1,4 @@
-//! `motorctl config dump|diff|apply|reset`: the whole configuration of a motor, and a file.
+//! `motorctl config dump|diff|apply|reset`: the configuration of a motor as a file.
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -21,14 +21,14 @@ use std::path::Path;
 /// Items and their values.
 type Values = Vec<(&'static ConfigurationItem, Value)>;
 
-/// The id of a motor as it is delivered, as far as it is known. No document prints it.
+/// The id of a new motor. Not documented by the vendor.
 const FACTORY_ID: u8 = 1;
 
 /// A file of `motorctl config dump`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
-    /// The motor that it was read from. For people.
+    /// The motor that the file was read from. Not used.
     #[serde(default, rename = "motor")]
     _motor: toml::Table,
     configuration: toml::Table,
@@ -75,7 +75,7 @@ fn document(session: &mut Session) -> Result<String, Error> {
     Ok(text)
 }
 
-/// Reads a file, completely, before anything is written to a motor.
+/// Reads and checks the complete file before anything is written to a motor.
 fn load(path: &Path) -> Result<Values, DirectFailure> {
     let malformed = |reason: String| DirectFailure::Malformed { path: path.to_owned(), reason };
     let text = motord_configuration::text(path).map_err(|problem| match problem.wrong {
@@ -104,7 +104,7 @@ fn value_of(item: &ConfigurationItem, value: &toml::Value) -> Result<Value, Stri
     Ok(read)
 }
 
-/// The present values of the items of `wanted`.
+/// Reads the present values of the items in `wanted`.
 fn present(session: &mut Session, wanted: &Values) -> Result<Values, Error> {
     let mut motor = session.gim();
     wanted.iter().map(|(item, _)| Ok((*item, motor.configuration(item.key())?))).collect()
@@ -135,7 +135,7 @@ fn print(changes: &[Change], as_json: bool) -> io::Result<()> {
     table.write(out, Palette::of_stdout())
 }
 
-/// `motorctl config diff`: as `diff` does, the exit status is 1 when something differs.
+/// `motorctl config diff`. The exit status is 1 when something differs.
 pub(crate) fn diff(target: &Target, file: &Path, as_json: bool) -> Result<(), DirectFailure> {
     let wanted = load(file)?;
     let mut session = target.open_gim()?;
@@ -148,7 +148,7 @@ pub(crate) fn diff(target: &Target, file: &Path, as_json: bool) -> Result<(), Di
     }
 }
 
-/// `motorctl config apply`: writes what differs, one item after the other, each read back.
+/// `motorctl config apply`: writes each differing item and reads it back.
 pub(crate) fn apply(
     target: &Target,
     file: &Path,
@@ -170,7 +170,7 @@ pub(crate) fn apply(
         eprintln!("motorctl: an earlier application was cut off: {}", printable(&unfinished.to_string()));
     }
     confirm.ask(&format!(
-        "This permanently writes these {} items to {name}. {} tells what was done, also after a power cut.",
+        "This permanently writes these {} items to {name}. {} records each write, also after a power cut.",
         changes.len(),
         journal.path().display()
     ))?;
@@ -189,7 +189,7 @@ pub(crate) fn apply(
     }
 }
 
-/// `motorctl config reset`: every item becomes the default, the link's among them.
+/// `motorctl config reset`: sets every item to its default, also id and bit rate.
 pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), DirectFailure> {
     let mut session = target.open_gim()?;
     let (name, id) = (session.name(), session.id);
@@ -207,7 +207,7 @@ pub(crate) fn reset(target: &Target, confirm: Confirm) -> Result<(), DirectFailu
     for place in [FACTORY_ID, id] {
         if let Some(found) = identify(&mut session.line.link, place)? {
             if found.family == Family::Native {
-                // The defaults survive a loss of power then.
+                // Makes the defaults survive a loss of power.
                 Native::new(&mut session.line.link, place, found.host_id).refresh()?;
             }
             let host_id =

@@ -11,10 +11,11 @@ use std::io::{self, IsTerminal};
 use std::ops::RangeInclusive;
 use std::sync::mpsc::{self, Receiver, Sender};
 
-/// Where and how to scan.
+/// The options of `motorctl scan`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
-    /// CAN interface or serial device. Repeat the option for several; they are scanned side by side.
+    /// CAN interface or serial device. Repeat the option for several, which are scanned in
+    /// parallel.
     #[arg(long = "bus", value_name = "BUS", required = true)]
     buses: Vec<String>,
     /// Bit/s of the serial devices.
@@ -23,8 +24,9 @@ pub struct Arguments {
     /// The ids to ask: FIRST-LAST, within 1 to 254.
     #[arg(long, value_name = "IDS", default_value = "1-254", value_parser = parse_ids)]
     ids: RangeInclusive<u8>,
-    /// Ask silent ids for their fault, too: a motor with a fault may answer nothing else. Only where every driver on the bus is
-    /// known to be an SDC101, SDC102 or SDC103: other drivers take the question for a speed limit.
+    /// Also ask silent ids for their fault: a motor with a fault may answer nothing else. Only for
+    /// buses whose drivers are all SDC101, SDC102 or SDC103: other drivers read the question as a
+    /// speed limit.
     #[arg(long)]
     in_fault: bool,
     /// Print one JSON object.
@@ -75,7 +77,7 @@ struct ScanOutput<'a> {
     notes: Vec<String>,
 }
 
-/// `motorctl scan`: the motors of some buses.
+/// `motorctl scan`: finds the motors of buses.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     if let Some(bus) =
         arguments.buses.iter().enumerate().find(|(at, bus)| arguments.buses[..*at].contains(bus))
@@ -116,7 +118,7 @@ fn one(
     })
 }
 
-/// One line that is overwritten, at a terminal only. Ends when the last scan does.
+/// Shows the progress in one line of a terminal, until the last scan ends.
 fn show_progress(receiver: &Receiver<Progress>, ids: &RangeInclusive<u8>, buses: usize) {
     let total = (usize::from(ids.end() - ids.start()) + 1) * buses;
     let mut asked = 0;
@@ -170,8 +172,7 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
     for driver in &report.unprompted {
         notes.push(match driver {
             Unprompted::CanSimple { node } => format!(
-                "{bus}: a CANSimple driver (SDC104, ODrive) with node id {node} sends heartbeats: not supported; its 32 ids \
-                 were not asked"
+                "{bus}: a CANSimple driver (SDC104, ODrive) with node id {node} sends heartbeats: not supported; its 32 ids were skipped"
             ),
             Unprompted::CustomFault { id } => format!(
                 "{bus}: a driver with the \"custom\" protocol (GDZ, GDS) and id {} reports a fault: not supported",
@@ -182,7 +183,7 @@ fn notes(bus: &str, report: &Report) -> Vec<String> {
     notes
 }
 
-/// `motorctl ping`: whether a motor answers, how, and how fast.
+/// `motorctl ping`: measures the answer of a motor.
 pub(crate) fn ping(target: &Target, as_json: bool) -> Result<(), DirectFailure> {
     #[derive(Serialize)]
     struct Ping<'a> {

@@ -13,10 +13,11 @@ use std::io::{self, IsTerminal, Stdin, Write};
 use std::os::fd::AsFd;
 use std::time::{Duration, Instant};
 
-/// A key counts as held for so long after it came. Terminals repeat it about 30 times a second, after a first pause.
+/// A key counts as held for this time after each repetition. Terminals repeat a held key about 30
+/// times a second, after a first pause.
 const HELD: Duration = Duration::from_millis(150);
 
-/// How to jog.
+/// The options of `motorctl jog`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
     /// The motor's name in the configuration, as with --joint. Without --config it is /etc/motord/motord.toml.
@@ -27,13 +28,14 @@ pub struct Arguments {
     /// Speed while a key is held, rad/s.
     #[arg(long, value_name = "RAD/S", default_value_t = 0.3, value_parser = |text: &str| ranged(text, 0.0, 3.0))]
     rad_s: f64,
-    /// Stop when the shaft has turned so far from where it began, rad. With --config, the joint's limits hold, too.
+    /// Stop when the shaft has turned this far from its start, rad. With --config the joint's
+    /// limits also hold.
     #[arg(long, value_name = "RAD", default_value_t = 1.0, value_parser = |text: &str| ranged(text, 0.0, 12.0))]
     max_travel_rad: f64,
-    /// Gain of a motor in MIT, N·m·s/rad: it pushes with the gain times the speed at most.
+    /// Gain of a motor in MIT mode, N·m·s/rad. Its largest torque is the gain times the speed.
     #[arg(long, value_name = "KD", default_value_t = 2.0, value_parser = |text: &str| ranged(text, 0.0, 5.0))]
     kd: f64,
-    /// Instead of keys: move for so long, s, in the direction of --backward, then stop.
+    /// Move for this duration, s, without keys, then stop. --backward sets the direction.
     #[arg(long, value_name = "S", value_parser = |text: &str| ranged(text, 0.0, 10.0))]
     seconds: Option<f64>,
     /// With --seconds: move backward.
@@ -66,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     print_line(&format!("{name}: stopped at {position:.3} rad"))
 }
 
-/// The last position, rad.
+/// Moves the motor while a key is held. Returns the last position, rad.
 fn hold_to_run(
     motor: &mut Jogged<'_>,
     begin: f64,
@@ -79,7 +81,7 @@ fn hold_to_run(
     while let Some(direction) = hand.direction()
         && !interrupt.came()
     {
-        // At an end only the way back is open.
+        // At an end of the range only the way back is open.
         let blocked = if direction > 0.0 {
             position >= (begin + arguments.max_travel_rad).min(allowed[1])
         } else {
@@ -91,7 +93,7 @@ fn hold_to_run(
         if (at - begin).abs() > 1.2 * arguments.max_travel_rad || speed.abs() > 3.0 * arguments.rad_s + 1.0 {
             return Err(DirectFailure::Unfit {
                 id: motor.id(),
-                reason: "it moved beyond its bounds, and was stopped".to_owned(),
+                reason: "it moved beyond its bounds; the command stopped it".to_owned(),
             });
         }
         hand.show(position);
@@ -100,7 +102,7 @@ fn hold_to_run(
     Ok(position)
 }
 
-/// The direction that a person or the command line asks for.
+/// The source of the direction: keys or the command line.
 enum Hand {
     Keys { keys: Keys, direction: f64, held_until: Instant },
     Timed { direction: f64, until: Instant },
@@ -121,7 +123,7 @@ impl Hand {
         }
     }
 
-    /// 1 forward, -1 backward, 0 at rest; `None` to end.
+    /// Returns 1 forward, -1 backward, 0 at rest; `None` at the end.
     fn direction(&mut self) -> Option<f64> {
         let now = Instant::now();
         match self {
@@ -148,7 +150,7 @@ impl Hand {
     }
 }
 
-/// Single keys of the terminal, without waiting for one. The terminal is as before when this is dropped.
+/// Single keys of the terminal, read without blocking. Dropping this restores the terminal.
 struct Keys {
     input: Stdin,
     before: Option<Termios>,
@@ -172,7 +174,7 @@ impl Keys {
             return None;
         }
         let mut key = [0];
-        // A terminal that is gone ends the motion, as any other key does.
+        // A closed terminal ends the motion, as any other key does.
         match nix::unistd::read(&self.input, &mut key) {
             Ok(1) => Some(key[0]),
             _ => Some(b'q'),

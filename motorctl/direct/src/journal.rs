@@ -1,4 +1,4 @@
-//! The journal of `motorctl config apply`: each write to a motor is in it, on disk, before it is sent.
+//! The journal of `motorctl config apply`. Each write to a motor is on disk before it is sent.
 
 use crate::failure::DirectFailure;
 use motord_commissioning::{Change, Confirmation, Event};
@@ -8,12 +8,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// One JSON object a line, appended: `begin`, `writing` and `written` of each item with `refreshing` between, then `end`.
+/// One JSON object per line: `begin`; `writing`, `refreshing` and `written` of each item; `end`.
+/// Lines are appended.
 pub(crate) struct Journal {
     path: PathBuf,
     file: File,
     last: Option<Json>,
-    /// A power cut took the end of the last line.
+    /// A power cut truncated the last line.
     is_cut: bool,
 }
 
@@ -43,7 +44,7 @@ impl Journal {
         &self.path
     }
 
-    /// The last line of an earlier application that did not come to its end.
+    /// Returns the last line of an earlier run that did not finish.
     pub(crate) fn unfinished(&self) -> Option<String> {
         let last = self.last.as_ref()?;
         (last["event"] != "end").then(|| last.to_string())
@@ -54,7 +55,7 @@ impl Journal {
         self.append(json!({ "event": "begin", "motor": motor, "items": items }))
     }
 
-    /// On disk before this returns.
+    /// Appends `event`, which is on disk when this returns.
     pub(crate) fn note(&mut self, event: &Event) -> Result<(), DirectFailure> {
         let item = |event: &str, change: &Change| {
             json!({
@@ -71,7 +72,7 @@ impl Journal {
                 line["confirmed"] = match confirmation {
                     Confirmation::ReadBack(_) => "read back",
                     Confirmation::AnswersInMit => "answers in MIT",
-                    Confirmation::Unreachable => "out of reach until the bus has the new bit rate",
+                    Confirmation::Unreachable => "unreachable until the bus has the new bit rate",
                 }
                 .into();
                 line
@@ -87,7 +88,7 @@ impl Journal {
     fn append(&mut self, mut line: Json) -> Result<(), DirectFailure> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         line["unix_s"] = since.as_secs().into();
-        // A line that was cut off by a power cut ends here.
+        // Ends a line that a power cut truncated.
         let start = if std::mem::take(&mut self.is_cut) { "\n" } else { "" };
         let text = format!("{start}{line}\n");
         let written = self.file.write_all(text.as_bytes()).and_then(|()| self.file.sync_data());

@@ -1,5 +1,5 @@
-//! The commands of `motorctl` that go to the wire, without a daemon. They take the lock of the bus, which a daemon holds as
-//! long as it runs.
+//! The commands of `motorctl` that use a bus without a daemon. They lock the bus; a running daemon
+//! holds the same lock.
 
 #![forbid(unsafe_code)]
 
@@ -37,13 +37,14 @@ use target::Protocol;
 pub enum DirectCommand {
     /// Find the motors of one or several buses, without moving one.
     ///
-    /// Motors in MIT mode stop. Nothing is sent that moves a motor or changes one, whatever protocol it speaks. Motors that have
-    /// no power, another bit rate, or a fault are silent. Not for a bus on which another program drives motors.
+    /// Motors in MIT mode stop. No frame moves or changes a motor of any protocol. Motors without
+    /// power, with another bit rate or with a fault are silent. Do not scan a bus on which another
+    /// program drives motors.
     #[command(
         after_help = "Examples:\n  motorctl scan --bus can0\n  motorctl scan --bus can0 --ids 1-32 --json | jq '.motors | length'"
     )]
     Scan(find::Arguments),
-    /// Ask one motor for an answer: whether, how, and how fast it answers.
+    /// Check whether a motor answers, and measure its answering time.
     #[command(
         after_help = "Examples:\n  motorctl ping --bus can0 --id 3\n  motorctl ping --bus /dev/ttyUSB0 --id 3 --json | jq .answer_us"
     )]
@@ -72,7 +73,7 @@ pub enum DirectCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Start a motor: it is energised, and follows the next control command.
+    /// Start a motor: it is energised and follows the next control command.
     #[command(after_help = "Example:\n  motorctl start --bus can0 --id 3 --yes")]
     Start {
         /// The motor.
@@ -82,7 +83,7 @@ pub enum DirectCommand {
         #[command(flatten)]
         confirm: Confirm,
     },
-    /// Stop a motor: it is limp then.
+    /// Stop a motor, which then is limp.
     #[command(
         after_help = "Examples:\n  motorctl stop --bus can0 --id 3\n  motorctl stop --bus can0 --id 3 --control"
     )]
@@ -94,11 +95,11 @@ pub enum DirectCommand {
         #[arg(long)]
         control: bool,
     },
-    /// Hold a torque for some time, then stop.
+    /// Hold a torque for a duration, then stop.
     ///
-    /// The motor's own torque constant and gear ratio turn the torque into a current: compare them with its data sheet first
-    /// (`motorctl config list`). The motor is stopped at the end, at Ctrl-C, and beyond a bound. With --config, the limits of the
-    /// joint are bounds, too.
+    /// The motor converts the torque to a current with its stored torque constant and gear ratio.
+    /// Compare them with its data sheet first (`motorctl config list`). The command stops the motor
+    /// at the end, at Ctrl-C and beyond a bound. With --config, the limits of the joint are bounds.
     #[command(
         after_help = "Example:\n  motorctl torque 0.3 --seconds 0.5 --max-travel-rad 3 --max-rad-s 30 --bus can0 --id 3 --yes"
     )]
@@ -116,9 +117,10 @@ pub enum DirectCommand {
         #[command(flatten)]
         bounds: Bounds,
     },
-    /// Hold a speed for some time, then stop.
+    /// Hold a speed for a duration, then stop.
     ///
-    /// The motor is stopped at the end, at Ctrl-C, and beyond a bound. With --config, the limits of the joint are bounds, too.
+    /// The command stops the motor at the end, at Ctrl-C and beyond a bound. With --config, the
+    /// limits of the joint are bounds.
     #[command(after_help = "Example:\n  motorctl speed 0.5 --seconds 0.5 --bus can0 --id 3 --yes")]
     Speed {
         /// Speed of the output shaft, rad/s.
@@ -131,9 +133,10 @@ pub enum DirectCommand {
         #[command(flatten)]
         bounds: Bounds,
     },
-    /// Go to a position, hold it for some time, then stop.
+    /// Go to a position, hold it for a duration, then stop.
     ///
-    /// The motor is stopped at the end, at Ctrl-C, and beyond a bound. With --config, the limits of the joint are bounds, too.
+    /// The command stops the motor at the end, at Ctrl-C and beyond a bound. With --config, the
+    /// limits of the joint are bounds.
     #[command(after_help = "Example:\n  motorctl position 0.2 --seconds 1 --bus can0 --id 3 --yes")]
     Position {
         /// Position of the output shaft, rad, as the motor counts it.
@@ -146,44 +149,48 @@ pub enum DirectCommand {
         #[command(flatten)]
         bounds: Bounds,
     },
-    /// PTS control, which no driver supports: refused in the words of the vendor's document.
+    /// PTS control, which no driver supports. The command quotes the vendor's document and sends
+    /// nothing.
     #[command(hide = true)]
     Pts,
     /// Move a joint slowly and softly while a key is held.
     ///
-    /// The motor is stopped at the end, at Ctrl-C, when the terminal closes, and beyond a bound. If this process is killed, a motor
-    /// in MIT goes on with the last command, a native one for 200 ms or for good, as its drive takes the duration of a command:
-    /// have the switch of its supply at hand.
+    /// The command stops the motor at the end, at Ctrl-C, beyond a bound and when the terminal
+    /// closes. If this process is killed, a motor in MIT mode continues with the last command. A
+    /// GIM motor continues for 200 ms or permanently, depending on how its drive reads the duration
+    /// of a command. Keep the switch of its supply at hand.
     #[command(
         after_help = "Examples:\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --yes\n  motorctl jog --bus can0 --id 3 --seconds 0.5 --backward --rad-s 0.1 --yes"
     )]
     Jog(jog::Arguments),
     /// Read what a motor measures: voltages, currents, temperatures, angles, power.
     ///
-    /// Through the daemon for a joint: the values that it has, each about a second old. With --bus or --config the command goes to the
-    /// wire, without a daemon. Only native motors measure them.
+    /// For a joint, the daemon returns its values, each about a second old. With --bus or --config
+    /// the command uses the bus without a daemon. Only GIM motors measure them.
     #[command(
         after_help = "Examples:\n  motorctl indicator --bus can0 --id 3\n  motorctl indicator bus-voltage iq --bus can0 --id 3 --json | jq '.[0].value'"
     )]
     Indicator(status::Indicators),
-    /// The gains of the running control loops, until the motor is powered off.
+    /// The gains of the running control loops. They are lost when the motor is powered off.
     #[command(subcommand)]
     Parameter(ParameterCommand),
     /// The stored configuration of a motor.
     #[command(subcommand)]
     Config(ConfigCommand),
-    /// Compare every motor of a configuration with it, and keep what the motors said in the lock file.
+    /// Compare the motors with their configuration, and store their answers in the lock file.
     ///
-    /// Nothing moves; motors in MIT mode stop. The lock file lies beside the configuration, `motord.lock.toml` beside
-    /// `motord.toml`. motord does not enable a motor that differs. What cannot be read in MIT is unknown: look at the label.
-    /// Exit status 1: a motor differs, or does not answer.
+    /// Nothing moves; motors in MIT mode stop. The lock file of `motord.toml` is `motord.lock.toml`
+    /// in the same directory. motord does not enable a motor that differs. Values that MIT mode
+    /// cannot read are unknown: compare the label. Exit status 1: a motor differs or does not
+    /// answer.
     #[command(
         after_help = "Examples:\n  motorctl setup --config motord.toml\n  motorctl setup --config motord.toml --json | jq .answered\n  motorctl setup --config motord.toml --write"
     )]
     Setup(setup::Arguments),
     /// Change the protocol that a motor speaks over CAN.
     ///
-    /// Over CAN there is no way back from MIT: the serial port (RS485, RS232) stays native, and changes it again.
+    /// A motor in MIT mode cannot be changed back over CAN. Its serial port (RS485, RS232) keeps
+    /// the GIM protocol, and can.
     #[command(
         after_help = "Examples:\n  motorctl protocol mit --bus can0 --id 3 --yes\n  motorctl protocol gim --bus /dev/ttyUSB0 --id 3 --yes"
     )]
@@ -198,7 +205,7 @@ pub enum DirectCommand {
         #[command(flatten)]
         confirm: Confirm,
     },
-    /// Calibrate the phase order or the encoder of a motor: its shaft turns by itself.
+    /// Calibrate the phase order or the encoder of a motor. Its shaft turns.
     #[command(after_help = "Example:\n  motorctl calibrate encoder --bus can0 --id 3 --yes")]
     Calibrate {
         /// The part that is calibrated.
@@ -210,7 +217,7 @@ pub enum DirectCommand {
         #[command(flatten)]
         confirm: Confirm,
     },
-    /// Put a motor into firmware mode, for the vendor's tool: it leaves the bus.
+    /// Put a motor into firmware mode for the vendor's tool. It leaves the bus.
     #[command(after_help = "Example:\n  motorctl firmware-mode --bus can0 --id 3 --repeat-id 3 --yes")]
     FirmwareMode(service::Firmware),
 }
@@ -231,7 +238,7 @@ pub enum ParameterCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Change a parameter, and read it back. No document gives a unit: change it a little.
+    /// Change a parameter, and read it back. No document gives its unit: change it in small steps.
     #[command(after_help = "Example:\n  motorctl parameter set position-kp 110 --bus can0 --id 3 --yes")]
     Set {
         /// Its name or number.
@@ -256,10 +263,10 @@ pub enum ConfigCommand {
         after_help = "Example:\n  motorctl config get torque-constant --bus can0 --id 3 --json | jq .value"
     )]
     Get {
-        /// Its name: `motorctl config list` shows them.
+        /// The name of the item, from `motorctl config list`.
         #[arg(value_name = "NAME", value_parser = memory::parse_item)]
         item: &'static ConfigurationItem,
-        /// The motor, and how it is printed.
+        /// The motor and the output format.
         #[command(flatten)]
         output: ReadArguments,
     },
@@ -301,18 +308,20 @@ pub enum ConfigCommand {
     Diff {
         /// The file of `motorctl config dump`.
         file: PathBuf,
-        /// The motor, and how it is printed.
+        /// The motor and the output format.
         #[command(flatten)]
         output: ReadArguments,
     },
-    /// Write what differs from a file, item by item, each read back. It stops at the first refusal.
+    /// Write each item that differs from a file, and read it back. The first refusal ends the
+    /// command.
     #[command(
         after_help = "Example:\n  motorctl config dump knee.toml --force --bus can0 --id 3 && \\\n    motorctl config apply knee.toml --bus can0 --id 3 --yes"
     )]
     Apply {
         /// The file of `motorctl config dump`.
         file: PathBuf,
-        /// The journal: each write is in it before it is sent. Default: the file's name with .journal.
+        /// The journal, which contains each write before it is sent. Default: the file's name with
+        /// .journal.
         #[arg(long, value_name = "FILE")]
         journal: Option<PathBuf>,
         /// The motor.
@@ -334,7 +343,7 @@ pub enum ConfigCommand {
     },
 }
 
-/// A motor that is only read.
+/// The options of a command that reads one motor.
 #[derive(Debug, Args)]
 pub struct ReadArguments {
     /// The motor.

@@ -1,4 +1,4 @@
-//! `motorctl parameter` and `motorctl config get|set|list`: what a motor stores, item by item.
+//! `motorctl parameter` and `motorctl config get|set|list`: single stored items of a motor.
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -26,7 +26,7 @@ pub(crate) fn parse_item(text: &str) -> Result<&'static ConfigurationItem, Strin
         .ok_or_else(|| expected_one_of(CONFIGURATION.iter().map(|item| item.name)))
 }
 
-/// The mistake of a name that is none of these.
+/// Returns the error text for a name that is not in `names`.
 pub(crate) fn expected_one_of<'a>(names: impl Iterator<Item = &'a str>) -> String {
     format!("expected one of {}", names.collect::<Vec<_>>().join(", "))
 }
@@ -49,7 +49,7 @@ pub(crate) fn parse_value(item: &ConfigurationItem, text: &str) -> Result<Value,
     Ok(value)
 }
 
-/// A value as text: every float survives.
+/// Formats a value. The text of a float reads back as the same float.
 pub(crate) fn text(value: Value) -> String {
     match value {
         Value::Integer(value) => value.to_string(),
@@ -94,15 +94,14 @@ pub(crate) fn set_parameter(
     let mut motor = session.gim();
     let before = motor.parameter(parameter.id)?;
     confirm.ask(&format!(
-        "This changes {} of {name} from {before} to {value}, at once, until it is powered off. A gain that is too high makes \
-         the motor swing.",
+        "This changes {} of {name} from {before} to {value}, immediately, until it is powered off. A gain that is too high makes the motor oscillate.",
         parameter.name
     ))?;
     motor.set_parameter(parameter.id, value)?;
     print_line(&format!("{name}: {} was {before}, reads {value} now", parameter.name))
 }
 
-/// A value in JSON: a float with as many digits as it has.
+/// A value in JSON. A float has all its digits.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Number {
@@ -141,7 +140,7 @@ impl ItemRow {
     }
 }
 
-/// An item as the motor tells it; a refusal is an answer, too.
+/// Reads an item. A refusal of the motor is a normal answer here.
 pub(crate) fn read(
     motor: &mut Native<'_>,
     item: &'static ConfigurationItem,
@@ -222,38 +221,36 @@ pub(crate) fn set(
     ))
 }
 
-/// The consequence of an item that changes more than itself.
+/// Returns a warning for an item whose change has further effects.
 fn warning(item: &ConfigurationItem) -> &'static str {
     match item.name {
         "can-id" | "host-id" => {
-            "\nThe motor answers under the new id from then on: no other motor of the bus may have it."
+            "\nThe motor then answers under the new id: no other motor of the bus may have it."
         }
         "can-baud-rate" => {
-            "\nOver CAN it is out of reach until the bus has the new rate. No document gives the unit."
+            "\nIt is unreachable over CAN until the bus has the new rate. No document gives the unit."
         }
-        "can-protocol" => {
-            "\nOver CAN there is no way back from MIT: only a serial port (RS485, RS232) changes it again."
-        }
+        "can-protocol" => "\nIt cannot be changed back over CAN, only by its serial port (RS485, RS232).",
         "zero-position" => {
-            "\nThe motor reports another position then: `motorctl zero` checks that, this does not."
+            "\nThe motor then reports another position. `motorctl zero` checks it; this command does not."
         }
         _ => "",
     }
 }
 
-/// How a write was confirmed, as the end of a sentence.
+/// Describes the confirmation of a write, as the end of a sentence.
 pub(crate) fn outcome_of(confirmation: Confirmation) -> String {
     match confirmation {
         Confirmation::ReadBack(value) => format!("reads {} now", text(value)),
         Confirmation::AnswersInMit => "the motor answers in MIT now".to_owned(),
         Confirmation::Unreachable => {
-            "written; the motor is out of reach until this bus has its bit rate, too: then read it back"
+            "written; the motor is unreachable until this bus has its bit rate: read the item back then"
                 .to_owned()
         }
     }
 }
 
-/// When a write has its effect, as a word of a table.
+/// Describes when a write takes effect, for a table.
 pub(crate) fn effective(item: &ConfigurationItem) -> &'static str {
     match item.effective {
         Effective::Immediately => "at once",
@@ -261,7 +258,7 @@ pub(crate) fn effective(item: &ConfigurationItem) -> &'static str {
     }
 }
 
-/// When a write has its effect, as the end of a sentence.
+/// Describes when a write takes effect, as the end of a sentence.
 pub(crate) fn when(item: &ConfigurationItem) -> &'static str {
     match item.effective {
         Effective::Immediately => "",

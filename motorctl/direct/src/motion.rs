@@ -1,8 +1,8 @@
-//! `motorctl torque`, `speed`, `position` and `jog`: a motor moves, for a bounded time, within bounds.
+//! `motorctl torque`, `speed`, `position` and `jog`: motion within bounds and for a bounded time.
 //!
-//! A command of torque or speed has a duration of ten periods, which the vendor's sample calls the time that the control lasts, and
-//! is sent again in every period. So the motor may end it by itself when this process dies; no document promises that. At the end, at
-//! Ctrl-C, and beyond a bound the motor is stopped.
+//! A torque or speed command has a duration of ten periods and is sent again in every period. So
+//! the motor may stop by itself when this process dies; no document promises that. The command
+//! stops the motor at the end, at Ctrl-C, beyond a bound and after an error.
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -15,21 +15,21 @@ use motord_protocol::mit::{self, Impedance};
 use motord_terminal::Interrupt;
 use std::time::{Duration, Instant};
 
-/// Between two commands.
+/// Time between two commands.
 pub(crate) const PERIOD: Duration = Duration::from_millis(20);
-/// The time that a torque or speed command lasts in the motor.
+/// Duration of a torque or speed command in the motor.
 const LASTS: ExecutionTime = ExecutionTime::from_millis(200).expect("fits in 24 bits");
 
-/// A motion is stopped so far beyond the limits of its joint, or beyond where it began, rad.
+/// Distance beyond the limits of the joint at which a motion is stopped, rad.
 const BEYOND: f64 = 0.05;
 
 /// The bounds of a motion, and the consent to it.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Bounds {
-    /// How long the motion lasts, s: above 0, up to 60.
+    /// Duration of the motion, s: above 0, up to 60.
     #[arg(long, value_name = "S", value_parser = |text: &str| ranged(text, 0.0, 60.0))]
     seconds: f64,
-    /// Stop when the shaft has turned so far from where it began, rad.
+    /// Stop when the shaft has turned this far from its start, rad.
     #[arg(long, value_name = "RAD", default_value_t = 0.5, value_parser = |text: &str| ranged(text, 0.0, 100.0))]
     max_travel_rad: f64,
     /// Stop when the shaft is faster, rad/s.
@@ -76,7 +76,7 @@ impl Goal {
     }
 }
 
-/// `motorctl torque`: more than `most`, N·m, is refused.
+/// `motorctl torque`. Rejects a torque above `most`, N·m.
 pub(crate) fn torque(target: &Target, torque: f64, most: f64, bounds: &Bounds) -> Result<(), DirectFailure> {
     if torque.abs() > most {
         return Err(DirectFailure::Usage(format!("a torque of {torque} N·m is beyond --max-nm {most}")));
@@ -101,7 +101,7 @@ pub(crate) fn run(target: &Target, goal: Goal, bounds: &Bounds) -> Result<(), Di
     print_line(&format!("{name}: stopped; last at {position:.3} rad, {velocity:.2} rad/s{torque}"))
 }
 
-/// The goal is within the limits of the joint, where a configuration tells them.
+/// Rejects a goal outside the limits of the joint. Without a configuration there are no limits.
 fn check_limits(session: &Session, goal: Goal) -> Result<(), DirectFailure> {
     let Some(limits) = session.settings.as_ref().map(|settings| &settings.limits) else { return Ok(()) };
     let (value, [low, high]) = match goal {
@@ -137,11 +137,11 @@ fn follow(
     }
     bounds.confirm.ask(&format!(
         "This starts {name} (torque constant {constant} N·m/A, gear ratio {ratio}, at {begin:.3} rad) and commands {} for {} s.\n\
-         The shaft turns. Make sure that it is clear, and that nobody is near.",
+         The shaft turns. Make sure that it is clear, and that no person is near.",
         goal.describe(),
         bounds.seconds
     ))?;
-    // A joint that is beyond its limits may come back.
+    // A joint outside its limits may move back into them.
     let allowed = [allowed[0].min(begin) - BEYOND, allowed[1].max(begin) + BEYOND];
     let interrupt = Interrupt::register();
     let mut motor = StopOnDrop::new(motor);
@@ -161,7 +161,7 @@ fn follow(
         }
         interrupt.pause_until(Instant::now() + PERIOD);
         state = match goal {
-            // Sent again, it would begin anew.
+            // A repeated position command would restart its duration.
             Goal::Position(_) => observe(&mut motor)?,
             Goal::Torque(_) | Goal::Speed(_) => command(&mut motor, goal, bounds.seconds)?,
         };
@@ -170,8 +170,9 @@ fn follow(
     if interrupt.came() { Err(Error::Interrupted.into()) } else { Ok(state) }
 }
 
-/// Sends the goal. Returns position, rad, velocity, rad/s, and torque, N·m, from the answer. The duration of a position command is
-/// half of the time: no document says whether the motor reaches the position in it, or holds it for so long.
+/// Sends the goal. Returns position, rad, velocity, rad/s, and torque, N·m, from the answer. A
+/// position command gets half of the time: no document says whether the motor must arrive within it
+/// or holds the position for it.
 fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3], DirectFailure> {
     let finite = |value: f64| {
         Finite::new(value as f32)
@@ -186,27 +187,27 @@ fn command(motor: &mut Native<'_>, goal: Goal, seconds: f64) -> Result<[f64; 3],
     Ok([position, velocity, torque].map(f64::from))
 }
 
-/// The same three, read without a new command. The torque is not among the indicators.
+/// Reads position and velocity without a new command. Torque is not an indicator: NaN.
 fn observe(motor: &mut Native<'_>) -> Result<[f64; 3], DirectFailure> {
     let position = motor.indicator(Indicator::SHAFT_ANGLE)?;
     let velocity = motor.indicator(Indicator::SHAFT_SPEED)? / RPM;
     Ok([f64::from(position), f64::from(velocity), f64::NAN])
 }
 
-/// A motor that is jogged: it follows a slow speed, softly.
+/// A motor that follows a slow speed with low stiffness.
 pub(crate) struct Jogged<'s> {
     session: &'s mut Session,
     kd: f32,
 }
 
 impl<'s> Jogged<'s> {
-    /// The motor of a session, as it is. Nothing is sent.
+    /// Wraps the motor of a session. Sends nothing.
     pub(crate) fn new(session: &'s mut Session, kd: f32) -> Self {
         Self { session, kd }
     }
 
-    /// Starts the motor, at rest. Returns its position, rad. A motor in MIT may remember a control frame, so it gets a neutral one
-    /// before the start. After an error the motor may be started nevertheless.
+    /// Starts the motor at rest. Returns its position, rad. A motor in MIT mode may remember a
+    /// control frame, so it receives a neutral one first. After an error the motor may be running.
     pub(crate) fn start(&mut self) -> Result<f64, Error> {
         let position = match self.session.protocol {
             Protocol::Mit => {

@@ -44,12 +44,12 @@ pub(crate) fn calibrate(
     print_line(&format!("{name}: {what} calibrated"))
 }
 
-/// The consent to firmware mode.
+/// The options of `motorctl firmware-mode`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Firmware {
     #[command(flatten)]
     target: Target,
-    /// The id of the motor once more: a motor in firmware mode cannot be used without the vendor's tool.
+    /// Repeat the id of the motor. A motor in firmware mode needs the vendor's tool.
     #[arg(long, value_name = "ID", value_parser = parse_id, required = true)]
     repeat_id: u8,
     #[command(flatten)]
@@ -67,14 +67,13 @@ pub(crate) fn firmware_mode(arguments: &Firmware) -> Result<(), DirectFailure> {
     }
     let name = session.name();
     arguments.confirm.ask(&format!(
-        "This puts {name} into firmware mode. It leaves the bus, answers nothing, and needs the vendor's tool; whether a power \
-         cycle brings it back is in no document."
+        "This puts {name} into firmware mode. It leaves the bus, answers nothing, and needs the vendor's tool; no document says whether a power cycle ends this mode."
     ))?;
     session.gim().enter_firmware_mode()?;
     print_line(&format!("{name}: in firmware mode; it answers nothing now"))
 }
 
-/// `motorctl pts`: the document lists the command and says that it is not supported.
+/// `motorctl pts`: the vendor's document lists the command as not supported.
 pub(crate) fn pts() -> Result<(), DirectFailure> {
     let reason = "PTS (position/torque/speed) control: \"Not supported.\" (GIM document 3.2.10); nothing was sent. Use torque, speed or position";
     Err(DirectFailure::Usage(reason.to_owned()))

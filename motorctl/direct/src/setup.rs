@@ -1,4 +1,4 @@
-//! `motorctl setup`: every motor of a configuration held against it, and the lock file.
+//! `motorctl setup`: compares the motors with their configuration, and writes the lock file.
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -15,7 +15,7 @@ use serde::Serialize;
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
-/// The configuration, and how much of it.
+/// The options of `motorctl setup`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
     /// The configuration.
@@ -24,8 +24,9 @@ pub struct Arguments {
     /// Only these motors.
     #[arg(long = "joint", value_name = "NAME")]
     joints: Vec<String>,
-    /// Write what differs into the motors, as configured: torque constant, gear ratio, pole pairs. Ids and the protocol are for
-    /// `motorctl id` and `motorctl protocol`, with one motor connected.
+    /// Write differing torque constants, gear ratios and pole pairs into the motors, as configured.
+    /// Use `motorctl id` and `motorctl protocol` for ids and the protocol, with one motor
+    /// connected.
     #[arg(long)]
     write: bool,
     #[command(flatten)]
@@ -65,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), DirectFailure> {
     if differing == 0 { Ok(()) } else { Err(DirectFailure::Differs { count: differing }) }
 }
 
-/// A motor, its words, and how they compare.
+/// A configured motor, its answers, and the comparison.
 struct ComparedMotor<'s> {
     motor: &'s MotorSettings,
     reported: Option<ReportedMotor>,
@@ -73,14 +74,14 @@ struct ComparedMotor<'s> {
 }
 
 impl ComparedMotor<'_> {
-    /// The differences; of a motor that does not answer, all findings.
+    /// Returns the differences; for a silent motor, all findings.
     fn open_findings(&self) -> impl Iterator<Item = &Finding> {
         let is_silent = self.reported.is_none();
         self.findings.iter().filter(move |finding| is_silent || finding.verdict == Verdict::Differs)
     }
 }
 
-/// The motors with these names, or all, in the order of the configuration.
+/// Returns the motors with these names, or all, in the order of the configuration.
 fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s MotorSettings>, DirectFailure> {
     let unknown = joints.iter().find(|joint| settings.motors.iter().all(|motor| motor.name != **joint));
     if let Some(joint) = unknown {
@@ -90,7 +91,7 @@ fn chosen<'s>(settings: &'s Settings, joints: &[String]) -> Result<Vec<&'s Motor
     Ok(settings.motors.iter().filter(is_chosen).collect())
 }
 
-/// The bus, if it is on a wire and has motors that are asked.
+/// Opens the bus; `None` for a simulated bus and for one without chosen motors.
 fn open(
     settings: &Settings,
     index: usize,
@@ -120,7 +121,7 @@ fn ask<'s>(
     Ok(ComparedMotor { motor, reported, findings })
 }
 
-/// Writes the constants that differ, with consent, and asks the motor again.
+/// Writes the differing constants after consent, and asks the motor again.
 fn write<'s>(
     settings: &Settings,
     asked: ComparedMotor<'s>,
@@ -148,7 +149,7 @@ fn write<'s>(
     ask(settings, asked.motor, bus, line)
 }
 
-/// The constants of a native motor that differ, as configured.
+/// Returns the differing constants of a GIM motor with their configured values.
 fn changes(asked: &ComparedMotor<'_>) -> Vec<(&'static ConfigurationItem, Value)> {
     let is_native = asked.reported.as_ref().is_some_and(|motor| motor.protocol == ReportedProtocol::Gim);
     let Some(constants) = asked.motor.constants.filter(|_| is_native) else { return Vec::new() };
@@ -167,7 +168,7 @@ fn changes(asked: &ComparedMotor<'_>) -> Vec<(&'static ConfigurationItem, Value)
         .collect()
 }
 
-/// Writes the lock. A motor that did not answer, or was not asked, keeps its words of before.
+/// Writes the lock file. A motor that did not answer keeps its former entry.
 fn store(config: &Path, settings: &Settings, asked: &[ComparedMotor<'_>]) -> Result<PathBuf, DirectFailure> {
     let before = Lock::load(config).ok().flatten();
     let now = |name: &str| {
@@ -180,7 +181,7 @@ fn store(config: &Path, settings: &Settings, asked: &[ComparedMotor<'_>]) -> Res
         .map_err(|error| DirectFailure::Malformed { path: Lock::path(config), reason: error.to_string() })
 }
 
-/// One line that is overwritten, at a terminal only.
+/// Shows the motor that is asked, in one line of a terminal.
 fn progress(motor: &str) {
     if io::stderr().is_terminal() {
         let text = if motor.is_empty() { String::new() } else { format!("asking {motor}") };
@@ -247,7 +248,7 @@ fn print(asked: &[ComparedMotor<'_>], lock: &Path, as_json: bool) -> Result<(), 
         print_line(&format!("{finding}"))?;
     }
     print_line(&format!(
-        "{answered} of {} motors answered; {} holds what they said",
+        "{answered} of {} motors answered; their answers are in {}",
         asked.len(),
         lock.display()
     ))

@@ -28,12 +28,12 @@ pub(crate) fn version(target: &Target, as_json: bool) -> Result<(), DirectFailur
     print_line(&format!("{}: firmware version {version} ({version:#010X})", session.name()))
 }
 
-/// A fault in words.
+/// A fault with its meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct NamedFault {
     /// Its name.
     pub name: &'static str,
-    /// A sentence about it.
+    /// Its meaning, a sentence.
     pub meaning: &'static str,
 }
 
@@ -59,7 +59,7 @@ pub(crate) fn fault(target: &Target, as_json: bool) -> Result<(), DirectFailure>
     print_faults(&session.name(), &faults, unknown_bits)
 }
 
-/// Prints the faults of a motor or joint, a line each; `unknown_bits` are those that no name stands for.
+/// Prints the faults of a motor or joint, one per line. `unknown_bits` have no name.
 ///
 /// # Errors
 ///
@@ -77,8 +77,8 @@ pub fn print_faults(subject: &str, faults: &[NamedFault], unknown_bits: u32) -> 
     }
 }
 
-/// Reads the faults. A motor in MIT is stopped first: other firmware takes the question for a control frame of full stiffness. A
-/// motor with a fault may not answer to the stop.
+/// Reads the faults. A motor in MIT mode is stopped first, because other firmware reads the
+/// question as a control frame of full stiffness. A motor with a fault may not answer the stop.
 fn read_faults(session: &mut Session) -> Result<Faults, Error> {
     match session.protocol {
         Protocol::Mit => {
@@ -89,7 +89,7 @@ fn read_faults(session: &mut Session) -> Result<Faults, Error> {
     }
 }
 
-/// `motorctl fault clear --bus`: clears, and reads again.
+/// `motorctl fault clear --bus`: clears the fault and reads the faults again.
 pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let cleared = match session.protocol {
@@ -105,8 +105,11 @@ pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
         return print_line(&format!("{}: the fault is cleared", session.name()));
     }
     let names: Vec<&str> = left.named().map(|fault| fault.name).collect();
-    let reason =
-        format!("the fault came back, its cause remains: {} (bits {:#04X})", names.join(", "), left.0);
+    let reason = format!(
+        "the motor reports the fault again, because its cause remains: {} (bits {:#04X})",
+        names.join(", "),
+        left.0
+    );
     Err(session.unfit(&reason))
 }
 
@@ -114,14 +117,14 @@ pub fn clear_fault(target: &Target) -> Result<(), DirectFailure> {
 pub(crate) fn start(target: &Target, confirm: Confirm) -> Result<(), DirectFailure> {
     let mut session = target.open_gim()?;
     confirm.ask(&format!(
-        "This starts {}: it is energised then, and follows the next control command.",
+        "This starts {}: it is energised and follows the next control command.",
         session.name()
     ))?;
     session.gim().start()?;
     print_line(&format!("{}: started; `motorctl stop` stops it", session.name()))
 }
 
-/// `motorctl stop`: leaves the running state. With `control_only`, only the command that is being executed ends.
+/// `motorctl stop`: leaves the running state. `control_only` ends only the present command.
 pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFailure> {
     let mut session = target.open()?;
     let done = match (session.protocol, control_only) {
@@ -140,10 +143,11 @@ pub(crate) fn stop(target: &Target, control_only: bool) -> Result<(), DirectFail
     ))
 }
 
-/// Which indicators, and how often.
+/// The options of `motorctl indicator`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Indicators {
-    /// Without --bus and --config a joint. Then indicators, by their names or numbers; the default is all of them.
+    /// The joint, without --bus and --config. Then names or numbers of indicators; the default is
+    /// all.
     #[arg(value_name = "NAME")]
     names: Vec<String>,
     #[command(flatten)]
@@ -157,7 +161,7 @@ pub struct Indicators {
 }
 
 impl Indicators {
-    /// The joint whose indicators are asked for through a daemon, if they are.
+    /// Returns the joint whose indicators the daemon returns; `None` with a bus.
     #[must_use]
     pub fn joint(&self) -> Option<&str> {
         self.names.first().filter(|_| !self.target.is_given()).map(String::as_str)
@@ -175,12 +179,12 @@ impl Indicators {
         wanted.collect()
     }
 
-    /// Prints the indicators that are asked for, once, or every second until Ctrl-C. `read` gives the value of the one with
-    /// this number (GIM document, table 10); one without a value is left out.
+    /// Prints the chosen indicators, once or every second until Ctrl-C. `read` returns the value of
+    /// the indicator with a number (GIM document, table 10), or `None` to leave it out.
     ///
     /// # Errors
     ///
-    /// A name that no indicator has, output that cannot be written, and the errors of `read`.
+    /// An unknown name, output that cannot be written, and the errors of `read`.
     pub fn print<E: From<DirectFailure>>(
         &self,
         mut read: impl FnMut(u8) -> Result<Option<f32>, E>,
@@ -231,7 +235,7 @@ fn parse_indicator(text: &str) -> Result<&'static Indicator, String> {
 
 /// `motorctl indicator` on the bus.
 pub(crate) fn indicators(arguments: &Indicators) -> Result<(), DirectFailure> {
-    // Names are judged before a motor is asked.
+    // Reject wrong names before a motor is asked.
     arguments.wanted()?;
     let mut session = arguments.target.open_gim()?;
     arguments.print(|number| Ok(Some(session.gim().indicator(number)?)))

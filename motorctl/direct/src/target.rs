@@ -1,4 +1,4 @@
-//! The motor that a command is for, and the way to it.
+//! The motor of a command, and its connection.
 
 use crate::failure::DirectFailure;
 use motord_bus::serial::{self, SerialBus};
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const BAUD: u32 = 921_600;
 /// The configuration that a daemon reads by default.
 pub(crate) const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
-/// A serial request that is older has no answer any more.
+/// Longest wait for the answer to a serial request.
 const REPLY_TIMEOUT: Duration = Duration::from_millis(50);
 
 /// A protocol, as it is named on the command line.
@@ -22,14 +22,15 @@ const REPLY_TIMEOUT: Duration = Duration::from_millis(50);
 pub enum Protocol {
     /// The MIT protocol, on CAN only.
     Mit,
-    /// The native GIM protocol.
+    /// The GIM protocol, on CAN and serial lines.
     Gim,
 }
 
 /// The bus that a command uses, without a daemon.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BusArguments {
-    /// CAN interface (can0) or serial device (/dev/ttyUSB0) of the motor: the command goes to the wire, without a daemon.
+    /// CAN interface (can0) or serial device (/dev/ttyUSB0) of the motor. The command uses the bus
+    /// without a daemon.
     #[arg(long, value_name = "BUS")]
     pub bus: Option<String>,
     /// Bit/s of a serial device.
@@ -46,13 +47,16 @@ pub struct Target {
     /// The motor's id, 1 to 254.
     #[arg(long, value_name = "ID", value_parser = parse_id)]
     pub id: Option<u8>,
-    /// The id that the motor's answers bear, over CAN. Without it, the answer tells. A serial line has no use for it.
+    /// The CAN id of the motor's answers. By default it is read from the first answer. A serial
+    /// line does not use it.
     #[arg(long, value_name = "ID", value_parser = parse_host_id)]
     pub host_id: Option<FrameId>,
-    /// The motor's protocol. Without it, the motor is asked, and one that is in MIT mode stops.
+    /// The motor's protocol. By default the command asks the motor, which stops if it is in MIT
+    /// mode.
     #[arg(long, value_name = "PROTOCOL")]
     pub protocol: Option<Protocol>,
-    /// A configuration of motord that says where the motor is: with --joint, instead of --bus and --id.
+    /// A configuration of motord with the address of the motor. Use it with --joint, in place of
+    /// --bus and --id.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["bus", "id"])]
     pub config: Option<PathBuf>,
     /// The motor's name in the configuration.
@@ -64,7 +68,7 @@ pub struct Target {
 ///
 /// # Errors
 ///
-/// A sentence.
+/// The expected range.
 pub(crate) fn parse_id(text: &str) -> Result<u8, String> {
     match number(text) {
         Some(id @ 1..=254) => Ok(id as u8),
@@ -76,7 +80,7 @@ pub(crate) fn parse_id(text: &str) -> Result<u8, String> {
 ///
 /// # Errors
 ///
-/// A sentence.
+/// The expected range.
 pub(crate) fn parse_host_id(text: &str) -> Result<FrameId, String> {
     let id = number(text).and_then(|raw| u16::try_from(raw).ok()).and_then(FrameId::new);
     id.ok_or_else(|| "expected 0 to 0x7FF".to_owned())
@@ -91,10 +95,10 @@ pub(crate) fn number(text: &str) -> Option<u32> {
 
 /// A bus that is open and locked.
 pub struct OpenLine {
-    /// As on the command line.
+    /// Its name on the command line.
     pub name: String,
     pub link: Link,
-    /// Of the CAN interface; `None` where it has none.
+    /// Bit rate of the CAN interface; `None` for a serial or virtual one.
     pub bitrate: Option<u32>,
     _lock: BusLock,
 }
@@ -103,7 +107,7 @@ pub struct OpenLine {
 ///
 /// # Errors
 ///
-/// Why it cannot be used.
+/// The bus cannot be used.
 pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     if is_serial(name) {
         return open_serial(name, baud);
@@ -119,7 +123,7 @@ pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, MachineTime), bitrate, _lock: lock })
 }
 
-/// An interface has no path.
+/// A serial device is a path; an interface has no slash.
 fn is_serial(bus: &str) -> bool {
     bus.contains('/')
 }
@@ -137,18 +141,18 @@ fn open_serial(device: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     Ok(OpenLine { name: device.to_owned(), link, bitrate: None, _lock: lock })
 }
 
-/// A motor that answered, or whose protocol was given.
+/// An open bus with the motor of the command.
 pub struct Session {
     pub line: OpenLine,
     pub id: u8,
     pub host_id: Option<FrameId>,
     pub protocol: Protocol,
-    /// Its settings, when a configuration named it.
+    /// Its settings, when it came from a configuration.
     pub settings: Option<MotorSettings>,
 }
 
 impl Target {
-    /// The command is for the wire, not for a daemon.
+    /// Returns true when the command uses a bus, not a daemon.
     pub fn is_given(&self) -> bool {
         self.line.bus.is_some() || self.config.is_some()
     }
@@ -157,11 +161,11 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// Why it cannot be reached.
+    /// The motor cannot be reached.
     pub fn open(&self) -> Result<Session, DirectFailure> {
         let place = self.place()?;
         if self.host_id.is_some() && is_serial(&place.bus) {
-            let usage = "on a serial line an answer is known by its request: leave --host-id out";
+            let usage = "answers on a serial line have no id: leave --host-id out";
             return Err(DirectFailure::Usage(usage.to_owned()));
         }
         let line = open(&place.bus, place.baud)?;
@@ -170,29 +174,29 @@ impl Target {
             Session { line, id, host_id, protocol: self.protocol.unwrap_or(Protocol::Gim), settings };
         match (self.protocol, session.line.link.wire()) {
             (Some(Protocol::Mit), Wire::Serial) => {
-                Err(session.unfit("a serial line is always native: leave --protocol mit out"))
+                Err(session.unfit("a serial line always has the GIM protocol: leave --protocol mit out"))
             }
             (Some(_), _) => Ok(session),
             (None, _) => session.identify().map(|()| session),
         }
     }
 
-    /// As [`open`](Self::open), for a command that only the native protocol has.
+    /// As [`open`](Self::open), for a command of the GIM protocol.
     ///
     /// # Errors
     ///
-    /// Why it cannot be reached, or that it speaks MIT.
+    /// The motor cannot be reached, or is in MIT mode.
     pub fn open_gim(&self) -> Result<Session, DirectFailure> {
         let session = self.open()?;
         if session.protocol == Protocol::Mit {
             return Err(session.unfit(
-                "it speaks MIT over CAN, which has no such command: use its serial port (RS485 or RS232), where it is native",
+                "it is in MIT mode, which has no such command: use its serial port (RS485 or RS232), which has the GIM protocol",
             ));
         }
         Ok(session)
     }
 
-    /// The motor of this name, of the configuration given or of the default one.
+    /// Returns the target for a joint of the given or the default configuration.
     pub(crate) fn named(&self, joint: &str) -> Self {
         let config = self.config.clone().unwrap_or_else(|| DEFAULT_CONFIG.into());
         Self { config: Some(config), joint: Some(joint.to_owned()), ..self.clone() }
@@ -221,7 +225,7 @@ impl Target {
             BusKind::Serial { device, baud, .. } => (device.clone(), *baud),
             BusKind::Simulated { .. } => {
                 return Err(DirectFailure::Usage(format!(
-                    "{joint} is simulated inside of the daemon: it has no wire"
+                    "{joint} is simulated inside the daemon, without a bus"
                 )));
             }
         };
@@ -230,7 +234,7 @@ impl Target {
     }
 }
 
-/// Where a motor is.
+/// The bus and the ids of a motor.
 struct MotorAddress {
     bus: String,
     baud: u32,
@@ -240,12 +244,13 @@ struct MotorAddress {
 }
 
 impl Session {
-    /// The motor, in the native protocol.
+    /// Returns the motor's GIM transactions.
     pub fn gim(&mut self) -> Native<'_> {
         Native::new(&mut self.line.link, self.id, self.host_id)
     }
 
-    /// The motor, in MIT. Without a configuration the vendor is SteadyWin, and torques are fractions of the full scale.
+    /// Returns the motor's MIT transactions. Without a configuration the vendor is SteadyWin, and
+    /// torques are fractions of the full scale.
     pub fn mit(&mut self) -> Mit<'_> {
         let (scales, profile) = match &self.settings {
             Some(settings) => (settings.scales, settings.profile),
@@ -254,7 +259,7 @@ impl Session {
         Mit::new(&mut self.line.link, self.id, self.host_id, scales).with_profile(profile)
     }
 
-    /// The motor in words.
+    /// Describes the motor for messages.
     pub fn name(&self) -> String {
         match &self.settings {
             Some(settings) => format!("{} (motor {} on {})", settings.name, self.id, self.line.name),
@@ -262,7 +267,8 @@ impl Session {
         }
     }
 
-    /// The positions within the limits of the joint, rad on the motor's side; all, where no configuration tells them.
+    /// Returns the position limits of the joint, rad on the motor's side. Without a configuration
+    /// they are infinite.
     pub fn allowed(&self) -> [f64; 2] {
         let Some(settings) = &self.settings else { return [f64::NEG_INFINITY, f64::INFINITY] };
         let ends =
@@ -287,7 +293,8 @@ impl Session {
             let expected = self.host_id.or(host_id);
             if expected != host_id {
                 let raw = |id: Option<FrameId>| id.map_or(0, FrameId::raw);
-                let reason = format!("its answers bear {:#05X}, not {:#05X}", raw(host_id), raw(expected));
+                let reason =
+                    format!("its answers have the id {:#05X}, not {:#05X}", raw(host_id), raw(expected));
                 return Err(self.unfit(&reason));
             }
         }
@@ -300,7 +307,7 @@ impl Session {
                 ) && self.line.link.wire() == Wire::Can =>
             {
                 let reason =
-                    format!("it does not speak {}, which its configuration says", settings.protocol.name());
+                    format!("it does not speak {}, the configured protocol", settings.protocol.name());
                 Err(self.unfit(&reason))
             }
             _ => Ok(()),

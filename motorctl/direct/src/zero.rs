@@ -1,4 +1,4 @@
-//! `motorctl zero --bus`: the zero of a motor, on the wire.
+//! `motorctl zero --bus`: sets the zero of a motor without a daemon.
 
 use crate::confirm::Confirm;
 use crate::failure::DirectFailure;
@@ -7,18 +7,18 @@ use crate::target::{Protocol, Session, Target};
 use motord_protocol::gim::{ConfigurationItem, Indicator, Value};
 use std::f64::consts::TAU;
 
-/// Zero and power-off position count a turn of the shaft in so many steps (GIM document 3.2.3).
+/// Steps per turn of the shaft, in zero and power-off position (GIM document 3.2.3).
 const TURN: f64 = 65536.0;
-/// A new position is as wanted within this, rad.
+/// Largest error of the new position, rad.
 const TOLERANCE: f64 = 0.02;
 
-/// How to set a zero on the wire.
+/// The options of `motorctl zero` on a bus.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct Arguments {
-    /// With --bus or --config: the position that the motor is to report where it stands now, rad.
+    /// With --bus or --config: the position to report for the present pose, rad.
     #[arg(long, value_name = "RAD", default_value_t = 0.0, value_parser = super::motion::finite, allow_hyphen_values = true)]
     pub at: f64,
-    /// With --config: do it even if the joint is outside of its limits afterwards.
+    /// With --config: set the zero even if the joint is outside its limits afterwards.
     #[arg(long)]
     pub force: bool,
 }
@@ -28,18 +28,18 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     let Arguments { at, force } = arguments;
     if at.abs() > TAU / 2.0 {
         return Err(DirectFailure::Usage(
-            "a motor finds its zero again within half a turn: --at is -3.14 to 3.14".into(),
+            "a motor restores its zero within half a turn: --at is -3.14 to 3.14".into(),
         ));
     }
     let mut session = target.open()?;
     if session.protocol == Protocol::Mit && at != 0.0 {
-        return Err(session.unfit("in MIT the present position can only become 0: leave --at out"));
+        return Err(session.unfit("in MIT mode the present position can only become 0: leave --at out"));
     }
     let before = position(&mut session)?;
     let range = check_limits(&session, at, force)?;
     let name = session.name();
     confirm.ask(&format!(
-        "This permanently stores a new zero in {name}: where it reports {before:.3} rad now, it reports {at:.3} rad then.{range}"
+        "This permanently stores a new zero in {name}: it will report {at:.3} rad where it reports {before:.3} rad now.{range}"
     ))?;
     match session.protocol {
         Protocol::Mit => session.mit().set_zero().map(drop)?,
@@ -49,7 +49,7 @@ pub fn run(target: &Target, arguments: Arguments, confirm: Confirm) -> Result<()
     let off = (after - at + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
     if off.abs() > TOLERANCE {
         let reason = format!(
-            "it reports {after:.3} rad afterwards, not {at:.3} rad: do not start it before this is understood"
+            "it reports {after:.3} rad afterwards, not {at:.3} rad: find the cause before you start it"
         );
         return Err(session.unfit(&reason));
     }
@@ -69,22 +69,22 @@ fn position(session: &mut Session) -> Result<f64, DirectFailure> {
     Ok(f64::from(position))
 }
 
-/// Refuses a position outside of the joint's limits, unless `force`. Returns a sentence about the position and the limits.
+/// Rejects a position outside the joint's limits, unless `force`. Returns a sentence about the
+/// position and the limits.
 fn check_limits(session: &Session, at: f64, force: bool) -> Result<String, DirectFailure> {
     let Some(settings) = &session.settings else { return Ok(String::new()) };
     let joint = settings.transmission.position_to_joint(at as f32);
     let [low, high] = settings.limits.position;
     if !(low..=high).contains(&joint) && !force {
         let reason = format!(
-            "the joint would be at {joint:.3} rad, outside of its limits {low:.3} to {high:.3} rad: move it first, use --at, or \
-             insist with --force"
+            "the joint would be at {joint:.3} rad, outside of its limits {low:.3} to {high:.3} rad: move it first, use --at, or use --force"
         );
         return Err(session.unfit(&reason));
     }
-    Ok(format!("\nThe joint is at {joint:.3} rad then; its limits are {low:.3} to {high:.3} rad."))
+    Ok(format!("\nThe joint will be at {joint:.3} rad; its limits are {low:.3} to {high:.3} rad."))
 }
 
-/// The stored zero is a place of the encoder within one turn: it moves by as much as the position is to change.
+/// Stores a new zero, which is an encoder position within one turn.
 fn move_zero(session: &mut Session, before: f64, at: f64) -> Result<(), DirectFailure> {
     let id = session.id;
     let mut motor = session.gim();
