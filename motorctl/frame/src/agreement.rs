@@ -1,18 +1,19 @@
-//! An object must say what its frame says: no more, and nothing else.
+//! Compares a given object with the object that its frame decodes to.
 
 use crate::object::{Object, Quantities};
 use crate::rejected::Rejected;
 use crate::{hex, null_bytes};
 use serde_json::Value;
 
-/// Members that belong to a frame and do not follow from its bytes: the place of a log's line, the vendor's filler.
+/// Members that do not follow from the bytes of a frame: time and interface of a log line, the
+/// vendor's filler.
 const CONTEXT: [&str; 4] = ["time", "interface", "motor", "as_mit"];
 
-/// Compares the object that somebody gave with the one that its frame decodes to.
+/// Compares a given object with the decoded one.
 ///
 /// # Errors
 ///
-/// When a member of `given` is not in the frame, or the frame has another value.
+/// A member of `given` is not in the frame, or the frame has another value.
 pub(super) fn check(given: &Object, decoded: &Object) -> Result<(), Rejected> {
     for (key, received) in given.entries() {
         let expected = decoded.get(key);
@@ -33,8 +34,8 @@ pub(super) fn check(given: &Object, decoded: &Object) -> Result<(), Rejected> {
     Ok(())
 }
 
-/// The frame was made of this value: rounded to a code, which reading compares with the object's own code, or moved to the
-/// next code where a control frame would be another command. A payload is taken as it is, so nothing is rounded then.
+/// Returns true for a value that was rounded to a code. `Object::code` compares it with the
+/// object's own code. A given payload is used unchanged, so nothing is rounded.
 fn is_rounded(key: &str, given: &Object) -> bool {
     if given.has("payload") {
         return false;
@@ -57,7 +58,7 @@ fn is_same(key: &str, given: &Value, decoded: Option<&Value>) -> bool {
         }
         (Value::Number(given), Some(Value::Number(decoded))) => {
             let (given, is_float) = (given.as_f64(), decoded.is_f64());
-            // Floats of 32 bits: what a person writes has fewer digits than what is printed.
+            // 32-bit floats: a typed number has fewer digits than the printed one.
             let single = |value: Option<f64>| value.map(|value| value as f32);
             given == decoded.as_f64() || is_float && single(given) == single(decoded.as_f64())
         }

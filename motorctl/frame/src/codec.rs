@@ -8,7 +8,7 @@ use crate::{agreement, gim, mit, serial};
 use motord_protocol::Profile;
 use serde_json::Value;
 
-/// How to read one frame.
+/// Converts frames of one protocol and direction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Codec {
     pub(super) protocol: FrameProtocol,
@@ -19,7 +19,7 @@ pub(super) struct Codec {
 }
 
 impl Codec {
-    /// The object of a frame.
+    /// Decodes a frame.
     pub(super) fn decode(&self, bytes: &[u8]) -> Result<Object, Rejected> {
         let object = Object::new(self.profile, self.scale);
         match (self.protocol, self.direction) {
@@ -31,7 +31,7 @@ impl Codec {
         }
     }
 
-    /// The frame of an object. The frame is decoded again, and an object that says anything else is refused.
+    /// Encodes an object. Decodes the frame again, and rejects an object that contradicts it.
     pub(super) fn encode(&self, object: Object, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
         let object = object.with_scale(self.profile, self.scale)?;
         let bytes = match (self.protocol, self.direction) {
@@ -55,7 +55,7 @@ impl Codec {
         Ok(bytes)
     }
 
-    /// The object says how a motor in MIT mode reads the command: it must read it so.
+    /// Rejects an object whose member `as_mit` contradicts its frame.
     fn check_as_mit(&self, object: &Object, bytes: &[u8]) -> Result<(), Rejected> {
         let payload = match (self.protocol, self.direction) {
             (FrameProtocol::GimCan, Direction::ToMotor) => bytes,

@@ -1,25 +1,25 @@
-//! The errors of the command, and their exit statuses.
+//! The errors of the command.
 
 use crate::robot::RobotError;
 use motord_protocol::ScaleError;
 use motord_terminal::exit_status;
 use std::io;
 
-/// Why the command did not do all it was asked to.
+/// The error of the command.
 #[derive(Debug, thiserror::Error)]
 pub enum FrameFailure {
-    /// Some frames were refused. The output holds the reason of each.
+    /// Some inputs were rejected. The output has the reason of each.
     #[error("{refused} of {total} inputs were rejected")]
     Rejected {
-        /// How many.
+        /// The number of rejected inputs.
         refused: usize,
-        /// Of how many.
+        /// The number of inputs.
         total: usize,
     },
-    /// The torque constant or the gear ratio is no positive number.
+    /// The torque constant or the gear ratio is not a positive number.
     #[error(transparent)]
     Scale(#[from] ScaleError),
-    /// The configuration cannot be used.
+    /// The configuration has mistakes.
     #[error(transparent)]
     Robot(#[from] RobotError),
     /// Standard input or output failed.

@@ -1,4 +1,4 @@
-//! Native commands and replies, over CAN.
+//! GIM commands and replies, over CAN.
 
 use crate::member::{Member, Variants, variants};
 use crate::mit;
@@ -69,17 +69,17 @@ const KINDS: [(CommandCode, &str); CommandCode::ALL.len()] = [
     (CommandCode::UpdateFirmware, "update_firmware"),
 ];
 
-/// The key of the control frame that a motor in MIT mode reads from a command.
+/// The key of the control frame that a motor in MIT mode reads from this command.
 pub(super) const AS_MIT: &str = "as_mit";
 
-/// The kind of a frame whose command is not in the vendor's list.
+/// The kind of an unlisted command.
 const UNKNOWN: &str = "unknown";
 
 fn kind_of(byte: u8) -> &'static str {
     KINDS.iter().find(|(code, _)| *code as u8 == byte).map_or(UNKNOWN, |(_, kind)| kind)
 }
 
-/// The command of the object's kind; `None` for the kind `unknown`.
+/// Returns the command of the object's kind; `None` for the kind `unknown`.
 fn command_code(object: &Object) -> Result<Option<CommandCode>, Rejected> {
     let kind = object.kind()?;
     match KINDS.iter().find(|(_, known)| *known == kind) {
@@ -108,7 +108,7 @@ pub(super) fn decode_command(bytes: &[u8], mut object: Object) -> Result<Object,
     Ok(object)
 }
 
-/// Encodes a command. With `mit_safe` its free bytes are such that a motor in MIT mode takes it for no torque.
+/// Encodes a command. With `mit_safe` its free bytes make a motor in MIT mode read zero torque.
 pub(super) fn encode_command(object: &Object, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
     let filler = match object.object(AS_MIT) {
         Err(Rejected::Missing { .. }) => [0; 8],
@@ -154,13 +154,13 @@ pub(super) fn encode_reply(object: &Object) -> Result<Vec<u8>, Rejected> {
     null_bytes::fill(&object, [0; 8], 0, |filler| reply.encode_over(filler))
 }
 
-/// A frame of which only the command has a meaning.
+/// Encodes an unlisted command over `filler`.
 fn over_command(command: u8, [_, rest @ ..]: [u8; 8]) -> [u8; 8] {
     let [b, c, d, e, f, g, h] = rest;
     [command, b, c, d, e, f, g, h]
 }
 
-/// Adds the names and units that the vendor's tables give to the numbers in `object`.
+/// Adds names and units from the vendor's tables.
 fn name_numbers(object: &mut Object) {
     let key = ConfigurationKey::read(object, "").ok();
     if let Some(item) = key.and_then(ConfigurationKey::item) {

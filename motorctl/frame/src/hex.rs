@@ -1,13 +1,13 @@
-//! Bytes as people write them.
+//! Bytes in hexadecimal.
 
 use crate::rejected::Rejected;
 
-/// `bytes` as upper-case digits, nothing between.
+/// Formats `bytes` as upper-case digits without separators.
 pub(super) fn digits(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02X}")).collect()
 }
 
-/// The bytes that `digits` spell, two a byte, with spaces, dots, colons and a leading 0x ignored.
+/// Parses two digits per byte. Ignores spaces, dots, colons, underscores and a leading 0x.
 pub(super) fn bytes(digits: &str) -> Result<Vec<u8>, Rejected> {
     let is_separator = |letter: &char| letter.is_whitespace() || ".:_".contains(*letter);
     let plain: String = digits.chars().filter(|letter| !is_separator(letter)).collect();
@@ -20,7 +20,7 @@ pub(super) fn bytes(digits: &str) -> Result<Vec<u8>, Rejected> {
     plain.chunks(2).map(|pair| byte(pair).ok_or_else(|| Rejected::Hex { received: digits.into() })).collect()
 }
 
-/// The bytes of a frame: what follows `#`, or all of it.
+/// Parses the bytes of a frame: the text after `#`, or all of it.
 pub(super) fn bytes_of_frame(text: &str) -> Result<Vec<u8>, Rejected> {
     bytes(text.split_once('#').map_or(text, |(_, data)| data))
 }

@@ -1,7 +1,7 @@
-//! `motorctl frame`: frames to JSON objects, and back.
+//! `motorctl frame`: converts frames to JSON objects, and back.
 //!
-//! One object per frame, with the same keys in both directions, so that what one command prints the other reads. It needs
-//! no daemon and no bus: logs and frames typed by hand are enough.
+//! One object per frame, with the same keys in both directions. `encode` reads the output of
+//! `decode`. The command needs no daemon and no bus.
 
 #![forbid(unsafe_code)]
 
@@ -82,10 +82,11 @@ pub struct Decode {
     direction: Option<Direction>,
     #[command(flatten)]
     constants: Constants,
-    /// The command that a reply answers. The meaning of some replies depends on it.
+    /// The command that a reply answers. Some replies depend on it.
     #[arg(long, value_enum, default_value_t = AnsweredCommand::State)]
     asked: AnsweredCommand,
-    /// Configuration of motord. Decodes lines of `candump -L` with the names, protocols and constants of its motors.
+    /// Configuration of motord. Lines of `candump -L` are decoded with the names, protocols and
+    /// constants of its motors.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["direction", "asked", "torque_constant"])]
     config: Option<PathBuf>,
     /// Frames in hexadecimal. Spaces, and an id before `#`, are allowed. `-` reads frames from standard input, one per
@@ -105,7 +106,7 @@ pub struct Encode {
     direction: Direction,
     #[command(flatten)]
     constants: Constants,
-    /// Fill the unused bytes of native commands so that a motor in MIT mode reads zero torque from them.
+    /// Fill the unused bytes of GIM commands so that a motor in MIT mode reads zero torque.
     #[arg(long)]
     mit_safe: bool,
     /// JSON objects. `-` reads them from standard input.
@@ -117,7 +118,7 @@ pub struct Encode {
 ///
 /// # Errors
 ///
-/// When an input was refused, or could not be read.
+/// An input was rejected, or cannot be read.
 pub fn run(frame: FrameCommand) -> Result<(), FrameFailure> {
     match frame {
         FrameCommand::Decode(arguments) => decode_all(&arguments),
@@ -157,7 +158,7 @@ fn encode_all(arguments: &Encode) -> Result<(), FrameFailure> {
     report.finish()
 }
 
-/// Calls `act` with every argument, and in place of `-` with every line of standard input that is not blank.
+/// Calls `act` with every argument; for `-`, with every line of standard input that is not blank.
 fn for_each_line(
     arguments: &[String],
     mut act: impl FnMut(&str) -> Result<(), io::Error>,

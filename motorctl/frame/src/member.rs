@@ -1,4 +1,4 @@
-//! The members of a JSON object that stand for the fields of a frame: one table for both directions.
+//! The members of a JSON object for the fields of a frame, in one table for both directions.
 
 use crate::object::{Object, Quantities};
 use crate::rejected::Rejected;
@@ -9,17 +9,17 @@ use motord_protocol::gim::{
 use motord_protocol::{DecodeError, FaultBits, StateCodes};
 use std::f64::consts::TAU;
 
-/// A field of a frame as members of an object. `key` is the name of its main member.
+/// Converts a field of a frame to members of an object. `key` is the name of its main member.
 pub(super) trait Member: Sized {
-    /// Puts the field into `object`.
+    /// Adds the field to `object`.
     fn write(&self, object: &mut Object, key: &'static str);
 
-    /// Reads the field back.
+    /// Reads the field from `object`.
     fn read(object: &Object, key: &'static str) -> Result<Self, Rejected>;
 }
 
-/// Makes [`Variants`] of a table with a row per variant: the selectors of the variant, then its fields, each with the key
-/// of its member.
+/// Implements [`Variants`] from a table with a row per variant: its selectors, then its fields with
+/// the keys of their members.
 macro_rules! variants {
     ($enum:ty, by $selector:ty; $($selected:pat => $variant:ident { $($field:tt: $key:ident),* },)*) => {
         impl Variants for $enum {
@@ -44,12 +44,12 @@ macro_rules! variants {
 }
 pub(super) use variants;
 
-/// An enum of frames whose variants have members.
+/// Converts the variants of an enum of frames.
 pub(super) trait Variants: Sized {
-    /// Tells the variants apart.
+    /// The type that selects a variant.
     type Selector;
 
-    /// Puts the fields of the variant into `object`.
+    /// Adds the fields of the variant to `object`.
     fn write(&self, object: &mut Object);
 
     /// Reads the variant that `selector` selects.
@@ -64,7 +64,7 @@ impl Member for () {
     }
 }
 
-/// A field that is one number in an object.
+/// Implements [`Member`] for a field that is one number in an object.
 macro_rules! number {
     ($type:ty, $to_number:expr, $read:expr) => {
         impl Member for $type {
@@ -99,7 +99,7 @@ fn duration(object: &Object, key: &'static str) -> Result<ExecutionTime, Rejecte
     ExecutionTime::from_millis(millis as u32).ok_or_else(refused)
 }
 
-/// The result byte, then the value, which only a reply with success has.
+/// Converts the result byte and, in a successful reply, the value.
 impl<T: Member> Member for Outcome<T> {
     fn write(&self, object: &mut Object, key: &'static str) {
         object.insert("res", self.as_ref().err().map_or(0, |refusal| refusal.code()));
@@ -116,7 +116,7 @@ impl<T: Member> Member for Outcome<T> {
     }
 }
 
-/// A calibration is answered with the byte of an indicator, as the document prints it, unless the object says otherwise.
+/// The default is the byte of an indicator: the document answers a calibration with it.
 impl Member for CommandCode {
     fn write(&self, object: &mut Object, key: &'static str) {
         object.insert(key, *self as u8);
@@ -138,7 +138,7 @@ impl Member for ConfigurationKey {
     }
 }
 
-/// The value of a configuration item, whose type and number are members, too.
+/// The value of a configuration item. Its type and number are also members.
 impl Member for Value {
     fn write(&self, object: &mut Object, key: &'static str) {
         object.insert("conf_type", self.value_type() as u8);

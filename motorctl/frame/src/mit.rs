@@ -39,7 +39,7 @@ fn kind_of(command: &CommandCodes) -> &'static str {
     }
 }
 
-/// The command that `object` describes.
+/// Returns the command that `object` describes.
 pub(super) fn command(object: &Object) -> Result<CommandCodes, Rejected> {
     Ok(match object.kind()? {
         "get_fault" if object.has("f_cmd") => {
@@ -95,7 +95,7 @@ pub(super) fn decode_reply(
     Ok(object)
 }
 
-/// Writes the members of a state besides the motion: temperatures, status and faults.
+/// Adds temperatures, status and faults of a state.
 fn write_measured(object: &mut Object, profile: &Profile, state: &State) {
     let temperatures: Vec<_> = state.temperatures.into_iter().flatten().collect();
     if !temperatures.is_empty() {
@@ -113,7 +113,7 @@ fn write_faults(object: &mut Object, faults: Faults) {
     object.insert("faults", faults.named().map(|fault| fault.name).collect::<Vec<_>>());
 }
 
-/// The first bytes of `reply`, with `filler` showing through.
+/// Returns the first bytes of `reply`, written over `filler`.
 fn first<const N: usize>(profile: &Profile, reply: &Reply, filler: [u8; N]) -> [u8; N] {
     let mut bytes = [0; 8];
     bytes[..N].copy_from_slice(&filler);
@@ -153,7 +153,7 @@ fn state(object: &Object, id: u8) -> Result<State, Rejected> {
     Ok(State { id, position, velocity, torque, codes, temperatures, status })
 }
 
-/// The largest fault number that a reply can hold; of motors that are never asked, none.
+/// Returns the largest fault number of a reply; 0 for motors that are never asked.
 fn largest_fault(profile: &Profile) -> i64 {
     match profile.faults {
         FaultReport::Asked(reply) => (1 << (8 * reply.bytes)) - 1,

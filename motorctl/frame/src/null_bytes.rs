@@ -1,4 +1,5 @@
-//! The bytes of a frame that have no meaning. An object keeps them, so that encoding gives the same frame again.
+//! The bytes of a frame without a meaning. An object keeps them, so that encoding gives the same
+//! frame.
 
 use crate::hex;
 use crate::object::Object;
@@ -7,7 +8,8 @@ use crate::rejected::Rejected;
 /// The key of these bytes, in hexadecimal and in their order.
 pub(super) const KEY: &str = "null_bytes";
 
-/// Puts the bytes without a meaning into `object` if one of them is not 0, or if there are more of them than needed.
+/// Adds the bytes without a meaning to `object` if one of them is not 0, or if the frame is longer
+/// than needed.
 pub(super) fn write<const N: usize>(
     object: &mut Object,
     bytes: &[u8],
@@ -21,8 +23,8 @@ pub(super) fn write<const N: usize>(
     }
 }
 
-/// The bytes of a frame. Those without a meaning are the object's, of which up to `surplus` may follow the frame; an
-/// object without them takes those of `filler`.
+/// Returns the bytes of a frame. Bytes without a meaning come from the object, otherwise from
+/// `filler`. Up to `surplus` of them may follow the frame.
 pub(super) fn fill<const N: usize>(
     object: &Object,
     filler: [u8; N],
@@ -44,7 +46,7 @@ pub(super) fn fill<const N: usize>(
     Ok(encode_over(filler).into_iter().chain(given).collect())
 }
 
-/// Marks the bytes without a meaning: a filler shows through there.
+/// Returns true for each byte that the encoder leaves unchanged.
 fn is_null<const N: usize>(encode_over: impl Fn([u8; N]) -> [u8; N]) -> [bool; N] {
     let (zeros, ones) = (encode_over([0x00; N]), encode_over([0xFF; N]));
     core::array::from_fn(|at| zeros[at] != ones[at])

@@ -1,4 +1,4 @@
-//! The JSON object of a frame: its members, and how their values are read.
+//! The JSON object of a frame: access to its members.
 
 use crate::hex;
 use crate::rejected::Rejected;
@@ -23,12 +23,12 @@ impl From<Object> for Value {
 }
 
 impl Object {
-    /// No member yet. Codes have this scale.
+    /// Creates an object without members.
     pub(super) fn new(profile: &'static Profile, scale: Option<Scale>) -> Self {
         Self { members: Map::new(), profile: Some(profile), scale }
     }
 
-    /// The object that somebody gave.
+    /// Converts a parsed value to an object.
     pub(super) fn given(Strict { value, repeated }: Strict) -> Result<Self, Rejected> {
         match (value, repeated) {
             (_, Some(key)) => Err(Rejected::Repeated { key }),
@@ -37,7 +37,7 @@ impl Object {
         }
     }
 
-    /// The object with the scale of its own constants, else with this one.
+    /// Sets the profile, and the scale from the object's own constants or, without them, `scale`.
     pub(super) fn with_scale(
         mut self,
         profile: &'static Profile,
@@ -51,22 +51,22 @@ impl Object {
         Ok(self)
     }
 
-    /// The facts of its motor's vendor.
+    /// Returns the profile of the motor's vendor.
     pub(super) fn profile(&self) -> &'static Profile {
         self.profile.unwrap_or(&STEADYWIN)
     }
 
-    /// The scale of its codes.
+    /// Returns the scale of the codes.
     pub(super) fn scale(&self) -> Option<Scale> {
         self.scale
     }
 
-    /// The scales; any, where codes are raw.
+    /// Returns the scales; arbitrary ones where codes are raw.
     pub(super) fn scales(&self) -> Result<Scales, ScaleError> {
         self.scale.map_or_else(|| Scales::by_current(1.0, 1.0), |scale| Ok(scale.scales))
     }
 
-    /// The quantities of its frame, each with its scale where that is known.
+    /// Returns the quantities of a control frame, with their scales where known.
     pub(super) fn quantities(&self) -> Quantities {
         let known = self.scale.map(|scale| scale.scales).or_else(|| scale::common(self.profile()));
         Quantities {
@@ -87,7 +87,7 @@ impl Object {
         self.members.insert(key.into(), value.into());
     }
 
-    /// Adds the constants of the scale, if they are known.
+    /// Adds the constants of the scale, if known.
     pub(super) fn insert_scale(&mut self) {
         if let Some([torque_constant, gear_ratio]) = self.scale.and_then(|scale| scale.constants) {
             self.insert("torque_constant", torque_constant);
@@ -95,7 +95,7 @@ impl Object {
         }
     }
 
-    /// Adds the names of the bits of the member `fault`, if there is one.
+    /// Adds the names of the bits in the member `fault`, if it exists.
     pub(super) fn name_faults(&mut self) {
         if let Ok(fault) = self.byte("fault") {
             let names: Vec<_> = FaultBits(fault).faults().named().map(|fault| fault.name).collect();
@@ -152,7 +152,7 @@ impl Object {
         })
     }
 
-    /// A whole number from `least` to `most`.
+    /// Reads a whole number from `least` to `most`.
     pub(super) fn integer(&self, key: &'static str, least: i64, most: i64) -> Result<i64, Rejected> {
         let number = self.number(key)?;
         let is_whole = number.fract() == 0.0 && (least as f64..=most as f64).contains(&number);
@@ -164,7 +164,7 @@ impl Object {
         Ok(self.integer(key, 0, 0xFF)? as u8)
     }
 
-    /// Adds a code and, where its scale is known, the value that it stands for.
+    /// Adds a code and, where its scale is known, its physical value.
     pub(super) fn insert_code(&mut self, quantity: &Quantity, code: u16) {
         self.insert(quantity.raw, code);
         if let Some(field) = quantity.field {
@@ -172,7 +172,7 @@ impl Object {
         }
     }
 
-    /// The code of `quantity`, given as such or as the value that it stands for.
+    /// Reads the code of `quantity`, given as a code or as a physical value.
     pub(super) fn code(&self, quantity: &Quantity) -> Result<u16, Rejected> {
         let &Quantity { raw, physical, .. } = quantity;
         if !self.has(physical) {
@@ -189,11 +189,11 @@ impl Object {
     }
 }
 
-/// A quantity that an object has twice: as a code and as the value that it stands for.
+/// A quantity that an object has as a code and as a physical value.
 pub(super) struct Quantity {
     raw: &'static str,
     physical: &'static str,
-    /// `None` where the scale is not known.
+    /// `None` for an unknown scale.
     field: Option<Field>,
     code_max: u16,
 }
@@ -208,7 +208,8 @@ pub(super) struct Quantities {
 }
 
 impl Quantities {
-    /// The key is the code or the value of a quantity in `object`, not a member of its own as in `torque_control`.
+    /// Returns true when `key` belongs to a quantity of a control frame in `object`. In
+    /// `torque_control` the same keys are separate members.
     pub(super) fn have_key(key: &str, object: &Object) -> bool {
         let Self { position, velocity, kp, kd, torque } = object.quantities();
         let has_position = object.has(position.raw) || object.has(position.physical);

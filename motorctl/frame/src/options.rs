@@ -1,4 +1,4 @@
-//! The options that say how frames are read: protocol, direction, constants.
+//! The options for reading frames: protocol, direction, constants.
 
 use crate::scale::Scale;
 use clap::{Args, ValueEnum};
@@ -10,9 +10,9 @@ use std::str::FromStr;
 pub(super) enum FrameProtocol {
     /// Impedance control over CAN.
     Mit,
-    /// Native commands over CAN.
+    /// GIM commands over CAN.
     GimCan,
-    /// Native commands over RS485 and RS232.
+    /// GIM commands over RS485 and RS232.
     GimRs485,
 }
 
@@ -37,14 +37,14 @@ pub(super) enum AnsweredCommand {
     /// Clear fault: the MIT reply holds no data.
     #[value(alias = "clear-fault")]
     ClearFault,
-    /// Calibration: a native reply that begins with B4 is its result, not an indicator.
+    /// Calibration: a GIM reply that begins with B4 is its result, not an indicator.
     Calibration,
 }
 
 /// The scale of the torque codes.
 #[derive(Debug, Args)]
 pub(super) struct Constants {
-    /// Torque constant of the rotor, N·m/A. Without it, or a model, torques are raw codes only.
+    /// Torque constant of the rotor, N·m/A. Without it and without a model, torques are raw codes.
     #[arg(long, value_name = "X", requires = "gear_ratio")]
     torque_constant: Option<f64>,
     /// Rotor turns per turn of the output shaft.
@@ -56,7 +56,7 @@ pub(super) struct Constants {
     pub(super) profile: Facts,
 }
 
-/// A profile, by its own name or by that of a model.
+/// A profile, selected by its own name or by a model.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Facts {
     pub(super) profile: &'static Profile,

@@ -6,7 +6,7 @@ use crate::rejected::Rejected;
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
-/// The count of printed lines.
+/// Prints results, and counts the rejected ones.
 #[derive(Default)]
 pub(super) struct ObjectWriter {
     refused: usize,

@@ -1,11 +1,11 @@
-//! Why a frame cannot be read or made.
+//! The reason why a frame was rejected.
 
 use motord_bus::FrameId;
 use motord_bus::candump::InvalidLine;
 use motord_bus::serial::framing::FrameError;
 use motord_protocol::{DecodeError, ScaleError};
 
-/// Why a frame cannot be read or made.
+/// The reason why a frame was rejected.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Rejected {
     #[error(transparent)]
@@ -20,7 +20,7 @@ pub(super) enum Rejected {
     Json(serde_json::Error),
     #[error("not a JSON object: {received}")]
     NoObject { received: String },
-    #[error("'{key}' is there twice")]
+    #[error("'{key}' occurs twice")]
     Repeated { key: String },
     #[error("kind '{received}' does not exist in this protocol and direction")]
     Kind { received: String },

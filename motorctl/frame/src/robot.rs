@@ -1,4 +1,4 @@
-//! The motors of a configuration, and what each of them was asked last: enough to read a log of their buses.
+//! The motors of a configuration with their last requests, for decoding a log of their buses.
 
 use crate::codec::Codec;
 use crate::object::Object;
@@ -13,20 +13,20 @@ use motord_protocol::{Profile, ScaleError};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-/// Why a configuration is of no use here.
+/// The error of a configuration.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
-    /// The file cannot be read, or is none that the daemon would read.
+    /// The file cannot be read, or the daemon would not read it.
     #[error(transparent)]
     File(#[from] Problem),
-    /// It is not TOML, or a bus or motor lacks what is needed here.
+    /// The file is not TOML, or a bus or motor lacks a key.
     #[error("{}: {source}", .path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         source: Box<toml::de::Error>,
     },
-    /// A torque constant or gear ratio is no positive number.
+    /// A torque constant or gear ratio is not a positive number.
     #[error("motor {motor}: {source}")]
     Scale {
         /// Its name.
@@ -35,7 +35,7 @@ pub enum RobotError {
     },
 }
 
-/// The keys that matter here. The daemon checks the others.
+/// The keys that this command uses. The daemon checks the others.
 #[derive(Deserialize)]
 struct Config {
     #[serde(default)]
@@ -85,12 +85,12 @@ struct LoggedMotor {
     protocol: FrameProtocol,
     profile: &'static Profile,
     scale: Option<Scale>,
-    /// The content that its next reply has.
+    /// The command that its next reply answers.
     asked: AnsweredCommand,
 }
 
 impl LoggedRobot {
-    /// Reads a configuration; all its motors speak `protocol`, if there is one.
+    /// Reads a configuration. `protocol` replaces the configured protocols.
     pub(super) fn read(path: &Path, protocol: Option<FrameProtocol>) -> Result<Self, RobotError> {
         let text = motord_configuration::text(path)?;
         let Config { bus, motor } = toml::from_str(&text)
@@ -114,7 +114,7 @@ impl LoggedRobot {
             .motor_of(interface, &frame)
             .ok_or_else(|| Rejected::UnexpectedId { interface: interface.into(), id: frame.id() })?;
         let mut object = motor.decode(frame.payload(), direction)?;
-        // Microseconds since 1970 fit into 53 bits, nanoseconds do not.
+        // A double holds microseconds since 1970 exactly, nanoseconds not.
         object.insert("time", at.as_micros() as f64 / 1e6);
         object.insert("interface", interface);
         object.insert("motor", motor.name.as_str());
@@ -157,7 +157,8 @@ impl LoggedMotor {
         })
     }
 
-    /// Which way a frame goes if it is to or from this motor. MIT motors may share a host id: a reply names its sender.
+    /// Returns the direction of a frame to or from this motor. MIT motors may share a host id: a
+    /// reply names its sender.
     fn direction(&self, frame: &Frame) -> Option<Direction> {
         let names_this =
             self.protocol != FrameProtocol::Mit || self.profile.is_from(self.id, frame.payload());

@@ -1,4 +1,4 @@
-//! Native frames on a serial line: a header before the payload.
+//! GIM frames on a serial line: a header before the payload.
 
 use crate::object::Object;
 use crate::options::{AnsweredCommand, Direction};
@@ -10,7 +10,7 @@ use serde_json::json;
 
 /// Bytes before the payload (GIM document, table 3).
 const HEADER_LEN: usize = 4;
-/// The kind of a frame that says that a request could not be read.
+/// The kind of a frame that reports an unreadable request.
 const ACK: &str = "ack_error";
 
 /// Decodes a frame into `object`.
@@ -35,7 +35,7 @@ pub(super) fn decode(
     Ok(object)
 }
 
-/// Encodes a frame: the payload if the object has one, else what the other members mean.
+/// Encodes a frame from the payload of the object, otherwise from its other members.
 pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> Result<Vec<u8>, Rejected> {
     let receiver = object.object("header")?.byte("id")?;
     let is_ack = object.kind()? == ACK;
@@ -54,7 +54,7 @@ pub(super) fn encode(object: &Object, direction: Direction, mit_safe: bool) -> R
     Ok(frame.write(&mut [0; FRAME_LEN_MAX]).to_vec())
 }
 
-/// The bytes behind the header of a frame.
+/// Returns the bytes after the header of a frame.
 pub(super) fn payload(frame: &[u8]) -> &[u8] {
     frame.get(HEADER_LEN..).unwrap_or_default()
 }

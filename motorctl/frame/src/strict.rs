@@ -1,4 +1,4 @@
-//! JSON as it was written: with the keys that an object has twice, which the usual reading loses.
+//! JSON with a check for repeated keys, which `serde_json::Value` drops.
 
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Number, Value};
@@ -7,9 +7,9 @@ use std::fmt;
 /// A JSON value.
 #[derive(Debug)]
 pub(super) struct Strict {
-    /// Of a repeated key, the last value.
+    /// The value; of a repeated key, the last one.
     pub(super) value: Value,
-    /// The first key that the value, or an object in it, has twice.
+    /// The first repeated key in the value or in an object below it.
     pub(super) repeated: Option<String>,
 }
 

@@ -226,8 +226,8 @@ fn decoded_frames_encode_to_themselves() {
 fn duplicate_and_absent_keys_are_refused() {
     let native = "gim-can";
     let cases = [
-        (native, r#"{"kind":"start_motor","kind":"stop_motor"}"#, "'kind' is there twice"),
-        (native, r#"{"kind":"start_motor","as_mit":{"kp":1,"kp":2}}"#, "'kp' is there twice"),
+        (native, r#"{"kind":"start_motor","kind":"stop_motor"}"#, "'kind' occurs twice"),
+        (native, r#"{"kind":"start_motor","as_mit":{"kp":1,"kp":2}}"#, "'kp' occurs twice"),
         (native, r#"{"kind":"start_motor","pos_int":5}"#, "'pos_int' is not in this frame"),
         ("mit", r#"{"kind":"stop_motor","pos_int":5,"kp":500}"#, "is not in this frame"),
         (
