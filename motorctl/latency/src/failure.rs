@@ -1,14 +1,14 @@
-//! Why the command failed.
+//! The errors of the command.
 
 use motord_client::Error;
 use motord_terminal::exit_status;
 use std::io;
 use std::path::PathBuf;
 
-/// Why the command failed.
+/// The errors of the command.
 #[derive(Debug, thiserror::Error)]
 pub enum LatencyFailure {
-    /// The daemon cannot be reached, or refused.
+    /// The daemon cannot be reached, or refused the request.
     #[error(transparent)]
     Client(#[from] Error),
     /// Standard output cannot be written.
@@ -19,7 +19,7 @@ pub enum LatencyFailure {
     Unwritable {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         error: io::Error,
     },
     /// A file cannot be read.
@@ -27,11 +27,11 @@ pub enum LatencyFailure {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error of the system.
         error: io::Error,
     },
-    /// A file is no run.
-    #[error("{} is no {kind}: {wrong}", path.display())]
+    /// A file has mistakes.
+    #[error("{} is not a valid {kind}: {wrong}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
@@ -40,8 +40,10 @@ pub enum LatencyFailure {
         /// The first mistake.
         wrong: String,
     },
-    /// The daemon sent a histogram that is none.
-    #[error("the daemon's histogram of {0} was not understood; is it of another version?")]
+    /// The daemon sent a malformed histogram.
+    #[error(
+        "the daemon sent a malformed histogram of {0}; check that motord and motorctl have the same version"
+    )]
     NotUnderstood(String),
     /// A run has no such quantity.
     #[error("{run} has no {quantity:?}; it has {known}")]
@@ -50,14 +52,14 @@ pub enum LatencyFailure {
         run: String,
         /// The quantity.
         quantity: String,
-        /// Those that it has.
+        /// The known quantities.
         known: String,
     },
-    /// Percentiles are of one run.
+    /// `--hgrm` got several runs, or a percentile file.
     #[error("--hgrm takes one run, and an interval log or the daemon: a percentile file has no counts")]
     OneRun,
-    /// Nothing can be drawn.
-    #[error("there is nothing to draw: no run has a sample of {0}")]
+    /// No run has a sample.
+    #[error("no run has a sample of {0} to draw")]
     Empty(String),
     /// The picture cannot be drawn.
     #[error("the picture cannot be drawn: {0}")]
@@ -65,11 +67,11 @@ pub enum LatencyFailure {
 }
 
 impl LatencyFailure {
-    /// The exit status.
+    /// Returns the exit status.
     #[must_use]
     pub fn status(&self) -> u8 {
         match self {
-            // A refusal comes from a daemon that is there.
+            // A refusal comes from a daemon that runs.
             Self::Client(Error::Refused { .. }) => 1,
             Self::Client(error) => error.exit_status(),
             Self::Output(_) | Self::Unwritable { .. } => exit_status::IO,

@@ -3,20 +3,22 @@
 use hdrhistogram::Histogram;
 use std::io::{self, Write};
 
-/// Steps until the distance to 100 % has halved.
+/// Steps for each halving of the distance to 100 %.
 const TICKS_PER_HALF: u32 = 5;
 const NS_PER_US: f64 = 1000.0;
 
-/// A share of the values, from 0 to 1, and the value, µs, that so many are at most.
+/// A share of the values, from 0 to 1, and its quantile, µs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Point {
     pub(crate) share: f64,
     pub(crate) value: f64,
 }
 
-/// The steps of a distribution, each with the number of values up to it, as HdrHistogram's `PercentileIterator` takes them: `ticks`
-/// steps until the distance to 100 % has halved, and the last one at 100 %. `values` are in ns. The shares are computed in percent,
-/// as there, so that ties give the same value; the library's own `iter_quantiles` rounds some of them to the next value.
+/// Returns the steps of a distribution, each with the number of values up to it. They are those of
+/// HdrHistogram's `PercentileIterator`: `ticks` steps for each halving of the distance to 100 %,
+/// and the last step at 100 %. `values` are in ns. The shares are computed in percent, as in Java,
+/// so that ties give the same value. The crate's `iter_quantiles` rounds some of them to the next
+/// value.
 pub(crate) fn steps(values: &Histogram<u64>, ticks: u32) -> Vec<(Point, u64)> {
     let (mut steps, mut percent, mut count, total) = (Vec::new(), 0.0, 0, values.len());
     for recorded in values.iter_recorded() {
@@ -55,18 +57,18 @@ pub(crate) fn write(out: &mut dyn Write, values: &Histogram<u64>) -> io::Result<
     writeln!(out, "#[Buckets = {buckets:12}, SubBuckets     = {sub_buckets:12}]")
 }
 
-/// Twice the resolution, as a power of two.
+/// Returns twice the resolution, as a power of two.
 fn sub_buckets(values: &Histogram<u64>) -> u64 {
     (2 * 10_u64.pow(u32::from(values.sigfig()))).next_power_of_two()
 }
 
-/// Reads a distribution. The text of the error names the first mistake.
+/// Reads a distribution. The error names the first mistake.
 pub(crate) fn read(text: &str) -> Result<Vec<Point>, String> {
     let rows = text.lines().enumerate().filter(|(_, line)| {
         let line = line.trim_start();
         !line.is_empty() && !line.starts_with('#') && !line.starts_with("Value")
     });
-    rows.map(|(number, line)| point(line).ok_or_else(|| format!("line {} is no percentile", number + 1)))
+    rows.map(|(number, line)| point(line).ok_or_else(|| format!("line {} is not a percentile", number + 1)))
         .collect()
 }
 
@@ -102,7 +104,7 @@ mod tests {
         for wrong in ["1.0", "1.0 2.0 3", "NaN 0.5 1", "-1 0.5 1", "1 x 2", "inf 0.5 1"] {
             assert_eq!(
                 read(&format!("# head\n1.0 0.5 1 2\n{wrong}\n")).unwrap_err(),
-                "line 3 is no percentile"
+                "line 3 is not a percentile"
             );
         }
     }

@@ -15,12 +15,12 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
-/// The head of a log, by which others know its format.
+/// The header of a log, which names its format.
 const VERSION: &str = "[Histogram log format version 1.3]";
 const LEGEND: &[u8] =
     b"\"StartTimestamp\",\"Interval_Length\",\"Interval_Max\",\"Interval_Compressed_Histogram\"\n";
 
-/// A log that is being written. It is whole after every interval.
+/// A log that grows by whole intervals.
 pub(crate) struct Hlog {
     path: PathBuf,
     file: File,
@@ -28,7 +28,7 @@ pub(crate) struct Hlog {
 }
 
 impl Hlog {
-    /// A log of the latencies of `robot` that begins now.
+    /// Creates a log of the latencies of `robot`. It begins now.
     pub(crate) fn create(path: &Path, robot: &RobotDescription) -> Result<Self, LatencyFailure> {
         let begun = SystemTime::now();
         let about = format!("[motord {}, instance {}; latencies in ns]", robot.version, robot.instance);
@@ -47,7 +47,7 @@ impl Hlog {
         Ok(Self { path: path.to_owned(), file, begun })
     }
 
-    /// Appends a line for each quantity that has samples, all at once.
+    /// Appends a line for each quantity with samples, in one write.
     pub(crate) fn append(&mut self, interval: &Interval) -> Result<(), LatencyFailure> {
         let unwritable = |error| LatencyFailure::Unwritable { path: self.path.clone(), error };
         let lines = lines(interval, self.begun).map_err(unwritable)?;
@@ -71,15 +71,15 @@ fn lines(interval: &Interval, begun: SystemTime) -> io::Result<Vec<u8>> {
     Ok(lines)
 }
 
-/// The sum of all intervals of a log, by their tags; lines without a tag have the empty one. The text of the error names the
-/// first mistake.
+/// Returns the sums of all intervals of a log by tag. Lines without a tag have the empty tag. The
+/// error names the first mistake.
 pub(crate) fn read(log: &[u8]) -> Result<Histograms, String> {
     let mut quantities = Histograms::new();
     for (number, entry) in IntervalLogIterator::new(log).enumerate() {
-        let entry = entry.map_err(|_| "a line is no interval".to_owned())?;
+        let entry = entry.map_err(|_| "a line is not an interval".to_owned())?;
         if let LogEntry::Interval(interval) = entry {
             let values =
-                decode(&interval).ok_or_else(|| format!("its entry {} is no histogram", number + 1))?;
+                decode(&interval).ok_or_else(|| format!("its entry {} is not a histogram", number + 1))?;
             let name = interval.tag().map_or("", |tag| tag.as_str());
             if let Some(sum) = quantities.get_mut(name) {
                 sum.add(values).map_err(|error| format!("its intervals do not fit together: {error}"))?;
@@ -95,7 +95,7 @@ fn decode(interval: &IntervalLogHistogram<'_>) -> Option<hdrhistogram::Histogram
     histogram(&STANDARD.decode(interval.encoded_histogram()).ok()?)
 }
 
-/// Others write each interval with the range that it needs.
+/// Lets a histogram grow: other programs write each interval with the range that it needs.
 fn growing(mut values: hdrhistogram::Histogram<u64>) -> hdrhistogram::Histogram<u64> {
     values.auto(true);
     values

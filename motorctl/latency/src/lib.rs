@@ -1,7 +1,7 @@
 //! `motorctl latency`: the latencies of a daemon as tables, HdrHistogram files and pictures.
 //!
-//! The daemon keeps totals only. An interval is the difference of two totals, so that several watchers with intervals of
-//! different lengths neither disturb each other nor lose or repeat a sample.
+//! The daemon keeps totals. An interval is the difference of two totals, so several commands with
+//! different intervals do not disturb each other.
 
 #![forbid(unsafe_code)]
 
@@ -29,10 +29,11 @@ use std::time::{Duration, Instant};
 /// The arguments of the command.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Arguments {
-    /// Files of earlier runs, in the place of the daemon: interval logs (.hlog) and percentiles (.hgrm).
+    /// Files of earlier runs, in place of the daemon: interval logs (.hlog) and percentiles
+    /// (.hgrm).
     #[arg(value_name = "RUN", conflicts_with_all = ["json", "watch", "reset", "hlog"])]
     runs: Vec<PathBuf>,
-    /// Print one JSON object; with --watch one for each interval.
+    /// Print one JSON object; with --watch, one per interval.
     #[arg(long)]
     json: bool,
     /// Print the latencies of each interval, until Ctrl-C.
@@ -40,26 +41,26 @@ pub struct Arguments {
     watch: bool,
     /// Write each interval to an interval log of HdrHistogram, until Ctrl-C.
     ///
-    /// A line for each quantity that has samples, in ns, with its name as tag, such as `wake_latency` or
-    /// `reply_latency/fl-hip`. The log is whole after every interval.
+    /// Each quantity with samples has a line, in ns, with its name as tag, such as `wake_latency`
+    /// or `reply_latency/fl-hip`. The log is complete after every interval.
     #[arg(long, value_name = "FILE")]
     hlog: Option<PathBuf>,
     /// Length of the intervals of --watch and --hlog, s: 0.1 to 3600.
     #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = parse_interval)]
     interval: f64,
-    /// End --watch and --hlog after so many seconds, at most 86400.
+    /// End --watch and --hlog after this time, s: at most 86400.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// First begin the counters and histograms of the daemon anew, for everybody.
+    /// First reset the counters and histograms of the daemon, for all clients.
     ///
-    /// Any user who may reach the daemon may do that; its log tells who did. The metrics for Prometheus begin anew, too, but
-    /// those that the states carry.
+    /// Every user with access to the daemon may reset them; its log names the process. The metrics
+    /// for Prometheus are also reset, apart from those in the states.
     #[arg(long, conflicts_with_all = ["hgrm", "svg"])]
     reset: bool,
-    /// Write the percentiles of one quantity, µs, as HdrHistogram prints them.
+    /// Write the percentiles of one quantity, µs, in the format of HdrHistogram.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["watch", "hlog"])]
     hgrm: Option<PathBuf>,
-    /// Draw the percentiles of one quantity, each run a curve.
+    /// Draw the percentiles of one quantity, with a curve per run.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["watch", "hlog"])]
     svg: Option<PathBuf>,
     /// The quantity of --hgrm and --svg.
@@ -98,7 +99,7 @@ pub fn run(instance: &str, arguments: &Arguments) -> Result<(), LatencyFailure> 
         return Ok(());
     }
     if arguments.reset && !arguments.json {
-        return Ok(writeln!(io::stdout(), "the latencies begin anew")?);
+        return Ok(writeln!(io::stdout(), "the latencies were reset")?);
     }
     let (robot, telemetry) = (client.description(), client.telemetry()?);
     let out = &mut io::stdout().lock();
@@ -109,7 +110,7 @@ pub fn run(instance: &str, arguments: &Arguments) -> Result<(), LatencyFailure> 
     Ok(())
 }
 
-/// Writes the percentiles and the picture that are wanted. Returns whether one is.
+/// Writes the requested files. Returns true if there is one.
 fn write_files(arguments: &Arguments, runs: &[Run]) -> Result<bool, LatencyFailure> {
     let quantity = &arguments.quantity;
     if let Some(path) = &arguments.hgrm {
@@ -150,7 +151,7 @@ fn print_runs(runs: &[Run]) -> Result<(), LatencyFailure> {
     Ok(())
 }
 
-/// Prints and logs interval after interval, also across restarts of the daemon.
+/// Prints and logs each interval, also across restarts of the daemon.
 fn follow(client: &Client, arguments: &Arguments) -> Result<(), LatencyFailure> {
     let interrupt = Interrupt::register();
     let mut log =

@@ -13,7 +13,7 @@ use plotters::style::Color;
 use std::ops::Range;
 
 const SIZE: (u32, u32) = (960, 540);
-/// The palette of Okabe and Ito, which most people with a colour vision deficiency can tell apart.
+/// The palette of Okabe and Ito, for people with a colour vision deficiency.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -23,10 +23,10 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(86, 180, 233),
     RGBColor(0, 0, 0),
 ];
-/// The axis begins at 0 % and ends here at the latest: a count of 10¹².
+/// End of the axis, which begins at 0 %: a count of 10¹².
 const DECADES_MAX: f64 = 12.0;
 
-/// The curves as an SVG.
+/// Draws the curves as an SVG.
 pub(crate) fn draw(quantity: &str, curves: &[Curve]) -> Result<String, LatencyFailure> {
     let (shares, latencies) = axes(curves).ok_or_else(|| LatencyFailure::Empty(quantity.to_owned()))?;
     let mut svg = String::new();
@@ -35,18 +35,20 @@ pub(crate) fn draw(quantity: &str, curves: &[Curve]) -> Result<String, LatencyFa
     Ok(svg)
 }
 
-/// How many decades a share is away from all values: 0.9 one, 0.99 two.
+/// Returns the distance of a share to 100 % in decades: 0.9 is 1, 0.99 is 2.
 fn decades(share: f64) -> f64 {
     -(1.0 - share).max(10.0_f64.powf(-DECADES_MAX)).log10()
 }
 
-/// The last share of a curve is 1, which is infinitely far: it is drawn as far as the one before it.
+/// Returns the points of a curve. The last share is 1, infinitely far: it is drawn at the share
+/// before it.
 fn positions(points: &[Point]) -> impl Iterator<Item = (f64, f64)> + '_ {
     let last = points.iter().map(|point| point.share).filter(|share| *share < 1.0).fold(0.0, f64::max);
     points.iter().map(move |point| (decades(point.share.min(last)), point.value.max(f64::MIN_POSITIVE)))
 }
 
-/// The ranges of both axes; `None` without a point. The latencies, µs, are above 0: the axis is logarithmic.
+/// Returns the ranges of both axes; `None` without a point. Latencies, µs, are above 0 on a
+/// logarithmic axis.
 fn axes(curves: &[Curve]) -> Option<(Range<f64>, Range<f64>)> {
     let points = || curves.iter().flat_map(|curve| positions(&curve.points));
     let above_zero = || points().map(|(_, value)| value).filter(|value| *value >= 1e-3);
@@ -98,7 +100,7 @@ fn plot(
     Ok(())
 }
 
-/// The share that is so many decades away from all values, as a percentage with as many digits as it needs.
+/// Formats the share at `decades` as a percentage. Returns an empty text between whole decades.
 fn percent(decades: f64) -> String {
     if (decades - decades.round()).abs() > 1e-6 {
         return String::new();

@@ -1,4 +1,4 @@
-//! A run of a daemon: the one that answers now, or a file of an earlier one.
+//! A run of a daemon: the present one, or a file.
 
 use crate::failure::LatencyFailure;
 use crate::hgrm::{self, Point};
@@ -11,25 +11,25 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 
-/// The largest file that is read: a day of twelve motors, second by second.
+/// Largest file: a day of twelve motors with intervals of 1 s.
 const FILE_BYTES_MAX: u64 = 4 << 30;
-/// Steps of a curve until the distance to 100 % has halved.
+/// Steps of a curve for each halving of the distance to 100 %.
 const TICKS_PER_HALF: u32 = 20;
 
 /// The latencies of a run.
 pub(crate) struct Run {
-    /// How tables and pictures call it.
+    /// Its name in tables and pictures.
     pub(crate) name: String,
     latencies: Latencies,
 }
 
 enum Latencies {
     Counted(Histograms),
-    /// Of a file that does not say of which quantity.
+    /// Percentiles of an unnamed quantity, from a file.
     Percentiles(Vec<Point>),
 }
 
-/// A quantity of a run, as a picture shows it.
+/// The curve of a quantity in a picture.
 pub(crate) struct Curve {
     pub(crate) name: String,
     pub(crate) points: Vec<Point>,
@@ -40,7 +40,7 @@ impl Run {
         Self { name: name.to_owned(), latencies: Latencies::Counted(histograms) }
     }
 
-    /// Reads a file: percentiles by its end `.hgrm`, else an interval log.
+    /// Reads a file: percentiles if its name ends with `.hgrm`, otherwise an interval log.
     pub(crate) fn read(path: &Path) -> Result<Self, LatencyFailure> {
         let bytes =
             bytes(path).map_err(|error| LatencyFailure::Unreadable { path: path.to_owned(), error })?;
@@ -56,7 +56,7 @@ impl Run {
         Ok(Self { name, latencies })
     }
 
-    /// The values of a quantity.
+    /// Returns the histogram of a quantity.
     pub(crate) fn histogram(&self, quantity: &str) -> Result<&Histogram<u64>, LatencyFailure> {
         let Latencies::Counted(quantities) = &self.latencies else { return Err(LatencyFailure::OneRun) };
         quantities.get(quantity).ok_or_else(|| {
@@ -66,7 +66,7 @@ impl Run {
         })
     }
 
-    /// The curve of a quantity; a percentile file has only one.
+    /// Returns the curve of a quantity. A percentile file has only one.
     pub(crate) fn curve(&self, quantity: &str) -> Result<Curve, LatencyFailure> {
         let points = match &self.latencies {
             Latencies::Percentiles(points) => points.clone(),
@@ -75,7 +75,7 @@ impl Run {
         Ok(Curve { name: self.name.clone(), points })
     }
 
-    /// Its percentiles.
+    /// Returns the percentiles as a table.
     pub(crate) fn table(&self) -> Table {
         match &self.latencies {
             Latencies::Counted(quantities) => {

@@ -1,4 +1,4 @@
-//! The daemon's totals at one moment, and what came between two of them.
+//! The daemon's totals at one moment, and the difference of two of them.
 
 use crate::failure::LatencyFailure;
 use base64::Engine;
@@ -21,7 +21,7 @@ pub(crate) struct Snapshot {
     pub(crate) histograms: Histograms,
 }
 
-/// The samples that came between two snapshots.
+/// The samples between two snapshots.
 pub(crate) struct Interval {
     pub(crate) begun: SystemTime,
     pub(crate) length: Duration,
@@ -30,7 +30,7 @@ pub(crate) struct Interval {
 }
 
 impl Snapshot {
-    /// The totals of now.
+    /// Requests the present totals.
     pub(crate) fn take(client: &Client) -> Result<Self, LatencyFailure> {
         let (telemetry, answer) = (client.telemetry()?, client.histograms()?);
         let decode = |encoded: &str| histogram(&STANDARD.decode(encoded).ok()?);
@@ -43,7 +43,7 @@ impl Snapshot {
         Ok(Self { taken, boot_id, telemetry, histograms: decoded.collect::<Result<_, _>>()? })
     }
 
-    /// The samples that came after `before`. When the totals began anew since then, all of them count.
+    /// Returns the samples after `before`. If the totals were reset since then, all samples count.
     pub(crate) fn since(&self, before: &Self) -> Interval {
         let is_same = (self.boot_id, self.telemetry.resets) == (before.boot_id, before.telemetry.resets);
         let earlier = |name| before.histograms.get(name).filter(|_| is_same);
@@ -62,13 +62,13 @@ impl Snapshot {
 }
 
 impl Interval {
-    /// Of histograms only.
+    /// Creates an interval without counters.
     #[cfg(test)]
     pub(crate) fn new(begun: SystemTime, length: Duration, histograms: Histograms) -> Self {
         Self { begun, length, counters: Telemetry::default(), histograms }
     }
 
-    /// Its counters and percentiles, in the order of `robot`.
+    /// Returns counters and percentiles, in the order of `robot`.
     pub(crate) fn telemetry(&self, robot: &RobotDescription) -> Telemetry {
         let of = |name: &str| self.histograms.get(name).map_or_else(Percentiles::default, percentiles);
         let control = robot.groups.iter().zip(&self.counters.control);
@@ -94,29 +94,30 @@ impl Interval {
     }
 }
 
-/// The percentiles that tables show.
+/// Returns the percentiles for tables.
 pub(crate) fn percentiles(values: &Histogram<u64>) -> Percentiles {
     Percentiles::of(values.len(), values.max(), |quantile| values.value_at_quantile(quantile))
 }
 
-/// Decodes HdrHistogram's own formats.
+/// Decodes a histogram in the formats of HdrHistogram.
 pub(crate) fn histogram(bytes: &[u8]) -> Option<Histogram<u64>> {
     Deserializer::new().deserialize(&mut &bytes[..]).ok()
 }
 
-/// The values of `now` that `before` does not have. The daemon sends a long histogram with fewer digits than a short one.
+/// Returns the values of `now` without those of `before`. The daemon sends large histograms with
+/// fewer digits.
 fn difference(now: &Histogram<u64>, before: Option<&Histogram<u64>>) -> Histogram<u64> {
     let Some(before) = before else { return now.clone() };
     let digits = now.sigfig().min(before.sigfig());
     let (mut difference, before) = (rounded(now, digits), rounded(before, digits));
     match difference.subtract(&before) {
         Ok(()) => difference,
-        // They began anew between the two requests.
+        // The daemon reset them between the two requests.
         Err(_) => now.clone(),
     }
 }
 
-/// The values with so many significant digits.
+/// Returns the values with `digits` significant digits.
 fn rounded(values: &Histogram<u64>, digits: u8) -> Histogram<u64> {
     if values.sigfig() == digits {
         return values.clone();
@@ -127,7 +128,8 @@ fn rounded(values: &Histogram<u64>, digits: u8) -> Histogram<u64> {
     rounded
 }
 
-/// The counters of `now` less those of `before`; `resets` is no such counter. Its percentiles mean nothing.
+/// Returns the counters of `now` minus those of `before`, apart from `resets`. The percentiles of
+/// the result are unset.
 fn counted(now: &Telemetry, before: &Telemetry) -> Telemetry {
     let control = now.control.iter().zip(&before.control).map(|(now, before)| ControlLatency {
         cycles: now

@@ -6,14 +6,14 @@ use motord_terminal::{Cell, Palette, Table};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 
-/// Percentiles of latencies under a name each, µs.
+/// Returns a table of named latencies, µs.
 #[must_use]
 pub fn percentiles(rows: &[(&str, Percentiles)]) -> Table {
     let mut table = Table::new(&["µs", "p50", "p99", "p99.9", "max", "count"]);
     for (name, latency) in rows {
         let values = [latency.p50, latency.p99, latency.p99_9, latency.max];
         let mut cells = vec![Cell::plain(name)];
-        // Percentiles of nothing are not 0 µs.
+        // Without a sample there are no percentiles.
         cells.extend(values.map(|value| Cell::number((latency.count > 0).then_some(value), 1)));
         cells.push(Cell::plain(latency.count));
         table.row(cells);
@@ -21,7 +21,7 @@ pub fn percentiles(rows: &[(&str, Percentiles)]) -> Table {
     table
 }
 
-/// The percentiles of a file that has them only: the value of its first step that reaches each.
+/// Returns the percentiles of a percentile file: the value of the first step that reaches each.
 pub(crate) fn points(points: &[Point]) -> Table {
     let at = |share: f64| points.iter().find(|point| point.share >= share).map(|point| point.value);
     let mut table = Table::new(&["µs", "p50", "p99", "p99.9", "max"]);
@@ -38,7 +38,7 @@ fn named<'a>(
     robot.joints.iter().map(|joint| joint.name.as_str()).zip(telemetry.joints.iter().copied())
 }
 
-/// The control latencies of the groups, by name.
+/// Returns the control latencies of the groups by name.
 fn controlled<'a>(
     robot: &'a RobotDescription,
     telemetry: &'a Telemetry,
@@ -46,7 +46,8 @@ fn controlled<'a>(
     robot.groups.iter().map(|group| group.name.as_str()).zip(&telemetry.control)
 }
 
-/// The setpoints of each group by the cycle that first used them, counted from that of the states that they answer.
+/// Returns the setpoints of each group by the cycle that first used them, counted from the states
+/// that they answer.
 fn control_table(robot: &RobotDescription, telemetry: &Telemetry) -> Table {
     let mut table = Table::new(&["group", "next cycle", "2nd", "3rd", "later", "late %"]);
     for (name, latency) in controlled(robot, telemetry) {
@@ -62,13 +63,13 @@ fn control_table(robot: &RobotDescription, telemetry: &Telemetry) -> Table {
     table
 }
 
-/// The object of `--json`.
+/// Returns the object of `--json`.
 pub(crate) fn object(robot: &RobotDescription, telemetry: &Telemetry) -> Value {
     let joints: Vec<Value> = named(robot, telemetry)
         .map(|(name, latency)| json!({ "name": name, "reply_latency_us": latency }))
         .collect();
     let mut object = json!(telemetry);
-    // Owners and stops belong to `status`.
+    // `status` shows owners and stops.
     object.as_object_mut().and_then(|object| object.remove("groups"));
     object["instance"] = json!(robot.instance);
     object["joints"] = json!(joints);
@@ -104,14 +105,14 @@ pub(crate) fn write(out: &mut dyn Write, robot: &RobotDescription, telemetry: &T
     let Telemetry { cycles, seconds, overruns, missed_replies, dropped_records, .. } = telemetry;
     writeln!(
         out,
-        "\n{cycles} cycles in {seconds:.1} s; overruns {overruns}, missed replies {missed_replies}"
+        "\n{cycles} cycles in {seconds:.1} s; missed ticks {overruns}, missed replies {missed_replies}"
     )?;
     if telemetry.polled_us.count > 0 {
         let Telemetry { polled_us, polled_reads, polled_in_vain, .. } = telemetry;
         let cycles = polled_us.count;
         writeln!(
             out,
-            "polled for replies in {cycles} cycles, {polled_in_vain} in vain; {polled_reads} reads"
+            "polled for replies in {cycles} cycles, {polled_in_vain} without a reply; {polled_reads} reads"
         )?;
     }
     if *dropped_records > 0 {

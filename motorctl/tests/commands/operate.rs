@@ -349,7 +349,7 @@ fn a_reset_of_the_latencies_begins_them_anew() {
     assert_eq!(after.resets, 1);
     assert!(after.wake_latency_us.count >= after.cycles);
     let reset = daemon.motorctl(&["latency", "--reset"]);
-    assert_eq!(text(&reset.stdout), "the latencies begin anew\n", "{}", text(&reset.stderr));
+    assert_eq!(text(&reset.stdout), "the latencies were reset\n", "{}", text(&reset.stderr));
     assert_eq!(latency()["resets"], 2);
 }
 
