@@ -1,39 +1,40 @@
-//! The changes that mend a finding until the next start of the computer: printed as a command, made by `--tune`.
+//! Changes that fix a finding until the next boot. They are printed as commands, and `--tune` makes
+//! them.
 
 use std::fmt::{self, Display};
 use std::io;
 use std::process::{Command, Stdio};
 
-/// A change of a setting of the kernel. It lasts until the next start of the computer at the longest.
+/// A change of a kernel setting. It lasts until the next boot at most.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Change {
-    /// A text is written into a file.
+    /// Writes a text to a file.
     Write {
         /// The file, relative to the root of the tree.
         path: String,
         /// The text.
         text: String,
     },
-    /// A program runs with these arguments.
+    /// Runs a program with arguments.
     Run(Vec<String>),
 }
 
 impl Change {
-    /// `text` into the file `path`, which is relative to the root of the tree.
+    /// Creates a write of `text` to the file `path`, relative to the root of the tree.
     pub(crate) fn write(path: impl Into<String>, text: impl Into<String>) -> Self {
         Self::Write { path: path.into(), text: text.into() }
     }
 
-    /// The words of a command. No shell reads them.
+    /// Splits a command into words. No shell reads them.
     pub(crate) fn run(words: &str) -> Self {
         Self::Run(words.split_whitespace().map(str::to_owned).collect())
     }
 
-    /// Makes the change on this computer, as the user of this process. Blocks until it is made.
+    /// Makes the change on this computer, as the user of this process. Blocks until it is done.
     ///
     /// # Errors
     ///
-    /// The reason why it was not made: that of the file, or the last line of the program.
+    /// The error of the file, or the last line that the program printed.
     pub fn apply(&self) -> io::Result<()> {
         match self {
             Self::Write { path, text } => std::fs::write(format!("/{path}"), text),
@@ -53,7 +54,7 @@ fn run(words: &[String]) -> io::Result<()> {
     Err(io::Error::other(last.map_or_else(|| output.status.to_string(), str::to_owned)))
 }
 
-/// As a person types it.
+/// Formats the change as a shell command.
 impl Display for Change {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -63,8 +64,8 @@ impl Display for Change {
     }
 }
 
-/// The changes as one line of a shell: each is made, whatever became of the one before, so that an interface that was set
-/// down comes up again.
+/// Formats the changes as one shell line. Each runs even if the one before failed, so that an
+/// interface that was set down comes up again.
 pub(crate) fn line(changes: &[Change]) -> String {
     changes.iter().map(Change::to_string).collect::<Vec<_>>().join("; ")
 }

@@ -3,20 +3,20 @@
 use crate::change::{self, Change};
 use serde::Serialize;
 
-/// How good a finding is.
+/// The level of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// As it should be.
+    /// No action needed.
     Good,
-    /// The cycle runs, but later than it could, or something threatens it.
+    /// The cycle runs, but later than possible or at risk.
     Warn,
     /// The cycle is not real-time, or a bus does not work.
     Bad,
 }
 
 impl Level {
-    /// The word for it.
+    /// Returns the word of the level.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -34,16 +34,16 @@ pub struct Finding {
     pub check: &'static str,
     /// The interface or device that was checked; `None` for the computer.
     pub of: Option<String>,
-    /// How good it is.
+    /// The level.
     pub level: Level,
     /// The measured value.
     pub measured: String,
-    /// The reason why it is not good, and the remedy where no command mends it.
+    /// The reason why it is not good, and the remedy where there is no command.
     pub why: Option<String>,
-    /// The command that mends it.
+    /// The command that fixes it.
     pub command: Option<String>,
-    /// The same as changes that `--tune` makes. None where the command lasts beyond the next start of the computer, or where a
-    /// person must look first.
+    /// The command as changes for `--tune`. Empty where the command lasts beyond the next boot, or
+    /// where a person must decide.
     #[serde(skip)]
     pub changes: Vec<Change>,
 }
@@ -61,32 +61,32 @@ impl Finding {
         }
     }
 
-    /// A value as it should be.
+    /// Creates a good finding.
     pub(crate) fn good(check: &'static str, measured: impl Into<String>) -> Self {
         Self::new(check, Level::Good, measured)
     }
 
-    /// A value that makes the cycle later than it could be.
+    /// Creates a warning: the cycle is later than possible.
     pub(crate) fn warn(check: &'static str, measured: impl Into<String>, why: impl Into<String>) -> Self {
         Self { why: Some(why.into()), ..Self::new(check, Level::Warn, measured) }
     }
 
-    /// A value with which the cycle is not real-time, or a bus does not work.
+    /// Creates a bad finding: the cycle is not real-time, or a bus does not work.
     pub(crate) fn bad(check: &'static str, measured: impl Into<String>, why: impl Into<String>) -> Self {
         Self { why: Some(why.into()), ..Self::new(check, Level::Bad, measured) }
     }
 
-    /// With the interface or device that was checked.
+    /// Sets the interface or device that was checked.
     pub(crate) fn of(self, subject: &str) -> Self {
         Self { of: Some(subject.to_owned()), ..self }
     }
 
-    /// With the changes that mend it until the next start of the computer.
+    /// Sets the changes that fix it until the next boot.
     pub(crate) fn tuned_by(self, changes: Vec<Change>) -> Self {
         Self { command: Some(change::line(&changes)), changes, ..self }
     }
 
-    /// With the command that mends it.
+    /// Sets the command that fixes it.
     pub(crate) fn mended_by(self, command: impl Into<Option<String>>) -> Self {
         Self { command: command.into(), ..self }
     }

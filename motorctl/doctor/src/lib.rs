@@ -1,9 +1,10 @@
-//! `motorctl doctor`: whether this computer is fit for a real-time cycle.
+//! `motorctl doctor`: checks whether this computer is fit for a real-time cycle.
 //!
-//! The checks read what the kernel shows below a [`Tree`] and change nothing; `--tune` makes the changes that last until the
-//! next start of the computer, and checks again. Then a thread with the scheduling, the
-//! processor and the locked memory of the cycle sleeps from tick to tick for some seconds, and its latency is judged as a share
-//! of the period. Where a daemon runs its cycle there is no such thread: it would delay a robot that moves.
+//! The checks read the files of the kernel below a [`Tree`] and change nothing. `--tune` first
+//! makes the changes that last until the next boot. Then a thread with the scheduling, processor
+//! and locked memory of the cycle sleeps from tick to tick for some seconds. Its latency is judged
+//! as a share of the period. While a daemon runs its cycle, the measurement is skipped: it would
+//! delay a moving robot.
 
 #![forbid(unsafe_code)]
 
@@ -33,7 +34,7 @@ use std::time::{Duration, Instant};
 
 /// The longest measurement, s: a day.
 const SECONDS_MAX: f64 = 86_400.0;
-/// Between two lines of progress.
+/// Time between two lines of progress.
 const PROGRESS: Duration = Duration::from_secs(1);
 
 /// The arguments of the command.
@@ -41,18 +42,18 @@ const PROGRESS: Duration = Duration::from_secs(1);
 pub struct Arguments {
     /// Configuration of the robot: its buses, and the rate, processor and priority of its cycle.
     ///
-    /// The default is /etc/motord/motord.toml. Where that file does not exist: 1000 Hz, priority 80, any processor, and every
-    /// CAN interface of the computer.
+    /// The default is /etc/motord/motord.toml. Without that file: 1000 Hz, priority 80, any
+    /// processor, and every CAN interface of the computer.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Duration of the measurement, s: 0 to 86400; 0 leaves it out.
+    /// Duration of the measurement, s: 0 to 86400; 0 skips it.
     #[arg(long, value_name = "S", default_value_t = 10.0, value_parser = parse_seconds)]
     seconds: f64,
-    /// First make the changes that last until the next start of the computer, and that no person must look at first.
+    /// First make the changes that last until the next boot and need no decision by a person.
     ///
-    /// Those are the clock governor, the interrupts of the CAN interfaces, ksoftirqd, coalescing, the queue, the restart after a
-    /// bus-off, and the latency timer of serial ports. Needs root. Refused while motord runs its cycle, since some of them set an
-    /// interface down.
+    /// They are the clock governor, the interrupts of the CAN interfaces, ksoftirqd, coalescing,
+    /// the queue, the restart after a bus-off, and the latency timer of serial ports. Needs root.
+    /// Refused while motord runs its cycle, because some changes set an interface down.
     #[arg(long)]
     tune: bool,
     /// Print one JSON object.
@@ -60,13 +61,13 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Why there is no verdict, or a bad one.
+/// The errors of the command.
 #[derive(Debug, thiserror::Error)]
 pub enum DoctorFailure {
-    /// The verdict is bad, and printed.
+    /// The verdict is bad. It was printed.
     #[error("this computer is not fit for a real-time cycle")]
     Unfit,
-    /// Nothing was changed: this daemon runs its cycle.
+    /// A daemon runs its cycle, so nothing was changed.
     #[error(
         "motord runs (process {0}), and some changes set an interface down: stop it first, or leave --tune out"
     )]
@@ -83,7 +84,7 @@ pub enum DoctorFailure {
 }
 
 impl DoctorFailure {
-    /// The exit status.
+    /// Returns the exit status.
     #[must_use]
     pub const fn status(&self) -> u8 {
         match self {
@@ -103,7 +104,7 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 ///
-/// [`DoctorFailure::Unfit`] after a bad verdict; the others when there is none.
+/// [`DoctorFailure::Unfit`] after a bad verdict; the others without a verdict.
 pub fn run(arguments: &Arguments) -> Result<(), DoctorFailure> {
     let tree = Tree::below(Path::new("/"));
     let (robot, configuration) = Robot::configured(arguments.config.as_deref(), &tree);
@@ -130,7 +131,7 @@ pub fn run(arguments: &Arguments) -> Result<(), DoctorFailure> {
     if report.verdict == Level::Bad { Err(DoctorFailure::Unfit) } else { Ok(()) }
 }
 
-/// Measures for as long as was asked for, and shows on a terminal how far it is.
+/// Measures for the requested time, and shows the progress on a terminal.
 fn measured(robot: &Robot, arguments: &Arguments) -> Result<Wake, DoctorFailure> {
     let interrupt = Interrupt::register();
     let measurement = Measurement::start(robot).map_err(DoctorFailure::Measurement)?;

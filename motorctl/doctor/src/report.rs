@@ -1,4 +1,4 @@
-//! The findings and the measurement, as text and as JSON.
+//! Findings and measurement as text and as JSON.
 
 use crate::finding::{Finding, Level};
 use crate::process::RunningDaemon;
@@ -9,12 +9,12 @@ use motord_terminal::{Cell, Colour, Palette};
 use serde::Serialize;
 use std::io::{self, Write};
 
-/// Letters of the longest bar.
+/// Length of the longest bar, characters.
 const BAR: f64 = 40.0;
-/// Where the texts begin.
+/// The indent of texts.
 const INDENT: &str = "      ";
 
-/// All that the command prints.
+/// The output of the command.
 #[derive(Debug, Serialize)]
 pub(crate) struct Diagnosis {
     /// The worst of all findings and of the measurement.
@@ -26,9 +26,9 @@ pub(crate) struct Diagnosis {
     /// The changes that were made or tried before the checks.
     tuned: Vec<Tuned>,
     findings: Vec<Finding>,
-    /// `null` when it was not measured.
+    /// `null` without a measurement.
     wake: Option<WakeReport>,
-    /// The daemon for whose sake it was not measured.
+    /// The process of the daemon because of which the measurement was skipped.
     daemon: Option<u32>,
 }
 
@@ -39,12 +39,12 @@ struct WakeReport {
     period_us: f64,
     wake_latency_us: WakePercentiles,
     missed_ticks: u64,
-    /// Rights of the cycle that the measurement did not have.
+    /// Privileges of the cycle that the measurement lacked.
     refused: Vec<&'static str>,
     histogram: Vec<Bar>,
 }
 
-/// Names as in `motorctl latency --json`.
+/// The keys are those of `motorctl latency --json`.
 #[derive(Debug, Serialize)]
 struct WakePercentiles {
     p50: f64,
@@ -54,7 +54,7 @@ struct WakePercentiles {
     count: u64,
 }
 
-/// The ticks above the last bar's latency, up to this one's.
+/// The ticks above the last bar's latency, up to this bar's.
 #[derive(Debug, Serialize)]
 struct Bar {
     up_to_us: u64,
@@ -85,7 +85,7 @@ impl WakeReport {
 }
 
 impl Diagnosis {
-    /// `daemon` runs, and is why nothing was measured.
+    /// Builds the output. `daemon` is the reason for a skipped measurement.
     pub(crate) fn new(
         robot: &Robot,
         tuned: Vec<Tuned>,
@@ -108,7 +108,7 @@ impl Diagnosis {
         }
     }
 
-    /// Writes it for a person.
+    /// Writes it as text.
     ///
     /// # Errors
     ///
@@ -193,7 +193,8 @@ fn write_wake(wake: &WakeReport, out: &mut dyn Write, palette: Palette) -> io::R
     Ok(())
 }
 
-/// A bar as long as the logarithm of its count: the one late tick in a million is what matters.
+/// Draws a bar with the length of the logarithm of its count, so that one late tick in a million is
+/// visible.
 fn bar(count: u64, most: u64) -> String {
     let length = |count: u64| (count as f64).ln_1p();
     let letters = BAR * length(count) / length(most).max(1.0);

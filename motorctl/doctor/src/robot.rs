@@ -1,4 +1,4 @@
-//! The demands of a robot on its computer, from its configuration.
+//! The requirements of a robot, from its configuration.
 
 use crate::finding::Finding;
 use crate::tree::Tree;
@@ -7,33 +7,33 @@ use motord_realtime::SchedulingRequest;
 use motord_settings::settings::{BusKind, BusSettings, IpcMode, Settings};
 use std::path::Path;
 
-/// Where motord reads its configuration.
+/// The default configuration of motord.
 const DEFAULT_CONFIG: &str = "/etc/motord/motord.toml";
-/// Of the kernel's `if_arp.h`.
+/// From the kernel's `if_arp.h`.
 const ARPHRD_CAN: i64 = 280;
 /// The defaults of the configuration.
 const RATE_HZ: f64 = 1000.0;
 const PRIORITY: u8 = 80;
 
-/// A CAN interface, and what hangs on it.
+/// A CAN interface of the robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Interface {
     /// Its name.
     pub name: String,
     /// The configured bit rate, bit/s; `None` without a configuration.
     pub bitrate: Option<u32>,
-    /// Its motors; 0 without a configuration.
+    /// Number of its motors; 0 without a configuration.
     pub motors: usize,
 }
 
-/// The demands of a robot on its computer.
+/// The requirements of a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Robot {
     /// Cycles per second.
     pub rate_hz: f64,
     /// The processor and the priority of the cycle.
     pub request: SchedulingRequest,
-    /// The ipc thread polls with this `SCHED_FIFO` priority.
+    /// `SCHED_FIFO` priority of a polling ipc thread.
     pub spins_at: Option<u8>,
     /// CAN interfaces.
     pub interfaces: Vec<Interface>,
@@ -42,7 +42,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// From checked settings.
+    /// Reads the requirements from checked settings.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         let mut robot = Self {
@@ -66,7 +66,7 @@ impl Robot {
         robot
     }
 
-    /// A robot of defaults, on every CAN interface of the computer.
+    /// Returns the defaults, with every CAN interface of the computer.
     #[must_use]
     pub fn without_configuration(tree: &Tree) -> Self {
         let names = tree.names("sys/class/net").into_iter();
@@ -81,8 +81,8 @@ impl Robot {
         }
     }
 
-    /// From the configuration at `file`, or at its default place. One that is refused is a finding, and the robot is one of
-    /// defaults.
+    /// Loads the configuration at `file` or at its default path. A refused one becomes a finding,
+    /// and the defaults are returned.
     pub(crate) fn configured(file: Option<&Path>, tree: &Tree) -> (Self, Finding) {
         let path = file.unwrap_or(Path::new(DEFAULT_CONFIG));
         if file.is_none() && !path.exists() {
@@ -102,12 +102,12 @@ impl Robot {
         }
     }
 
-    /// The processors that the cycle may run on.
+    /// Returns the processors that the cycle may run on.
     pub(crate) fn processors(&self, tree: &Tree) -> Vec<usize> {
         self.request.cpu.map_or_else(|| tree.processors("sys/devices/system/cpu/online"), |cpu| vec![cpu])
     }
 
-    /// The priority of the cycle.
+    /// Returns the priority of the cycle.
     pub(crate) fn priority(&self) -> u8 {
         self.request.priority.unwrap_or(PRIORITY)
     }

@@ -1,13 +1,13 @@
-//! The files that the kernel shows its state in, below a directory: `/` on a robot, a fixture in a test.
+//! The state files of the kernel below a directory: `/` on a robot, a fixture in a test.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// No computer has more processors: a longer list is not one.
+/// Largest processor number plus 1; a larger one is a malformed list.
 const PROCESSORS_MAX: usize = 8192;
 
-/// Files below a directory. Whatever cannot be read is not there.
+/// Files below a directory. Unreadable files count as missing.
 #[derive(Debug, Clone)]
 pub struct Tree {
     root: PathBuf,
@@ -22,7 +22,7 @@ pub(crate) struct Permissions {
 }
 
 impl Tree {
-    /// The files below `root`.
+    /// Returns the files below `root`.
     #[must_use]
     pub fn below(root: &Path) -> Self {
         Self { root: root.to_owned() }
@@ -32,18 +32,18 @@ impl Tree {
         self.root.join(path.trim_start_matches('/'))
     }
 
-    /// The text of a file without the white space at its end.
+    /// Reads a file without trailing white space.
     pub(crate) fn text(&self, path: &str) -> Option<String> {
         let bytes = fs::read(self.path(path)).ok()?;
         Some(String::from_utf8_lossy(&bytes).trim_end().to_owned())
     }
 
-    /// The number in a file.
+    /// Reads the number in a file.
     pub(crate) fn number(&self, path: &str) -> Option<i64> {
         self.text(path)?.trim().parse().ok()
     }
 
-    /// The processors in a file, as `0-2,5`; none where there is no such file.
+    /// Reads the processors in a file, such as `0-2,5`; none if the file is missing.
     pub(crate) fn processors(&self, path: &str) -> Vec<usize> {
         processors(&self.text(path).unwrap_or_default())
     }
@@ -52,7 +52,7 @@ impl Tree {
         self.path(path).exists()
     }
 
-    /// The names in a directory, sorted.
+    /// Returns the names in a directory, sorted.
     pub(crate) fn names(&self, path: &str) -> Vec<String> {
         let entries = fs::read_dir(self.path(path)).into_iter().flatten().flatten();
         let mut names: Vec<_> =
@@ -61,21 +61,22 @@ impl Tree {
         names
     }
 
-    /// The names in a directory that are numbers, rising: processes, threads, interrupts.
+    /// Returns the numeric names in a directory, rising: processes, threads, interrupts.
     pub(crate) fn numbers(&self, path: &str) -> Vec<u32> {
         let mut numbers: Vec<_> = self.names(path).iter().filter_map(|name| name.parse().ok()).collect();
         numbers.sort_unstable();
         numbers
     }
 
-    /// The path that a symbolic link leads to in the end, relative to the tree; `None` where it leads nowhere or out of it.
+    /// Resolves a symbolic link to a path relative to the tree; `None` if its target is missing or
+    /// outside.
     pub(crate) fn resolved(&self, path: &str) -> Option<String> {
         let root = self.root.canonicalize().ok()?;
         let resolved = self.path(path).canonicalize().ok()?;
         Some(resolved.strip_prefix(root).ok()?.to_string_lossy().into_owned())
     }
 
-    /// The text of a symbolic link.
+    /// Returns the text of a symbolic link.
     pub(crate) fn link(&self, path: &str) -> Option<String> {
         Some(fs::read_link(self.path(path)).ok()?.to_string_lossy().into_owned())
     }
@@ -86,7 +87,7 @@ impl Tree {
     }
 }
 
-/// The processors in a list of the kernel, rising.
+/// Parses a processor list of the kernel.
 fn processors(list: &str) -> Vec<usize> {
     let range = |part: &str| {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
@@ -96,7 +97,7 @@ fn processors(list: &str) -> Vec<usize> {
     list.split(',').filter_map(range).flatten().collect()
 }
 
-/// Processors as a list of the kernel, `0-2,5`.
+/// Formats processors as a list of the kernel, `0-2,5`.
 pub(crate) fn list(processors: &[usize]) -> String {
     let mut ranges: Vec<(usize, usize)> = Vec::new();
     for &processor in processors {

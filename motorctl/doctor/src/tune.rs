@@ -5,16 +5,16 @@ use crate::finding::Finding;
 use serde::Serialize;
 use std::io;
 
-/// A change, and whether it was made.
+/// A change and its outcome.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub(crate) struct Tuned {
-    /// The command that would do the same.
+    /// The equivalent command.
     pub(crate) command: String,
-    /// The reason why it was not made; `None` when it was.
+    /// The error; `None` after success.
     pub(crate) error: Option<String>,
 }
 
-/// Makes every change of `findings` by `apply`, in their order, whatever becomes of the one before.
+/// Makes every change of `findings` by `apply`, in order. A failed one does not stop the others.
 pub(crate) fn tune(findings: &[Finding], apply: impl Fn(&Change) -> io::Result<()>) -> Vec<Tuned> {
     let changes = findings.iter().flat_map(|finding| &finding.changes);
     let made = |change: &Change| Tuned {

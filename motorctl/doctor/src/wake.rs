@@ -1,4 +1,4 @@
-//! The wake-up latency of a thread that has what the cycle would have, and nothing to do.
+//! The wake-up latency of an idle thread with the scheduling of the cycle.
 
 use crate::finding::Level;
 use crate::robot::Robot;
@@ -13,16 +13,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::{Builder, JoinHandle};
 
-/// A longer latency counts as this one, ns: a minute.
+/// Largest recorded latency, ns: a minute.
 const LATENCY_MAX_NS: u64 = 60_000_000_000;
-/// A thousandth of a value.
+/// Significant digits of the histogram.
 const DIGITS: u8 = 3;
 
-/// Shares of the period, up to which the latency of 99.9 % of the ticks, and of every tick, is good, and worth a warning.
+/// Limits of the latency of 99.9 % of the ticks and of every tick, as shares of the period.
 ///
-/// 5 %: a controller that divides by the nominal period has so much error in its velocities. 20 %: a reply may come until
-/// 80 % of the period after the command (`reply-deadline-percent`), so a cycle that begins later meets its next tick. 50 %:
-/// with a bus that is three quarters full, the replies end after the next tick, which is missed.
+/// 5 %: the velocity error of a controller that divides by the nominal period. 20 %: a reply may
+/// arrive until 80 % of the period after the command (`reply-deadline-percent`), so a later cycle
+/// may reach its next tick. 50 %: on a bus that is 75 % full, the last replies arrive after the
+/// next tick, which is missed.
 pub(crate) const GOOD: Shares = Shares { p99_9: 0.05, max: 0.2 };
 pub(crate) const WARN: Shares = Shares { p99_9: 0.2, max: 0.5 };
 
@@ -38,7 +39,7 @@ impl Shares {
     }
 }
 
-/// The verdict on the latencies of 99.9 % of the ticks and of every tick, as shares of the period.
+/// Judges the latencies of 99.9 % of the ticks and of every tick, as shares of the period.
 #[must_use]
 pub(crate) fn judge(p99_9: f64, max: f64) -> Level {
     match (GOOD.allow(p99_9, max), WARN.allow(p99_9, max)) {
@@ -48,7 +49,7 @@ pub(crate) fn judge(p99_9: f64, max: f64) -> Level {
     }
 }
 
-/// A measurement that runs.
+/// A running measurement.
 pub struct Measurement {
     shared: Arc<Shared>,
     thread: JoinHandle<Wake>,
@@ -60,27 +61,28 @@ struct Shared {
     max_ns: AtomicU64,
 }
 
-/// A measurement that is over.
+/// A finished measurement.
 #[derive(Debug)]
 pub struct Wake {
-    /// The scheduling that was asked for.
+    /// The requested scheduling.
     pub request: SchedulingRequest,
-    /// The steps of the set-up, each granted or refused.
+    /// The steps of the set-up with their outcomes.
     pub steps: Vec<Step>,
     /// Time between two ticks.
     pub period: Duration,
     /// Ticks that passed without a wake-up.
     pub missed: u64,
-    /// Latencies, ns. A wake-up that is late by more than a period counts for each tick that it missed, too.
+    /// Latencies, ns. A wake-up that is late by more than a period also counts for each missed
+    /// tick.
     pub latencies: Histogram<u64>,
 }
 
 impl Measurement {
-    /// Starts it, at the rate, with the scheduling and with the locked memory of the cycle of `robot`.
+    /// Starts a measurement with the rate, scheduling and locked memory of the cycle of `robot`.
     ///
     /// # Errors
     ///
-    /// When there is no thread for it.
+    /// The thread cannot be started.
     pub fn start(robot: &Robot) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let (given, request) = (Arc::clone(&shared), robot.request);
@@ -90,24 +92,25 @@ impl Measurement {
         Ok(Self { shared, thread })
     }
 
-    /// The longest latency so far, µs.
+    /// Returns the longest latency so far, µs.
     #[must_use]
     pub fn max_us(&self) -> f64 {
         self.shared.max_ns.load(Ordering::Relaxed) as f64 / 1e3
     }
 
-    /// Ends it.
+    /// Ends the measurement.
     ///
     /// # Errors
     ///
-    /// When its thread panicked.
+    /// The thread panicked.
     pub fn end(self) -> io::Result<Wake> {
         self.shared.ends.store(true, Ordering::Relaxed);
         self.thread.join().map_err(|_| io::Error::other("the thread of the measurement panicked"))
     }
 }
 
-/// The set-up of the daemon's cycle, then its sleeps until the end is asked for. Between two sleeps it allocates nothing.
+/// Sets the thread up as the daemon's cycle, and sleeps from tick to tick until the end. Does not
+/// allocate between two sleeps.
 fn measure(request: SchedulingRequest, period: Duration, shared: &Shared) -> Wake {
     let mut latencies =
         Histogram::new_with_bounds(1, LATENCY_MAX_NS, DIGITS).expect("these bounds are valid");
@@ -119,7 +122,7 @@ fn measure(request: SchedulingRequest, period: Duration, shared: &Shared) -> Wak
     while !shared.ends.load(Ordering::Relaxed) {
         let latency = wake_at(tick);
         shared.max_ns.fetch_max(latency, Ordering::Relaxed);
-        // As the cycle does: what is missed is missed, and the next tick is on the grid.
+        // The next tick is on the grid, as in the cycle.
         let passed = latency / period_ns;
         (0..=passed).for_each(|tick| latencies.saturating_record(latency - tick * period_ns));
         missed += passed;
@@ -128,7 +131,7 @@ fn measure(request: SchedulingRequest, period: Duration, shared: &Shared) -> Wak
     Wake { request, steps, period, missed, latencies }
 }
 
-/// Sleeps until `tick`; the time by which it is later then, ns.
+/// Sleeps until `tick`. Returns the latency, ns.
 fn wake_at(tick: Instant) -> u64 {
     loop {
         sleep_until(tick);
@@ -140,30 +143,30 @@ fn wake_at(tick: Instant) -> u64 {
 }
 
 impl Wake {
-    /// A latency in µs below which a share of the ticks is.
+    /// Returns the quantile of the latency at `share`, µs.
     #[must_use]
     pub fn quantile_us(&self, share: f64) -> f64 {
         self.latencies.value_at_quantile(share) as f64 / 1e3
     }
 
-    /// The longest one, µs.
+    /// Returns the longest latency, µs.
     #[must_use]
     pub fn max_us(&self) -> f64 {
         self.latencies.max() as f64 / 1e3
     }
 
-    /// The steps that were refused.
+    /// Returns the refused steps.
     pub fn refused(&self) -> impl Iterator<Item = &Step> {
         self.steps.iter().filter(|step| step.outcome.is_err())
     }
 
-    /// Without `SCHED_FIFO` the measurement is not that of a daemon, which may have it.
+    /// Returns false without `SCHED_FIFO`, which a daemon may have.
     #[must_use]
     pub fn is_that_of_a_daemon(&self) -> bool {
         self.refused().all(|step| step.what != "SCHED_FIFO")
     }
 
-    /// How good it is: a warning where it is not that of a daemon.
+    /// Returns the level; a warning without the scheduling of a daemon.
     #[must_use]
     pub fn level(&self) -> Level {
         if !self.is_that_of_a_daemon() {
@@ -174,11 +177,12 @@ impl Wake {
     }
 }
 
-/// Upper ends of the bars of a histogram, µs.
+/// Upper edges of the bars, µs.
 const EDGES_US: [u64; 14] =
     [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, LATENCY_MAX_NS / 1000];
 
-/// How many of `latencies` (ns) lie up to each edge in µs and above the one before, from the first that has some to the last.
+/// Counts `latencies` (ns) up to each edge (µs) and above the one before, without empty bars at
+/// both ends.
 #[must_use]
 pub(crate) fn bars(latencies: &Histogram<u64>) -> Vec<(u64, u64)> {
     let mut counts = [0; EDGES_US.len()];

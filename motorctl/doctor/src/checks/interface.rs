@@ -12,23 +12,23 @@ use std::collections::BTreeSet;
 
 /// The queue that the shipped udev rule sets, frames.
 const QUEUE: usize = 16;
-/// A stalled bus sends so many frames of old torque when it moves again: 8 ms of a full one.
+/// Longest queue, frames: a recovering bus sends all of them with old torques. 8 ms of a full bus.
 const QUEUE_MAX: i64 = 64;
 
 /// The bit rate of a bus whose configuration names none, bit/s.
 const BITRATE: u32 = 1_000_000;
 
-/// Frames that may wait: the commands of two cycles, each with one poll for a fault.
+/// Returns the queue length, frames: the commands of two cycles, each with one poll for a fault.
 fn queue_length(motors: usize) -> usize {
     QUEUE.max(2 * (motors + 1))
 }
 
-/// Whether motors can be reached through the interface as it is.
+/// Checks whether the interface is up with the configured bit rate.
 pub(super) fn link(interface: &Interface, read: Result<Link, OpenError>) -> Finding {
     const CHECK: &str = "interface";
     let Interface { name, bitrate, motors } = interface;
     let checked = read.and_then(|link| {
-        // Without a configuration any rate is right that somebody has set.
+        // Without a configuration the present bit rate is right.
         let bitrate = bitrate.or(link.bitrate.filter(|&rate| rate > 0)).unwrap_or(BITRATE);
         link.check(bitrate, queue_length(*motors) as u32).map(|()| link)
     });
@@ -57,7 +57,7 @@ fn refused(error: &OpenError) -> Finding {
     Finding::bad("interface", measured, "motord does not reach its motors").mended_by(command)
 }
 
-/// How many frames wait in the kernel when the bus stalls.
+/// Checks the length of the transmit queue.
 pub(super) fn queue(tree: &Tree, interface: &Interface) -> Finding {
     const CHECK: &str = "txqueuelen";
     let Interface { name, motors, .. } = interface;
@@ -79,14 +79,14 @@ pub(super) fn queue(tree: &Tree, interface: &Interface) -> Finding {
     finding.of(name)
 }
 
-/// A change that the kernel takes only while the interface is down.
+/// Wraps a change that the kernel accepts only while the interface is down.
 fn while_down(name: &str, change: String) -> Vec<Change> {
     [format!("ip link set {name} down"), change, format!("ip link set {name} up")]
         .map(|words| Change::run(&words))
         .into()
 }
 
-/// Whether the adapter keeps received frames back.
+/// Checks whether the adapter delays received frames.
 pub(super) fn coalescing(name: &str, read: Result<Option<Coalescing>, Errno>) -> Finding {
     const CHECK: &str = "coalescing";
     let settings = match read {
@@ -128,18 +128,18 @@ pub(super) fn coalescing(name: &str, read: Result<Option<Coalescing>, Errno>) ->
 struct InterruptLine {
     number: u32,
     processors: Vec<usize>,
-    /// The thread that serves it and its real-time priority, where it has one.
+    /// The thread that serves it, and its real-time priority.
     thread: Option<(u32, Option<u8>)>,
 }
 
 impl InterruptLine {
-    /// Whether it is served on the processor that the cycle is pinned to.
+    /// Returns true if it is served on the processor of the cycle.
     fn delays(&self, robot: &Robot) -> bool {
         robot.request.cpu.is_some_and(|cpu| self.processors.contains(&cpu))
     }
 }
 
-/// Where the interrupts of an interface are served, and by whom.
+/// Checks the processors and threads that serve the interrupts of an interface.
 pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
     const CHECK: &str = "interrupts";
     let Some(interrupts) = served(tree, name) else {
@@ -180,8 +180,9 @@ pub(super) fn interrupts(tree: &Tree, robot: &Robot, name: &str) -> Finding {
     Finding::warn(CHECK, measured, why).tuned_by(changes).of(name)
 }
 
-/// Whether `ksoftirqd`, to which a busy kernel leaves received frames, has a real-time priority on the processors that serve the
-/// interfaces of `robot`: else controllers delay it. A kernel with `PREEMPT_RT` handles the frames in the interrupt's thread.
+/// Checks that `ksoftirqd` has a real-time priority on the processors that serve the interfaces of
+/// `robot`. A busy kernel leaves received frames to it, and controllers would delay it. A kernel
+/// with `PREEMPT_RT` handles the frames in the interrupt's thread.
 pub(super) fn ksoftirqd(tree: &Tree, robot: &Robot) -> Finding {
     const CHECK: &str = "ksoftirqd";
     if system::is_realtime(tree) {
@@ -207,7 +208,8 @@ pub(super) fn ksoftirqd(tree: &Tree, robot: &Robot) -> Finding {
     Finding::warn(CHECK, measured, why).tuned_by(low.into_iter().map(raise).collect())
 }
 
-/// The processors that serve an interface, or will when its interrupts do not interrupt the cycle any more.
+/// Returns the processors that serve an interface once its interrupts have moved from the processor
+/// of the cycle.
 fn receivers(tree: &Tree, robot: &Robot, name: &str) -> Vec<usize> {
     let served = served(tree, name).unwrap_or_default().into_iter();
     let moved = |interrupt: InterruptLine| match interrupt.delays(robot) {
@@ -217,13 +219,13 @@ fn receivers(tree: &Tree, robot: &Robot, name: &str) -> Vec<usize> {
     served.flat_map(moved).collect()
 }
 
-/// The processors but that of the cycle.
+/// Returns all processors but that of the cycle.
 fn others(tree: &Tree, robot: &Robot) -> Vec<usize> {
     let online = tree.processors("sys/devices/system/cpu/online").into_iter();
     online.filter(|&processor| Some(processor) != robot.request.cpu).collect()
 }
 
-/// The interrupts of an interface; `None` where it is virtual.
+/// Returns the interrupts of an interface; `None` for a virtual one.
 fn served(tree: &Tree, name: &str) -> Option<Vec<InterruptLine>> {
     let device = tree.resolved(&format!("sys/class/net/{name}/device"))?;
     Some(numbers(tree, name, &device).into_iter().map(|number| interrupt(tree, number)).collect())
@@ -240,8 +242,8 @@ fn describe(interrupt: &InterruptLine) -> String {
     format!("{number} on processors {processors}{thread}")
 }
 
-/// The interrupts of an interface: those that name it or its device, else those of the nearest device above it that has
-/// some, such as a USB controller.
+/// Returns the interrupts that name the interface or its device. Otherwise those of the nearest
+/// device above it, such as a USB controller.
 fn numbers(tree: &Tree, name: &str, device: &str) -> Vec<u32> {
     let shown = tree.text("proc/interrupts").unwrap_or_default();
     let device_name = device.rsplit('/').next().unwrap_or_default();
@@ -278,7 +280,7 @@ fn of_device(tree: &Tree, device: &str) -> Vec<u32> {
 
 fn interrupt(tree: &Tree, number: u32) -> InterruptLine {
     let directory = format!("proc/irq/{number}");
-    // An affinity is a wish; the effective one is where the interrupt is delivered.
+    // The kernel delivers an interrupt by its effective affinity, not by the requested one.
     let effective = tree.processors(&format!("{directory}/effective_affinity_list"));
     let processors = if effective.is_empty() {
         tree.processors(&format!("{directory}/smp_affinity_list"))

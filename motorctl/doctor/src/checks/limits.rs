@@ -1,4 +1,4 @@
-//! The rights of the daemon: real-time priority and locked memory.
+//! The limits of the daemon: real-time priority and locked memory.
 
 use crate::finding::Finding;
 use crate::process::{self, RunningDaemon};
@@ -6,16 +6,16 @@ use crate::robot::Robot;
 use crate::tree::Tree;
 use motord_realtime::MEMLOCK_LEAST;
 
-/// Of capabilities(7): it lifts the limit of the priority.
+/// From capabilities(7): lifts the limit of the priority.
 const CAP_SYS_NICE: u64 = 1 << 23;
-/// Where a unit of systemd may lie, the first one counts.
+/// Paths of the systemd unit. The first existing one counts.
 const UNITS: [&str; 3] = [
     "etc/systemd/system/motord.service",
     "usr/lib/systemd/system/motord.service",
     "lib/systemd/system/motord.service",
 ];
 
-/// Whose limits count: those of the daemon that runs, else those that its unit gives it, else those of this shell.
+/// The source of the limits: the running daemon, otherwise its unit, otherwise this shell.
 enum Source {
     Daemon(u32),
     Unit(String),
@@ -28,7 +28,7 @@ impl Source {
         daemon.map_or_else(unit, |daemon| Self::Daemon(daemon.pid))
     }
 
-    /// Its directory in `/proc`.
+    /// Returns its directory in `/proc`.
     fn process(&self) -> Option<String> {
         match self {
             Self::Daemon(pid) => Some(pid.to_string()),
@@ -45,7 +45,7 @@ impl Source {
         }
     }
 
-    /// A limit by its name in `/proc/PID/limits` and in a unit. One that is not shown, or that cannot be read, is 0.
+    /// Reads a limit by its name in `/proc/PID/limits` and in a unit. An unreadable one is 0.
     fn limit(&self, tree: &Tree, in_proc: &str, in_unit: &str) -> u64 {
         let text = match self {
             Self::Unit(unit) => unit.lines().find_map(|line| line.strip_prefix(in_unit)?.strip_prefix('=')),
@@ -61,7 +61,7 @@ impl Source {
         }
     }
 
-    /// The command that raises a limit, for a unit or for a user.
+    /// Returns the command that raises a limit, for a unit or for a user.
     fn mend(&self, tree: &Tree, in_unit: &str, unit_value: &str, of_user: &str) -> String {
         match self {
             Self::Daemon(_) | Self::Unit(_) if UNITS.iter().any(|path| tree.has(path)) => {
@@ -76,7 +76,7 @@ impl Source {
     }
 }
 
-/// Whether the cycle may have its `SCHED_FIFO` priority.
+/// Checks whether the cycle may have its `SCHED_FIFO` priority.
 pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "rtprio";
     let source = Source::find(tree, daemon);
@@ -98,7 +98,7 @@ pub(super) fn priority(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>
     Finding::bad(CHECK, measured, why).mended_by(mend)
 }
 
-/// Whether the daemon may lock its memory.
+/// Checks whether the daemon may lock its memory.
 pub(super) fn memory(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "memlock";
     let source = Source::find(tree, daemon);

@@ -1,4 +1,4 @@
-//! The checks: each is a function of the texts in a tree, and of what was asked of the kernel beside them.
+//! The checks. Each is a function of the files in a tree and of answers of the kernel.
 
 mod interface;
 mod limits;
@@ -16,8 +16,8 @@ use motord_bus::socketcan::{Coalescing, InterfaceName, Link};
 #[cfg(test)]
 mod tests;
 
-/// Every check of the computer and of the buses of `robot`. Reads files, and asks the kernel for the settings of the interfaces and
-/// who has locked them: changes nothing, sends nothing on a bus.
+/// Runs every check of the computer and of the buses of `robot`. Reads files, interface settings
+/// and locks. Changes nothing, and sends nothing on a bus.
 #[must_use]
 pub fn all(tree: &Tree, robot: &Robot) -> Vec<Finding> {
     let daemon = process::daemon(tree);

@@ -1,4 +1,4 @@
-//! Who else uses a CAN interface.
+//! Other users of a CAN interface.
 
 use crate::finding::Finding;
 use crate::process;
@@ -6,12 +6,13 @@ use crate::tree::Tree;
 use motord_bus::BusLock;
 use std::collections::BTreeSet;
 
-/// The lists of receivers that the kernel shows.
+/// The receiver lists of the kernel.
 const LISTS: [&str; 6] = ["all", "fil", "inv", "sff", "eff", "err"];
-/// The kinds of receivers, the last word of a line of these lists.
+/// Kinds of receivers: the last word of a line in these lists.
 const KINDS: [&str; 5] = ["raw", "bcm", "isotp", "j1939", "gw"];
 
-/// Whether another program uses the interface. motord and motorctl lock it; others are seen by their filters only.
+/// Checks whether another program uses the interface. motord and motorctl lock it; other programs
+/// show only filters.
 pub(super) fn interface(tree: &Tree, name: &str) -> Finding {
     const CHECK: &str = "owner";
     if let Some(holder) = BusLock::holder_of_interface(name) {
@@ -35,7 +36,7 @@ pub(super) fn interface(tree: &Tree, name: &str) -> Finding {
     Finding::warn(CHECK, measured, why).mended_by("sudo lsof -n | grep CAN_".to_owned()).of(name)
 }
 
-/// The kinds of the filters on an interface.
+/// Returns the kinds of the filters on an interface.
 fn receivers(tree: &Tree, name: &str) -> Vec<&'static str> {
     let lists = LISTS.iter().filter_map(|list| tree.text(&format!("proc/net/can/rcvlist_{list}")));
     let kind = |line: &str| {

@@ -1,4 +1,4 @@
-//! The processors of the cycle: whether others use them, how fast they are clocked, how deep they sleep.
+//! The processors of the cycle: isolation, clock and idle states.
 
 use crate::change::Change;
 use crate::finding::Finding;
@@ -8,10 +8,10 @@ use crate::tree::{self, Tree};
 
 const CPU: &str = "sys/devices/system/cpu";
 const DMA_LATENCY: &str = "dev/cpu_dma_latency";
-/// Waking from a state with at most this latency, µs, is less than the spread of a good wake-up.
+/// Longest wake-up time of an idle state, µs, that stays below the spread of a good wake-up.
 const LATENCY_MAX_US: i64 = 10;
 
-/// Whether the cycle has a processor of its own.
+/// Checks whether the cycle has an isolated processor.
 pub(super) fn isolation(tree: &Tree, robot: &Robot) -> Finding {
     const CHECK: &str = "isolated cores";
     let (isolated, online) =
@@ -50,7 +50,7 @@ fn not_isolated(tree: &Tree, pinned: Option<usize>, online: &[usize], shown: Str
     Finding::warn("isolated cores", measured, why).mended_by(boot_command(tree, &parameters))
 }
 
-/// The command that gives the kernel more parameters at its next start.
+/// Returns the command that adds kernel parameters for the next boot.
 fn boot_command(tree: &Tree, parameters: &str) -> Option<String> {
     if tree.has("etc/default/grub") {
         return Some(format!(
@@ -61,7 +61,7 @@ fn boot_command(tree: &Tree, parameters: &str) -> Option<String> {
     Some(format!("sudo sed -i '1s/$/ {parameters}/' /{line}"))
 }
 
-/// Whether the processors of the cycle keep their clock high.
+/// Checks whether the processors of the cycle keep a high clock.
 pub(super) fn governor(tree: &Tree, robot: &Robot) -> Finding {
     const CHECK: &str = "governor";
     let read = |cpu: &usize| Some((*cpu, tree.text(&format!("{CPU}/cpu{cpu}/cpufreq/scaling_governor"))?));
@@ -84,7 +84,7 @@ pub(super) fn governor(tree: &Tree, robot: &Robot) -> Finding {
     finding.mended_by(format!("echo performance | sudo tee /{CPU}/cpu*/cpufreq/scaling_governor"))
 }
 
-/// How long the processors of the cycle need to wake up, and whether the daemon may keep them awake.
+/// Checks the wake-up time of the processors, and whether the daemon may forbid deep idle states.
 pub(super) fn idle(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "C-states";
     let states = robot.processors(tree).into_iter().flat_map(|cpu| states(tree, cpu));
@@ -109,7 +109,7 @@ pub(super) fn idle(tree: &Tree, robot: &Robot, daemon: Option<RunningDaemon>) ->
     Finding::warn(CHECK, measured, why).mended_by(command)
 }
 
-/// The idle states that a processor may use: the time to wake from each, µs, and its name.
+/// Returns wake-up time, µs, and name of the idle states of a processor.
 fn states(tree: &Tree, cpu: usize) -> Vec<(i64, String)> {
     let directory = format!("{CPU}/cpu{cpu}/cpuidle");
     let state = |name: &String| {
@@ -121,8 +121,8 @@ fn states(tree: &Tree, cpu: usize) -> Vec<(i64, String)> {
     tree.names(&directory).iter().filter_map(state).collect()
 }
 
-/// Whether the daemon that runs may write `/dev/cpu_dma_latency`. When none runs: whether this user may, or a group other than
-/// root's may, of which the user of the service is a member.
+/// Returns true if the running daemon may write `/dev/cpu_dma_latency`. Without a daemon: this
+/// user, or a group other than root's, of which the service user is a member.
 fn may_write(tree: &Tree, daemon: Option<RunningDaemon>) -> bool {
     const OF_USER: u32 = 0o200;
     const OF_GROUP: u32 = 0o020;

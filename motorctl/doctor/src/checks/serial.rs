@@ -5,7 +5,7 @@ use crate::finding::Finding;
 use crate::process;
 use crate::tree::Tree;
 
-/// Whether a serial port is there, hands its bytes over at once, and is used by nobody else.
+/// Checks that a serial port exists, delivers bytes immediately, and has no other user.
 pub(super) fn device(tree: &Tree, device: &str) -> Vec<Finding> {
     let Some(resolved) = tree.resolved(device) else {
         let why = "plug the adapter in, or correct `device` in the configuration";
@@ -18,7 +18,7 @@ pub(super) fn device(tree: &Tree, device: &str) -> Vec<Finding> {
     vec![latency_timer(tree, device, &resolved), owner(tree, device, &resolved)]
 }
 
-/// How long an adapter on USB keeps bytes back.
+/// Checks the time for which a USB adapter holds bytes back.
 fn latency_timer(tree: &Tree, device: &str, resolved: &str) -> Finding {
     const CHECK: &str = "latency timer";
     let name = resolved.rsplit('/').next().unwrap_or_default();
@@ -34,7 +34,7 @@ fn latency_timer(tree: &Tree, device: &str, resolved: &str) -> Finding {
     finding.of(device)
 }
 
-/// The process that has it open, as far as this user may know.
+/// Checks for processes that have the port open, as far as this user may see them.
 fn owner(tree: &Tree, device: &str, resolved: &str) -> Finding {
     const CHECK: &str = "owner";
     let opened = format!("/{resolved}");

@@ -1,11 +1,11 @@
-//! The kernel, its clocks, and a daemon that runs.
+//! The kernel, its clocks, and the running daemon.
 
 use crate::finding::Finding;
 use crate::process::{self, RunningDaemon};
 use crate::robot::Robot;
 use crate::tree::Tree;
 
-/// Clocks that are read without a system call, in some ns.
+/// Clocks that are read without a system call, in a few ns.
 const FAST_CLOCKS: [&str; 7] = [
     "tsc",
     "arch_sys_counter",
@@ -15,12 +15,13 @@ const FAST_CLOCKS: [&str; 7] = [
     "timebase",
     "riscv_clocksource",
 ];
-/// The slack that the daemon asks for is 1 ns; a thousand of them still cost nothing.
+/// Largest good timer slack, ns. The daemon requests 1 ns.
 const SLACK_MAX_NS: i64 = 1000;
-/// The cycle takes less than a fifth of a processor; half of it leaves room for the interrupts' threads.
+/// Smallest share of real-time threads. The cycle takes less than 20 %; the rest is for the
+/// interrupt threads.
 const RUNTIME_LEAST: f64 = 0.5;
 
-/// Whether the kernel is one with `PREEMPT_RT`.
+/// Checks whether the kernel has `PREEMPT_RT`.
 pub(super) fn kernel(tree: &Tree) -> Finding {
     let read = |name: &str| tree.text(&format!("proc/sys/kernel/{name}")).unwrap_or_default();
     let (release, version) = (read("osrelease"), read("version"));
@@ -40,7 +41,7 @@ pub(super) fn is_realtime(tree: &Tree) -> bool {
         || ["PREEMPT_RT", "PREEMPT RT"].iter().any(|mark| version.contains(mark))
 }
 
-/// The command that installs one, on the distributions that have it as a package.
+/// Returns the command that installs a real-time kernel, for distributions with such a package.
 fn realtime_kernel(tree: &Tree, architecture: &str) -> Option<String> {
     let release = tree.text("etc/os-release")?;
     let id = release.lines().find_map(|line| line.strip_prefix("ID="))?.trim_matches('"').to_owned();
@@ -52,7 +53,7 @@ fn realtime_kernel(tree: &Tree, architecture: &str) -> Option<String> {
     }
 }
 
-/// The share of time that the kernel leaves to real-time threads.
+/// Checks the share of time for real-time threads.
 pub(super) fn runtime(tree: &Tree, robot: &Robot) -> Finding {
     const CHECK: &str = "sched_rt_runtime";
     let read = |name: &str| tree.number(&format!("proc/sys/kernel/{name}"));
@@ -84,7 +85,7 @@ pub(super) fn runtime(tree: &Tree, robot: &Robot) -> Finding {
     }
 }
 
-/// Whether reading the clock is cheap.
+/// Checks whether reading the clock is cheap.
 pub(super) fn clock_source(tree: &Tree) -> Finding {
     const CHECK: &str = "clock source";
     let directory = "sys/devices/system/clocksource/clocksource0";
@@ -99,7 +100,7 @@ pub(super) fn clock_source(tree: &Tree) -> Finding {
     Finding::warn(CHECK, format!("{current} (available: {available})"), why).mended_by(command)
 }
 
-/// How late the timers of a thread without `SCHED_FIFO` may fire.
+/// Checks the slack of timers, which a thread without `SCHED_FIFO` has.
 pub(super) fn timer_slack(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "timer slack";
     let of_cycle = daemon.and_then(|daemon| tree.number(&format!("proc/{}/timerslack_ns", daemon.cycle)));
@@ -121,7 +122,7 @@ pub(super) fn timer_slack(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding
     Finding::good(CHECK, format!("{here}; motord sets 1 ns for its cycle"))
 }
 
-/// Whether a daemon that runs has what it asked for.
+/// Checks whether the running daemon has its real-time priority.
 pub(super) fn daemon(tree: &Tree, daemon: Option<RunningDaemon>) -> Finding {
     const CHECK: &str = "daemon";
     let Some(RunningDaemon { pid, cycle }) = daemon else { return Finding::good(CHECK, "none runs") };
