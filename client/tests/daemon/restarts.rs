@@ -1,0 +1,196 @@
+//! Daemons and clients that stall, restart or are killed.
+
+use super::fake_daemon::{Running, granted};
+use super::{INSTANCE, PATIENCE, connect, place, spawn, until};
+use motord_client::{Client, Error, InstanceError, Refusal, Setpoint, State};
+use motord_ports::Instance;
+use motord_shared::limits::CONTROLLERS_MAX;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// How often this thread has slept.
+fn sleeps() -> u64 {
+    let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("voluntary_ctxt_switches")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse().unwrap()
+}
+
+#[test]
+fn slow_controller_sleeps_through_other_states() {
+    const N: u32 = 20;
+    let place = place();
+    let _daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let first = client.wait_cycles(N, PATIENCE).unwrap().cycle();
+    let (mut last, before) = (first, sleeps());
+    for _ in 0..20 {
+        let cycle = client.wait_cycles(N, PATIENCE).unwrap().cycle();
+        assert!(cycle / u64::from(N) > last / u64::from(N), "{cycle} follows {last}");
+        last = cycle;
+    }
+    let slept = sleeps() - before;
+    assert!(slept < (last - first) / 2, "{slept} sleeps in {} cycles", last - first);
+}
+
+#[test]
+fn slow_controller_notices_restart_and_silence() {
+    hears_of_a_restart_and_of_silence(|client| client.wait_cycles(2, PATIENCE));
+}
+
+#[test]
+fn spinning_controller_notices_restart_and_silence() {
+    hears_of_a_restart_and_of_silence(|client| client.spin(PATIENCE));
+}
+
+fn hears_of_a_restart_and_of_silence(take: fn(&Client) -> Result<State, Error>) {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    take(&client).unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    let error = until("silence", || take(&client).err());
+    assert!(matches!(error, Error::Silent { .. }), "{error}");
+    drop(daemon);
+    let _successor = Running::start(place.path(), 2);
+    until("the restart", || (take(&client) == Err(Error::Restarted)).then_some(()));
+    take(&client).unwrap();
+}
+
+#[test]
+fn a_restart_is_told_once_and_survived() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let daemon = Running::start(place.path(), 2);
+    let error = until("the restart", || match client.wait(PATIENCE) {
+        Ok(_) | Err(Error::Silent { .. } | Error::Timeout { .. }) => None,
+        Err(error) => Some(error),
+    });
+    assert_eq!(error, Error::Restarted);
+    client.wait(PATIENCE).unwrap();
+    assert_eq!(client.description().boot_id, 2);
+    for _ in 0..3 {
+        assert_eq!(
+            claim.send(&[Setpoint::damping(1.0); 2]),
+            Err(Error::Restarted),
+            "a void claim stays void"
+        );
+    }
+    assert_eq!(claim.enable(), Err(Error::Restarted));
+    assert_eq!(daemon.setpoints(), []);
+    let mut claim = client.claim("leg").unwrap();
+    claim.send(&[Setpoint::damping(1.0); 2]).unwrap();
+    until("the setpoint", || {
+        daemon.setpoints().first().filter(|first| first.lease == granted(2, 1)).copied()
+    });
+}
+
+/// Five cycles of the successor take longer than the silence that the caller has set.
+#[test]
+fn configured_silence_outlives_a_slower_daemon() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = Client::connect_in(place.path(), INSTANCE).unwrap();
+    client.set_silence(Duration::from_millis(200));
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let daemon = Running::start_with(place.path(), 2, 2, 0.1);
+    until("the restart", || matches!(client.wait(PATIENCE), Err(Error::Restarted)).then_some(()));
+    client.wait(PATIENCE).unwrap();
+    daemon.silent.store(true, Ordering::Relaxed);
+    assert!(matches!(until("an error", || client.wait(PATIENCE).err()), Error::Silent { .. }));
+}
+
+#[test]
+fn request_after_restart_reports_it_and_acts_not() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let _successor = Running::start(place.path(), 2);
+    until("the restart", || matches!(client.enable("leg"), Err(Error::Restarted)).then_some(()));
+    assert!(matches!(client.enable("leg"), Err(Error::Refused { refusal: Refusal::NoSetpoint, .. })));
+}
+
+#[test]
+fn silent_daemon_is_reported_within_few_silence_times() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    let mut claim = client.claim("leg").unwrap();
+    client.wait(PATIENCE).unwrap();
+    drop(daemon);
+    let begun = Instant::now();
+    let error = until("an error", || client.wait(PATIENCE).err());
+    assert!(
+        matches!(error, Error::Silent { .. }),
+        "this process lives, so its states are merely silent: {error}"
+    );
+    assert!(
+        begun.elapsed() < PATIENCE,
+        "waiting ends when the silence is noticed, not when its time is over"
+    );
+    assert!(claim.send(&[Setpoint::damping(1.0); 2]).is_err());
+}
+
+#[test]
+fn killed_daemon_is_noticed_and_successor_found() {
+    let place = place();
+    let mut daemon = spawn("killed_daemon", &place, 1);
+    let client = until("a daemon", || Client::connect_in(place.path(), INSTANCE).ok());
+    client.set_silence(Duration::from_millis(500));
+    client.wait(PATIENCE).unwrap();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+    let error = until("an error", || client.wait(PATIENCE).err());
+    assert!(matches!(error, Error::NotRunning { .. }), "{error}");
+    let mut daemon = spawn("killed_daemon", &place, 2);
+    let error = until("the restart", || match client.wait(PATIENCE) {
+        Err(Error::NotRunning { .. } | Error::Timeout { .. }) => None,
+        other => Some(other),
+    });
+    assert_eq!(error.unwrap_err(), Error::Restarted);
+    assert!(client.wait(PATIENCE).is_ok());
+    client.claim("leg").unwrap().release().unwrap();
+    daemon.kill().unwrap();
+    daemon.wait().unwrap();
+}
+
+/// Goal: a process that is killed blocks nobody, and its places become free.
+/// Method: more kills, one after the other, than there are places for controllers.
+#[test]
+fn killed_controllers_neither_block_nor_keep_slots() {
+    let place = place();
+    let daemon = Running::start(place.path(), 1);
+    let client = connect(&place);
+    for _ in 0..=CONTROLLERS_MAX {
+        let before = daemon.setpoints().len();
+        let mut controller = spawn("killed_controller", &place, 0);
+        until("setpoints", || (daemon.setpoints().len() > before).then_some(()));
+        controller.kill().unwrap();
+        controller.wait().unwrap();
+        client.wait(PATIENCE).unwrap();
+        client.emergency_stop().unwrap();
+        client.force_release("leg").unwrap();
+    }
+    client.claim("leg").unwrap().send(&[Setpoint::damping(1.0); 2]).unwrap();
+}
+
+#[test]
+fn second_daemon_learns_who_runs_the_instance() {
+    let place = place();
+    let instance = Instance::below(place.path(), INSTANCE).unwrap();
+    let lock = instance.lock().unwrap();
+    let error = instance.lock().unwrap_err();
+    assert!(
+        matches!(error, InstanceError::AlreadyRunning { pid, .. } if pid == std::process::id()),
+        "{error}"
+    );
+    Instance::below(place.path(), "other").unwrap().lock().unwrap();
+    drop(lock);
+    instance.lock().unwrap();
+}
