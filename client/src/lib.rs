@@ -120,6 +120,7 @@ mod client;
 mod error;
 mod group_view;
 mod injection;
+mod joint;
 mod link;
 mod members;
 mod records;
@@ -132,6 +133,7 @@ pub use client::Client;
 pub use error::{About, Error, Stop};
 pub use group_view::GroupView;
 pub use injection::{FaultError, inject_fault};
+pub use joint::{Faults, Joint, Limits};
 pub use members::{JointKey, Slot};
 pub use motord_ports::instance::{InstanceError, RUNTIME_DIR_VARIABLE};
 pub use motord_ports::service::{Obstacle, Part, ServiceError};
@@ -142,10 +144,10 @@ pub use motord_shared::description::{
     JointLimits, Percentiles, Process, RobotDescription, Telemetry,
 };
 pub use motord_shared::{
-    Applied, BusCondition, Cause, CycleRecord, Fault, Indicator, Lease, Limit, MotorMode, Operation, Phase,
-    Refusal, Rejection, SetpointMode,
+    Applied, BusCondition, Cause, CycleRecord, Fault, Field, Indicator, JointSetpoint, JointState, Kind,
+    Lease, Limit, MotorMode, Operation, Phase, Refusal, Rejection, SetpointMode, joint_state,
 };
 pub use records::Records;
 pub use setpoint::Setpoint;
-pub use state::{Bus, Faults, Group, Indicators, Joint, Limits, State};
+pub use state::{Bus, Group, Indicators, State};
 pub use stop::emergency_stop;

@@ -3,16 +3,15 @@
 //! Everything that comes through shared memory is checked here: a number that is no code of its table becomes `None`, an index
 //! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
 
+use crate::joint::Joint;
 use motord_ports::clock;
 use motord_shared::message::{
-    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN, JOINT_FRESH,
-    JOINT_VALID,
+    FLAG_CONFIG_CHANGED, FLAG_EMERGENCY_STOP, FLAG_OVERRUN, FLAG_REALTIME, FLAG_SHUTDOWN,
 };
 use motord_shared::{
-    Applied, BusCondition, BusState, Cause, Fault, GroupState, Indicator, JointIndicators, JointState, Lease,
-    Limit, MotorMode, Phase, Rejection, StateMessage,
+    BusCondition, BusState, Cause, GroupState, Indicator, JointIndicators, Lease, Phase, Rejection,
+    StateMessage,
 };
-use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -199,145 +198,6 @@ impl State {
     }
 }
 
-/// One joint after a cycle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Joint {
-    position: f32,
-    velocity: f32,
-    torque: f32,
-    /// °C, where the motor reports it.
-    pub temperature: Option<f32>,
-    /// The command that was sent to the motor last, after all limits.
-    pub applied: Applied,
-    /// The limits that made `applied` differ from the setpoint. The limits themselves are in the
-    /// [description](crate::JointDescription::limits).
-    pub limits: Limits,
-    /// The mode of the motor. `None` for a code that this client does not know.
-    pub mode: Option<MotorMode>,
-    /// The faults that the motor reports.
-    pub faults: Faults,
-    /// Position, velocity and torque came since the states before were published.
-    pub fresh: bool,
-    /// Position, velocity and torque came at least once since the motor is online.
-    pub valid: bool,
-    /// Turns of the motor since the last reply. On most buses a turn is a cycle; with `every = N` it is N cycles.
-    pub age_cycles: u32,
-    /// Turns without a reply since the daemon started.
-    pub missed: u32,
-    /// Replies that came after their turn was over.
-    pub late: u32,
-    /// States that the joint cannot have had; none of them was used. Modulo 2³².
-    pub implausible: u32,
-    /// Time from the command to its reply; zero before the first.
-    pub reply_latency: Duration,
-    /// When the last reply came, ns of `CLOCK_MONOTONIC`; 0 before the first.
-    pub receive_ns: u64,
-}
-
-impl Joint {
-    /// The last position that was received, rad. `None` while nothing was received since the motor is online. How old it is:
-    /// [`fresh`](Self::fresh), [`age_cycles`](Self::age_cycles).
-    #[must_use]
-    pub fn position(&self) -> Option<f32> {
-        self.measured(self.position)
-    }
-
-    /// The velocity, rad/s, as [`position`](Self::position).
-    #[must_use]
-    pub fn velocity(&self) -> Option<f32> {
-        self.measured(self.velocity)
-    }
-
-    /// The torque as the motor estimates it, N·m, as [`position`](Self::position).
-    #[must_use]
-    pub fn torque(&self) -> Option<f32> {
-        self.measured(self.torque)
-    }
-
-    /// The group runs without this joint. Its motor need not be there, and its setpoints are ignored.
-    #[must_use]
-    pub fn is_excluded(&self) -> bool {
-        self.mode == Some(MotorMode::Excluded)
-    }
-
-    fn measured(&self, value: f32) -> Option<f32> {
-        (self.valid && value.is_finite()).then_some(value)
-    }
-}
-
-impl From<&JointState> for Joint {
-    fn from(joint: &JointState) -> Self {
-        Self {
-            position: joint.position,
-            velocity: joint.velocity,
-            torque: joint.torque,
-            temperature: Some(joint.temperature).filter(|temperature| temperature.is_finite()),
-            applied: joint.applied,
-            limits: Limits(joint.limits),
-            mode: MotorMode::try_from(joint.mode).ok(),
-            faults: Faults(joint.fault),
-            fresh: joint.flags & JOINT_FRESH != 0,
-            valid: joint.flags & JOINT_VALID != 0,
-            age_cycles: joint.age_cycles,
-            missed: joint.missed,
-            late: joint.late,
-            implausible: joint.implausible,
-            reply_latency: Duration::from_nanos(joint.reply_latency_ns.into()),
-            receive_ns: joint.receive_ns,
-        }
-    }
-}
-
-/// A set of faults. It prints as their names, or as `none`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Faults(u32);
-
-impl Faults {
-    /// The motor reports no fault.
-    #[must_use]
-    pub const fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
-    /// Whether the motor reports `fault`.
-    #[must_use]
-    pub const fn contains(self, fault: Fault) -> bool {
-        self.0 & fault.bit() != 0
-    }
-
-    /// The faults that have a word, lowest bit first.
-    pub fn iter(self) -> impl Iterator<Item = Fault> {
-        Fault::ALL.iter().copied().filter(move |fault| self.contains(*fault))
-    }
-
-    /// The bits as the daemon sent them: the number of an [unrecognised](Fault::Unrecognised) fault is the highest byte.
-    #[must_use]
-    pub const fn bits(self) -> u32 {
-        self.0
-    }
-
-    /// The bits that no word stands for.
-    #[must_use]
-    pub fn unknown(self) -> u32 {
-        self.iter().fold(self.0, |rest, fault| rest & !fault.bit())
-    }
-
-    /// The names of the faults; the bits without a word as one number.
-    pub fn names(self) -> impl Iterator<Item = String> {
-        let unknown = Some(self.unknown()).filter(|unknown| *unknown != 0);
-        self.iter().map(|fault| fault.name().to_owned()).chain(unknown.map(|bits| format!("{bits:#x}")))
-    }
-}
-
-impl fmt::Display for Faults {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.is_empty() {
-            true => f.write_str("none"),
-            false => f.write_str(&self.names().collect::<Vec<_>>().join(", ")),
-        }
-    }
-}
-
 /// The indicators of one motor, motor side. The daemon asks for them one after the other, each about as often as `indicator-hz`
 /// of the configuration says, by default once a second.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -354,29 +214,6 @@ impl Indicators {
     /// The known values, in the units of the indicators.
     pub fn iter(&self) -> impl Iterator<Item = (Indicator, f32)> {
         Indicator::ALL.iter().filter_map(|indicator| Some((*indicator, self.get(*indicator)?)))
-    }
-}
-
-/// A set of limits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Limits(u32);
-
-impl Limits {
-    /// No limit acted.
-    #[must_use]
-    pub const fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
-    /// Whether `limit` acted.
-    #[must_use]
-    pub const fn contains(self, limit: Limit) -> bool {
-        self.0 & limit.bit() != 0
-    }
-
-    /// The limits that acted.
-    pub fn iter(self) -> impl Iterator<Item = Limit> {
-        Limit::ALL.iter().copied().filter(move |limit| self.contains(*limit))
     }
 }
 
@@ -463,6 +300,7 @@ impl From<&BusState> for Bus {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use motord_shared::{Fault, JointState, Limit};
 
     #[test]
     fn a_lying_daemon_cannot_make_a_client_panic() {
@@ -521,23 +359,5 @@ mod tests {
         seen.sort_unstable();
         seen.dedup();
         assert_eq!((newest.cycle(), seen.len()), (99, 2));
-    }
-
-    #[test]
-    fn joint_without_replies_has_no_position() {
-        let silent = JointState { position: 0.5, velocity: 0.5, torque: 0.5, ..JointState::default() };
-        let joint = Joint::from(&silent);
-        assert_eq!((joint.position(), joint.velocity(), joint.torque()), (None, None, None));
-        let heard = Joint::from(&JointState { flags: JOINT_VALID, ..silent });
-        assert_eq!((heard.position(), heard.velocity(), heard.torque()), (Some(0.5), Some(0.5), Some(0.5)));
-    }
-
-    #[test]
-    fn faults_print_names_and_keep_unnamed_bits() {
-        assert_eq!(Faults(0).to_string(), "none");
-        assert_eq!(Faults(0x1_0021).to_string(), "foc-frequency, 0x10020");
-        assert_eq!(Faults(0x22).to_string(), "over-voltage, 0x20");
-        assert!(Faults(0x22).contains(Fault::OverVoltage) && !Faults(0x22).contains(Fault::Overload));
-        assert_eq!(Faults(0x1480_0000).to_string(), "unrecognised, 0x14000000");
     }
 }

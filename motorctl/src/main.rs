@@ -16,6 +16,7 @@ mod fault;
 mod history;
 mod indicator;
 mod instances;
+mod joint_report;
 mod monitor;
 mod operate;
 mod report;

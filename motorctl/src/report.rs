@@ -1,8 +1,9 @@
 //! The state of the robot as `status` and `watch` print it, for scripts and for operators.
 
 use crate::advice::{Advice, motorctl};
+use crate::joint_report::{IndicatorReport, JointReport, UNKNOWN};
 use motord_client::{
-    Bus, BusCondition, Cause, Group, Indicator, Joint, JointDescription, Lease, MotorMode, Phase, Process,
+    Bus, BusCondition, Cause, Group, Indicator, JointDescription, Lease, MotorMode, Phase, Process,
     Rejection, RobotDescription, State, Telemetry,
 };
 use motord_terminal::{Cell, Colour, Palette, Table, printable};
@@ -10,9 +11,6 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::io::{self, Write};
-
-/// A word that this version does not know: the daemon is newer.
-const UNKNOWN: &str = "unknown";
 
 /// The robot after one cycle, as `--json` prints it.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -103,52 +101,6 @@ impl StopReport {
         let origin = joint.or_else(|| self.asked_by.as_ref().map(|process| format!("by {process}")));
         origin.map_or_else(String::new, |origin| format!(" ({origin})"))
     }
-}
-
-/// A joint.
-#[derive(Debug, Clone, Default, Serialize)]
-pub(crate) struct JointReport {
-    pub(crate) name: String,
-    pub(crate) bus: String,
-    pub(crate) mode: &'static str,
-    /// `null`, like velocity and torque, before the motor has reported it.
-    pub(crate) position_rad: Option<f32>,
-    pub(crate) velocity_rad_s: Option<f32>,
-    pub(crate) torque_nm: Option<f32>,
-    /// Lowest and highest position that its limits allow.
-    pub(crate) position_range_rad: [f32; 2],
-    /// Largest torque that its limits allow.
-    pub(crate) torque_max_nm: f32,
-    /// `null` when the protocol does not report it.
-    pub(crate) temperature_celsius: Option<f32>,
-    pub(crate) faults: Vec<String>,
-    /// Limits that acted on the applied setpoint.
-    pub(crate) limits: Vec<&'static str>,
-    /// The motor has reported position, velocity and torque since it came online.
-    pub(crate) valid: bool,
-    /// It stands outside the positions that its setpoints may have: its group cannot be enabled.
-    pub(crate) outside_limits: bool,
-    /// The obstacle to its motion, and what helps; `null` when there is none.
-    pub(crate) advice: Option<String>,
-    /// Cycles since the last reply.
-    pub(crate) age_cycles: u32,
-    /// Cycles without a reply.
-    pub(crate) missed: u32,
-    /// Replies that came after their cycle was over.
-    pub(crate) late: u32,
-    /// States that the joint cannot have had.
-    pub(crate) implausible: u32,
-    pub(crate) reply_latency_us: f64,
-    /// By name, those that are known. Only native motors have some.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) indicators: BTreeMap<&'static str, IndicatorReport>,
-}
-
-/// An indicator of a motor, motor side.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct IndicatorReport {
-    pub(crate) value: f32,
-    pub(crate) unit: &'static str,
 }
 
 /// A bus and its counters.
@@ -337,46 +289,6 @@ impl StopReport {
     /// Why the group of this `name` is stopped.
     fn describe(&self, name: &str) -> String {
         format!("{name} is stopped for {}: {}{}", self.cause, self.sentence, self.origin())
-    }
-}
-
-impl JointReport {
-    fn trouble(&self) -> Option<String> {
-        let name = &self.name;
-        if self.mode == MotorMode::Offline.name() {
-            Some(format!("{name} does not answer."))
-        } else if !self.faults.is_empty() {
-            Some(format!("{name} reports {}.", self.faults.join(", ")))
-        } else {
-            (self.mode == MotorMode::Fault.name()).then(|| format!("{name} reports a fault."))
-        }
-    }
-}
-
-impl From<(&JointDescription, Joint)> for JointReport {
-    fn from((description, joint): (&JointDescription, Joint)) -> Self {
-        Self {
-            name: description.name.clone(),
-            bus: description.bus.clone(),
-            mode: joint.mode.map_or(UNKNOWN, MotorMode::name),
-            position_rad: joint.position(),
-            velocity_rad_s: joint.velocity(),
-            torque_nm: joint.torque(),
-            position_range_rad: description.limits.position,
-            torque_max_nm: description.limits.torque,
-            temperature_celsius: joint.temperature,
-            faults: joint.faults.names().collect(),
-            limits: joint.limits.iter().map(motord_client::Limit::name).collect(),
-            valid: joint.valid,
-            outside_limits: joint.position().is_some_and(|position| !description.limits.allow(position)),
-            advice: None,
-            age_cycles: joint.age_cycles,
-            missed: joint.missed,
-            late: joint.late,
-            implausible: joint.implausible,
-            reply_latency_us: joint.reply_latency.as_secs_f64() * 1e6,
-            indicators: BTreeMap::new(),
-        }
     }
 }
 

@@ -19,6 +19,9 @@ macro_rules! codes {
             /// Every code, by rising number.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
 
+            /// The names of the codes, by rising number.
+            pub const NAMES: &'static [&'static str] = &[$($name,)+];
+
             /// The number in the messages.
             #[must_use]
             pub const fn code(self) -> u32 {

@@ -2,6 +2,7 @@
 //!
 //! - [`message`]: the shared-memory layouts. They hold integers and floats only: another process may write any bytes there, and
 //!   a `bool` or an `enum` with such bytes would be undefined behaviour.
+//! - [`JointState`]: the state of a joint, from the table [`joint_state!`], with a [`Field`] for each row.
 //! - [`codes`]: the meaning of the integers. A number becomes a code by `TryFrom`, and every code has a name and a sentence.
 //! - [`Lease`]: the right to command a group.
 //! - [`description`]: names and limits of the joints, and telemetry, as text.
@@ -12,6 +13,8 @@
 
 pub mod codes;
 pub mod description;
+mod field;
+mod joint;
 mod lease;
 pub mod limits;
 pub mod message;
@@ -21,6 +24,7 @@ pub use codes::{
     BusCondition, Cause, Fault, Indicator, Limit, MotorMode, Operation, Phase, Refusal, Rejection,
     SetpointMode,
 };
+pub use field::{Field, Kind};
 pub use lease::Lease;
 pub use limits::DEFAULT_INSTANCE;
 pub use message::{

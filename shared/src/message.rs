@@ -9,6 +9,7 @@ use crate::limits::{
 };
 use crate::plain::plain;
 
+pub use crate::joint::{Applied, JOINT_FRESH, JOINT_VALID, JointState};
 pub use crate::plain::Message;
 
 /// `StateMessage::flags`: the emergency stop is latched.
@@ -23,68 +24,10 @@ pub const FLAG_SHUTDOWN: u32 = 1 << 3;
 /// `StateMessage::flags`: the configuration's file is no longer the one that the daemon read at its start.
 pub const FLAG_CONFIG_CHANGED: u32 = 1 << 4;
 
-/// `JointState::flags`: position, velocity and torque were received since the states before were published.
-pub const JOINT_FRESH: u32 = 1 << 0;
-/// `JointState::flags`: position, velocity and torque have been received at least once since the motor came online.
-pub const JOINT_VALID: u32 = 1 << 1;
-
 /// A group index that means every group.
 pub const ALL_GROUPS: u32 = u32::MAX;
 /// A joint index that means none in particular.
 pub const NO_JOINT: u32 = u32::MAX;
-
-plain! {
-    /// The command that went to the motor in a cycle, after all limits, joint side.
-    pub struct Applied {
-        /// rad.
-        pub position: f32,
-        /// rad/s.
-        pub velocity: f32,
-        /// Stiffness, N·m/rad.
-        pub kp: f32,
-        /// Damping, N·m·s/rad.
-        pub kd: f32,
-        /// N·m.
-        pub torque: f32,
-    }
-}
-
-plain! {
-    /// One joint in a cycle.
-    pub struct JointState {
-        /// rad. The last one received; see `age_cycles`.
-        pub position: f32,
-        /// rad/s.
-        pub velocity: f32,
-        /// N·m, as the motor estimates it.
-        pub torque: f32,
-        /// °C, NaN when the protocol does not tell.
-        pub temperature: f32,
-        /// The command that was sent to the motor last.
-        pub applied: Applied,
-        /// `Limit` bits that acted on `applied`.
-        pub limits: u32,
-        /// `MotorMode` code.
-        pub mode: u32,
-        /// `Fault` bits that the motor reports; 0 for none.
-        pub fault: u32,
-        /// `JOINT_*` flags.
-        pub flags: u32,
-        /// Turns of the motor since the last reply; 0 when it came since the states before were published. On most buses a turn is a
-        /// cycle; with `every = N` it is N cycles.
-        pub age_cycles: u32,
-        /// Turns without a reply since the daemon started.
-        pub missed: u32,
-        /// Time from the command to its reply, ns; 0 before the first.
-        pub reply_latency_ns: u32,
-        /// Replies that came after their turn was over.
-        pub late: u32,
-        /// States that decoded, but that the joint cannot have had; none of them was used. Modulo 2³².
-        pub implausible: u32,
-        /// When the last reply arrived, ns of `CLOCK_MONOTONIC`; 0 before the first.
-        pub receive_ns: u64,
-    }
-}
 
 plain! {
     /// One group in a cycle.
@@ -192,7 +135,7 @@ plain! {
 }
 
 impl Message for StateMessage {
-    const TYPE_NAME: &'static str = "motord.State.v5";
+    const TYPE_NAME: &'static str = crate::joint::STATE_TYPE;
 }
 
 impl StateMessage {
@@ -334,7 +277,7 @@ plain! {
 }
 
 impl Message for CycleRecord {
-    const TYPE_NAME: &'static str = "motord.CycleRecord.v1";
+    const TYPE_NAME: &'static str = crate::joint::RECORD_TYPE;
 }
 
 impl CycleRecord {
@@ -438,7 +381,6 @@ impl AdminAnswer {
 const _: () = {
     use core::mem::{offset_of, size_of};
     assert!(size_of::<Applied>() == 20);
-    assert!(size_of::<JointState>() == 80 && offset_of!(JointState, implausible) == 68);
     assert!(size_of::<GroupState>() == 64 + 4 * Rejection::COUNT);
     assert!(size_of::<BusState>() == 36);
     assert!(size_of::<JointIndicators>() == 4 + 4 * INDICATORS_MAX);
@@ -446,7 +388,7 @@ const _: () = {
     assert!(
         size_of::<StateMessage>()
             == 72
-                + 64 * 80
+                + 64 * size_of::<JointState>()
                 + 8 * size_of::<GroupState>()
                 + 16 * 36
                 + INDICATOR_JOINTS_MAX * size_of::<JointIndicators>()

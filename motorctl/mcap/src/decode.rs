@@ -25,33 +25,60 @@ macro_rules! code {
     }};
 }
 
-pub(crate) fn joint(joint: &motord::Joint) -> (JointState, Option<JointSetpoint>) {
-    let is_valid = joint.position.is_some();
-    let applied = joint.applied.unwrap_or_default();
-    let state = JointState {
-        position: joint.position.unwrap_or_default(),
-        velocity: joint.velocity.unwrap_or_default(),
-        torque: joint.torque.unwrap_or_default(),
-        temperature: joint.temperature.unwrap_or(f32::NAN),
-        applied: Applied {
-            position: applied.position,
-            velocity: applied.velocity,
-            kp: applied.kp,
-            kd: applied.kd,
-            torque: applied.torque,
-        },
-        limits: joint.limits,
-        mode: code!(MotorMode, &joint.mode),
-        fault: joint.faults,
-        flags: if joint.fresh { JOINT_FRESH } else { 0 } | if is_valid { JOINT_VALID } else { 0 },
-        age_cycles: joint.age_cycles,
-        missed: joint.missed,
-        reply_latency_ns: joint.reply_latency_ns,
-        late: joint.late,
-        implausible: joint.implausible,
-        receive_ns: joint.receive_ns,
+/// Reads the value of a row's kind.
+macro_rules! decoded {
+    ([Optional], $value:expr) => {
+        $value.unwrap_or(f32::NAN)
     };
-    (state, joint.setpoint.as_ref().map(setpoint))
+    ([Command], $command:expr) => {
+        applied($command.unwrap_or_default())
+    };
+    ([Code $code:ident], $word:expr) => {
+        code!($code, &$word)
+    };
+    ([Set $code:ident], $bits:expr) => {
+        $bits
+    };
+    ([$kind:ident], $value:expr) => {
+        $value
+    };
+}
+
+/// The bits of a flag that is set.
+macro_rules! flag {
+    ($number:literal, $is_set:expr, $bits:expr) => {
+        if $is_set { $bits } else { 0 }
+    };
+}
+
+macro_rules! define {
+    (
+        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
+        fields { $(
+            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
+            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
+        )+ }
+        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+    ) => {
+        pub(crate) fn joint(joint: &motord::Joint) -> (JointState, Option<JointSetpoint>) {
+            let mut state = JointState {
+                $($measured: joint.$measured.unwrap_or_default(),)+
+                $($($name: decoded!($kind, joint.$proto),)?)+
+                ..JointState::default()
+            };
+            // The quantities of a joint that was never heard are absent.
+            state.flags = if joint.position.is_some() { JOINT_VALID } else { 0 };
+            $($(state.flags |= flag!($flag_number, joint.$flag, $bits);)?)+
+            (state, joint.setpoint.as_ref().map(setpoint))
+        }
+    };
+}
+
+motord_shared::joint_state!(define);
+
+fn applied(command: motord::Command) -> Applied {
+    let motord::Command { position, velocity, kp, kd, torque } = command;
+    Applied { position, velocity, kp, kd, torque }
 }
 
 fn setpoint(setpoint: &motord::Setpoint) -> JointSetpoint {

@@ -16,28 +16,57 @@ fn name<T: TryFrom<u32> + ToString>(code: u32) -> String {
     T::try_from(code).map_or_else(|_| code.to_string(), |known| known.to_string())
 }
 
-pub(crate) fn joint(cycle: u64, joint: &JointState, setpoint: Option<&JointSetpoint>) -> motord::Joint {
-    let measured = |value: f32| (joint.flags & JOINT_VALID != 0).then_some(value);
-    motord::Joint {
-        cycle,
-        position: measured(joint.position),
-        velocity: measured(joint.velocity),
-        torque: measured(joint.torque),
-        temperature: Some(joint.temperature).filter(|temperature| temperature.is_finite()),
-        setpoint: setpoint.map(self::setpoint),
-        applied: Some(command(&joint.applied)),
-        mode: name::<MotorMode>(joint.mode),
-        faults: joint.fault,
-        limits: joint.limits,
-        fresh: joint.flags & JOINT_FRESH != 0,
-        age_cycles: joint.age_cycles,
-        missed: joint.missed,
-        late: joint.late,
-        implausible: joint.implausible,
-        reply_latency_ns: joint.reply_latency_ns,
-        receive_ns: joint.receive_ns,
-    }
+/// The value of a row's kind in Protobuf.
+macro_rules! encoded {
+    ([Optional], $value:expr) => {
+        Some($value).filter(|value| value.is_finite())
+    };
+    ([Command], $applied:expr) => {
+        Some(command(&$applied))
+    };
+    ([Code $code:ident], $number:expr) => {
+        name::<$code>($number)
+    };
+    ([Set $code:ident], $bits:expr) => {
+        $bits
+    };
+    ([$kind:ident], $value:expr) => {
+        $value
+    };
 }
+
+/// Whether a flag is set; a flag without a number is not in the message.
+macro_rules! flag {
+    ($number:literal, $flags:expr, $bits:expr) => {
+        $flags & $bits != 0
+    };
+}
+
+macro_rules! define {
+    (
+        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
+        fields { $(
+            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
+            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
+        )+ }
+        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+    ) => {
+        pub(crate) fn joint(cycle: u64, joint: &JointState, setpoint: Option<&JointSetpoint>) -> motord::Joint {
+            let measured = |value: f32| (joint.flags & JOINT_VALID != 0).then_some(value);
+            let mut message = motord::Joint {
+                cycle,
+                setpoint: setpoint.map(self::setpoint),
+                $($measured: measured(joint.$measured),)+
+                $($($proto: encoded!($kind, joint.$name),)?)+
+                ..motord::Joint::default()
+            };
+            $($(message.$flag = flag!($flag_number, joint.flags, $bits);)?)+
+            message
+        }
+    };
+}
+
+motord_shared::joint_state!(define);
 
 fn setpoint(setpoint: &JointSetpoint) -> motord::Setpoint {
     let JointSetpoint { position, velocity, kp, kd, torque, mode } = *setpoint;

@@ -117,7 +117,7 @@ fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
 /// # Errors
 ///
 /// Why not.
-pub(crate) fn draw(rows: &[[Panel; 3]]) -> Result<String, String> {
+pub(crate) fn draw(rows: &[Vec<Panel>]) -> Result<String, String> {
     let times = rows.iter().flatten().flat_map(Panel::points).map(|(time, _)| time);
     let (begin, end) = extremes(times).unwrap_or((0.0, 1.0));
     let times = begin..end.max(begin + 1e-3);
@@ -126,12 +126,13 @@ pub(crate) fn draw(rows: &[[Panel; 3]]) -> Result<String, String> {
     Ok(svg)
 }
 
-fn draw_rows(svg: &mut String, rows: &[[Panel; 3]], times: &Range<f64>) -> Result<(), Box<dyn Error>> {
-    let size = (3 * PANEL.0, PANEL.1 * u32::try_from(rows.len())?);
+fn draw_rows(svg: &mut String, rows: &[Vec<Panel>], times: &Range<f64>) -> Result<(), Box<dyn Error>> {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let size = (PANEL.0 * u32::try_from(columns)?, PANEL.1 * u32::try_from(rows.len())?);
     let area = SVGBackend::with_string(svg, size).into_drawing_area();
     area.fill(&WHITE)?;
     let panels = rows.iter().flatten();
-    for (index, (panel, area)) in panels.zip(area.split_evenly((rows.len(), 3))).enumerate() {
+    for (index, (panel, area)) in panels.zip(area.split_evenly((rows.len(), columns))).enumerate() {
         draw_panel(&area, panel, times.clone(), index == 0)?;
     }
     Ok(area.present()?)
@@ -192,7 +193,7 @@ mod tests {
         });
         panel[0].curves[2].take(0.5, Some(1.0));
         panel[0].curves[2].take(0.6, Some(f32::NAN));
-        let svg = draw(&[panel]).unwrap();
+        let svg = draw(&[panel.into()]).unwrap();
         for text in
             ["<svg", "knee &lt;b&gt;: velocity, rad/s", "torque, N·m", "setpoint", "applied", "reported"]
         {

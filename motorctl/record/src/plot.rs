@@ -3,7 +3,7 @@
 use crate::failure::RecorderFailure;
 use crate::picture::{self, Curve, Panel};
 use crate::recording::Recording;
-use motord_client::{CycleRecord, MotorMode, RobotDescription, State};
+use motord_client::{CycleRecord, Field, JointState, Kind, MotorMode, RobotDescription, State};
 use motord_terminal::{printable, within};
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -39,7 +39,7 @@ fn parse_time(text: &str) -> Result<f64, String> {
 pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
     let mut recording = Recording::open(&arguments.file)?;
     let joints = indices(recording.robot(), &arguments.joints)?;
-    let mut rows: Vec<[Panel; 3]> = arguments.joints.iter().map(|name| panels(name)).collect();
+    let mut rows: Vec<Vec<Panel>> = arguments.joints.iter().map(|name| panels(name)).collect();
     let to = arguments.to.unwrap_or(f64::INFINITY);
     let mut first = None;
     while let Some(record) = recording.next_cycle() {
@@ -78,27 +78,33 @@ fn indices(robot: &RobotDescription, names: &[String]) -> Result<Vec<usize>, Rec
     names.iter().map(|name| index(name).ok_or_else(|| unknown(name))).collect()
 }
 
-/// Position, velocity and torque, each with what was reported, asked for and sent.
-fn panels(joint: &str) -> [Panel; 3] {
-    ["position, rad", "velocity, rad/s", "torque, N·m"].map(|quantity| Panel {
-        title: format!("{joint}: {quantity}"),
+/// A panel for each measured quantity of a joint: the setpoint, the applied command and the reported value.
+fn panels(joint: &str) -> Vec<Panel> {
+    let fields = JointState::FIELDS.iter().filter(|field| field.kind == Kind::Measured);
+    let panel = |field: &Field| Panel {
+        title: format!("{joint}: {}, {}", field.name, field.unit),
         curves: ["setpoint", "applied", "reported"].map(Curve::new),
-    })
+    };
+    fields.map(panel).collect()
 }
 
-fn take(row: &mut [Panel; 3], time: f64, record: &CycleRecord, index: usize) {
+fn take(row: &mut [Panel], time: f64, record: &CycleRecord, index: usize) {
     let Some(joint) = State::from(&record.state).joint(index) else { return };
-    let setpoint = record.setpoint(index);
-    let hears_commands =
+    let receives_commands =
         matches!(joint.mode, Some(MotorMode::Starting | MotorMode::Active | MotorMode::Damping));
-    let applied = hears_commands.then_some(joint.applied);
-    let values = [
-        [setpoint.map(|asked| asked.position), applied.map(|sent| sent.position), joint.position()],
-        [setpoint.map(|asked| asked.velocity), applied.map(|sent| sent.velocity), joint.velocity()],
-        [setpoint.map(|asked| asked.torque), applied.map(|sent| sent.torque), joint.torque()],
-    ];
-    for (panel, values) in row.iter_mut().zip(values) {
-        for (curve, value) in panel.curves.iter_mut().zip(values) {
+    let applied = receives_commands.then_some(joint.applied);
+    let setpoint = record.setpoint(index);
+    for (panel, (field, reported)) in row.iter_mut().zip(joint.quantities()) {
+        // Other quantities have no setpoint.
+        let commanded = |position, velocity, torque| match field.name {
+            "position" => Some(position),
+            "velocity" => Some(velocity),
+            "torque" => Some(torque),
+            _ => None,
+        };
+        let asked = setpoint.and_then(|asked| commanded(asked.position, asked.velocity, asked.torque));
+        let sent = applied.and_then(|sent| commanded(sent.position, sent.velocity, sent.torque));
+        for (curve, value) in panel.curves.iter_mut().zip([asked, sent, reported]) {
             curve.take(time, value);
         }
     }

@@ -6,7 +6,8 @@ use super::picture::{Loss, Picture, Reading, Sample};
 use super::request::Notice;
 use super::view::{Order, Page, View};
 use crate::advice::Advice;
-use crate::report::{BusReport, GroupReport, JointReport, RobotReport, StopReport};
+use crate::joint_report::JointReport;
+use crate::report::{BusReport, GroupReport, RobotReport, StopReport};
 use motord_client::{
     Cause, GroupDescription, GroupHistory, Percentiles, Process, RobotDescription, Telemetry,
 };

@@ -5,9 +5,10 @@
 use crate::line::Line;
 use crate::programs::{commands, help, program};
 use crate::schema::{assert_lines_valid, schema, schemas};
+use motord_client::Kind;
 use motord_harness::daemon;
 use motord_harness::daemon::Daemon;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
@@ -47,6 +48,36 @@ fn schemas_are_valid_and_belong_to_commands() {
             assert!(known.contains(name), "{name} is no command");
             assert!(jsonschema::meta::is_valid(&schema(name)), "{name}");
         }
+    }
+}
+
+/// The keys of a joint, their types and descriptions come from the table of its state.
+#[test]
+fn joint_schema_is_generated_from_its_table() {
+    let joint = &schema("motorctl-status")["properties"]["joints"]["items"];
+    for field in motord_client::JointState::FIELDS {
+        let Some(key) = field.json else { continue };
+        let mut expected = match field.kind {
+            Kind::Measured | Kind::Optional => json!({ "type": ["number", "null"] }),
+            Kind::Latency => json!({ "type": "number" }),
+            Kind::Count => json!({ "type": "integer", "minimum": 0 }),
+            Kind::Code(names) => json!({ "enum": ([names, &["unknown"]].concat()) }),
+            Kind::Set(_) => json!({ "type": "array", "items": { "type": "string" } }),
+            Kind::Flag(_) => json!({ "type": "boolean" }),
+            Kind::Time | Kind::Flags | Kind::Command | Kind::Reserved => panic!("{key} has no form in JSON"),
+        };
+        let unit = if field.kind == Kind::Latency { "µs" } else { field.unit };
+        let unit = if unit.is_empty() { String::new() } else { format!(" Unit: {unit}.") };
+        let note = match field.kind {
+            Kind::Measured => " null before the motor has reported it.",
+            Kind::Optional => " null where the motor does not report it.",
+            Kind::Code(_) => " `unknown` for one of a newer daemon.",
+            Kind::Set(_) => " Bits without a name are one hexadecimal number.",
+            _ => "",
+        };
+        expected["description"] = format!("{}{unit}{note}", field.doc).into();
+        assert_eq!(joint["properties"][key], expected, "properties.joints.items.properties.{key}");
+        assert!(joint["required"].as_array().unwrap().contains(&key.into()), "{key} is required");
     }
 }
 

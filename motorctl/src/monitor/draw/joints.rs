@@ -3,7 +3,7 @@
 use super::super::picture::Reading;
 use super::super::view::{Order, View};
 use super::text::{bold, dim, left, right};
-use crate::report::JointReport;
+use crate::joint_report::JointReport;
 use motord_client::MotorMode;
 use motord_terminal::number;
 use ratatui::style::{Color, Style, Stylize};

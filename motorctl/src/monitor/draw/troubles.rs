@@ -3,7 +3,8 @@
 use super::super::picture::Reading;
 use super::text::{alarm, bold, wrapped};
 use crate::advice::motorctl;
-use crate::report::{BusReport, JointReport};
+use crate::joint_report::JointReport;
+use crate::report::BusReport;
 use motord_client::{BusCondition, Cause, MotorMode};
 use ratatui::text::Line;
 

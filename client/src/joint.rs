@@ -1,0 +1,198 @@
+//! The state of a joint, as codes instead of numbers.
+
+use motord_shared::message::{JOINT_FRESH, JOINT_VALID};
+use motord_shared::{Applied, Fault, Field, JointState, Limit, MotorMode};
+use std::fmt;
+use std::time::Duration;
+
+/// The type of a row's kind in the client library.
+macro_rules! view_type {
+    ([Optional]) => { Option<f32> };
+    ([Command]) => { Applied };
+    ([Set Limit]) => { Limits };
+    ([Set Fault]) => { Faults };
+    ([Code $code:ident]) => { Option<$code> };
+    ([Count]) => { u32 };
+    ([Latency]) => { Duration };
+    ([Time]) => { u64 };
+}
+
+/// The value of a row's kind in the client library.
+macro_rules! view {
+    ([Optional], $value:expr) => {
+        Some($value).filter(|value| value.is_finite())
+    };
+    ([Set Limit], $bits:expr) => {
+        Limits($bits)
+    };
+    ([Set Fault], $bits:expr) => {
+        Faults($bits)
+    };
+    ([Code $code:ident], $number:expr) => {
+        $code::try_from($number).ok()
+    };
+    ([Latency], $nanos:expr) => {
+        Duration::from_nanos($nanos.into())
+    };
+    ([$kind:ident], $value:expr) => {
+        $value
+    };
+}
+
+macro_rules! define {
+    (
+        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
+        fields { $(
+            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
+            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
+        )+ }
+        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+    ) => {
+        /// One joint after a cycle.
+        ///
+        /// A mode is `None` for a code that this client does not know. A quantity is `None` when the motor does not report it.
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct Joint {
+            $($measured: f32,)+
+            $($(#[doc = $doc] pub $view: view_type!($kind),)?)+
+            $(#[doc = $flag_doc] pub $flag: bool,)+
+        }
+
+        impl Joint {
+            $(
+                #[doc = $measured_doc]
+                #[doc = concat!("\n\nUnit: ", $measured_unit, ".")]
+                /// `None` while nothing was received since the motor came online.
+                #[must_use]
+                pub fn $measured(&self) -> Option<f32> {
+                    self.measured(self.$measured)
+                }
+            )+
+
+            /// The measured quantities with their descriptions.
+            pub fn quantities(&self) -> impl Iterator<Item = (&'static Field, Option<f32>)> {
+                JointState::FIELDS.iter().zip([$(self.$measured(),)+])
+            }
+        }
+
+        impl From<&JointState> for Joint {
+            fn from(joint: &JointState) -> Self {
+                Self {
+                    $($measured: joint.$measured,)+
+                    $($($view: view!($kind, joint.$name),)?)+
+                    $($flag: joint.flags & $bits != 0,)+
+                }
+            }
+        }
+    };
+}
+
+motord_shared::joint_state!(define);
+
+impl Joint {
+    /// The group runs without this joint. Its motor need not be connected, and its setpoints are ignored.
+    #[must_use]
+    pub fn is_excluded(&self) -> bool {
+        self.mode == Some(MotorMode::Excluded)
+    }
+
+    fn measured(&self, value: f32) -> Option<f32> {
+        (self.valid && value.is_finite()).then_some(value)
+    }
+}
+
+/// A set of faults. It prints as their names, or as `none`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Faults(u32);
+
+impl Faults {
+    /// The motor reports no fault.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether the motor reports `fault`.
+    #[must_use]
+    pub const fn contains(self, fault: Fault) -> bool {
+        self.0 & fault.bit() != 0
+    }
+
+    /// The faults that have a word, lowest bit first.
+    pub fn iter(self) -> impl Iterator<Item = Fault> {
+        Fault::ALL.iter().copied().filter(move |fault| self.contains(*fault))
+    }
+
+    /// The bits as the daemon sent them: the number of an [unrecognised](Fault::Unrecognised) fault is the highest byte.
+    #[must_use]
+    pub const fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// The bits that no word stands for.
+    #[must_use]
+    pub fn unknown(self) -> u32 {
+        self.iter().fold(self.0, |rest, fault| rest & !fault.bit())
+    }
+
+    /// The names of the faults; the bits without a word as one number.
+    pub fn names(self) -> impl Iterator<Item = String> {
+        let unknown = Some(self.unknown()).filter(|unknown| *unknown != 0);
+        self.iter().map(|fault| fault.name().to_owned()).chain(unknown.map(|bits| format!("{bits:#x}")))
+    }
+}
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.is_empty() {
+            true => f.write_str("none"),
+            false => f.write_str(&self.names().collect::<Vec<_>>().join(", ")),
+        }
+    }
+}
+
+/// A set of limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Limits(u32);
+
+impl Limits {
+    /// No limit acted.
+    #[must_use]
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether `limit` acted.
+    #[must_use]
+    pub const fn contains(self, limit: Limit) -> bool {
+        self.0 & limit.bit() != 0
+    }
+
+    /// The limits that acted.
+    pub fn iter(self) -> impl Iterator<Item = Limit> {
+        Limit::ALL.iter().copied().filter(move |limit| self.contains(*limit))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joint_without_replies_has_no_position() {
+        let silent = JointState { position: 0.5, velocity: 0.5, torque: 0.5, ..JointState::default() };
+        let joint = Joint::from(&silent);
+        assert_eq!((joint.position(), joint.velocity(), joint.torque()), (None, None, None));
+        let heard = Joint::from(&JointState { flags: JOINT_VALID, ..silent });
+        assert_eq!((heard.position(), heard.velocity(), heard.torque()), (Some(0.5), Some(0.5), Some(0.5)));
+    }
+
+    #[test]
+    fn faults_print_names_and_keep_unnamed_bits() {
+        assert_eq!(Faults(0).to_string(), "none");
+        assert_eq!(Faults(0x1_0021).to_string(), "foc-frequency, 0x10020");
+        assert_eq!(Faults(0x22).to_string(), "over-voltage, 0x20");
+        assert!(Faults(0x22).contains(Fault::OverVoltage) && !Faults(0x22).contains(Fault::Overload));
+        assert_eq!(Faults(0x1480_0000).to_string(), "unrecognised, 0x14000000");
+    }
+}

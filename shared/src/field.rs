@@ -1,0 +1,79 @@
+//! Descriptions of the fields of a state, for schemas, recordings, plots and bindings.
+
+/// A field of a state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field {
+    /// Name in the message.
+    pub name: &'static str,
+    /// Its meaning, as sentences without the unit.
+    pub doc: &'static str,
+    /// Unit in the message; empty for a value without one.
+    pub unit: &'static str,
+    /// Type and shape.
+    pub kind: Kind,
+    /// Offset in the message, bytes. Flags have the offset of their word.
+    pub offset: usize,
+    /// Key in JSON.
+    pub json: Option<&'static str>,
+    /// Name and number in Protobuf.
+    pub proto: Option<(&'static str, u32)>,
+}
+
+/// Type and shape of a field: how it is stored in a message, and how JSON and Protobuf represent it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// `f32` that is valid once the device has reported it.
+    Measured,
+    /// `f32`; NaN when the device does not report it.
+    Optional,
+    /// `u32` that counts.
+    Count,
+    /// `u32`, duration in ns; JSON has µs.
+    Latency,
+    /// `u64`, ns of `CLOCK_MONOTONIC`.
+    Time,
+    /// `u32`, number of a code. JSON and Protobuf have its name.
+    Code(&'static [&'static str]),
+    /// `u32`, a bit for each code. JSON has the names.
+    Set(&'static [&'static str]),
+    /// `u32` whose bits are fields of the kind `Flag`.
+    Flags,
+    /// Bits of a `Flags` word.
+    Flag(u32),
+    /// `f32` values of a command: position, velocity, kp, kd, torque.
+    Command,
+    /// `u32` without a meaning that keeps the layout free of padding.
+    Reserved,
+}
+
+impl Kind {
+    /// Element type and number of elements in the message.
+    #[must_use]
+    pub const fn memory(self) -> (&'static str, usize) {
+        match self {
+            Self::Measured | Self::Optional => ("f32", 1),
+            Self::Command => ("f32", 5),
+            Self::Time => ("u64", 1),
+            Self::Count
+            | Self::Latency
+            | Self::Code(_)
+            | Self::Set(_)
+            | Self::Flags
+            | Self::Flag(_)
+            | Self::Reserved => ("u32", 1),
+        }
+    }
+
+    /// Type in Protobuf.
+    #[must_use]
+    pub const fn proto(self) -> &'static str {
+        match self {
+            Self::Measured | Self::Optional => "optional float",
+            Self::Command => "Command",
+            Self::Time => "uint64",
+            Self::Code(_) => "string",
+            Self::Flag(_) => "bool",
+            Self::Count | Self::Latency | Self::Set(_) | Self::Flags | Self::Reserved => "uint32",
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! The state of a joint: one table from which the message, the client library, JSON and recordings come.
+
+use crate::codes::{Fault, Limit, MotorMode};
+use crate::field::{Field, Kind};
+use crate::plain::plain;
+
+/// Name and version of the message with the states of all joints. Each change of the table or of the meaning of a field raises the
+/// version, here and in [`RECORD_TYPE`].
+pub(crate) const STATE_TYPE: &str = "motord.State.v5";
+/// Name and version of the message for recorders, which contains the state.
+pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v1";
+
+/// [`JointState::flags`]: position, velocity and torque were received since the states before were published.
+pub const JOINT_FRESH: u32 = 1 << 0;
+/// [`JointState::flags`]: position, velocity and torque have been received at least once since the motor came online.
+pub const JOINT_VALID: u32 = 1 << 1;
+
+plain! {
+    /// The command that was sent to the motor in a cycle, after all limits, joint side.
+    pub struct Applied {
+        /// rad.
+        pub position: f32,
+        /// rad/s.
+        pub velocity: f32,
+        /// Stiffness, N·m/rad.
+        pub kp: f32,
+        /// Damping, N·m·s/rad.
+        pub kd: f32,
+        /// N·m.
+        pub torque: f32,
+    }
+}
+
+/// Calls the macro `$with` with the table of a joint's state. Tokens after its name come before the table.
+///
+/// The rows stand in the order of the memory. A row has the name in the message, its type, its [`Kind`] in brackets, and where the
+/// field appears: `view` is the name in the client library, `json` the key in JSON, `proto` the name and number in recordings.
+/// `measured` quantities are `f32`, have the same name everywhere, and are plotted. `flags` are bits of the field `flags`.
+/// Numbers of `proto` are never used again. A key in JSON ends with its unit.
+#[macro_export]
+macro_rules! joint_state {
+    ($with:ident $($first:tt)*) => {
+        $with! {
+            $($first)*
+            measured {
+                /// Position as last received. `age_cycles` is its age.
+                position, unit "rad", json position_rad, proto 2;
+                /// Velocity as last received.
+                velocity, unit "rad/s", json velocity_rad_s, proto 3;
+                /// Torque as the motor estimates it.
+                torque, unit "N·m", json torque_nm, proto 4;
+            }
+            fields {
+                /// Temperature of the motor.
+                temperature: f32, [Optional], unit "°C", view temperature, json temperature_celsius, proto temperature = 5;
+                /// The command that was sent to the motor last, after all limits.
+                applied: Applied, [Command], view applied, proto applied = 7;
+                /// The limits that changed the applied command.
+                limits: u32, [Set Limit], view limits, json limits, proto limits = 10;
+                /// The mode of the motor.
+                mode: u32, [Code MotorMode], view mode, json mode, proto mode = 8;
+                /// The faults that the motor reports.
+                fault: u32, [Set Fault], view faults, json faults, proto faults = 9;
+                /// `JOINT_*` flags.
+                flags: u32, [Flags];
+                /// Turns of the motor since the last reply. A turn is a cycle, or N cycles with `every = N`.
+                age_cycles: u32, [Count], view age_cycles, json age_cycles, proto age_cycles = 12;
+                /// Turns without a reply since the daemon started.
+                missed: u32, [Count], view missed, json missed, proto missed = 13;
+                /// Time from the last command to its reply; 0 before the first.
+                reply_latency_ns: u32, [Latency], unit "ns", view reply_latency, json reply_latency_us, proto reply_latency_ns = 16;
+                /// Replies that came after their turn was over.
+                late: u32, [Count], view late, json late, proto late = 14;
+                /// States that the joint cannot have had. None of them was used.
+                implausible: u32, [Count], view implausible, json implausible, proto implausible = 15;
+                /// When the last reply arrived, on `CLOCK_MONOTONIC`; 0 before the first.
+                receive_ns: u64, [Time], unit "ns", view receive_ns, proto receive_ns = 17;
+            }
+            flags {
+                /// Position, velocity and torque were received since the states before were published.
+                fresh: JOINT_FRESH, proto 11;
+                /// Position, velocity and torque were received at least once since the motor came online.
+                valid: JOINT_VALID, json valid;
+            }
+        }
+    };
+}
+
+/// The [`Kind`] of a row.
+macro_rules! kind {
+    ([Code $codes:ident]) => {
+        Kind::Code($codes::NAMES)
+    };
+    ([Set $codes:ident]) => {
+        Kind::Set($codes::NAMES)
+    };
+    ([$kind:ident]) => {
+        Kind::$kind
+    };
+}
+
+macro_rules! optional {
+    () => {
+        None
+    };
+    ($value:expr) => {
+        Some($value)
+    };
+}
+
+macro_rules! define {
+    (
+        measured { $(#[doc = $measured_doc:literal] $measured:ident, unit $measured_unit:literal, json $measured_json:ident, proto $measured_number:literal;)+ }
+        fields { $(
+            #[doc = $doc:literal] $name:ident: $type:ident, $kind:tt $(, unit $unit:literal)?
+            $(, view $view:ident $(, json $json:ident)?)? $(, proto $proto:ident = $number:literal)?;
+        )+ }
+        flags { $(#[doc = $flag_doc:literal] $flag:ident: $bits:ident $(, json $flag_json:ident)? $(, proto $flag_number:literal)?;)+ }
+    ) => {
+        plain! {
+            /// One joint in a cycle. [`FIELDS`](Self::FIELDS) describes the fields.
+            pub struct JointState {
+                $(#[doc = $measured_doc] #[doc = concat!("\n\nUnit: ", $measured_unit, ".")] pub $measured: f32,)+
+                $(#[doc = $doc] $(#[doc = concat!("\n\nUnit: ", $unit, ".")])? pub $name: $type,)+
+            }
+        }
+
+        impl JointState {
+            /// All fields and flags, in the order of the table.
+            pub const FIELDS: &'static [Field] = &[
+                $(Field {
+                    name: stringify!($measured),
+                    doc: $measured_doc.trim_ascii(),
+                    unit: $measured_unit,
+                    kind: Kind::Measured,
+                    offset: core::mem::offset_of!(Self, $measured),
+                    json: Some(stringify!($measured_json)),
+                    proto: Some((stringify!($measured), $measured_number)),
+                },)+
+                $(Field {
+                    name: stringify!($name),
+                    doc: $doc.trim_ascii(),
+                    unit: concat!("" $(, $unit)?),
+                    kind: kind!($kind),
+                    offset: core::mem::offset_of!(Self, $name),
+                    json: optional!($($(stringify!($json))?)?),
+                    proto: optional!($((stringify!($proto), $number))?),
+                },)+
+                $(Field {
+                    name: stringify!($flag),
+                    doc: $flag_doc.trim_ascii(),
+                    unit: "",
+                    kind: Kind::Flag($bits),
+                    offset: core::mem::offset_of!(Self, flags),
+                    json: optional!($(stringify!($flag_json))?),
+                    proto: optional!($((stringify!($flag), $flag_number))?),
+                },)+
+            ];
+        }
+    };
+}
+
+joint_state!(define);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A change of this list is a change of the layout: raise [`STATE_TYPE`] and [`RECORD_TYPE`].
+    #[test]
+    fn layout_of_a_joint_matches_its_version() {
+        let layout = [
+            ("position", 0, "f32"),
+            ("velocity", 4, "f32"),
+            ("torque", 8, "f32"),
+            ("temperature", 12, "f32"),
+            ("applied", 16, "f32"),
+            ("limits", 36, "u32"),
+            ("mode", 40, "u32"),
+            ("fault", 44, "u32"),
+            ("flags", 48, "u32"),
+            ("age_cycles", 52, "u32"),
+            ("missed", 56, "u32"),
+            ("reply_latency_ns", 60, "u32"),
+            ("late", 64, "u32"),
+            ("implausible", 68, "u32"),
+            ("receive_ns", 72, "u64"),
+            ("fresh", 48, "u32"),
+            ("valid", 48, "u32"),
+        ];
+        let fields = JointState::FIELDS.iter();
+        let found: Vec<_> = fields.map(|field| (field.name, field.offset, field.kind.memory().0)).collect();
+        assert_eq!((found.as_slice(), size_of::<JointState>()), (&layout[..], 80));
+        assert_eq!((STATE_TYPE, RECORD_TYPE), ("motord.State.v5", "motord.CycleRecord.v1"));
+    }
+
+    #[test]
+    fn no_name_key_or_number_occurs_twice() {
+        let is_unique = |mut keys: Vec<String>| {
+            keys.sort();
+            keys.windows(2).all(|pair| pair[0] != pair[1])
+        };
+        let fields = || JointState::FIELDS.iter();
+        assert!(is_unique(fields().map(|field| field.name.into()).collect()));
+        assert!(is_unique(fields().filter_map(|field| field.json.map(Into::into)).collect()));
+        assert!(is_unique(fields().filter_map(|field| Some(field.proto?.1.to_string())).collect()));
+    }
+}
