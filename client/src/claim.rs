@@ -1,6 +1,6 @@
 //! The right to move a group of joints.
 
-use crate::link::{ANSWER_TIMEOUT, Link, Subject};
+use crate::link::{ANSWER_TIMEOUT, Connection, Subject};
 use crate::members::{JointKey, Members, Slot};
 use crate::{Error, Setpoint, State};
 use motord_ports::{SetpointPort, clock};
@@ -22,7 +22,7 @@ const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 /// [`commit`](Self::commit). Or all at once, in the order of the group: [`send`](Self::send).
 #[derive(Debug)]
 pub struct Claim {
-    link: Arc<Link>,
+    link: Arc<Connection>,
     port: SetpointPort,
     members: Arc<Members>,
     /// The setpoints; sequence 0 before the first was sent.
@@ -34,7 +34,7 @@ pub struct Claim {
 
 impl Claim {
     /// Claims the group with this index of `robot`.
-    pub(crate) fn new(link: Arc<Link>, robot: &RobotDescription, index: usize) -> Result<Self, Error> {
+    pub(crate) fn new(link: Arc<Connection>, robot: &RobotDescription, index: usize) -> Result<Self, Error> {
         let port = link.setpoint_port()?;
         let subject = Subject { group: index, ..Subject::default() };
         let (reply, _) = link.ask(Operation::Claim, subject, ANSWER_TIMEOUT)?;

@@ -1,7 +1,7 @@
 //! A process's view of the robot.
 
 use crate::claim::Claim;
-use crate::link::{ANSWER_TIMEOUT, Link, Subject, View, locked};
+use crate::link::{ANSWER_TIMEOUT, Connection, Subject, View, locked};
 use crate::records::Records;
 use crate::stop::FirstWay;
 use crate::{Error, State};
@@ -33,7 +33,7 @@ const HISTOGRAM_PAGES_MAX: usize = 2 * HISTOGRAMS_MAX;
 /// call. A request waits for its answer, a cycle or two as a rule and a second at most.
 #[derive(Debug)]
 pub struct Client {
-    link: Arc<Link>,
+    link: Arc<Connection>,
     /// The robot that the caller knows. It is another one than the link's until a restart was reported.
     robot: Mutex<Arc<RobotDescription>>,
 }
@@ -69,7 +69,7 @@ impl Client {
         instance: Instance,
         open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
     ) -> Result<Self, Error> {
-        let link = Link::open(instance, open)?;
+        let link = Connection::open(instance, open)?;
         Ok(Self { robot: Mutex::new(link.robot()), link: Arc::new(link) })
     }
 
@@ -190,7 +190,7 @@ impl Client {
         &self,
         n: u64,
         timeout: Duration,
-        pause: impl Fn(&Link, MutexGuard<'_, View>, Option<u32>, Duration) -> Result<(), Error>,
+        pause: impl Fn(&Connection, MutexGuard<'_, View>, Option<u32>, Duration) -> Result<(), Error>,
     ) -> Result<State, Error> {
         let begun = Instant::now();
         loop {

@@ -65,7 +65,7 @@ impl Subject {
 
 /// The ports, the description of the robot, and the newest state.
 #[derive(Debug)]
-pub(crate) struct Link {
+pub(crate) struct Connection {
     instance: Instance,
     ports: ClientPorts,
     view: Mutex<View>,
@@ -163,7 +163,7 @@ impl View {
     }
 }
 
-impl Link {
+impl Connection {
     /// Connects to the daemon of `instance`, over the ports that `open` gives.
     pub(crate) fn open(
         instance: Instance,

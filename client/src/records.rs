@@ -1,7 +1,7 @@
 //! Every cycle, for recorders.
 
 use crate::Error;
-use crate::link::Link;
+use crate::link::Connection;
 use motord_ports::RecordPort;
 use motord_shared::CycleRecord;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 pub struct Records {
     // Before the link: the attachment goes last.
     port: RecordPort,
-    link: Arc<Link>,
+    link: Arc<Connection>,
     heard: Instant,
     /// The sequence number and boot id of the record before.
     before: Option<(u64, u64)>,
@@ -24,7 +24,7 @@ pub struct Records {
 }
 
 impl Records {
-    pub(crate) fn new(link: Arc<Link>) -> Result<Self, Error> {
+    pub(crate) fn new(link: Arc<Connection>) -> Result<Self, Error> {
         Ok(Self { port: link.record_port()?, link, heard: Instant::now(), before: None, lost: 0 })
     }
 

@@ -14,7 +14,7 @@ const PART_NS: u64 = 1_000_000_000;
 
 /// A whole file of a second, and the tick that it begins with.
 #[derive(Debug, Clone)]
-struct Part {
+struct Second {
     from_ns: u64,
     bytes: Arc<Vec<u8>>,
 }
@@ -23,7 +23,7 @@ struct Part {
 pub struct Memory {
     robot: RobotDescription,
     origin: Origin,
-    parts: VecDeque<Part>,
+    parts: VecDeque<Second>,
     /// The part that is being written, and the tick that it begins with.
     current: Option<(u64, Writer<Vec<u8>>)>,
     parts_max: usize,
@@ -35,7 +35,7 @@ pub struct Memory {
 pub struct Remembered {
     robot: RobotDescription,
     origin: Origin,
-    parts: Vec<Part>,
+    parts: Vec<Second>,
 }
 
 impl Memory {
@@ -77,7 +77,7 @@ impl Memory {
     fn end_part(&mut self) -> io::Result<()> {
         if let Some((from_ns, writer)) = self.current.take() {
             let bytes = writer.finish(&Counts::default())?;
-            self.parts.push_back(Part { from_ns, bytes: Arc::new(bytes) });
+            self.parts.push_back(Second { from_ns, bytes: Arc::new(bytes) });
         }
         let mut bytes: usize = self.parts.iter().map(|part| part.bytes.len()).sum();
         while self.parts.len() > self.parts_max || bytes > self.bytes_max {

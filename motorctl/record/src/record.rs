@@ -39,7 +39,7 @@ fn parse_seconds(text: &str) -> Result<f64, String> {
 
 /// The result, as `--json` prints it.
 #[derive(Debug, Serialize)]
-struct Report {
+struct RecordReport {
     file: String,
     /// Cycles in the file.
     recorded: u64,
@@ -193,12 +193,12 @@ impl Session {
         Counts { recorded, missed_ticks, unpublished, lost, dropped }
     }
 
-    fn report(&self, file: &Path, ended: &End) -> Report {
+    fn report(&self, file: &Path, ended: &End) -> RecordReport {
         let Counts { recorded, missed_ticks, unpublished, lost, dropped } = self.counts();
         let Tally { first, last, .. } = self.tally;
         let nanoseconds =
             last.map_or(0, |(_, tick_ns, _)| tick_ns).saturating_sub(first.map_or(0, |(_, tick_ns)| tick_ns));
-        Report {
+        RecordReport {
             file: file.display().to_string(),
             recorded,
             first_cycle: first.map_or(0, |(cycle, _)| cycle),
@@ -242,7 +242,7 @@ fn nanos(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
 
-impl Report {
+impl RecordReport {
     /// On standard output, unless the recording went there.
     fn print(&self, arguments: &RecordArguments) -> io::Result<()> {
         let mut text = Vec::new();
