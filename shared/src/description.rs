@@ -89,7 +89,7 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
-    /// Whether setpoints may ask for `position`, rad.
+    /// Returns true when `position`, rad, is within the limits of setpoints.
     #[must_use]
     pub fn allow(&self, position: f32) -> bool {
         let [lower, upper] = self.position;
@@ -201,13 +201,13 @@ pub struct EncodedHistogram {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct GroupHistory {
-    /// The owner; the last one where nobody owns the group.
+    /// The owner; the last owner of a group without one.
     pub owner: Option<Process>,
     /// Number of the cycle in which the phase began; 0 before the first change.
     pub phase_cycle: u64,
     /// Number of the cycle in which the latched cause stopped the group.
     pub stop_cycle: Option<u64>,
-    /// The process that asked for the stop, where one did.
+    /// The process that requested the stop, if any.
     pub stopped_by: Option<Process>,
 }
 
@@ -217,7 +217,7 @@ pub struct GroupHistory {
 pub struct Process {
     /// Its id.
     pub pid: u32,
-    /// The first 15 bytes of its program's name, any characters; empty when the kernel did not tell it.
+    /// The first 15 bytes of its program's name, any characters; empty when the kernel did not report it.
     pub program: String,
 }
 
@@ -238,7 +238,7 @@ pub struct Percentiles {
 }
 
 impl Percentiles {
-    /// Of a distribution of so many values whose largest is `max_ns`, ns; `at_quantile` gives the value at a share from 0 to 1.
+    /// Percentiles of `count` values with the maximum `max_ns`, ns. `at_quantile` returns the value at a share from 0 to 1.
     #[must_use]
     pub fn of(count: u64, max_ns: u64, at_quantile: impl Fn(f64) -> u64) -> Self {
         let microseconds = |nanos: u64| nanos as f64 / 1000.0;

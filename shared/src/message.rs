@@ -39,7 +39,7 @@ plain! {
         pub sequence: u64,
         /// Age of the setpoint in use when the cycle began, ns.
         pub setpoint_age_ns: u64,
-        /// Number of the cycle whose states the setpoint in use answers, as its owner tells; 0 when it tells none that has been.
+        /// Number of the cycle whose states the setpoint in use answers, as its owner reports; 0 without a valid number.
         pub answered_cycle: u64,
         /// Number of the cycle that first used the setpoint in use; 0 for none.
         pub used_cycle: u64,
@@ -49,7 +49,7 @@ plain! {
         pub cause: u32,
         /// Index of the joint that gave the cause; `u32::MAX` when it was none in particular.
         pub cause_joint: u32,
-        /// Id of the process that asked for the stop; 0 when none did, or none is known.
+        /// Id of the process that requested the stop; 0 for none or an unknown one.
         pub cause_pid: u32,
         /// Setpoint messages accepted, modulo 2³².
         pub accepted: u32,
@@ -85,7 +85,7 @@ plain! {
         /// Frames of any kind whose id or first byte belongs to no motor of this bus. On a CAN interface the kernel keeps most of
         /// them from the cycle: those are counted off the real-time thread, some 50 ms late.
         pub unexpected_id: u32,
-        /// Replies that nobody had asked for, among them second answers to one request.
+        /// Replies without a request, including second answers to one request.
         pub duplicate: u32,
         /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
         pub malformed: u32,
@@ -308,7 +308,7 @@ plain! {
         pub group: u32,
         /// Joint index.
         pub joint: u32,
-        /// Process id of the asker. Others that are refused because of it get to know it.
+        /// Process id of the requester. Refusals on its account report it to other processes.
         pub pid: u32,
         /// The namespace that the process id belongs to: the inode of `/proc/self/ns/pid`; 0 when it is unknown.
         pub pid_namespace: u64,
@@ -322,7 +322,7 @@ impl Message for AdminRequest {
 }
 
 impl AdminRequest {
-    /// The operation that is asked for.
+    /// Returns the requested operation.
     ///
     /// # Errors
     /// The refusal and its detail: [`Refusal::UnknownOperation`], or [`Refusal::Malformed`] when the argument is not in the
@@ -404,7 +404,7 @@ const _: () = {
 mod tests {
     use super::*;
 
-    /// A message with so many joints, groups, buses and joints with indicators in use, and no place left empty.
+    /// A message with these counts of joints, groups, buses and joints with indicators, and every entry filled.
     fn full(counts: [u32; 4]) -> StateMessage {
         let [joint_count, group_count, bus_count, indicator_count] = counts;
         let [tick_ns, wake_latency_ns, publish_ns, overruns] = [3, 4, 5, 6];

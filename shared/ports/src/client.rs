@@ -30,7 +30,7 @@ const SLEEP_MAX: Duration = Duration::from_millis(10);
 /// A client's ends of the services. The port of states takes its place when it is first used: a process that only sends requests
 /// takes none, so that an emergency stop finds a place on a crowded robot.
 ///
-/// Each port has a lock of its own, which is held for microseconds; only a daemon that comes or goes makes it a millisecond.
+/// Each port has a separate lock, which is held for microseconds, or for a millisecond when a daemon connects or disconnects.
 /// A thread that sleeps until the next cycle holds none.
 #[derive(Debug)]
 pub struct ClientPorts {
@@ -42,7 +42,7 @@ pub struct ClientPorts {
     state: publish_subscribe::PortFactory<Service, Payload<StateMessage>, ()>,
     setpoint: publish_subscribe::PortFactory<Service, Payload<SetpointMessage>, ()>,
     node: Mutex<Node<Service>>,
-    // The last to go: a daemon that starts may wipe every file once nobody is attached.
+    // Dropped last: a starting daemon may remove every file once no process is attached.
     attachment: Attachment,
 }
 
@@ -199,7 +199,7 @@ pub struct RecordPort {
 }
 
 impl RecordPort {
-    /// Copies the oldest cycle that was not taken yet into `record`. Returns whether there was one. Never blocks.
+    /// Copies the oldest cycle that was not taken yet into `record`. Returns false without one. Never blocks.
     ///
     /// # Errors
     /// When the connection is damaged.
@@ -255,7 +255,7 @@ impl Question {
     ///
     /// # Errors
     /// [`Obstacle::Missing`] when the daemon dropped the request; else that the connection is damaged. That a daemon
-    /// died is no error: whoever waits needs a time limit.
+    /// died is no error: the caller needs a time limit.
     pub fn answer(&self) -> Result<Option<(AdminReply, Vec<u8>)>, ServiceError> {
         let dropped = !self.pending.is_connected();
         match self.pending.receive().map_err(Part::Admin.failed())? {
@@ -308,7 +308,7 @@ mod tests {
         }
     }
 
-    /// A controller waits so shortly at the end of its patience, whose daemon has died.
+    /// A controller whose daemon died waits for such a short time at the end of its time limit.
     #[test]
     fn a_sleep_of_less_than_a_microsecond_ends() {
         let Ends { client, .. } = &Ends::open();
@@ -335,7 +335,7 @@ mod tests {
         }
     }
 
-    /// Its file is another one when another user starts it, or when somebody removed the file.
+    /// The file changes when another user starts the daemon, or when a process removes it.
     #[test]
     fn client_with_other_file_wakes_after_one_sleep() {
         let ends = Ends::open();

@@ -60,7 +60,7 @@ impl DaemonPorts {
         let waker = Arc::new(Waker::open(lock).map_err(of_futex)?);
         let _opening = lock.opening();
         let ports = match Self::open_services(instance, &waker) {
-            // Places that nobody can free are taken by processes whose files are damaged.
+            // Processes with damaged files occupy slots that no process can free.
             Err(damage) if matches!(damage.obstacle, Obstacle::Damaged | Obstacle::Full { .. }) => {
                 lock.clear();
                 Self { damage: Some(damage), ..Self::open_services(instance, &waker)? }
@@ -132,7 +132,7 @@ impl DaemonPorts {
     /// Makes the message of the next state ready: the caches of this processor hold it then, and [`publish`](Self::publish) does not wait
     /// for that of the client who read it last. Publishing works without it, and takes longer. Never blocks.
     pub fn prepare(&self) {
-        // `publish` tries again, and tells why not.
+        // `publish` tries again and returns the error.
         if let Ok(mut lent) = self.lend_state() {
             lent.message().fetch();
             *locked(&self.next) = Some(lent);
@@ -143,7 +143,7 @@ impl DaemonPorts {
         self.state.loan_uninit().map(Lent::new).map_err(Part::State.failed())
     }
 
-    /// Somebody records.
+    /// Returns true while a recorder is connected.
     #[must_use]
     pub fn is_recorded(&self) -> bool {
         self.records.dynamic_config().number_of_subscribers() > 0
@@ -209,7 +209,7 @@ fn of_futex(error: InstanceError) -> ServiceError {
     ServiceError { part: Part::Cycle, obstacle }
 }
 
-/// A request that waits for its answer. When it is dropped, the asker learns that no answer will come.
+/// A request that waits for its answer. When it is dropped, the requester receives an error.
 #[derive(Debug)]
 pub struct Request {
     payload: AdminRequest,
@@ -223,7 +223,7 @@ impl Request {
         &self.payload
     }
 
-    /// Whether its asker still waits for the answer.
+    /// Returns true while the requester waits for the answer.
     #[must_use]
     pub fn is_awaited(&self) -> bool {
         self.active.is_connected()
@@ -232,7 +232,7 @@ impl Request {
     /// Answers with `reply` and `text`, which may have [`ANSWER_BYTES_MAX`] bytes; the rest is cut off. Never blocks.
     ///
     /// # Errors
-    /// When the asker is gone, or holds too many answers.
+    /// When the requester has disconnected, or holds too many answers.
     pub fn reply(self, reply: AdminReply, text: &[u8]) -> Result<(), ServiceError> {
         let mut response = self.active.loan().map_err(Part::Admin.failed())?;
         let length = text.len().min(ANSWER_BYTES_MAX);

@@ -1,4 +1,4 @@
-//! Directories by descriptor: what was checked is what is used, whoever puts a symbolic link in its place meanwhile.
+//! Directories by descriptor: a symbolic link that replaces a checked directory meanwhile has no effect.
 
 use crate::instance_error::{InstanceError, refused};
 use nix::dir::Dir;
@@ -13,7 +13,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Directories of iceoryx2 lie two deep. A deeper tree was made by somebody else.
+/// Directories of iceoryx2 lie two deep. Another program created a deeper tree.
 const DEPTH_MAX: usize = 8;
 /// Only its owner, and that of the directory, may delete or rename a file in such a directory.
 pub(crate) const STICKY: u32 = 0o1000;
@@ -182,7 +182,7 @@ impl Directory {
         Ok(names)
     }
 
-    /// When `name` in this directory was changed. A link is not followed. `None` when it is gone.
+    /// When `name` in this directory was changed. A link is not followed. `None` when it does not exist.
     pub(crate) fn changed(&self, name: &OsStr) -> Option<SystemTime> {
         let found = fstatat(&self.descriptor, name, AtFlags::AT_SYMLINK_NOFOLLOW).ok()?;
         Some(UNIX_EPOCH + Duration::from_secs(found.st_mtime.try_into().ok()?))
@@ -212,7 +212,7 @@ impl Directory {
     }
 }
 
-/// The owner of `file`; nobody's number when it cannot be looked at.
+/// The owner of `file`; the largest number when it cannot be read.
 fn owner(file: &File) -> u32 {
     fstat(file).map_or(u32::MAX, |found| found.st_uid)
 }

@@ -30,7 +30,7 @@ impl Waker {
     /// When the file cannot be made.
     pub(crate) fn open(lock: &InstanceLock) -> Result<Self, InstanceError> {
         let file = lock.make_futex()?;
-        // A page without space kills whoever touches it.
+        // The kernel kills a process that touches a page without space.
         let mapped = posix_fallocate(&file, 0, BYTES.get() as i64)
             .and_then(|()| Mapping::of(&file, ProtFlags::PROT_READ | ProtFlags::PROT_WRITE));
         mapped.map(Self).map_err(|errno| refused(&lock.instance().futex_path(), errno))
@@ -39,7 +39,7 @@ impl Waker {
     /// Wakes every client that sleeps. One system call; never blocks.
     pub(crate) fn wake(&self) {
         let word = self.0.word();
-        // Whoever sees the new number sees what was published before it.
+        // A process that reads the new number also reads what was published before it.
         word.fetch_add(1, Ordering::AcqRel);
         let _awake = wake(word, Flags::empty(), i32::MAX.cast_unsigned());
     }
@@ -123,7 +123,7 @@ impl Mapping {
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: nobody borrows the number any more, and the whole mapping goes.
+        // SAFETY: no borrow of the number is left, and the whole mapping is removed.
         let _never_refused = unsafe { munmap(self.0.cast(), BYTES.get()) };
     }
 }
@@ -175,7 +175,7 @@ mod tests {
         const OWNER: u32 = 65_534;
         with_lock(|lock| {
             let waker = Waker::open(lock).unwrap();
-            // Only root can make a file that is somebody else's.
+            // Only root can create a file of another user.
             if std::os::unix::fs::chown(lock.instance().futex_path(), Some(OWNER), None).is_ok() {
                 std::os::unix::fs::chown(lock.instance().root(), Some(OWNER), None).unwrap();
                 assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &waker));
@@ -201,7 +201,7 @@ mod tests {
             let linked = Waker::open(lock).unwrap();
             assert!(is_woken(&Waiter::open(lock.instance()).unwrap(), &linked));
             assert_eq!(fs::metadata(other).unwrap().nlink(), 1, "the daemon has a file of its own");
-            // Only root can make a file that is somebody else's.
+            // Only root can create a file of another user.
             if std::os::unix::fs::chown(&path, Some(NOBODY), None).is_ok() {
                 assert_eq!(Waiter::open(lock.instance()).unwrap_err(), Errno::EPERM);
                 let waker = Waker::open(lock).unwrap();

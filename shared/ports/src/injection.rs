@@ -1,7 +1,7 @@
 //! Faults for the simulated buses of a running daemon: lines of text on the socket `<runtime>/<instance>.sim`.
 //!
 //! One line is asked on a connection, such as `fl-knee off`; one line is the answer: `ok`, or `error: ` and why. The daemon has
-//! the socket only where every bus of its configuration is simulated. Whoever may enter the runtime directory may ask.
+//! the socket only where every bus of its configuration is simulated. Every process that may enter the runtime directory may connect.
 
 use crate::instance::{Instance, InstanceLock};
 use nix::sys::socket::{getsockopt, sockopt};
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// Most bytes of a line. A longer one is cut.
 const LINE_BYTES_MAX: u64 = 1024;
-/// Each end waits so long for each piece of the other's line. The daemon's cycle takes a fault within a second.
+/// Timeout of each end for each piece of the other end's line. The daemon's cycle takes a fault within a second.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Why a fault was not injected.
@@ -34,7 +34,7 @@ pub enum InjectionError {
 /// Asks the daemon of `instance` for the fault that `line` says. Waits for the answer.
 ///
 /// # Errors
-/// See [`InjectionError`]. After [`InjectionError::System`] nobody knows whether the fault is there.
+/// See [`InjectionError`]. After [`InjectionError::System`] the state of the fault is unknown.
 pub fn inject(instance: &Instance, line: &str) -> Result<(), InjectionError> {
     let stream = UnixStream::connect(path(instance)).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused => InjectionError::NotSimulated,
@@ -49,7 +49,7 @@ pub fn inject(instance: &Instance, line: &str) -> Result<(), InjectionError> {
     }
 }
 
-/// The daemon's end: a socket for one asker after the other.
+/// The daemon's end: serves one client after the other.
 #[derive(Debug)]
 pub struct InjectionListener(UnixListener);
 
@@ -76,7 +76,7 @@ impl InjectionListener {
     /// says nothing is left after some seconds.
     ///
     /// # Errors
-    /// Those of the system: the asker is gone, or no descriptors are left.
+    /// Those of the system: the client has disconnected, or no descriptors are left.
     pub fn serve(&self, obey: impl FnOnce(&str, u32) -> Result<(), String>) -> io::Result<()> {
         let (stream, _) = self.0.accept()?;
         let pid = getsockopt(&stream, sockopt::PeerCredentials)?.pid();

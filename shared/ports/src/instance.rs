@@ -57,7 +57,7 @@ impl Instance {
         match choice {
             Choice::Shared(runtime) => Self::below(&runtime, name),
             Choice::Private(runtime) => {
-                // Before it may be entered at all; whoever uses it checks what it opened.
+                // Checked before its first use; each user checks again what it opened.
                 match open_runtime(&runtime, true) {
                     Err(error) if !is_missing(&error) => return Err(error),
                     Ok(_) | Err(_) => {}
@@ -227,7 +227,7 @@ impl Instance {
     }
 }
 
-/// Whether `name` has the form of an instance's name.
+/// Returns true when `name` has the form of an instance's name.
 pub(crate) fn is_name(name: &str) -> bool {
     let of_a_name = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
     (1..=NAME_BYTES_MAX).contains(&name.len()) && name.bytes().all(of_a_name)
@@ -259,7 +259,7 @@ impl InstanceLock {
         let _unusable = self.instance.begin_anew();
     }
 
-    /// The file of the number that clients sleep on, to write. It is made when there is none, or when it is somebody else's.
+    /// The file of the number that clients sleep on, to write. It is created when it is missing or belongs to another user.
     ///
     /// # Errors
     /// As [`Directory::make_ours`].
@@ -298,13 +298,13 @@ impl Attachment {
     }
 }
 
-/// Whether a process with this id exists. Wrong at worst when the id was reused, or lives in another namespace.
+/// Returns true when a process with this id exists. Wrong at worst when the id was reused, or lives in another namespace.
 #[must_use]
 pub fn process_exists(pid: u32) -> bool {
     i32::try_from(pid).is_ok_and(|pid| pid > 0 && kill(Pid::from_raw(pid), None) != Err(Errno::ESRCH))
 }
 
-/// The namespace of this process's id, as `AdminRequest::pid_namespace` has it; 0 when the system does not tell.
+/// The namespace of this process's id, as `AdminRequest::pid_namespace` has it; 0 when it is unknown.
 #[must_use]
 pub fn pid_namespace() -> u64 {
     nix::sys::stat::stat("/proc/self/ns/pid").map_or(0, |namespace| namespace.st_ino)

@@ -69,7 +69,7 @@ pub enum InstanceError {
         /// The file or link.
         path: PathBuf,
     },
-    /// Somebody else made a directory of the daemon.
+    /// Another user created a directory of the daemon.
     #[error(
         "{} belongs to user {owner}, who could change what lies in it: remove it, or name another directory in \
          {RUNTIME_DIR_VARIABLE}",
@@ -84,7 +84,7 @@ pub enum InstanceError {
     /// Another daemon holds the instance.
     #[error("process {pid} already runs this instance: stop it first, or run another instance ({})", path.display())]
     AlreadyRunning {
-        /// The holder; 0 when it did not tell yet.
+        /// The holder; 0 before it wrote its process id.
         pid: u32,
         /// The lock that it holds.
         path: PathBuf,
@@ -100,7 +100,7 @@ pub enum InstanceError {
 }
 
 impl InstanceError {
-    /// The name or the directory can never be used, whoever tries.
+    /// No process can use the name or the directory.
     #[must_use]
     pub const fn is_a_setting(&self) -> bool {
         matches!(self, Self::Name { .. } | Self::PathLength { .. } | Self::Characters { .. })

@@ -29,7 +29,7 @@ fn remove_nodes(instance: &Instance, nodes: &Directory) -> Result<u64, InstanceE
     remove_old(nodes, nodes.names()?, |name| node_of(name).is_some_and(|node| !complete.contains(&node)))
 }
 
-/// A listener has its tag before its files, so they are looked for first. A node that goes meanwhile has no listener any more.
+/// A listener has its tag before its files, so the files are listed first. A node that exits meanwhile has no listener.
 fn remove_listeners(root: &Directory, nodes: &Directory) -> Result<u64, InstanceError> {
     let files = root.names()?;
     let mut tags = BTreeSet::new();
@@ -60,7 +60,7 @@ fn remove_old(
     Ok(removed)
 }
 
-/// The nodes of the living, and those of the dead that iceoryx2 can clean. `None` when the system does not tell.
+/// The nodes of running processes, and those of dead ones that iceoryx2 can clean. `None` when they cannot be listed.
 fn complete(instance: &Instance) -> Option<BTreeSet<u128>> {
     let mut found = BTreeSet::new();
     let listed = Node::<Service>::list(&config(instance), |state| {
@@ -118,7 +118,7 @@ mod tests {
         let nodes = instance.root().join("nodes");
         let count = || fs::read_dir(&nodes).unwrap().count();
         let living = count();
-        // Only directories, and files of nobody: closing a file gives up the locks of this process on it.
+        // Only directories, and files without an owner: closing a file releases the locks of this process on it.
         let make_old = |path: &std::path::Path| {
             File::open(path).unwrap().set_modified(SystemTime::now() - 2 * REGISTRATION).unwrap();
         };

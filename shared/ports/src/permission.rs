@@ -1,4 +1,4 @@
-//! How somebody who may not use a path gets the right to.
+//! Advice for a user without permission for a path.
 
 use nix::sys::stat::{Mode, SFlag, stat};
 use nix::unistd::{Gid, Group};

@@ -1,4 +1,4 @@
-//! Whether the files are still there by which clients find a daemon, and which keep a second one from starting.
+//! Detects the loss of the files by which clients find a daemon and which prevent a second one.
 
 use crate::instance::InstanceLock;
 use crate::service;

@@ -25,7 +25,7 @@ pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
     checked
 }
 
-/// Reserves the space of every file below `directory`, up to its length. A directory that is gone meanwhile has none.
+/// Reserves the space of every file below `directory`, up to its length. A directory that was removed meanwhile needs none.
 ///
 /// # Errors
 /// As [`check`].
@@ -52,7 +52,7 @@ fn is_sparse(metadata: &Metadata) -> bool {
     metadata.blocks() * BLOCK_BYTES < metadata.len()
 }
 
-/// A file that is gone meanwhile, may only be read, or is a link, is skipped: this process will not touch it.
+/// Skips a file that was removed meanwhile, is read-only or is a link: this process does not write to it.
 fn occupy_file(path: &Path, length: u64) -> Result<(), Errno> {
     let mut options = File::options();
     let Ok(file) = options.write(true).custom_flags(OFlag::O_NOFOLLOW.bits()).open(path) else {

@@ -3,7 +3,7 @@
 //! | service | pattern | daemon | client |
 //! |---|---|---|---|
 //! | `motord/<instance>/state` | publish-subscribe | publishes each cycle | reads the newest |
-//! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while somebody records | reads every one |
+//! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while a recorder is connected | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
 //! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ClientPorts::sleep) |
 //! | `motord/<instance>/admin` | request-response | answers | asks |
@@ -121,7 +121,7 @@ impl Part {
 /// Why a process cannot use a service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Obstacle {
-    /// Nobody offers it.
+    /// It does not exist.
     #[error("it does not exist: no daemon runs here")]
     Missing,
     /// The other side has another layout or another version of iceoryx2.
@@ -426,7 +426,7 @@ pub(crate) fn admin(
     builder(node, instance, Part::Admin)
         .request_response::<Payload<AdminRequest>, Payload<AdminAnswer>>()
         .enable_safe_overflow_for_requests(false)
-        // An answer that came to an asker who had given up must not keep the next one out.
+        // An unread answer to an earlier request must not block the next answer.
         .enable_safe_overflow_for_responses(true)
         .enable_fire_and_forget_requests(false)
         .max_active_requests_per_client(REQUESTS_PER_CLIENT)

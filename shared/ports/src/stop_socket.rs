@@ -34,14 +34,14 @@ pub const NOT_PERMITTED: &[u8] = b"not permitted";
 pub const MESSAGE_BYTES_MAX: usize = 32;
 
 const PREFIX: &[u8] = b"motord-stop:";
-/// Between two tries to be heard by a daemon that has too many callers.
+/// Pause between two attempts to reach a daemon that has too many connections.
 const RETRY: Duration = Duration::from_millis(1);
 
 /// Why an emergency stop was not confirmed through the socket.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StopError {
-    /// Nobody listens.
+    /// No process listens.
     #[error("no motord listens in this network namespace")]
     NotRunning,
     /// A process of another user listens in the place of the daemon.
@@ -86,7 +86,7 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
     socket(AddressFamily::Unix, SockType::SeqPacket, SockFlag::SOCK_CLOEXEC | flags, None)
 }
 
-/// An emergency stop that was asked for.
+/// A requested emergency stop.
 #[derive(Debug)]
 pub struct AskedStop {
     socket: OwnedFd,
