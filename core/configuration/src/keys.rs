@@ -54,9 +54,8 @@ sections! {
 
     /// `[cycle]`.
     Cycle "cycle" {
-        // The buses bound it: one motor alone fills a bus of 1 Mbit/s at 4 kHz.
         "rate-hz" rate_hz: f64, "Hz" = is(1000.0).within(1.0, 10_000.0),
-            "Cycles per second. `motord check` prints the highest rate that the buses permit.";
+            "Cycles per second. A rate at which the last reply of a bus is expected after `reply-deadline-percent` is refused. `motord check` prints the highest rate of each bus: 2588 Hz for one MIT motor on a CAN bus of 1 Mbit/s, 1085 Hz for three.";
         "cpu" cpu: Option<i64>, "" = follows("none").words("an online processor"),
             "Processor that the cycle is pinned to.";
         // Kernel threads use 99.
@@ -231,7 +230,7 @@ sections! {
         "load-inertia-kg-m2" load_inertia_kg_m2: f64, "kg·m²" = is(0.01).within(0.0, 100.0),
             "Inertia of the load on the output shaft.";
         "reply-latency-us" reply_latency_us: f64, "µs" = is(50.0).within(0.0, 100_000.0),
-            "From the end of a command to the beginning of its reply.";
+            "From the end of a command to the beginning of its reply. Also the answering time by which `motord check` plans a CAN bus.";
     }
 
     /// `[[group]]`.

@@ -143,10 +143,10 @@ pub enum Wrong {
     #[error("no motor is on this bus; remove it, or put one there")]
     EmptyBus,
     #[error(
-        "{motors} motors at {rate_hz} Hz need {percent:.1} % of this bus at worst; lower cycle.rate-hz to at most \
-         {rate_hz_max}, or move motors to another bus"
+        "the last reply of {motors} motors arrives {last_us:.0} µs after the commands, later than the reply deadline of \
+         {deadline_us:.0} µs at {rate_hz} Hz; lower cycle.rate-hz to at most {rate_hz_max} Hz, or move motors to another bus"
     )]
-    Overloaded { motors: usize, rate_hz: f64, percent: f64, rate_hz_max: f64 },
+    Overloaded { motors: usize, rate_hz: f64, last_us: f64, deadline_us: f64, rate_hz_max: f64 },
     #[error(
         "{motors} motors at {rate_hz} Hz need {percent:.1} % of this bus at worst, which leaves little for anything \
          else; at most 80 % is sound"

@@ -4,16 +4,27 @@
 //! asked for its faults or an indicator. The length of a frame depends on its bits: the worst case
 //! must fit, and the length without stuffing bits is the least time until a reply.
 //!
+//! The highest rate of a CAN bus is the one at which its last reply is expected at the reply deadline: a later reply is missed.
+//!
 //! On a serial line one request is open at a time. A turn lasts for a request, the turnaround and the reply, in whole
 //! cycles: the reply is read when a cycle begins.
 
 use motord_bus::Duration;
-use motord_bus::arithmetic::{SERIAL_FRAME_BITS, Transaction, utilisation, wire_time};
+use motord_bus::arithmetic::{
+    IdWidth, SERIAL_FRAME_BITS, Transaction, expected_bits, utilisation, wire_time,
+};
 
 use crate::settings::{BusKind, MotorSettings, Settings};
 
 /// The payload of a command (MIT document 1.1, GIM document table 2).
 const COMMAND_BYTES: u32 = 8;
+
+/// Time of the host in a reply time: from the time stamp of the commands to their first bit, and
+/// from the end of the last reply to its time stamp.
+const HOST_TIME: Duration = Duration::from_micros(20);
+
+/// Answering time of a motor without `[motor.simulation]`.
+const ANSWERING_TIME: Duration = Duration::from_micros(50);
 
 /// Above this worst-case utilisation a bus has too little time for retransmissions and faults: a
 /// warning.
@@ -39,6 +50,11 @@ pub struct BusPlan {
     pub transaction_worst: Duration,
     /// The least `every` with which the turns of a line do not overlap; 1 on CAN.
     pub every_least: u32,
+    /// From the sending of a cycle's commands to its last reply, as expected; on a line the time of a turn.
+    pub last_reply: Duration,
+    /// The highest rate of the cycle, Hz: at it the last reply is expected at the reply deadline, and turns of a line do not
+    /// overlap. Infinite for a bus without motors.
+    pub rate_hz_max: f64,
 }
 
 impl BusPlan {
@@ -55,16 +71,19 @@ impl BusPlan {
     }
 
     fn of_can(settings: &Settings, bus: usize, bitrate: u32) -> Self {
-        let motors = settings.motors.iter().filter(|motor| motor.bus == bus);
-        let turns: Vec<_> = motors
-            .enumerate()
-            .map(|(place, motor)| (settings.first_turn(bus, place), TransactionBits::of(motor)))
-            .collect();
-        Self::of_turns(&turns, bitrate, settings.cycle.rate_hz)
+        let motors = settings.motors.iter().enumerate().filter(|(_, motor)| motor.bus == bus);
+        let turn = |(place, (index, motor)): (usize, (usize, &MotorSettings))| {
+            let answering = settings.simulation.get(index).map_or(ANSWERING_TIME, |it| it.reply_latency);
+            (settings.first_turn(bus, place), TransactionBits::of(motor, answering))
+        };
+        let turns: Vec<_> = motors.enumerate().map(turn).collect();
+        let cycle = &settings.cycle;
+        let deadline = cycle.reply_deadline.as_secs_f64() / cycle.period.as_secs_f64();
+        Self::of_turns(&turns, bitrate, cycle.rate_hz, deadline)
     }
 
-    /// Of transactions with their cycles.
-    fn of_turns(turns: &[(u32, TransactionBits)], bitrate: u32, rate_hz: f64) -> Self {
+    /// Of transactions with their cycles. `deadline` is the reply deadline as a fraction of the period.
+    fn of_turns(turns: &[(u32, TransactionBits)], bitrate: u32, rate_hz: f64, deadline: f64) -> Self {
         let transactions = || turns.iter().map(|(_, transaction)| transaction);
         let fullest = |bits: fn(&TransactionBits) -> u32| {
             let in_cycle = |cycle| turns.iter().filter(move |(other, _)| *other == cycle);
@@ -74,6 +93,8 @@ impl BusPlan {
         let (worst_case, unstuffed) = (fullest(|it| it.worst_case), fullest(|it| it.unstuffed));
         let fault_poll = transactions().map(|transaction| transaction.worst_case).max().unwrap_or(0);
         let least = transactions().map(|transaction| transaction.unstuffed).min().unwrap_or(0);
+        let last_reply = turns.iter().map(|(cycle, _)| last_reply(turns, *cycle, bitrate)).max();
+        let last_reply = last_reply.unwrap_or_default();
         Self {
             motors: turns.len(),
             worst_case_utilisation: utilisation(worst_case, rate_hz, bitrate),
@@ -83,6 +104,8 @@ impl BusPlan {
             transaction_least: wire_time(least, bitrate),
             transaction_worst: wire_time(fault_poll, bitrate),
             every_least: 1,
+            last_reply,
+            rate_hz_max: deadline / last_reply.as_secs_f64(),
         }
     }
 
@@ -103,20 +126,46 @@ impl BusPlan {
             transaction_least: wire,
             transaction_worst: turn,
             every_least: u32::try_from(cycles * turns as u128).unwrap_or(u32::MAX).max(1),
+            last_reply: turn,
+            rate_hz_max: (settings.buses[bus].every.get() as usize / turns.max(1)) as f64
+                / turn.as_secs_f64(),
         }
     }
 }
 
-/// Bits of a command and its reply.
+/// When the last reply to the commands of `cycle` is expected. The commands occupy the bus first, one after the other; then the
+/// replies, each when its motor has it ready.
+fn last_reply(turns: &[(u32, TransactionBits)], cycle: u32, bitrate: u32) -> Duration {
+    let asked = || turns.iter().filter(|(other, _)| *other == cycle).map(|(_, transaction)| transaction);
+    let command = wire_time(expected_bits(IdWidth::Standard, COMMAND_BYTES), bitrate);
+    let mut free = HOST_TIME + command * asked().count() as u32;
+    let mut heard = HOST_TIME;
+    for transaction in asked() {
+        heard += command;
+        free = free.max(heard + transaction.answering) + wire_time(transaction.reply, bitrate);
+    }
+    free
+}
+
+/// Bits of a command and its reply, and the time between them.
 struct TransactionBits {
     worst_case: u32,
     unstuffed: u32,
+    /// Of the reply alone, as expected.
+    reply: u32,
+    /// Time that the motor needs from the end of a command to the beginning of its reply.
+    answering: Duration,
 }
 
 impl TransactionBits {
-    fn of(motor: &MotorSettings) -> Self {
+    fn of(motor: &MotorSettings, answering: Duration) -> Self {
         let transaction = Transaction { command: COMMAND_BYTES, reply: motor.capabilities.reply_bytes };
-        Self { worst_case: transaction.worst_case_bits(), unstuffed: transaction.unstuffed_bits() }
+        Self {
+            worst_case: transaction.worst_case_bits(),
+            unstuffed: transaction.unstuffed_bits(),
+            reply: expected_bits(IdWidth::Standard, transaction.reply),
+            answering,
+        }
     }
 }
 
@@ -125,12 +174,13 @@ mod tests {
     use super::*;
 
     const fn mit(cycle: u32) -> (u32, TransactionBits) {
-        (cycle, TransactionBits { worst_case: 250, unstuffed: 206 })
+        let answering = Duration::from_micros(50);
+        (cycle, TransactionBits { worst_case: 250, unstuffed: 206, reply: 110, answering })
     }
 
     #[test]
     fn three_mit_motors_fill_bus_with_fault_poll() {
-        let plan = BusPlan::of_turns(&[mit(0), mit(0), mit(0)], 1_000_000, 1000.0);
+        let plan = BusPlan::of_turns(&[mit(0), mit(0), mit(0)], 1_000_000, 1000.0, 0.8);
         assert_eq!((plan.worst_case_utilisation, plan.unstuffed_utilisation), (0.75, 0.618));
         assert_eq!(plan.fault_poll_utilisation, 1.0);
         assert_eq!(plan.expected, Duration::from_micros(618));
@@ -138,14 +188,31 @@ mod tests {
 
     #[test]
     fn a_bus_without_motors_needs_nothing() {
-        let plan = BusPlan::of_turns(&[], 1_000_000, 1000.0);
+        let plan = BusPlan::of_turns(&[], 1_000_000, 1000.0, 0.8);
         assert_eq!((plan.fault_poll_utilisation, plan.expected), (0.0, Duration::ZERO));
     }
 
     #[test]
     fn motors_in_turns_need_bus_in_own_cycles() {
-        let plan = BusPlan::of_turns(&[mit(0), mit(1), mit(0), mit(1)], 1_000_000, 1000.0);
+        let plan = BusPlan::of_turns(&[mit(0), mit(1), mit(0), mit(1)], 1_000_000, 1000.0, 0.8);
         assert_eq!((plan.motors, plan.worst_case_utilisation), (4, 0.5));
         assert_eq!(plan.fault_poll_utilisation, 0.75);
+    }
+
+    /// Commands of 129 bits and replies of 110, with ¾ of the stuff bits; 20 µs of the host.
+    #[test]
+    fn answering_time_counts_only_on_idle_bus() {
+        let last = |turns: &[_]| BusPlan::of_turns(turns, 1_000_000, 1000.0, 0.8).last_reply;
+        assert_eq!(last(&[mit(0)]), Duration::from_micros(20 + 129 + 50 + 110));
+        assert_eq!(last(&[mit(0), mit(0), mit(0)]), Duration::from_micros(20 + 3 * 129 + 3 * 110));
+        assert_eq!(last(&[mit(0), mit(1)]), last(&[mit(0)]));
+    }
+
+    #[test]
+    fn highest_rate_puts_last_reply_at_deadline() {
+        let rate_hz_max = |turns: &[_]| BusPlan::of_turns(turns, 1_000_000, 1000.0, 0.8).rate_hz_max.floor();
+        assert_eq!(rate_hz_max(&[mit(0)]), 2588.0);
+        assert_eq!(rate_hz_max(&[mit(0), mit(0), mit(0)]), 1085.0);
+        assert_eq!(rate_hz_max(&[]), f64::INFINITY);
     }
 }

@@ -22,7 +22,7 @@ pub struct Settings {
     pub buses: Vec<BusSettings>,
     /// `[[motor]]`, in the order of the file: motor and joint indices everywhere.
     pub motors: Vec<MotorSettings>,
-    /// `[motor.simulation]`, in the order of the motors. Only simulators use it.
+    /// `[motor.simulation]`, in the order of the motors. Simulators use it, and the plan its reply latency.
     pub simulation: Vec<MotorSimulation>,
     /// `[[group]]`, or one group `all`. Every motor is in exactly one.
     pub groups: Vec<GroupSettings>,

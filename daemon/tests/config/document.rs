@@ -241,7 +241,7 @@ const REFUSED: &[Case] = &[
         "[[bus]]\nname = 'front'\ntype = 'simulated'",
         "[[bus]] #!\nname = 'front'\ntype = 'simulated'\nbitrate = 250000",
         "bus",
-        "need 200.0 % of this bus",
+        "at most 414 Hz",
     ),
     // Rates and times.
     ("rate-hz = 1000", "rate-hz = 0 #!", "cycle.rate-hz", "0 is out of range"),
@@ -465,7 +465,9 @@ fn the_plan_of_a_refused_bus_is_shown() {
         let buses = report["buses"].as_array().unwrap();
         let planned = buses.iter().find(|planned| planned["name"] == bus).unwrap();
         let overlaps = planned["line"]["every_least"].as_f64() > planned["every"].as_f64();
-        assert!(planned["worst_case_utilisation"].as_f64() > Some(1.0) || overlaps, "{planned}");
+        let rate_hz = if bus == "front-left" { 1500.0 } else { 1000.0 };
+        assert!(planned["rate_hz_max"].as_f64() < Some(rate_hz), "{planned}");
+        assert!(bus == "front-left" || overlaps, "{planned}");
         let said = String::from_utf8(said).unwrap();
         assert!(said.lines().any(|line| line.starts_with(bus) && line.contains(advice)), "{said}");
         assert!(said.lines().last().unwrap().contains("is refused, errors: "), "{said}");
@@ -650,9 +652,15 @@ fn five_motors_exceed_a_bus_at_1_khz() {
         format!("[[bus]]\nname = 'b'\ntype = 'simulated'\n{motors}")
     };
     let error = only_error(&text(5));
-    assert!(error.contains("5 motors at 1000 Hz need 125.0 %") && error.contains("at most 800"), "{error}");
-    let warned = warnings(&text(4));
-    assert!(warned[0].contains("100.0 %") && warned[0].contains("at most 80 % is sound"), "{warned:?}");
+    assert!(error.contains("5 motors arrives 1215 µs") && error.contains("at most 658 Hz"), "{error}");
+    for (count, rate_hz) in [(1, 2588), (3, 1085), (4, 819), (6, 550)] {
+        let at = |rate_hz: u32| format!("[cycle]\nrate-hz = {rate_hz}\n{}", text(count));
+        let error = only_error(&at(rate_hz + 2));
+        assert!(error.contains(&format!("lower cycle.rate-hz to at most {rate_hz} Hz")), "{error}");
+        assert!(judge(&at(rate_hz)).is_ok());
+    }
+    let warned = warnings(&format!("[cycle]\nrate-hz = 819\n{}", text(4)));
+    assert!(warned[0].contains("81.9 %") && warned[0].contains("at most 80 % is sound"), "{warned:?}");
     assert!(warned[1].contains("faults are asked for only in cycles"), "{warned:?}");
     assert_eq!(warnings(&text(3)), [""; 0]);
     let error = judge(&text(65)).expect_err("must be refused").to_string();
@@ -888,7 +896,7 @@ fn simulated_quadruped_plan_is_three_quarters_per_bus() {
     let bus = |name| {
         serde_json::json!({
             "name": name, "motors": 3, "rate_hz": 1000.0, "every": 1, "worst_case_utilisation": 0.75,
-            "unstuffed_utilisation": 0.618, "fault_poll_utilisation": 1.0,
+            "unstuffed_utilisation": 0.618, "fault_poll_utilisation": 1.0, "rate_hz_max": 1085.0,
         })
     };
     let buses = ["front-left", "front-right", "rear-left", "rear-right"].map(bus);
@@ -903,9 +911,9 @@ fn check_says_the_same_to_people() {
     let row = text.lines().find(|line| line.starts_with("rear-left")).unwrap();
     assert_eq!(
         row.split_whitespace().collect::<Vec<_>>().join(" "),
-        "rear-left 3 75.0 % 61.8 % 100.0 % fits"
+        "rear-left 3 75.0 % 61.8 % 100.0 % 1085 Hz fits"
     );
-    for column in ["worst case", "unstuffed", "fault poll"] {
+    for column in ["worst case", "unstuffed", "fault poll", "highest"] {
         let explained = text.lines().filter(|line| line.starts_with(column)).count();
         assert_eq!(explained, 1, "{column} is explained once:\n{text}");
     }
@@ -913,7 +921,9 @@ fn check_says_the_same_to_people() {
 }
 
 /// A motor whose limits come from everywhere.
-const ORIGINS: &str = "[[bus]]
+const ORIGINS: &str = "[cycle]
+rate-hz = 500
+[[bus]]
 name = 'desk'
 type = 'simulated'
 [[motor]]

@@ -46,7 +46,7 @@ fn init_rate_is_highest_the_buses_allow() {
     let output = init(&["--legs", "4", "--buses", "can0", "--rate-hz", "1000", "--yes"]);
     assert_eq!(output.status.code(), Some(78));
     let complaint = String::from_utf8(output.stderr).unwrap();
-    assert!(complaint.contains("of this bus at worst"), "{complaint}");
+    assert!(complaint.contains("later than the reply deadline"), "{complaint}");
 }
 
 #[test]

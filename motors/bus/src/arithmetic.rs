@@ -46,6 +46,13 @@ pub const fn worst_case_bits(width: IdWidth, bytes: u32) -> u32 {
     unstuffed_bits(width, bytes) + (stuffable_bits(width, bytes) - 1) / 4
 }
 
+/// Expected bits of the same frame, with ¾ of the possible stuff bits. Frames of a motor at rest, which
+/// have long runs of equal bits, have at most 17 of 24; those of a motor that moves have fewer.
+#[must_use]
+pub const fn expected_bits(width: IdWidth, bytes: u32) -> u32 {
+    unstuffed_bits(width, bytes) + (worst_case_bits(width, bytes) - unstuffed_bits(width, bytes)) * 3 / 4
+}
+
 const fn stuffable_bits(width: IdWidth, bytes: u32) -> u32 {
     let header = match width {
         IdWidth::Standard => 15,

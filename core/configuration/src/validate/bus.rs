@@ -141,14 +141,16 @@ pub(super) fn judge_load(items: &[Item<Bus>], settings: &Settings, findings: &mu
 fn judge_can(at: At, plan: &BusPlan, settings: &Settings, findings: &mut Findings<'_>) {
     let rate_hz = settings.cycle.rate_hz;
     let (motors, percent) = (plan.motors, 100.0 * plan.worst_case_utilisation);
-    if plan.worst_case_utilisation > 1.0 {
-        let rate_hz_max = (rate_hz / plan.worst_case_utilisation).floor();
-        findings.error(at, Wrong::Overloaded { motors, rate_hz, percent, rate_hz_max });
+    let deadline = settings.cycle.reply_deadline;
+    if plan.last_reply > deadline {
+        let [last_us, deadline_us] = [plan.last_reply, deadline].map(|time| 1e6 * time.as_secs_f64());
+        let rate_hz_max = plan.rate_hz_max.floor();
+        findings.error(at, Wrong::Overloaded { motors, rate_hz, last_us, deadline_us, rate_hz_max });
     } else if plan.worst_case_utilisation > WORST_CASE_SOUND {
         findings.warn(at, Wrong::Tight { motors, rate_hz, percent });
     }
     let polls = settings.safety.fault_poll_hz > 0.0;
-    if polls && plan.worst_case_utilisation <= 1.0 && plan.fault_poll_utilisation > 1.0 {
+    if polls && plan.last_reply <= deadline && plan.fault_poll_utilisation > 1.0 {
         let percent = 100.0 * plan.fault_poll_utilisation;
         findings.warn(at, Wrong::FaultPollTight { percent });
     }

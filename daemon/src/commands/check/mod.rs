@@ -25,10 +25,12 @@ const SERIAL_BYTE_BITS: u32 = 10;
 /// The columns of the plan, in words.
 const LEGEND: &str = "
 worst case  part of a cycle that commands and replies take with all stuff bits;
-            above 80 % is tight, above 100 % is refused
+            above 80 % is tight
 unstuffed   the same without stuff bits: the least that it takes
 fault poll  worst case of a cycle that also asks a motor for its faults;
             above 100 % some of these questions wait
+highest     the highest cycle.rate-hz; above it the last reply of a cycle is
+            expected after the reply deadline, and the rate is refused
 ";
 
 /// The parts of a check that are printed on request.
@@ -90,6 +92,11 @@ struct BusReport<'a> {
     worst_case_utilisation: f64,
     unstuffed_utilisation: f64,
     fault_poll_utilisation: f64,
+    /// The highest rate of the cycle that this bus allows, rounded down; `None` without motors.
+    rate_hz_max: Option<f64>,
+    /// The last reply of a cycle is expected after the reply deadline.
+    #[serde(skip)]
+    is_late: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<LineReport>,
 }
@@ -153,6 +160,8 @@ fn bus_reports<'a>(settings: &'a Settings) -> Vec<BusReport<'a>> {
         worst_case_utilisation: plan.worst_case_utilisation,
         unstuffed_utilisation: plan.unstuffed_utilisation,
         fault_poll_utilisation: plan.fault_poll_utilisation,
+        rate_hz_max: (plan.motors > 0).then(|| plan.rate_hz_max.floor()),
+        is_late: !bus.is_line() && plan.last_reply > settings.cycle.reply_deadline,
     };
     settings.buses.iter().zip(BusPlan::of(settings)).enumerate().map(report).collect()
 }
@@ -199,15 +208,16 @@ fn print_plan(file: &str, settings: &Settings, out: &mut impl Write) -> io::Resu
     writeln!(out, "{file}: motors: {motors}, buses: {buses}, rate: {rate_hz} Hz")?;
     let reports = bus_reports(settings);
     let width = reports.iter().map(|bus| bus.name.len()).max().unwrap_or(0).max("bus".len());
-    writeln!(out, "{:<width$}  motors  worst case  unstuffed  fault poll  verdict", "bus")?;
+    writeln!(out, "{:<width$}  motors  worst case  unstuffed  fault poll  highest  verdict", "bus")?;
     for bus in reports {
         let [worst, unstuffed, poll] =
             [bus.worst_case_utilisation, bus.unstuffed_utilisation, bus.fault_poll_utilisation]
                 .map(|f| 100.0 * f);
         let (name, motors, verdict) = (bus.name, bus.motors, verdict(&bus));
+        let highest = bus.rate_hz_max.map_or_else(|| "-".to_owned(), |rate_hz| format!("{rate_hz} Hz"));
         writeln!(
             out,
-            "{name:<width$}  {motors:>6}  {worst:>8.1} % {unstuffed:>8.1} % {poll:>9.1} %  {verdict}"
+            "{name:<width$}  {motors:>6}  {worst:>8.1} % {unstuffed:>8.1} % {poll:>9.1} %  {highest:>7}  {verdict}"
         )?;
     }
     write!(out, "{LEGEND}")
@@ -238,7 +248,7 @@ fn line_verdict(line: &LineReport, every: u32) -> String {
 fn can_verdict(bus: &BusReport<'_>) -> &'static str {
     match bus {
         BusReport { motors: 0, .. } => "empty",
-        bus if bus.worst_case_utilisation > 1.0 => "TOO FULL: lower the rate or move a motor",
+        BusReport { is_late: true, .. } => "TOO FULL: lower the rate or move a motor",
         bus if bus.worst_case_utilisation > WORST_CASE_SOUND => "tight: lower the rate or move a motor",
         bus if bus.fault_poll_utilisation > 1.0 => "fits; fault polls only where there happens to be room",
         _ => "fits",
