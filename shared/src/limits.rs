@@ -12,8 +12,8 @@ pub const CONTROLLERS_MAX: usize = 16;
 pub const WATCHERS_MAX: usize = 32;
 /// Most processes that may record every cycle.
 pub const RECORDERS_MAX: usize = 2;
-/// Cycles that a recorder may be late: half a second of a 1 kHz cycle.
-pub const RECORDS_KEPT: usize = 512;
+/// Cycles that a recorder may be late: a quarter of a second of a 1 kHz cycle.
+pub const RECORDS_KEPT: usize = 256;
 /// Most processes that may send administrative requests.
 pub const ADMINS_MAX: usize = 32;
 /// Places among `ADMINS_MAX` that are kept for processes that only want an emergency stop.

@@ -5,6 +5,7 @@ use std::fs;
 use nix::sched::{CpuSet, sched_setaffinity};
 use nix::sys::resource::{Resource, getrlimit};
 use nix::unistd::Pid;
+use std::thread::Builder;
 
 /// Highest `SCHED_FIFO` priority that the daemon requests: kernel threads use 99.
 const PRIORITY_MAX: u8 = 98;
@@ -29,6 +30,10 @@ impl Machine {
     }
 }
 
+/// Stack of the temporary thread. libc keeps it for later threads, and the daemon locks all of its
+/// memory.
+const STACK_BYTES: usize = 64 * 1024;
+
 /// Tests each processor in a temporary thread. The affinity of this process is not sufficient: it
 /// does not contain isolated processors (`isolcpus`), which may be used.
 fn processors() -> Vec<usize> {
@@ -36,8 +41,9 @@ fn processors() -> Vec<usize> {
         let mut one = CpuSet::new();
         one.set(cpu).is_ok() && sched_setaffinity(Pid::from_raw(0), &one).is_ok()
     };
-    let tried = std::thread::spawn(move || (0..CpuSet::count()).filter(is_allowed).collect()).join();
-    tried.unwrap_or_default()
+    let thread = Builder::new().stack_size(STACK_BYTES);
+    let tried = thread.spawn(move || (0..CpuSet::count()).filter(is_allowed).collect());
+    tried.ok().and_then(|tried| tried.join().ok()).unwrap_or_default()
 }
 
 fn priority_max() -> u8 {

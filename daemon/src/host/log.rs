@@ -24,6 +24,8 @@ use tracing_subscriber::fmt::MakeWriter;
 
 /// The most lines in the queue.
 const LINES_MAX: usize = 1024;
+/// The thread only writes lines. The memory of the process is locked, so every byte of its stack is resident.
+const STACK_BYTES: usize = 128 * 1024;
 /// The most time that the end of the process waits for the reader.
 const FLUSH_TIME: Duration = Duration::from_millis(500);
 
@@ -62,7 +64,10 @@ impl Log {
         let (messages, received) = sync_channel(LINES_MAX);
         let dropped = Arc::new(AtomicU64::new(0));
         let counted = Arc::clone(&dropped);
-        Builder::new().name("motord-log".into()).spawn(move || write(out, &received, &counted))?;
+        Builder::new()
+            .name("motord-log".into())
+            .stack_size(STACK_BYTES)
+            .spawn(move || write(out, &received, &counted))?;
         Ok(Self { messages, dropped, for_journal })
     }
 

@@ -4,6 +4,7 @@ mod deadman;
 mod deadman_serial;
 mod faults_process;
 mod log;
+mod memory;
 mod motord_sim;
 mod owners;
 mod port;

@@ -192,7 +192,7 @@ impl ClientPorts {
     }
 }
 
-/// Receives every cycle. It keeps those of half a second at 1 kHz; what it loses shows in [`CycleRecord::sequence`].
+/// Receives every cycle. It keeps those of a quarter of a second at 1 kHz; what it loses shows in [`CycleRecord::sequence`].
 #[derive(Debug)]
 pub struct RecordPort {
     port: Subscriber<Service, Payload<CycleRecord>, ()>,

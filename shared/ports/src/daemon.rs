@@ -18,7 +18,9 @@ use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe;
-use motord_shared::limits::{ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, REQUESTS_PER_CLIENT};
+use motord_shared::limits::{
+    ADMINS_MAX, ANSWER_BYTES_MAX, CONTROLLERS_MAX, RECORDERS_MAX, RECORDS_KEPT, REQUESTS_PER_CLIENT,
+};
 use motord_shared::message::{
     AdminAnswer, AdminReply, AdminRequest, CycleRecord, SetpointMessage, StateMessage,
 };
@@ -28,8 +30,11 @@ use std::time::Duration;
 /// How long a starting daemon waits for others that are removing its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Answers in memory: each client may have one to each of its requests waiting and one being read, and one is being written.
-pub(crate) const ANSWERS: usize = (REQUESTS_PER_CLIENT + 1) * ADMINS_MAX + 1;
+/// Answers in memory: one to each request under way, and one that is being written.
+pub(crate) const ANSWERS: usize = REQUESTS_PER_CLIENT * ADMINS_MAX + 1;
+
+/// Records in memory. The same newest records wait for every recorder; each recorder may read an older one, and one is written.
+const RECORDS: usize = RECORDS_KEPT + RECORDERS_MAX + 2;
 
 /// The daemon's ends of the services.
 #[derive(Debug)]
@@ -91,6 +96,7 @@ impl DaemonPorts {
             record: records
                 .publisher_builder()
                 .max_loaned_samples(1)
+                .override_sample_preallocation(|_| RECORDS)
                 .backpressure_strategy(BackpressureStrategy::DiscardData)
                 .create()
                 .map_err(Part::Record.failed())?,

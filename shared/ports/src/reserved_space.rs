@@ -9,7 +9,7 @@ use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The files of a daemon without clients take 17 MB; the rest is for the connections of some clients.
+/// The files of a daemon without clients take 8 MB; the rest is for the connections of some clients.
 const BYTES: i64 = 20 << 20;
 
 /// Checks that `directory` has space for the services: takes it and gives it back.

@@ -374,7 +374,7 @@ pub(crate) fn state(
         .max_nodes(NODES_MAX)
 }
 
-/// A service beside the states: each of its few subscribers has room for half a second of cycles, which the many watchers do
+/// A service beside the states: each of its few subscribers has room for a quarter of a second of cycles, which the many watchers do
 /// not need.
 pub(crate) fn record(
     node: &Node<Service>,
