@@ -71,7 +71,7 @@ sections! {
         "reply-deadline-percent" reply_deadline_percent: f64, "%" = is(80.0).within(10.0, 95.0),
             "Share of the period. A reply that comes later is missed.";
         "indicator-hz" indicator_hz: f64, "Hz" = is(1.0).within(0.0, 10.0),
-            "Rate at which the cycle requests each indicator of a native motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
+            "Rate at which the cycle requests each indicator of a GIM motor (GIM document, table 10), if its bus has time. 0 never asks; a rate between 0 and 0.01 Hz counts as 0.01 Hz. Only the first 16 native motors of the file are asked; MIT motors have none.";
         "busy-poll-us" busy_poll_us: Option<f64>, "µs" = follows("30 with `cpu`, else 0").within(0.0, 1000.0),
             "When the last replies of a cycle usually arrive, the cycle polls the buses for at most this time, to publish them immediately. Shorter than a cycle. 0 never polls. Costs and gains: [decision 21](adr/0021-the-cycle-polls-for-the-last-replies.md).";
     }
@@ -103,7 +103,7 @@ sections! {
         "setpoint-timeout-ms" setpoint_timeout_ms: Option<f64>, "ms" = follows("20, or 2 cycles").within(1.0, 1000.0),
             "A group whose owner sends no valid setpoint for this long is stopped. At least 2 cycles.";
         "safe-stop" safe_stop: SafeStop, "" = is(SafeStop::Damp),
-            "Reaction of a group to a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a native motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp immediately.";
+            "Reaction of a group to a cause. `damp`: kp 0, kd `damping-kd`, torque 0, or of a GIM motor a speed that falls to 0; then stop. `hold`: hold the measured position for `damp-seconds`, then damp and stop. `stop`: limp immediately.";
         "damp-seconds" damp_seconds: f64, "s" = is(2.0).within(0.1, 30.0),
             "The longest time that motors are damped before they are stopped.";
         "rest-velocity-rad-s" rest_velocity_rad_s: f64, "rad/s" = is(0.2).within(0.01, 10.0),
@@ -131,7 +131,7 @@ sections! {
         "name" name: Option<String>, "" = required("every [[bus]] needs a name"),
             "Its name.";
         "type" kind: Option<BusType>, "" = required("give socketcan, serial or simulated"),
-            "`socketcan`: a CAN interface of Linux. `serial`: RS485 or RS232, for native motors. `simulated`: simulated motors on a simulated CAN bus inside the daemon.";
+            "`socketcan`: a CAN interface of Linux. `serial`: RS485 or RS232, for GIM motors. `simulated`: simulated motors on a simulated CAN bus inside the daemon.";
         "interface" interface: Option<String>, "" = follows("required for `socketcan`"),
             "Linux name of the interface, such as `can0`.";
         "bitrate" bitrate: i64, "bit/s" = is(1_000_000).within(10_000.0, 1_000_000.0),
@@ -163,7 +163,7 @@ sections! {
         "host-id" host_id: Option<i64>, "" = follows("SteadyWin 0x100 + `id`, Damiao 0x10 + `id`, RobStride 0x40 + `id`; serial: 0").within(0.0, 2047.0),
             "Id that its replies bear. SteadyWin: ConfID 0x13. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required("give mit or gim"),
-            "`mit`: impedance control over CAN. `gim`: SteadyWin's native protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";
+            "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";
         "model" model: Option<String>, "" = required("give the motor's model, such as GIM8108-8"),
             "Such as `GIM8108-8`, see [models](#models). Gives the defaults of the values below.";
         "torque-constant-nm-per-a" torque_constant_nm_per_a: Option<f64>, "N·m/A" = follows("of the model").within(0.001, 2.0),
@@ -184,7 +184,7 @@ sections! {
         "offset-rad" offset_rad: f64, "rad" = is(0.0).within(-12.5, 12.5).angle(),
             "Joint angle at the motor's zero.";
         "damping-kd" damping_kd: Option<f64>, "N·m·s/rad" = follows("2, at most `kd-max`").within(0.0, 5.0),
-            "`mit` only: damping of a safe stop. A native motor is braked by the speed loop of its drive. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
+            "`mit` only: damping of a safe stop. The speed loop of its drive brakes a GIM motor. Not 0 and not above `kd-max`, unless the group's safe stop is `stop`.";
         "control-duration-ms" control_duration_ms: i64, "ms" = is(0).within(0.0, 60_000.0),
             "`gim` only: the execution time that is sent with each torque, speed and position command (GIM document, 3.2.7 to 3.2.9). The document does not define the end of such a time: the motor may go limp, which would make it a watchdog in the drive, or hold its last command. In a position command it may be the time of the travel. Leave it at 0, without an end, until a bench has shown what your motor does. At least 3 turns of the motor.";
         "beyond-range" beyond_range: BeyondRange, "" = is(BeyondRange::Stop),

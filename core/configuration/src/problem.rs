@@ -173,7 +173,7 @@ pub enum Wrong {
     UnknownBus(String, String),
     #[error("{0:?} is a serial bus, and MIT is spoken over CAN only; use protocol = \"gim\"")]
     MitOverSerial(String),
-    #[error("the native protocol is not spoken by motors of {motors}; use protocol = \"mit\"")]
+    #[error("motors of {motors} do not speak the GIM protocol; use protocol = \"mit\"")]
     NoGim { motors: &'static str },
     #[error("an MIT command has no duration; remove it, or use protocol = \"gim\"")]
     NoDuration,
@@ -226,9 +226,7 @@ pub enum Wrong {
         "0 does not damp, but the safe stop of the motor's group does; give a damping, or safe-stop = \"stop\" to the group"
     )]
     NoDamping,
-    #[error(
-        "a native motor does not use it: the speed loop of its drive brakes it in a safe stop; remove it"
-    )]
+    #[error("a GIM motor does not use it: the speed loop of its drive brakes it in a safe stop; remove it")]
     DampingUnused,
     #[error("{damping} is more than limits.kd-max {kd_max}; a safe stop could not apply it")]
     DampingBeyondLimit { damping: f64, kd_max: f64 },

@@ -698,7 +698,7 @@ fn damping_of_native_motor_is_a_warning() {
         let native = format!("model = 'GIM3505-8'\ndamping-kd = {damping:?}");
         let warned = warnings(&GOOD.replacen("model = 'GIM3505-8'", &native, 1));
         assert_eq!(warned.len(), 1, "{warned:?}");
-        assert!(warned[0].contains("motor.damping-kd: a native motor does not use it"), "{warned:?}");
+        assert!(warned[0].contains("motor.damping-kd: a GIM motor does not use it"), "{warned:?}");
     }
 }
 
