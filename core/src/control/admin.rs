@@ -1,16 +1,73 @@
 //! Administrative requests: which are granted, and why the others are refused.
 
 use super::answers::{Refused, reply};
+use super::asker::{Asker, Right};
 use super::group::Group;
 use super::motor::{Kind, Motor, ServiceRequest};
-use super::request::{Asker, Groups, Request, Right};
 use super::{Control, Place};
 use core::ops::Range;
 use motord_bus::Instant;
-use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Phase, Refusal};
+use motord_shared::{AdminReply, AdminRequest, Cause, Lease, MotorMode, Operation, Phase, Refusal, message};
 
 /// The lease that a request was granted, if it claims one.
 type Granted = Result<Option<Lease>, Refused>;
+
+/// The content of a request, without codes and sentinels of the wire. Indices of groups and joints are not checked yet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Request {
+    Claim(usize),
+    Release,
+    ForceRelease(usize),
+    Enable(Groups),
+    Disable(Groups),
+    Reset(Groups),
+    EmergencyStop,
+    Exclude(usize),
+    Include(usize),
+    Serve(Kind, usize),
+}
+
+/// The groups that a request is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Groups {
+    All,
+    One(usize),
+}
+
+impl Request {
+    /// Converts a request.
+    ///
+    /// # Errors
+    ///
+    /// When it is malformed, or its operation is unknown or not one of the cycle.
+    fn read(request: &AdminRequest) -> Result<Self, Refused> {
+        let (group, joint) = (request.group as usize, request.joint as usize);
+        let groups = if request.group == message::ALL_GROUPS { Groups::All } else { Groups::One(group) };
+        let operation = request.operation().map_err(|(reason, number)| match reason {
+            Refusal::UnknownOperation => Refused::unknown(reason, number),
+            _ => Refused::new(reason),
+        })?;
+        Ok(match operation {
+            Operation::Claim => Self::Claim(group),
+            Operation::Release => Self::Release,
+            Operation::ForceRelease => Self::ForceRelease(group),
+            Operation::Enable => Self::Enable(groups),
+            Operation::Disable => Self::Disable(groups),
+            Operation::Reset => Self::Reset(groups),
+            Operation::EmergencyStop => Self::EmergencyStop,
+            Operation::Exclude => Self::Exclude(joint),
+            Operation::Include => Self::Include(joint),
+            Operation::SetZero => Self::Serve(Kind::SetZero, joint),
+            Operation::ClearFault => Self::Serve(Kind::ClearFault, joint),
+            Operation::Describe
+            | Operation::Telemetry
+            | Operation::Histograms
+            | Operation::ResetTelemetry => {
+                return Err(Refused::unknown(Refusal::UnknownOperation, request.operation));
+            }
+        })
+    }
+}
 
 impl Control {
     /// Answers a request. A request that a motor must confirm is answered later, by

@@ -1,4 +1,4 @@
-//! Answers to administrative requests. Codes and sentinels of the wire occur only here and in [`request`](super::request).
+//! Answers to administrative requests, with their codes and sentinels of the wire.
 
 use motord_shared::codes::Detail;
 use motord_shared::{AdminReply, Cause, Lease, Refusal, message};

@@ -15,6 +15,7 @@
 
 mod admin;
 mod answers;
+mod asker;
 mod bus_health;
 mod command;
 mod context;
@@ -23,7 +24,6 @@ mod group;
 mod indicators;
 mod leases;
 mod motor;
-mod request;
 mod time_base;
 mod wake;
 

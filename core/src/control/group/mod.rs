@@ -18,10 +18,10 @@ mod watch;
 
 pub(super) use watch::Consequence;
 
+use super::asker::{Asker, Right};
 use super::bus_health::BusHealth;
 use super::context::Context;
 use super::motor::{Motor, Orders, Turn};
-use super::request::{Asker, Right};
 use super::{Command, Event};
 use crate::settings::{GroupSettings, MotorSettings, SafeStop};
 use motord_bus::{Duration, Instant};

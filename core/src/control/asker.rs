@@ -1,0 +1,40 @@
+//! The sender of a request, and the right that it claims.
+
+use motord_shared::{AdminRequest, Lease};
+
+/// The process that sends a request.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Asker {
+    pub(super) pid: u32,
+    pub(super) right: Right,
+}
+
+/// The right that a request claims.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Right {
+    /// That of an operator, who owns no group.
+    Operator,
+    /// That of the owner with this lease. It may be lost.
+    Owner(Lease),
+    /// The request has a number that no daemon grants as a lease.
+    Invalid,
+}
+
+impl Asker {
+    pub(super) fn of(request: &AdminRequest) -> Self {
+        let right = match (request.lease, Lease::from_raw(request.lease)) {
+            (0, _) => Right::Operator,
+            (_, Some(lease)) => Right::Owner(lease),
+            (_, None) => Right::Invalid,
+        };
+        Self { pid: request.pid, right }
+    }
+
+    /// Returns the lease in the request.
+    pub(super) const fn lease(&self) -> Option<Lease> {
+        match self.right {
+            Right::Owner(lease) => Some(lease),
+            Right::Operator | Right::Invalid => None,
+        }
+    }
+}
