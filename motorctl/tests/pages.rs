@@ -1,6 +1,6 @@
 //! Completions and manual pages of the three programs: what `--help` shows is in them, in real shells and in real viewers.
 //!
-//! The tests that need shells or viewers are ignored unless asked for: `.ci/run` installs what they need and asks.
+//! The tests that need shells or viewers are ignored unless asked for: `.ci/full pages` installs what they need and runs them.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -32,7 +32,7 @@ fn page(name: &str, command: &[String]) -> String {
 
 fn shell(program: &str, arguments: &[&str]) -> Output {
     let output = Command::new(program).args(arguments).env("LC_ALL", "C.UTF-8").output();
-    output.unwrap_or_else(|error| panic!("{program}: {error}: .ci/run installs it"))
+    output.unwrap_or_else(|error| panic!("{program}: {error}: .ci/full pages installs it"))
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -56,7 +56,7 @@ fn every_visible_command_has_a_page() {
 }
 
 #[test]
-#[ignore = "needs man and groff: .ci/run installs them"]
+#[ignore = "needs man and groff: .ci/full pages installs them"]
 fn every_page_is_rendered_without_a_warning() {
     let directory = TempDir::new().unwrap();
     for name in PROGRAMS {
@@ -108,7 +108,7 @@ fn offered(shell_name: &str, script: &str, name: &str, line: &str) -> Vec<String
 
 /// Goal: whatever `--help` lists can be completed. Method: ask the shell for the completions after each command.
 #[test]
-#[ignore = "needs bash and fish: .ci/run installs them"]
+#[ignore = "needs bash and fish: .ci/full pages installs them"]
 fn bash_and_fish_complete_every_command_and_option() {
     let scratch = TempDir::new().unwrap();
     for name in PROGRAMS {
@@ -128,7 +128,7 @@ fn bash_and_fish_complete_every_command_and_option() {
 
 /// The completions of zsh need a terminal.
 #[test]
-#[ignore = "needs zsh and tmux: .ci/run installs them"]
+#[ignore = "needs zsh and tmux: .ci/full pages installs them"]
 fn zsh_completes_command_and_option_of_each_program() {
     let scratch = TempDir::new().unwrap();
     for name in PROGRAMS {
@@ -136,7 +136,7 @@ fn zsh_completes_command_and_option_of_each_program() {
             .unwrap();
     }
     let path = format!("{}:{}", directory().display(), std::env::var("PATH").unwrap());
-    let terminal = Tmux::start(&[("PATH", &path)]).expect("tmux, which .ci/run installs");
+    let terminal = Tmux::start(&[("PATH", &path)]).expect("tmux, which .ci/full pages installs");
     let functions = scratch.path().display();
     terminal.enter("exec env PS1='z''sh> ' zsh -f");
     terminal.until("zsh", |screen| screen.contains("zsh>"));
