@@ -1,6 +1,6 @@
-// block-thread THREAD SECONDS: holds one thread of a process still, as a debugger would, and lets it go on.
+// block-thread THREAD SECONDS: stops one thread of a process, as a debugger does, and lets it continue.
 //
-// Prints when the thread stands, in seconds since 1970.
+// Prints the time at which the thread stops, in seconds since 1970.
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/ptrace.h>

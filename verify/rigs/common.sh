@@ -1,4 +1,4 @@
-# Sourced by the rigs: what they share.
+# Sourced by all rigs.
 
 rigs=$(dirname "$(realpath "${BASH_SOURCE[0]}")")
 tree=$(realpath "$rigs/../..")
@@ -10,7 +10,7 @@ usage() {
     exit 64
 }
 
-# provide COMMAND=PACKAGE...: installs the Debian packages of commands that are not there.
+# provide COMMAND=PACKAGE...: installs the Debian packages of missing commands.
 provide() {
     local pair missing=()
     for pair; do
@@ -21,14 +21,17 @@ provide() {
 
 # apt COMMAND...: runs apt-get, after an update if it fails without one. Silent unless it fails twice.
 apt() {
-    local log
+    local log get="apt-get -o DPkg::Lock::Timeout=600"
     log=$(mktemp)
-    { apt-get "$@" || { apt-get update && apt-get "$@"; }; } >"$log" 2>&1 || { cat "$log" >&2; return 1; }
+    { $get "$@" || { $get update && $get "$@"; }; } >"$log" 2>&1 || { cat "$log" >&2; return 1; }
     rm "$log"
 }
 
-# User Mode Linux 6.1 ends at its first program on a processor with AMX: it cannot restore that many registers (put_fp_registers).
+# User Mode Linux 6.1 exits at its first program on a processor with AMX: it cannot restore that many registers (put_fp_registers).
 uml_runs() { ! grep -qw amx_tile /proc/cpuinfo; }
+
+# What boots a whole system: uml or qemu.
+hypervisor() { echo "${RIG_HYPERVISOR:-$(uml_runs && echo uml || echo qemu)}"; }
 
 must_run_uml() {
     uml_runs && return
@@ -36,11 +39,12 @@ must_run_uml() {
     exit 125
 }
 
-# takes_no_longer QUIET RUN: the median cycle of RUN is at most 1.25 times that of QUIET; runs differ by 5 %. Both are files of
-# `motorctl latency --json`. Missed ticks tell of this machine's other work, too, and are not judged.
+# takes_no_longer QUIET RUN: the median cycle of RUN is at most 1.25 times that of QUIET, in the same run of the rig. Medians of two runs
+# differed by 5 %; the spread of 20 runs was not measured. Both are files of `motorctl latency --json`. Missed ticks depend on the
+# other load of this machine and are not judged.
 takes_no_longer() { jq -s -e '.[1].cycle_us.p50 <= 1.25 * .[0].cycle_us.p50' "$1" "$2" >/dev/null; }
 
-# in_two_groups: a quadruped's configuration, with a group for a controller, the front, and one for somebody else.
+# in_two_groups: a quadruped's configuration with the group `front` for a controller and the group `rear` for another client.
 in_two_groups() {
     sed '/^\[\[group\]\]/,$d'
     printf '[[group]]\nname = "%s"\njoints = [%s]\n' \
@@ -48,7 +52,23 @@ in_two_groups() {
         rear '"rl-hip", "rl-thigh", "rl-knee", "rr-hip", "rr-thigh", "rr-knee"'
 }
 
-# hand_over COMMAND...: makes the folder $rig, from which `guest` learns what to run, where and with which environment.
+# build_programs [EXAMPLE...]: builds the programs that the rigs run, and these examples, in the folder $bin. RIG_BIN is a folder that has
+# them. The client's examples and those of the benchmarks are built with the features of the workspace, the daemon without those of tests.
+build_programs() {
+    local target profile=${RIG_PROFILE:-release} options examples=("${@/#/--example=}")
+    target=$(realpath -m "${CARGO_TARGET_DIR:-$tree/target}")
+    # A build for a rig must not be taken for one for a robot.
+    [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
+    # The folder of cargo's profile dev is called debug.
+    bin=${RIG_BIN:-$target/${profile/#dev/debug}}
+    [ -z "${RIG_BIN:-}" ] || return 0
+    options=(--quiet --locked --profile "$profile" --manifest-path "$tree/Cargo.toml" --target-dir "$target")
+    # Programs last: a build of examples may replace them.
+    [ $# = 0 ] || cargo build "${options[@]}" --workspace "${examples[@]}"
+    cargo build "${options[@]}" -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
+}
+
+# hand_over COMMAND...: makes the folder $rig, from which `guest` reads the command, its directory and its environment.
 hand_over() {
     rig=$(mktemp -d /var/tmp/motord-rig.XXXXXX)
     trap 'rm -rf "$rig"' EXIT

@@ -38,32 +38,23 @@ fi
 #
 #   RIG_PROFILE=release cargo's profile
 #   RIG_FEATURES=       features of cargo that the programs are built with
-#   RIG_BIN=            a folder with these programs, built already
-#   RIG_EXAMPLE=        an example of the client that is built, too
+#   RIG_BIN=            a folder with the programs, and in `examples` the examples
+#   RIG_EXAMPLE=        examples of the client or of the benchmarks that the script runs
 #   RIG_FILES=          files of this repository that the script needs
 #   RIG_ROBOT=          the robot's configuration, with four simulated buses; config/quadruped-simulated.toml
 #   RIG_ALSO=           a file that is appended to it
 run_inside() {
-    local script target=${CARGO_TARGET_DIR:-target} profile=${RIG_PROFILE:-release} built
-    # The folder of cargo's profile dev is called debug.
-    built=${profile/#dev/debug}
+    local script
     script=$(realpath "$1")
     shift
-    # A build for a rig must not be taken for one for a robot.
-    [ -z "${RIG_FEATURES:-}" ] || target+=/with-features
     provide candump=can-utils jq=jq cc=gcc
     cd "$tree"
-    [ -n "${RIG_BIN:-}" ] || cargo build --quiet --locked --profile "$profile" --target-dir "$target" \
-        -p motord -p motorctl -p motord-checker --features "${RIG_FEATURES:-}"
+    build_programs ${RIG_EXAMPLE:-}
     RIG_PLACE=$(mktemp -d /var/tmp/motord-robot.XXXXXX)
-    chmod 755 "$RIG_PLACE" # others than root run programs here, too
+    chmod 755 "$RIG_PLACE" # others than root run programs here
     trap 'rm -rf "$RIG_PLACE"' EXIT
-    cp "${RIG_BIN:-$target/$built}"/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
-    if [ -n "${RIG_EXAMPLE:-}" ]; then
-        # By itself, or the daemon would be built with features that only the examples need.
-        cargo build --quiet --locked --profile "$profile" --target-dir "$target" -p motord-client --example "$RIG_EXAMPLE"
-        cp "$target/$built/examples/$RIG_EXAMPLE" "$RIG_PLACE"
-    fi
+    cp "$bin"/{motord,motord-sim,motorctl,motord-checker} "$RIG_PLACE"
+    [ -z "${RIG_EXAMPLE:-}" ] || cp $(printf "$bin/examples/%s " $RIG_EXAMPLE) "$RIG_PLACE"
     [ -z "${RIG_FILES:-}" ] || cp $RIG_FILES "$RIG_PLACE"
     cc -O2 -Wall -o "$RIG_PLACE/bare-loop" "$rigs/bare-loop.c"
     cc -O2 -Wall -o "$RIG_PLACE/block-thread" "$rigs/block-thread.c"
