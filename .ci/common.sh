@@ -62,6 +62,7 @@ finish() {
     exit "$status"
 }
 trap finish EXIT
+trap 'exit 130' INT TERM
 
 # has COMMAND PACKAGE: installs the Debian package of a command that this machine lacks.
 has() {
