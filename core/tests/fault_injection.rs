@@ -10,7 +10,7 @@ use motord_bus::Duration;
 use motord_core::settings::{BusSettings, Settings};
 use motord_harness::robot;
 use motord_harness::robot::Robot;
-use motord_harness::robot::checker::Checker;
+use motord_harness::robot::checker::{Checker, of_vendor};
 use motord_harness::robot::fuzz_client::FuzzClient;
 use motord_harness::robot::random::Random;
 use motord_protocol::MotorProtocol;
@@ -147,18 +147,6 @@ const MOTOR_FAULTS: [&str; 14] = [
     "fault over-current",
     "power-cycle",
 ];
-
-/// A fault as the motor's simulated twin is told it: a drive raises a number of its vendor's list (docs/motors.md).
-fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
-    match (fault, vendor) {
-        ("fault over-voltage", "steadywin") => "fault 0x02",
-        ("fault over-current", "steadywin") => "fault 0x40",
-        ("fault over-voltage", _) => "fault 0x08",
-        ("fault over-current", "damiao") => "fault 0x0A",
-        ("fault over-current", _) => "fault 0x10000",
-        _ => fault,
-    }
-}
 
 #[test]
 fn no_fault_sends_forbidden_frames_or_prevents_arming() {

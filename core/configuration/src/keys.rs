@@ -160,7 +160,7 @@ sections! {
         "id" id: Option<i64>, "" = required("give the motor's CAN id").within(1.0, 254.0),
             "Its CAN id. SteadyWin: ConfID 0x12. Some vendors allow fewer ids.";
         // The header of a serial frame has one byte for the receiver (GIM document, table 3).
-        "host-id" host_id: Option<i64>, "" = follows("SteadyWin 0x100 + `id`, Damiao 0x10 + `id`, RobStride 0x40 + `id`; serial: 0").within(0.0, 2047.0),
+        "host-id" host_id: Option<i64>, "" = follows("of the [model](#models); serial: 0").within(0.0, 2047.0),
             "Id that its replies bear. SteadyWin: ConfID 0x13. On a serial bus 0 to 255; some vendors allow fewer ids.";
         "protocol" protocol: Option<MotorProtocol>, "" = required("give mit or gim"),
             "`mit`: impedance control over CAN. `gim`: SteadyWin's GIM protocol, and the only one of a serial bus. As the motor is set (SteadyWin: ConfID 0x1C).";

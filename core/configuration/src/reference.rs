@@ -29,19 +29,30 @@ pub fn reference(document: &str) -> String {
 
 /// Returns the table of models and the defaults that they give.
 fn models() -> String {
-    let head =
-        ["model", "vendor", "gear ratio", "rated torque, N·m", "peak torque, N·m", "max velocity, rad/s"];
-    let models = PROFILES.iter().flat_map(|profile| profile.models.iter().map(|model| (profile.name, model)));
-    let rows = models.map(|(vendor, model)| {
+    let head = [
+        "model",
+        "vendor",
+        "`host-id`",
+        "gear ratio",
+        "rated torque, N·m",
+        "peak torque, N·m",
+        "max velocity, rad/s",
+    ];
+    let models = PROFILES.iter().flat_map(|profile| profile.models.iter().map(move |model| (profile, model)));
+    let rows = models.map(|(profile, model)| {
         let numbers = [model.gear_ratio, model.rated_torque, model.peak_torque, model.max_velocity];
         let [gear_ratio, rated, peak, velocity] = numbers.map(|number| number.to_string());
-        [format!("`{}`", model.name), vendor.to_owned(), gear_ratio, rated, peak, velocity]
+        let host_id = format!("{:#x} + `id`", profile.ids.reply_offset);
+        [format!("`{}`", model.name), profile.name.to_owned(), host_id, gear_ratio, rated, peak, velocity]
     });
     table(head, rows)
 }
 
-fn table(head: [&str; 6], rows: impl Iterator<Item = [String; 6]>) -> String {
+fn table<const COLUMNS: usize>(
+    head: [&str; COLUMNS],
+    rows: impl Iterator<Item = [String; COLUMNS]>,
+) -> String {
     let line = |cells: &[&str]| format!("| {} |\n", cells.join(" | "));
     let rows = rows.map(|cells| line(&cells.each_ref().map(String::as_str)));
-    [line(&head), line(&["---"; 6])].into_iter().chain(rows).collect()
+    [line(&head), line(&["---"; COLUMNS])].into_iter().chain(rows).collect()
 }

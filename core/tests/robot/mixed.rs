@@ -3,6 +3,7 @@
 
 use motord_harness::robot;
 use motord_harness::robot::Robot;
+use motord_harness::robot::checker::VENDORS;
 use motord_protocol::fault::FAULTS;
 use motord_shared::{Fault, JointSetpoint, MotorMode, Phase};
 
@@ -40,15 +41,15 @@ fn motors_of_three_vendors_follow_one_wave() {
 
 #[test]
 fn faults_of_each_vendor_use_the_same_words() {
-    for (vendor_name, raised) in [("steadywin", "0x02"), ("damiao", "0x08"), ("robstride", "0x08")] {
+    for judged in VENDORS {
         let mut robot = mixed();
         robot.activate();
-        let joint = (0..12).find(|&joint| vendor(&robot, joint) == vendor_name).expect("one of each");
+        let joint = (0..12).find(|&joint| vendor(&robot, joint) == judged.name).expect("one of each");
         let name = robot.settings.motors[joint].name.clone();
-        robot.disturb(&format!("{name} fault {raised}"));
+        robot.disturb(&format!("{name} {}", judged.over_voltage));
         (0..300).for_each(|_| robot.step());
-        assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{vendor_name}");
-        assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{vendor_name}");
+        assert_eq!(robot.joint(joint).mode, MotorMode::Fault.code(), "{}", judged.name);
+        assert_eq!(robot.joint(joint).fault, motord_protocol::Faults::OVER_VOLTAGE.0, "{}", judged.name);
     }
 }
 

@@ -48,7 +48,7 @@ impl Ranges {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
-    /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an error code (Damiao).
+    /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an error code.
     #[serde(rename = "id-mask")]
     pub id_mask: u8,
     /// Bytes of a reply to a command.
@@ -62,13 +62,6 @@ pub struct Reply {
 impl Reply {
     /// SteadyWin: the whole first byte is the id, and six bytes are all (MIT document 1.1).
     pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6, report: Some(3) };
-
-    /// Damiao: four bits of the id under an error code, and two temperatures at the end (DM_CAN.py). Every reply has the error.
-    pub const DAMIAO: Self = Self { id_mask: 0x0F, length: 8, report: None };
-
-    /// RobStride: the id, and a temperature of two bytes at the end. A report has 17 bits of faults behind the id
-    /// (SampleProgram, RS00 manual).
-    pub const ROBSTRIDE: Self = Self { id_mask: 0xFF, length: 8, report: Some(4) };
 
     /// Position, rad, and velocity, rad/s, that the reply of motor `id` tells. `None` when it is none, or a report on faults.
     #[must_use]
@@ -232,19 +225,5 @@ mod tests {
         ] {
             assert!(!is_safe(pull), "{pull:016X}");
         }
-    }
-
-    #[test]
-    fn foreign_replies_and_fault_reports_hold_no_state() {
-        let damiao = Reply::DAMIAO;
-        let read = |reply: Reply, payload: &[u8]| reply.read(payload, 1, &RANGES);
-        assert!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0]).is_some());
-        assert!(read(damiao, &[0x11, 0x80, 0, 0x80, 8, 0, 25, 25]).is_some());
-        assert_eq!(read(Reply::STEADYWIN, &[2, 0x80, 0, 0x80, 8, 0]), None);
-        assert_eq!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0x80, 8, 0, 25, 25]), None);
-        assert_eq!(read(Reply::STEADYWIN, &[1, 0x80, 0, 0, 0, 0]), None);
-        assert_eq!(read(damiao, &[0x12, 0x80, 0, 0x80, 8, 0, 25, 25]), None);
-        assert!(read(Reply::ROBSTRIDE, &[1, 0x80, 0, 0x80, 8, 0, 1, 0]).is_some());
-        assert_eq!(read(Reply::ROBSTRIDE, &[1, 0, 0, 1, 0, 0, 0, 0]), None, "fault 16");
     }
 }

@@ -13,3 +13,4 @@ pub mod log;
 pub mod robot;
 pub mod run;
 pub mod state;
+pub mod vendor;

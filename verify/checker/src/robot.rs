@@ -1,6 +1,7 @@
 //! The robot: which motors hear what, where, and within which limits.
 
 use crate::codec::{Ranges, Reply};
+use crate::vendor::Vendor;
 use motord_bus::Duration;
 use motord_bus::FrameId;
 use serde::Deserialize;
@@ -207,16 +208,6 @@ impl MotorTable {
     }
 }
 
-/// By the name of a motor's model: what the daemon's configuration adds to its id for the id of its replies
-/// (docs/configuration.md), and whether it answers the question for its faults (docs/motors.md).
-fn vendor(model: Option<&str>) -> (u16, bool) {
-    match model.unwrap_or_default() {
-        damiao if damiao.starts_with("DM-") => (0x10, false),
-        robstride if robstride.starts_with("RS") => (0x40, true),
-        _ => (0x100, true),
-    }
-}
-
 impl Wiring {
     /// Reads a configuration of the daemon whose buses are CAN interfaces or serial lines.
     ///
@@ -238,9 +229,9 @@ impl Wiring {
         let wire = |motor: MotorTable| {
             let bus = buses.iter().find(|bus| bus.name == motor.bus);
             let bus = bus.ok_or_else(|| format!("{} is on no bus of the file", motor.name))?;
-            let (reply_offset, answers_question) = vendor(motor.model.as_deref());
+            let vendor = Vendor::of_model(motor.model.as_deref().unwrap_or_default());
             let position = motor.position();
-            let reply_id = motor.host_id.unwrap_or(reply_offset + motor.id);
+            let reply_id = motor.host_id.unwrap_or(vendor.reply_offset + motor.id);
             let id =
                 |raw| FrameId::new(raw).ok_or_else(|| format!("{}: no id has more than 11 bits", motor.name));
             let (id, reply_id) = (id(motor.id)?, id(reply_id)?);
@@ -250,7 +241,7 @@ impl Wiring {
                 name: motor.name,
                 id,
                 reply_id,
-                answers_question,
+                answers_question: vendor.reply.report.is_some(),
             }))
         };
         let wired = motors.into_iter().filter_map(|motor| wire(motor).transpose());

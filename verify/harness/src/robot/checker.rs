@@ -3,10 +3,10 @@
 use super::Robot;
 use super::ranges::ranges;
 use motord_bus::Instant;
-use motord_checker::codec::Reply;
 use motord_checker::robot::{Group, Limits, Motor, Protocol, SafeStop};
 use motord_checker::run::{self, BusFault, MotorFault, Request};
 use motord_checker::state::{self, Bus, Joint, Mode, Phase, State};
+use motord_checker::vendor::Vendor;
 use motord_core::settings::{self, MotorSettings, Settings};
 use motord_protocol::MotorProtocol;
 use motord_shared::{
@@ -15,6 +15,7 @@ use motord_shared::{
 };
 
 pub use motord_checker::run::WRONG_LEASE_VELOCITY;
+pub use motord_checker::vendor::VENDORS;
 
 /// The checker of one robot.
 #[derive(Debug)]
@@ -111,16 +112,20 @@ fn motor(settings: &MotorSettings, robot: &Settings) -> Motor {
 
 fn protocol(settings: &MotorSettings) -> Protocol {
     match settings.protocol {
-        MotorProtocol::Mit => Protocol::Mit { ranges: ranges(settings), reply: reply(settings) },
+        MotorProtocol::Mit => {
+            Protocol::Mit { ranges: ranges(settings), reply: Vendor::named(settings.profile.name).reply }
+        }
         MotorProtocol::Gim => Protocol::Native,
     }
 }
 
-fn reply(settings: &MotorSettings) -> Reply {
-    match settings.profile.name {
-        "damiao" => Reply::DAMIAO,
-        "robstride" => Reply::ROBSTRIDE,
-        _ => Reply::STEADYWIN,
+/// Returns the simulation's command for `fault` of a motor of `vendor`: a drive raises a number of its vendor's list.
+#[must_use]
+pub fn of_vendor(fault: &'static str, vendor: &str) -> &'static str {
+    match fault {
+        "fault over-voltage" => Vendor::named(vendor).over_voltage,
+        "fault over-current" => Vendor::named(vendor).over_current,
+        _ => fault,
     }
 }
 
