@@ -2,26 +2,24 @@
 //! tells which item each test holds.
 
 use motord_bus::{Duration, Instant};
-use motord_core::control::{Command, Event, Reported};
+use motord_core::control::{Command, Reported};
 use motord_core::drive::{Drive, Received};
-use motord_core::settings::{BeyondRange, FaultPolicy, Settings};
+use motord_core::settings::{BeyondRange, Settings};
 use motord_harness::robot;
 use motord_harness::robot::random::Random;
 use motord_harness::robot::{Meaning, PERIOD, Robot};
-use motord_shared::{
-    AdminRequest, BusCondition, Cause, JointSetpoint, Limit, MotorMode, Operation, Phase, Refusal, message,
-};
-use motord_simulator::{Dialect, MotorSettings};
+use motord_shared::{BusCondition, Cause, JointSetpoint, MotorMode, Operation, Phase, Refusal, message};
+use motord_simulator::MotorSettings;
 
 /// An active robot of three motors, and what its owner asks.
-fn active() -> (Robot, Vec<JointSetpoint>) {
+pub(crate) fn active() -> (Robot, Vec<JointSetpoint>) {
     let mut robot = Robot::new(robot::three_motors(), 1);
     let joints = robot.activate();
     (robot, joints)
 }
 
 /// Runs cycles until the group is stopped, and tells how many that took. From the cycle after, nothing moves.
-fn stopped_within(robot: &mut Robot, joints: &[JointSetpoint], cycles: usize) -> (Cause, usize) {
+pub(crate) fn stopped_within(robot: &mut Robot, joints: &[JointSetpoint], cycles: usize) -> (Cause, usize) {
     for cycle in 1..=cycles {
         robot.follow(joints);
         if let Some(cause) = robot.cause() {
@@ -501,224 +499,4 @@ fn frames_lost_before_they_were_read_are_counted() {
     robot.disturb("can overflow 5");
     robot.follow(&joints);
     assert_eq!((robot.bus(0).lost, robot.phase()), (5, Phase::Active));
-}
-
-#[test]
-fn motors_losing_alternate_replies_are_named_and_stopped() {
-    let mut text = String::from("[cycle]\nrate-hz = 500\n[[bus]]\nname = \"can\"\ntype = \"simulated\"\n");
-    for (id, name) in [(1, "a"), (2, "b"), (3, "c"), (4, "d")] {
-        text += &robot::motor(id, name, "can", "");
-    }
-    let mut robot = Robot::new(robot::settings(&text), 3);
-    let joints = robot.activate();
-    robot.disturb("b intermittent 70%");
-    robot.disturb("c intermittent 70%");
-    let (cause, _) = stopped_within(&mut robot, &joints, 3000);
-    assert_eq!(cause, Cause::MotorLost);
-    assert!([1, 2].contains(&robot.group().cause_joint));
-    let missed: Vec<_> = (0..4).map(|joint| robot.joint(joint).missed).collect();
-    assert!(missed[0] == 0 && missed[3] == 0 && missed[1] > 5 && missed[2] > 5, "{missed:?}");
-}
-
-#[test]
-fn power_failed_motor_is_stopped_and_never_restarted() {
-    let (mut robot, joints) = active();
-    robot.disturb("thigh power-cycle");
-    let (cause, _) = stopped_within(&mut robot, &joints, 12);
-    assert_eq!((cause, robot.group().cause_joint), (Cause::MotorLost, 1));
-    robot.take_sent();
-    robot.steps(3000);
-    assert!(robot.take_sent().iter().all(|sent| sent.meaning.is_safe()));
-    assert_eq!((robot.mode(1), robot.truth(1).mode()), (MotorMode::Idle, motord_simulator::Mode::Stopped));
-    robot.operate(Operation::Reset).unwrap();
-    let mut far = robot.hold(40.0, 1.0);
-    far[1].position += 0.5;
-    robot.follow(&far);
-    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::NoOwner, "its owner was given up");
-    robot.activate();
-}
-
-#[test]
-fn motor_left_running_is_stopped_and_forgets_target() {
-    use motord_bus::{Bus, Frame, FrameId};
-    let mut robot = Robot::new(robot::three_motors(), 1);
-    let id = FrameId::new(1).unwrap();
-    let start = Frame::classic(id, [255, 255, 255, 255, 255, 255, 255, 0xFC]);
-    // Position 2 rad, kp 100, kd 1.
-    let pull = Frame::classic(id, [0x94, 0x7A, 0x80, 0x03, 0x33, 0x33, 0x38, 0x00]);
-    let before = robot.now() - Duration::from_millis(5);
-    robot.buses[0].with(|bus| bus.send(before, &[start, pull]));
-    robot.steps(50);
-    assert_eq!(robot.truth(0).mode(), motord_simulator::Mode::Stopped);
-    assert!(
-        robot
-            .take_sent_to(1)
-            .iter()
-            .filter(|sent| sent.at > before + PERIOD)
-            .all(|sent| sent.meaning.is_safe())
-    );
-    robot.steps(500);
-    let stands = robot.truth(0).position();
-    robot.activate();
-    robot.steps(19);
-    assert!((robot.truth(0).position() - stands).abs() < 0.02, "the old target does not move it");
-}
-
-#[test]
-fn self_stopped_drive_is_found_by_following_error() {
-    let mut settings = robot::three_motors();
-    settings.motors.iter_mut().for_each(|motor| motor.limits.following_error = Some(0.1));
-    let mut robot = Robot::built(settings, 1, |_, motors| {
-        motors.iter_mut().for_each(|motor| motor.boot_time = Duration::from_millis(3));
-    });
-    let mut joints = robot.activate();
-    robot.disturb("thigh power-cycle");
-    for _ in 0..10 {
-        robot.follow(&joints);
-    }
-    joints[1].position += 0.3;
-    let (cause, _) = stopped_within(&mut robot, &joints, 200);
-    assert_eq!((cause, robot.group().cause_joint), (Cause::FollowingError, 1));
-}
-
-#[test]
-fn mute_drive_is_named_within_two_seconds() {
-    let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[1].dialect = Dialect::Gim);
-    robot.disturb("knee off");
-    robot.steps(2100);
-    let silent: Vec<_> =
-        robot.take_events().into_iter().filter(|event| matches!(event, Event::Silent { .. })).collect();
-    assert_eq!(silent, [Event::Silent { motor: 1 }, Event::Silent { motor: 2 }]);
-    robot.claim().unwrap();
-    let joints = [JointSetpoint::default(); 3];
-    robot.follow(&joints);
-    assert_eq!(robot.operate(Operation::Enable).unwrap_err(), Refusal::MotorOffline);
-    let heard = robot.take_sent_to(2);
-    assert!(
-        heard.iter().all(|sent| !matches!(sent.meaning, Meaning::Control { .. })),
-        "it may read it as another command"
-    );
-}
-
-#[test]
-fn motor_fault_while_starting_fails_start_immediately() {
-    let mut settings = robot::three_motors();
-    settings.motors.iter_mut().for_each(|motor| motor.fault_policy = FaultPolicy::StopJoint);
-    let mut robot = Robot::new(settings, 1);
-    robot.steps(200);
-    robot.claim().unwrap();
-    let joints = robot.hold(40.0, 1.0);
-    robot.follow(&joints);
-    robot.operate(Operation::Enable).unwrap();
-    robot.disturb("knee fault 0x40");
-    robot.follow_until(&joints, 150, |robot| robot.cause().is_some());
-    assert_eq!((robot.cause(), robot.group().cause_joint), (Some(Cause::StartFailed), 2));
-}
-
-#[test]
-fn over_voltage_is_damped_less() {
-    let (mut robot, joints) = active();
-    robot.disturb("hip voltage 70");
-    let (cause, _) = stopped_within(&mut robot, &joints, 150);
-    assert_eq!((cause, robot.joint(0).fault & 0x02), (Cause::MotorFault, 0x02));
-    robot.take_sent();
-    robot.step();
-    let damping: Vec<_> =
-        robot.take_sent().into_iter().filter(|sent| sent.id != 1).map(|sent| sent.meaning).collect();
-    assert!(
-        damping
-            .iter()
-            .all(|meaning| matches!(meaning, Meaning::Control { kd, .. } if *kd > 0.1 && *kd < 0.6)),
-        "{damping:?}"
-    );
-}
-
-/// Goal: no setpoint warms a winding beyond what the rated torque warms it to.
-/// Method: a hip that cannot turn is asked for twice its rated torque for a minute; what was on the wire is judged by
-/// the square of its torque, weighed as the heat of the winding is.
-#[test]
-fn twice_rated_torque_falls_to_rated_after_while() {
-    let mut robot = Robot::built(robot::three_motors(), 1, |_, motors| motors[0].coulomb_friction = 100.0);
-    let winding = &robot.settings.motors[0].winding;
-    let (rated, overload) = (winding.rated_torque, winding.overload);
-    let mut joints = robot.activate();
-    joints[0] = JointSetpoint { torque: 2.0 * rated, ..Default::default() };
-    let time = overload.as_secs_f64() / (4.0_f64 / 3.0).ln();
-    let (mut heat, mut full, mut last) = (0.0, 0, 0.0);
-    for cycle in 0..60_000 {
-        robot.follow(&joints);
-        for sent in robot.take_sent_to(1) {
-            let Meaning::Control { torque, .. } = sent.meaning else { continue };
-            full = if torque > 1.99 * f64::from(rated) { cycle } else { full };
-            heat += ((torque / f64::from(rated)).powi(2) - heat) * 1e-3 / time;
-            last = torque;
-        }
-    }
-    assert!((5_000..10_000).contains(&full), "the full torque for {full} ms of {overload:?}");
-    assert!(
-        (last / f64::from(rated) - 1.0).abs() < 0.02 && heat < 1.01,
-        "{last} N·m in the end, heat {heat}"
-    );
-    assert_ne!(robot.joint(0).limits & Limit::Overload.bit(), 0, "and it is told");
-    assert_eq!(robot.phase(), Phase::Active, "{:?}", robot.cause());
-}
-
-#[test]
-fn a_joint_that_runs_away_stops_the_group() {
-    let (mut robot, joints) = active();
-    robot.disturb("hip load 60");
-    let (cause, _) = stopped_within(&mut robot, &joints, 300);
-    assert!(matches!(cause, Cause::Overspeed | Cause::Implausible), "{cause}");
-}
-
-#[test]
-fn a_joint_that_cannot_follow_stops_the_group() {
-    let mut settings = robot::three_motors();
-    settings.motors[2].limits.following_error = Some(0.2);
-    let mut robot = Robot::new(settings, 1);
-    let joints = robot.activate();
-    robot.disturb("knee load 12");
-    let (cause, cycles) = stopped_within(&mut robot, &joints, 500);
-    assert_eq!((cause, robot.group().cause_joint), (Cause::FollowingError, 2));
-    assert!(cycles >= 50);
-}
-
-#[test]
-fn set_zero_of_turning_joint_is_refused() {
-    let mut robot = Robot::new(robot::three_motors(), 1);
-    robot.disturb("hip load 0.5");
-    robot.steps(300);
-    let request = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
-    assert_eq!(robot.ask(request).unwrap_err(), Refusal::Moving);
-}
-
-/// While a motor writes its zero into its flash, nobody knows whether it is silent for that or for good.
-#[test]
-fn motor_lost_during_set_zero_is_never_enabled() {
-    let (mut robot, joints) = active();
-    robot.operate(Operation::Disable).expect("the group may be disabled");
-    robot.follow_until(&joints, 3000, |robot| robot.phase() == Phase::Disarmed);
-    let zero = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
-    robot.post(zero);
-    robot.disturb("hip off");
-    robot.take_sent();
-    let mut cycles = 0;
-    while robot.mode(0) != MotorMode::Offline {
-        robot.send(&joints);
-        assert!(robot.operate(Operation::Enable).is_err(), "its group stays stopped");
-        assert_eq!(robot.joint(0).flags & message::JOINT_FRESH, 0, "what it told last is not told as fresh");
-        cycles += 1;
-    }
-    assert!(cycles <= 3000 + 20, "{cycles}");
-    let beyond_stop = robot.take_sent().into_iter().filter(|sent| sent.id == 1 && !sent.meaning.is_safe());
-    assert_eq!(beyond_stop.count(), 1, "the request itself, and no more");
-}
-
-#[test]
-fn set_zero_of_silent_motor_is_finally_refused() {
-    let mut robot = Robot::new(robot::three_motors(), 1);
-    robot.steps(10);
-    robot.disturb("hip off");
-    let request = AdminRequest { operation: Operation::SetZero.code(), joint: 0, ..Default::default() };
-    assert_eq!(robot.ask(request).unwrap_err(), Refusal::NotConfirmed);
 }

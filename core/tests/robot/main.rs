@@ -3,9 +3,11 @@
 mod busy_poll;
 mod client_fuzz;
 mod cycle;
+mod exclusion;
 mod external_plant;
 mod faults_bus;
 mod faults_client;
+mod faults_motor;
 mod faults_time;
 mod gim;
 mod mixed;

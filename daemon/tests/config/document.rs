@@ -1,18 +1,18 @@
 //! Every configuration that must be refused, and why; and that those we ship are not.
 
+use crate::mistakes::{REFUSED, SERIAL_BUS};
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use motord::commands::check::{EXIT_CONFIG, Wanted, check};
-use motord_configuration::{ConfigError, Loaded, Machine, load, parse, reference};
+use motord_configuration::{ConfigError, Loaded, Machine, load, parse};
 use motord_core::settings::{BusKind, IpcMode, SafeStop};
-use proptest::prelude::*;
 use tempfile::TempDir;
 
 /// A configuration with nothing wrong, for the tests to damage.
-const GOOD: &str = "
+pub(crate) const GOOD: &str = "
 [daemon]
 instance = 'robot'
 [cycle]
@@ -60,299 +60,34 @@ name = 'hand'
 joints = ['jaw']
 ";
 
-/// One way to damage [`GOOD`]: a line of it, what stands there instead, and the complaint that must follow. The line
-/// complained about is the one that bears [`MARK`].
-type Case = (&'static str, &'static str, &'static str, &'static str);
-const MARK: &str = "#!";
-
-const REFUSED: &[Case] = &[
-    // The text.
-    ("rate-hz = 1000", "rate-hz = = 1 #!", "", "extra `=`"),
-    (
-        "model = 'GIM3505-8'",
-        "model = 'GIM3505-8'\ncontrol-duration-ms = 2 #!",
-        "motor.control-duration-ms",
-        "give it at least 3 ms",
-    ),
-    (
-        "damping-kd = 2.0",
-        "control-duration-ms = 20 #!",
-        "motor.control-duration-ms",
-        "an MIT command has no duration",
-    ),
-    ("[cycle]", "[cycle #!", "", "unclosed table"),
-    (
-        "kp-max = 200.0",
-        "kp-mx = 200.0 #!",
-        "motor.limits.kp-mx",
-        "unknown key `kp-mx`; did you mean `kp-max`?",
-    ),
-    ("[safety]", "[saftey] #!", "saftey", "unknown key `saftey`; did you mean `safety`?"),
-    ("rate-hz = 1000", "rate-hz = 1000\nrate-hz = 500 #!", "", "`rate-hz`: is there twice"),
-    ("rate-hz = 1000", "rate-hz = 'fast' #!", "cycle.rate-hz", "expected a number"),
-    ("rate-hz = 1000", "cpu = 1.5 #!", "cycle.cpu", "expected an integer"),
-    ("mode = 'timed'", "mode = 3 #!", "exchange.mode", "expected a text, found an integer"),
-    ("mode = 'timed'", "mode = 'fast' #!", "exchange.mode", "unknown value `fast`; known are timed, spin"),
-    ("instance = 'robot'", "instance = 'My/Robot' #!", "daemon.instance", "cannot be a name"),
-    ("instance = 'robot'", "instance = 'Robot' #!", "daemon.instance", "use only a-z, 0-9 and `-`"),
-    // Missing keys.
-    ("[[bus]]\nname = 'front'", "[[bus]] #!", "bus.name", "is missing"),
-    (
-        "[[bus]]\nname = 'gripper'\ntype = 'simulated'",
-        "[[bus]] #!\nname = 'gripper'",
-        "bus.type",
-        "is missing",
-    ),
-    ("type = 'simulated'", "type = 'socketcan'", "bus.interface", "is missing"),
-    ("[[motor]]\nname = 'knee'", "[[motor]] #!", "motor.name", "is missing"),
-    ("[[motor]]\nname = 'knee'\nbus = 'front'", "[[motor]] #!\nname = 'knee'", "motor.bus", "is missing"),
-    ("bus = 'front'\nid = 2", "bus = 'front'", "motor.id", "is missing"),
-    ("id = 2\nprotocol = 'mit'", "id = 2", "motor.protocol", "is missing"),
-    ("model = 'GIM3505-8'", "", "motor.model", "is missing; give the motor's model"),
-    ("joints = ['jaw']", "", "group.joints", "is missing"),
-    // Numbers.
-    (
-        "velocity-rad-s = 30.0",
-        "velocity-rad-s = nan #!",
-        "motor.limits.velocity-rad-s",
-        "not a finite number",
-    ),
-    ("torque-nm = 20.0", "torque-nm = inf #!", "motor.limits.torque-nm", "not a finite number"),
-    ("position-rad = [-1.2, 1.2]", "position-rad = [nan, 1] #!", "motor.limits.position-rad", "not a finite"),
-    (
-        "velocity-rad-s = 30.0",
-        "velocity-rad-s = -30.0 #!",
-        "motor.limits.velocity-rad-s",
-        "-30 is out of range",
-    ),
-    ("torque-nm = 20.0", "torque-nm = -20.0 #!", "motor.limits.torque-nm", "-20 is out of range"),
-    ("kp-max = 200.0", "kp-max = -1 #!", "motor.limits.kp-max", "-1 is out of range"),
-    (
-        "position-rad = [-1.2, 1.2]",
-        "position-rad = [1.2, -1.2] #!",
-        "motor.limits.position-rad",
-        "is not below",
-    ),
-    (
-        "position-rad = [-1.2, 1.2]",
-        "position-rad = [1.2, 1.2] #!",
-        "motor.limits.position-rad",
-        "is not below",
-    ),
-    (
-        "position-rad = [-1.2, 1.2]",
-        "position-rad = [1.2] #!",
-        "motor.limits.position-rad",
-        "expected two numbers",
-    ),
-    ("position-rad = [-1.2, 1.2]", "position-rad = [1, 2, 3] #!", "motor.limits.position-rad", "found 3"),
-    // The protocol's scale, and its end.
-    ("position-rad = [-1.2, 1.2]", "position-rad = [-1, 13] #!", "motor.limits.position-rad", "beyond ±12.5"),
-    ("velocity-rad-s = 30.0", "velocity-rad-s = 66 #!", "motor.limits.velocity-rad-s", "beyond ±65"),
-    ("kp-max = 200.0", "kp-max = 501 #!", "motor.limits.kp-max", "beyond ±500"),
-    ("kd-max = 5.0", "kd-max = 5.1 #!", "motor.limits.kd-max", "beyond ±5"),
-    ("torque-nm = 20.0", "torque-nm = 226 #!", "motor.limits.torque-nm", "beyond ±225"),
-    ("torque-nm = 20.0", "torque-nm = 23 #!", "motor.limits.torque-nm", "more than the motor's peak of 22"),
-    (
-        "damping-kd = 2.0",
-        "rated-torque-nm = 23 #!",
-        "motor.rated-torque-nm",
-        "more than the motor's peak of 22",
-    ),
-    ("damping-kd = 2.0", "overload-seconds = 0 #!", "motor.overload-seconds", "0 is out of range"),
-    ("rate-hz = 1000", "max-skipped-percent = 0 #!", "cycle.max-skipped-percent", "0 is out of range"),
-    (
-        "position-rad = [-1.2, 1.2]",
-        "position-rad = [0, 12.5] #!",
-        "motor.limits.position-rad",
-        "special frame",
-    ),
-    (
-        "damping-kd = 2.0\n[motor.limits]\nposition-rad = [-1.2, 1.2]",
-        "offset-rad = 12.0\n[motor.limits]\nposition-rad = [0.5, 24.5] #!",
-        "motor.limits.position-rad",
-        "end of the protocol's scale",
-    ),
-    ("velocity-rad-s = 30.0", "velocity-rad-s = 65.0 #!", "motor.limits.velocity-rad-s", "special frame"),
-    ("kp-max = 200.0", "kp-max = 500 #!", "motor.limits.kp-max", "use at most 497.5"),
-    (
-        "kp-max = 200.0",
-        "temperature-derate-celsius = 95 #!",
-        "motor.limits.temperature-derate-celsius",
-        "derating begins",
-    ),
-    // Names, ids, models.
-    ("name = 'knee'", "name = 'hip' #!", "motor.name", "\"hip\" is taken by an earlier motor"),
-    ("name = 'gripper'", "name = 'front' #!", "bus.name", "\"front\" is taken by an earlier bus"),
-    ("name = 'hand'", "name = 'legs' #!", "group.name", "\"legs\" is taken by an earlier group"),
-    ("id = 2", "id = 1 #!", "motor.id", "id 1 is used by \"hip\" on the same bus"),
-    ("id = 2", "id = 0 #!", "motor.id", "0 is out of range"),
-    ("id = 2", "id = 255 #!", "motor.id", "255 is out of range"),
-    ("id = 2", "id = 2\nhost-id = 2 #!", "motor.host-id", "is a motor's command id on the same bus"),
-    ("id = 2", "id = 2\nhost-id = 0x101 #!", "motor.host-id", "is the reply id of \"hip\" too"),
-    ("id = 2", "id = 2\nhost-id = 0x800 #!", "motor.host-id", "2048 is out of range"),
-    ("protocol = 'gim'", "protocol = 'canopen' #!", "motor.protocol", "unknown value `canopen`"),
-    (
-        "model = 'GIM3505-8'",
-        "model = 'GIM9999-8' #!",
-        "motor.model",
-        "unknown model \"GIM9999-8\"; did you mean `GIM8108-9`?",
-    ),
-    (
-        "model = 'GIM3505-8'",
-        "model = 'A4' #!",
-        "motor.model",
-        "unknown model \"A4\"; known are GIM3505-8, GIM3510-8, ",
-    ),
-    (
-        "model = 'GIM3505-8'",
-        "model = 'GIM3505' #!",
-        "motor.model",
-        "unknown model \"GIM3505\"; did you mean `GIM3505-8`?",
-    ),
-    (
-        "bus = 'gripper'",
-        "bus = 'griper' #!",
-        "motor.bus",
-        "there is no bus \"griper\"; did you mean `gripper`?",
-    ),
-    ("damping-kd = 2.0", "direction = 2 #!", "motor.direction", "neither 1 nor -1"),
-    // Buses.
-    (
-        "type = 'simulated'",
-        "type = 'socketcan'\ninterface = 'a name too long' #!",
-        "bus.interface",
-        "cannot be an interface",
-    ),
-    (
-        "type = 'simulated'",
-        "type = 'socketcan'\ninterface = '../can0' #!",
-        "bus.interface",
-        "cannot be an interface",
-    ),
-    ("type = 'simulated'", "type = 'can' #!", "bus.type", "unknown value `can`"),
-    (
-        "type = 'simulated'",
-        "type = 'simulated'\ninterface = 'can0' #!",
-        "bus.interface",
-        "does not belong to",
-    ),
-    (
-        "[[bus]]\nname = 'front'\ntype = 'simulated'",
-        "[[bus]] #!\nname = 'front'\ntype = 'simulated'\nbitrate = 250000",
-        "bus",
-        "at most 414 Hz",
-    ),
-    // Rates and times.
-    ("rate-hz = 1000", "rate-hz = 0 #!", "cycle.rate-hz", "0 is out of range"),
-    ("rate-hz = 1000", "rate-hz = 1e9 #!", "cycle.rate-hz", "1000000000 is out of range"),
-    ("rate-hz = 1000", "busy-poll-us = 1000 #!", "cycle.busy-poll-us", "not shorter than a cycle"),
-    ("mode = 'timed'", "lead-us = 2000 #!", "exchange.lead-us", "not shorter than a cycle"),
-    (
-        "setpoint-timeout-ms = 20",
-        "setpoint-timeout-ms = 0 #!",
-        "safety.setpoint-timeout-ms",
-        "0 is out of range",
-    ),
-    (
-        "setpoint-timeout-ms = 20",
-        "setpoint-timeout-ms = 1001 #!",
-        "safety.setpoint-timeout-ms",
-        "out of range",
-    ),
-    (
-        "setpoint-timeout-ms = 20",
-        "setpoint-timeout-ms = 1.5 #!",
-        "safety.setpoint-timeout-ms",
-        "less than 2 cycles",
-    ),
-    ("setpoint-timeout-ms = 20", "deadman-ms = 1.0 #!", "safety.deadman-ms", "less than 2 cycles"),
-    ("rate-hz = 1000", "priority = 0 #!", "cycle.priority", "0 is out of range"),
-    ("rate-hz = 1000", "priority = 99 #!", "cycle.priority", "99 is out of range"),
-    ("rate-hz = 1000", "cpu = 4096 #!", "cycle.cpu", "processor 4096 is not online"),
-    ("rate-hz = 1000", "cpu = -1 #!", "cycle.cpu", "processor -1 is not online"),
-    // A safe stop that could not damp.
-    ("damping-kd = 2.0", "damping-kd = 0 #!", "motor.damping-kd", "0 does not damp"),
-    ("damping-kd = 2.0", "damping-kd = 5.5 #!", "motor.damping-kd", "out of range"),
-    ("kd-max = 5.0", "kd-max = 1.0", "motor.damping-kd", "could not apply it"),
-    // Groups.
-    (
-        "joints = ['jaw']",
-        "joints = ['jav'] #!",
-        "group.joints",
-        "there is no motor \"jav\"; did you mean `jaw`?",
-    ),
-    (
-        "joints = ['jaw']",
-        "joints = ['jaw', 'hip'] #!",
-        "group.joints",
-        "\"hip\" is in group \"legs\" already",
-    ),
-    (
-        "joints = ['jaw']",
-        "joints = ['jaw', 'jaw'] #!",
-        "group.joints",
-        "\"jaw\" is in group \"hand\" already",
-    ),
-    ("joints = ['jaw']", "joints = [] #!", "group.joints", "has no joints"),
-    ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor \"knee\" is in no group"),
-];
-
-/// The serial bus of [`with_serial`], and the mistakes that must be reported of it.
-const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\nevery = 2\n";
-const SERIAL: &[Case] = &[
-    ("device = '/dev/null'", "", "bus.device", "is missing"),
-    ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
-    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
-    (
-        "every = 2",
-        "every = 1 #!",
-        "bus.every",
-        "2 turns of 760 µs do not fit into 1 cycles of this serial bus; give it every = 2",
-    ),
-    ("every = 2", "every = 2 #!\nbaud = 115200", "bus.every", "give it every = 6"),
-    ("every = 2", "every = 2 #!\nturnaround-us = 1500", "bus.every", "give it every = 4"),
-    ("every = 2", "every = 70 #!", "bus.every", "needs 15 to start"),
-    (
-        "[[bus]]\nname = 'gripper'",
-        "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/null'\n[[bus]]\nname = 'gripper'",
-        "bus.device",
-        "two buses cannot share it",
-    ),
-];
-
 /// [`GOOD`] with its gripper on a serial bus.
-fn with_serial() -> String {
+pub(crate) fn with_serial() -> String {
     let (before, bus) = GOOD.split_once("name = 'gripper'\n").expect("it has one");
     format!("{before}name = 'gripper'\n{}", bus.replacen("type = 'simulated'\n", SERIAL_BUS, 1))
 }
 
 /// A machine that allows everything, whatever the one that runs the tests does.
-fn machine() -> Machine {
+pub(crate) fn machine() -> Machine {
     Machine { processors: vec![0, 1], priority_max: 98 }
 }
 
-fn judge(text: &str) -> Result<Loaded, ConfigError> {
+pub(crate) fn judge(text: &str) -> Result<Loaded, ConfigError> {
     parse(Path::new("robot.toml"), text.as_bytes(), &machine())
 }
 
-fn damaged(line: &str, instead: &str) -> String {
+pub(crate) fn damaged(line: &str, instead: &str) -> String {
     assert!(GOOD.contains(line), "nothing to damage: {line}");
     GOOD.replacen(line, instead, 1)
 }
 
-fn marked_line(text: &str) -> Option<usize> {
-    text.lines().position(|line| line.ends_with(MARK)).map(|index| index + 1)
-}
-
 /// The one error of a configuration.
-fn only_error(text: &str) -> String {
+pub(crate) fn only_error(text: &str) -> String {
     let error = judge(text).expect_err("must be refused").to_string();
     assert_eq!(error.lines().count(), 1, "one mistake, one line:\n{error}");
     error
 }
 
-fn warnings(text: &str) -> Vec<String> {
+pub(crate) fn warnings(text: &str) -> Vec<String> {
     judge(text).expect("may be run").warnings.iter().map(ToString::to_string).collect()
 }
 
@@ -390,35 +125,6 @@ fn constant_without_effect_on_codes_is_refused() {
 #[test]
 fn the_configuration_that_the_tests_damage_is_good() {
     assert_eq!(warnings(GOOD), [""; 0]);
-}
-
-#[test]
-fn bad_configuration_is_refused_with_line_and_key() {
-    for (line, instead, key, reason) in REFUSED {
-        let text = damaged(line, instead);
-        let error = only_error(&text);
-        if let Some(marked) = marked_line(&text) {
-            let place = format!("robot.toml:{marked}: ");
-            assert!(error.starts_with(&place), "{instead}: expected {place}, got {error}");
-        }
-        assert!(
-            key.is_empty() || error.contains(&format!(": {key}: ")),
-            "{instead}: expected {key}, got {error}"
-        );
-        assert!(error.contains(reason), "{instead}: expected {reason}, got {error}");
-    }
-}
-
-#[test]
-fn serial_bus_mistake_is_refused_with_key() {
-    for (line, instead, key, reason) in SERIAL {
-        let text = with_serial();
-        assert!(text.contains(line), "nothing to damage: {line}");
-        let error = judge(&text.replacen(line, instead, 1)).expect_err("must be refused").to_string();
-        let complaint =
-            error.lines().find(|error| error.contains(&format!(" {key}: ")) && error.contains(reason));
-        assert!(complaint.is_some(), "{instead}: expected {key}: {reason}, got {error}");
-    }
 }
 
 #[test]
@@ -866,247 +572,16 @@ fn world_writable_file_is_refused_behind_link_too() {
     }
 }
 
-/// The names of the files that we ship, in order.
-fn shipped_names() -> Vec<String> {
-    let files = fs::read_dir(shipped("")).expect("it is there").map(|entry| entry.expect("it can be read"));
-    let mut names: Vec<_> = files.map(|file| file.file_name().to_string_lossy().into_owned()).collect();
-    names.sort();
-    names
-}
-
-#[test]
-fn every_shipped_configuration_passes_check() {
-    let names = shipped_names();
-    for known in
-        ["arm-gim.toml", "arm-native.toml", "minimal.toml", "quadruped-simulated.toml", "quadruped.toml"]
-    {
-        assert!(names.contains(&known.to_owned()), "{known} is among {names:?}");
-    }
-    for name in names {
-        let mut out = Vec::new();
-        assert_eq!(check(&shipped(&name), JSON, &mut out).unwrap(), 0, "{}", String::from_utf8_lossy(&out));
-    }
-}
-
-#[test]
-fn simulated_quadruped_plan_is_three_quarters_per_bus() {
-    let mut out = Vec::new();
-    assert_eq!(check(&shipped("quadruped-simulated.toml"), JSON, &mut out).unwrap(), 0);
-    let report: serde_json::Value = serde_json::from_slice(&out).unwrap();
-    let bus = |name| {
-        serde_json::json!({
-            "name": name, "motors": 3, "rate_hz": 1000.0, "every": 1, "worst_case_utilisation": 0.75,
-            "unstuffed_utilisation": 0.618, "fault_poll_utilisation": 1.0, "rate_hz_max": 1085.0,
-        })
-    };
-    let buses = ["front-left", "front-right", "rear-left", "rear-right"].map(bus);
-    assert_eq!(report, serde_json::json!({ "errors": [], "warnings": [], "buses": buses }));
-}
-
-#[test]
-fn check_says_the_same_to_people() {
-    let mut out = Vec::new();
-    assert_eq!(check(&shipped("quadruped-simulated.toml"), TEXT, &mut out).unwrap(), 0);
-    let text = String::from_utf8(out).unwrap();
-    let row = text.lines().find(|line| line.starts_with("rear-left")).unwrap();
-    assert_eq!(
-        row.split_whitespace().collect::<Vec<_>>().join(" "),
-        "rear-left 3 75.0 % 61.8 % 100.0 % 1085 Hz fits"
-    );
-    for column in ["worst case", "unstuffed", "fault poll", "highest"] {
-        let explained = text.lines().filter(|line| line.starts_with(column)).count();
-        assert_eq!(explained, 1, "{column} is explained once:\n{text}");
-    }
-    assert!(text.lines().last().unwrap().ends_with("quadruped-simulated.toml may run"), "{text}");
-}
-
-/// A motor whose limits come from everywhere.
-const ORIGINS: &str = "[cycle]
-rate-hz = 500
-[[bus]]
-name = 'desk'
-type = 'simulated'
-[[motor]]
-name = 'hip'
-bus = 'desk'
-id = 1
-protocol = 'mit'
-model = 'GIM8108-8'
-[[motor]]
-name = 'knee'
-bus = 'desk'
-id = 2
-protocol = 'mit'
-model = 'GIM8108-8'
-offset-rad = 0.5
-max-velocity-rad-s = 9.0
-rated-torque-nm = 3.0
-[motor.limits]
-position-rad = [-1.0, 2.0]
-kp-max = 60.0
-temperature-max-celsius = 75.0
-[[motor]]
-name = 'wheel'
-bus = 'desk'
-id = 3
-protocol = 'mit'
-model = 'GIM8108-8'
-peak-torque-nm = 2.0
-[[motor]]
-name = 'claw'
-bus = 'desk'
-id = 4
-protocol = 'mit'
-model = 'GIM8108-8'
-torque-constant-nm-per-a = 0.001
-";
-
-/// Goal: an operator learns which line to change for another limit, or that no line gives it.
-/// Method: the limits of four motors, as text and as JSON, against what their file says.
-#[test]
-fn every_effective_limit_says_where_it_comes_from() {
-    let folder = TempDir::new().unwrap();
-    let file = write(&folder, ORIGINS);
-    let (mut json, mut said) = (Vec::new(), Vec::new());
-    assert_eq!(check(&file, Wanted { joints: true, ..JSON }, &mut json).unwrap(), 0);
-    assert_eq!(check(&file, Wanted { joints: true, ..TEXT }, &mut said).unwrap(), 0);
-    let report: serde_json::Value = serde_json::from_slice(&json).unwrap();
-    let said = String::from_utf8(said).unwrap();
-    let line = |key: &str| 1 + ORIGINS.lines().position(|line| line.starts_with(key)).unwrap();
-    let limit = |joint: usize, key: &str| {
-        let limits = report["joints"][joint]["limits"].as_array().unwrap();
-        limits.iter().find(|limit| limit["key"] == key).unwrap().clone()
-    };
-    for (joint, key, from) in [
-        (0, "position-rad", "default".to_owned()),
-        (0, "torque-nm", "rated torque of the model".to_owned()),
-        (0, "kp-max", "default".to_owned()),
-        (0, "torque-slew-nm-per-s", "50 · torque-nm".to_owned()),
-        (0, "temperature-derate-celsius", "default".to_owned()),
-        (0, "following-error-rad", "default".to_owned()),
-        (1, "position-rad", format!("line {}", line("position-rad"))),
-        (1, "velocity-rad-s", format!("max-velocity-rad-s in line {}", line("max-velocity"))),
-        (1, "torque-nm", format!("rated-torque-nm in line {}", line("rated-torque"))),
-        (1, "rated-torque-nm", format!("line {}", line("rated-torque"))),
-        (1, "kp-max", format!("line {}", line("kp-max"))),
-        (1, "temperature-derate-celsius", "10 below temperature-max-celsius".to_owned()),
-        (2, "rated-torque-nm", format!("peak-torque-nm in line {}", line("peak-torque"))),
-        (2, "torque-nm", format!("peak-torque-nm in line {}", line("peak-torque"))),
-        (3, "torque-nm", "end of the protocol's scale".to_owned()),
-    ] {
-        assert_eq!(limit(joint, key)["from"], from.as_str(), "{key} of {joint}: {}", limit(joint, key));
-        let row = |line: &&str| line.trim_start().starts_with(key) && line.ends_with(&from);
-        assert!(said.lines().any(|line| row(&line)), "{key}: {from} in\n{said}");
-    }
-    let keys: Vec<_> =
-        report["joints"][0]["limits"].as_array().unwrap().iter().map(|limit| &limit["key"]).collect();
-    let written = fs::read_to_string(shipped("../docs/configuration.md")).unwrap();
-    let section = written.split("\n## ").find(|section| section.starts_with("[motor.limits]")).unwrap();
-    for row in section.lines().filter_map(|line| line.strip_prefix("| `")) {
-        let key = row.split('`').next().unwrap();
-        assert!(keys.contains(&&serde_json::json!(key)), "{key} is a limit without an origin");
-    }
-    let settings = load(&file).expect("is good").settings;
-    for (joint, motor) in settings.motors.iter().enumerate() {
-        let number = |key: &str| limit(joint, key)["max"].as_f64().map(|max| max as f32);
-        assert_eq!(number("torque-nm"), Some(motor.limits.torque));
-        assert_eq!(number("velocity-rad-s"), Some(motor.limits.velocity));
-        assert_eq!(number("position-rad"), Some(motor.limits.position[1]));
-        assert_eq!(number("following-error-rad"), motor.limits.following_error);
-    }
-    assert!(said.contains("following-error-rad         not watched"), "{said}");
-}
-
 /// The report as JSON, and as text.
-const JSON: Wanted = Wanted { json: true, joints: false };
-const TEXT: Wanted = Wanted { json: false, joints: false };
+pub(crate) const JSON: Wanted = Wanted { json: true, joints: false };
+pub(crate) const TEXT: Wanted = Wanted { json: false, joints: false };
 
-/// With `MOTORD_WRITE_DOCS` set, writes the tables of the reference instead.
-#[test]
-fn the_reference_is_current() {
-    let path = shipped("../docs/configuration.md");
-    let written = fs::read_to_string(&path).expect("the reference is there");
-    let current = reference(&written);
-    if std::env::var_os("MOTORD_WRITE_DOCS").is_some() {
-        fs::write(&path, current).expect("the reference can be written");
-    } else {
-        let stale = current.lines().zip(written.lines()).find(|(now, then)| now != then);
-        let advice = "MOTORD_WRITE_DOCS=1 cargo test -p motord --test config reference";
-        assert!(current == written, "docs/configuration.md is not current, see {stale:#?}; {advice}");
-    }
-}
-
-fn shipped(name: &str) -> PathBuf {
+pub(crate) fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../config").join(name)
 }
 
-fn write(folder: &TempDir, text: &str) -> PathBuf {
+pub(crate) fn write(folder: &TempDir, text: &str) -> PathBuf {
     let path = folder.path().join("robot.toml");
     fs::write(&path, text).expect("the temporary folder is writable");
     path
-}
-
-proptest! {
-    #[test]
-    fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
-        let _ = parse(Path::new("robot.toml"), &bytes, &machine());
-    }
-
-    /// Damage to a shipped file gets deeper into the judging than noise does: a piece of it moves to another place, or
-    /// gives way to something else.
-    #[test]
-    fn damaged_shipped_file_never_panics_and_names_line(
-        (file, at, removed) in (prop::sample::select(shipped_names()), any::<prop::sample::Index>(), 0_usize..40),
-        moved in prop::option::of(any::<prop::sample::Index>()),
-        inserted in "[-0-9.e'\"\\[\\]{}=,a-z\n#]{0,12}|\\[\\[?(bus|motor|group|cycle|ipc|exchange)\\]\\]?\n|nan|-inf|1e400",
-    ) {
-        let text = fs::read(shipped(&file)).unwrap();
-        let at = at.index(text.len());
-        let end = (at + removed).min(text.len());
-        let mut damaged = [&text[..at], inserted.as_bytes(), &text[end..]].concat();
-        if let Some(place) = moved {
-            let place = place.index(damaged.len() + 1);
-            damaged.splice(place..place, text[at..end].iter().copied());
-        }
-        if let Err(error) = parse(Path::new("robot.toml"), &damaged, &machine()) {
-            prop_assert!(!error.problems.is_empty());
-            let lines = 1 + damaged.iter().filter(|byte| **byte == b'\n').count();
-            for problem in &error.problems {
-                let place = problem.place.as_ref();
-                prop_assert!(place.is_some_and(|place| (1..=lines).contains(&place.line)), "{}", problem);
-                prop_assert!(!problem.to_string().contains(char::is_control), "{:?}", problem.to_string());
-            }
-        }
-    }
-
-    /// Damage to a good file gets deeper into the judging than noise does.
-    #[test]
-    fn damaged_file_never_panics_and_names_line(
-        at in 0..GOOD.len(),
-        removed in 0_usize..20,
-        inserted in "[-0-9.e'\\[\\]=a-z\n#]{0,12}",
-    ) {
-        let end = (at + removed).min(GOOD.len());
-        let text = format!("{}{inserted}{}", &GOOD[..at], &GOOD[end..]);
-        if let Err(error) = judge(&text) {
-            prop_assert!(!error.problems.is_empty());
-            prop_assert!(error.problems.iter().all(|problem| problem.place.is_some()));
-        }
-    }
-
-    /// Any number in place of any other: settings are finite, positive where they must be, and durations never panic.
-    #[test]
-    fn whatever_numbers_are_accepted_make_sane_settings(value in any::<f64>(), nth in 0_usize..12) {
-        let numbers: Vec<_> = GOOD.match_indices("= ").filter(|(at, _)| GOOD.as_bytes()[at + 2].is_ascii_digit()).collect();
-        let at = numbers[nth % numbers.len()].0 + 2;
-        let line_end = at + GOOD[at..].find('\n').unwrap();
-        let text = format!("{}{value:?}{}", &GOOD[..at], &GOOD[line_end..]);
-        if let Ok(Loaded { settings, .. }) = judge(&text) {
-            prop_assert!(settings.cycle.period >= Duration::from_micros(250));
-            for motor in settings.motors {
-                let (torque, kp) = (motor.limits.torque, motor.limits.kp);
-                prop_assert!(torque > 0.0 && torque <= motor.winding.peak_torque && kp.is_finite());
-            }
-        }
-    }
 }

@@ -2,25 +2,23 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
+use crate::safe_stop::{SIMULATED, can, configuration, motord, no_can, text};
 use motord_bus::{BusLock, Frame, Instant, Refusal as BusRefusal, candump, clock};
-use motord_configuration as config;
 use motord_core::stopper::Outlet;
 use motord_deadman::channel::{Answer, Channel, Listener, PATIENCE as SWITCH_PATIENCE, Refusal, Request};
 use motord_deadman::heartbeat::{Heartbeat, Pulse};
 use motord_deadman::registrar::Registrar;
 use motord_deadman::safe_frames::{InterfaceError, InterfaceFrames, SafeFrames};
-use motord_deadman::safe_stop::safe_stop;
 use motord_deadman::server::Server;
 use motord_ports::instance::Instance;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::sys::signal::{Signal, kill};
 use nix::sys::socket::{ControlMessage, MsgFlags, send, sendmsg};
 use nix::unistd::Pid;
-use std::fs;
 use std::io::{BufRead, BufReader, IoSlice, Read};
 use std::os::fd::{AsFd, AsRawFd};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex};
@@ -65,17 +63,17 @@ fn safe_frames_of_two() -> SafeFrames {
 }
 
 /// Tells what was sent, and when. Takes nothing while it is jammed.
-struct Recorder {
+pub(crate) struct Recorder {
     sent: Sender<(Instant, Frame)>,
     jammed: Arc<AtomicBool>,
 }
 
 impl Recorder {
-    fn new(sent: &Sender<(Instant, Frame)>) -> Self {
+    pub(crate) fn new(sent: &Sender<(Instant, Frame)>) -> Self {
         Self { sent: sent.clone(), jammed: Arc::default() }
     }
 
-    fn jammed() -> Self {
+    pub(crate) fn jammed() -> Self {
         Self { sent: channel().0, jammed: Arc::new(AtomicBool::new(true)) }
     }
 }
@@ -95,7 +93,7 @@ impl Outlet for Recorder {
 }
 
 /// A switch in a thread of its own, for `instance`.
-struct Switch {
+pub(crate) struct Switch {
     sent: Receiver<(Instant, Frame)>,
     /// Whether `can1` takes nothing.
     jammed: Arc<AtomicBool>,
@@ -325,7 +323,7 @@ fn owed(instance: &Instance) -> Vec<String> {
 }
 
 /// A switch whose daemon died while `can1` takes nothing.
-fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
+pub(crate) fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
     switch.jammed.store(true, Ordering::Relaxed);
@@ -541,130 +539,6 @@ fn registrar_distinguishes_absent_and_hanging_switch() {
     assert!(next(), "and ends");
     end.store(true, Ordering::Relaxed);
     registrar.join().unwrap();
-}
-
-/// A file with a motor of each protocol on `interface`.
-fn configuration(directory: &Path, bus: &str) -> PathBuf {
-    let path = directory.join("test.toml");
-    let text = format!(
-        "[daemon]\ninstance = 'test'\n[safety]\ndamp-seconds = 0.2\n[[bus]]\nname = 'front'\n{bus}\n\
-         [[motor]]\nname = 'hip'\nbus = 'front'\nid = 1\nprotocol = 'mit'\nmodel = 'GIM8108-8'\ndamping-kd = 2.0\n\
-         [[motor]]\nname = 'jaw'\nbus = 'front'\nid = 2\nprotocol = 'gim'\nmodel = 'GIM3505-8'\n"
-    );
-    fs::write(&path, text).unwrap();
-    path
-}
-
-/// A name that neither an interface nor another test has: an interface has one lock for all of this machine.
-fn no_can(test: &str) -> String {
-    format!("{test}{}", std::process::id())
-}
-
-fn can(interface: &str) -> String {
-    format!("type = 'socketcan'\ninterface = '{interface}'")
-}
-
-const SIMULATED: &str = "type = 'simulated'";
-
-/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in the middle or at the
-/// given fraction of its code. Stop is its special frame. The native stop has a tail that is neutral in MIT.
-#[test]
-fn safe_frames_match_documented_damping_and_stop() {
-    let directory = TempDir::new().unwrap();
-    let settings = config::load(&configuration(directory.path(), &can("nocan0"))).unwrap().settings;
-    let frames = SafeFrames::of(&settings);
-    let gim_stop = || "002#9200800000000800".to_owned();
-    let expected = InterfaceFrames {
-        baud: None,
-        interface: "nocan0".into(),
-        damp: vec!["001#8000800000666800".into(), gim_stop()],
-        stop: vec!["001#FFFFFFFFFFFFFFFD".into(), gim_stop()],
-    };
-    assert_eq!((frames.damp, frames.buses), (Duration::from_millis(200), vec![expected]));
-}
-
-#[test]
-fn a_safe_stop_damps_and_stops_once() {
-    let directory = TempDir::new().unwrap();
-    let (recorder, sent) = channel();
-    let path = configuration(directory.path(), &can(&no_can("once")));
-    safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::new(&recorder)))).unwrap();
-    let sent: Vec<u8> = sent.try_iter().map(|(_, frame)| frame.payload()[7]).collect();
-    // The last bytes of damping and stop of the one motor, and of stop of the other.
-    let (damped, stopped) = sent.split_at(sent.len() - 6);
-    assert!(damped.len() >= 2 && damped.iter().all(|byte| *byte == 0x00), "{sent:x?}");
-    assert_eq!(stopped, [0xFD, 0x00, 0xFD, 0x00, 0xFD, 0x00]);
-}
-
-#[test]
-fn safe_stop_reports_motors_without_frames() {
-    let directory = TempDir::new().unwrap();
-    let interface = no_can("jam");
-    let path = configuration(directory.path(), &can(&interface));
-    let error = safe_stop(&path, &mut |_, _| Ok(Box::new(Recorder::jammed()))).unwrap_err();
-    assert_eq!(error.to_string(), format!("not told to stop: {interface} refuses frames"));
-}
-
-fn motord(runtime: &Path, arguments: &[&str], config: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_motord"));
-    command.args(arguments).arg("--config").arg(config).env("MOTORD_RUNTIME_DIR", runtime);
-    command.stdout(Stdio::piped()).stderr(Stdio::piped());
-    command
-}
-
-fn text(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// Goal: two daemons with two runtime directories never drive one interface.
-#[test]
-fn driven_interface_is_refused_across_runtime_directories() {
-    let directory = TempDir::new().unwrap();
-    let interface = no_can("two");
-    let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
-    let config = configuration(directory.path(), &can(&interface));
-    let output = motord(directory.path(), &["run"], &config).output().unwrap();
-    assert_eq!(output.status.code(), Some(75), "{}", text(&output));
-    let holder = format!("{interface} is in use by process {}", std::process::id());
-    assert!(text(&output).contains(&holder), "{}", text(&output));
-}
-
-/// Goal: a daemon of another user, or with another runtime directory, has its robot to itself.
-/// Method: this process holds the interface; no runtime directory tells of it.
-#[test]
-fn safe_stop_leaves_driven_interfaces_alone() {
-    let directory = TempDir::new().unwrap();
-    let interface = no_can("held");
-    let _driven = BusLock::interface(interface.parse().unwrap()).unwrap();
-    let path = configuration(directory.path(), &can(&interface));
-    let sends = |_: &str, _| -> Result<Box<dyn Outlet>, InterfaceError> { panic!("it opens the interface") };
-    let error = safe_stop(&path, &mut { sends }).unwrap_err().to_string();
-    let holder = std::process::id();
-    assert!(error.contains(&format!("{interface} is in use by process {holder}")), "{error}");
-}
-
-/// The switch has the interface, so that two senders do not end each other's damping.
-#[test]
-fn safe_stop_reports_what_switch_cannot_reach() {
-    let (directory, _instance, _switch) = dead_with_a_jam();
-    let config = configuration(directory.path(), &can(&no_can("far")));
-    let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
-    assert_eq!(output.status.code(), Some(69), "{}", text(&output));
-    let complaint = "not told to stop: can1 refuses frames; the dead man's switch keeps trying";
-    assert!(text(&output).contains(complaint), "{}", text(&output));
-}
-
-#[test]
-fn safe_stop_names_the_interface_it_missed() {
-    let directory = TempDir::new().unwrap();
-    let interface = no_can("tells");
-    let config = configuration(directory.path(), &can(&interface));
-    let output = motord(directory.path(), &["safe-stop"], &config).output().unwrap();
-    assert_eq!(output.status.code(), Some(69), "{}", text(&output));
-    assert!(text(&output).contains(&interface), "{}", text(&output));
-    let simulated = configuration(directory.path(), SIMULATED);
-    let output = motord(directory.path(), &["safe-stop"], &simulated).output().unwrap();
-    assert!(output.status.success(), "simulated motors died with their daemon: {}", text(&output));
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod memory;
 mod motord_sim;
 mod owners;
 mod port;
+mod safe_stop;
 mod serial;
 mod serial_noise;
 mod serial_process;

@@ -1,0 +1,297 @@
+//! Mistakes in a configuration, and the message for each.
+
+use crate::document::{damaged, judge, only_error, with_serial};
+
+/// One way to damage [`GOOD`]: a line of it, what stands there instead, and the complaint that must follow. The line
+/// complained about is the one that bears [`MARK`].
+pub(crate) type Case = (&'static str, &'static str, &'static str, &'static str);
+const MARK: &str = "#!";
+
+pub(crate) const REFUSED: &[Case] = &[
+    // The text.
+    ("rate-hz = 1000", "rate-hz = = 1 #!", "", "extra `=`"),
+    (
+        "model = 'GIM3505-8'",
+        "model = 'GIM3505-8'\ncontrol-duration-ms = 2 #!",
+        "motor.control-duration-ms",
+        "give it at least 3 ms",
+    ),
+    (
+        "damping-kd = 2.0",
+        "control-duration-ms = 20 #!",
+        "motor.control-duration-ms",
+        "an MIT command has no duration",
+    ),
+    ("[cycle]", "[cycle #!", "", "unclosed table"),
+    (
+        "kp-max = 200.0",
+        "kp-mx = 200.0 #!",
+        "motor.limits.kp-mx",
+        "unknown key `kp-mx`; did you mean `kp-max`?",
+    ),
+    ("[safety]", "[saftey] #!", "saftey", "unknown key `saftey`; did you mean `safety`?"),
+    ("rate-hz = 1000", "rate-hz = 1000\nrate-hz = 500 #!", "", "`rate-hz`: is there twice"),
+    ("rate-hz = 1000", "rate-hz = 'fast' #!", "cycle.rate-hz", "expected a number"),
+    ("rate-hz = 1000", "cpu = 1.5 #!", "cycle.cpu", "expected an integer"),
+    ("mode = 'timed'", "mode = 3 #!", "exchange.mode", "expected a text, found an integer"),
+    ("mode = 'timed'", "mode = 'fast' #!", "exchange.mode", "unknown value `fast`; known are timed, spin"),
+    ("instance = 'robot'", "instance = 'My/Robot' #!", "daemon.instance", "cannot be a name"),
+    ("instance = 'robot'", "instance = 'Robot' #!", "daemon.instance", "use only a-z, 0-9 and `-`"),
+    // Missing keys.
+    ("[[bus]]\nname = 'front'", "[[bus]] #!", "bus.name", "is missing"),
+    (
+        "[[bus]]\nname = 'gripper'\ntype = 'simulated'",
+        "[[bus]] #!\nname = 'gripper'",
+        "bus.type",
+        "is missing",
+    ),
+    ("type = 'simulated'", "type = 'socketcan'", "bus.interface", "is missing"),
+    ("[[motor]]\nname = 'knee'", "[[motor]] #!", "motor.name", "is missing"),
+    ("[[motor]]\nname = 'knee'\nbus = 'front'", "[[motor]] #!\nname = 'knee'", "motor.bus", "is missing"),
+    ("bus = 'front'\nid = 2", "bus = 'front'", "motor.id", "is missing"),
+    ("id = 2\nprotocol = 'mit'", "id = 2", "motor.protocol", "is missing"),
+    ("model = 'GIM3505-8'", "", "motor.model", "is missing; give the motor's model"),
+    ("joints = ['jaw']", "", "group.joints", "is missing"),
+    // Numbers.
+    (
+        "velocity-rad-s = 30.0",
+        "velocity-rad-s = nan #!",
+        "motor.limits.velocity-rad-s",
+        "not a finite number",
+    ),
+    ("torque-nm = 20.0", "torque-nm = inf #!", "motor.limits.torque-nm", "not a finite number"),
+    ("position-rad = [-1.2, 1.2]", "position-rad = [nan, 1] #!", "motor.limits.position-rad", "not a finite"),
+    (
+        "velocity-rad-s = 30.0",
+        "velocity-rad-s = -30.0 #!",
+        "motor.limits.velocity-rad-s",
+        "-30 is out of range",
+    ),
+    ("torque-nm = 20.0", "torque-nm = -20.0 #!", "motor.limits.torque-nm", "-20 is out of range"),
+    ("kp-max = 200.0", "kp-max = -1 #!", "motor.limits.kp-max", "-1 is out of range"),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [1.2, -1.2] #!",
+        "motor.limits.position-rad",
+        "is not below",
+    ),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [1.2, 1.2] #!",
+        "motor.limits.position-rad",
+        "is not below",
+    ),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [1.2] #!",
+        "motor.limits.position-rad",
+        "expected two numbers",
+    ),
+    ("position-rad = [-1.2, 1.2]", "position-rad = [1, 2, 3] #!", "motor.limits.position-rad", "found 3"),
+    // The protocol's scale, and its end.
+    ("position-rad = [-1.2, 1.2]", "position-rad = [-1, 13] #!", "motor.limits.position-rad", "beyond ±12.5"),
+    ("velocity-rad-s = 30.0", "velocity-rad-s = 66 #!", "motor.limits.velocity-rad-s", "beyond ±65"),
+    ("kp-max = 200.0", "kp-max = 501 #!", "motor.limits.kp-max", "beyond ±500"),
+    ("kd-max = 5.0", "kd-max = 5.1 #!", "motor.limits.kd-max", "beyond ±5"),
+    ("torque-nm = 20.0", "torque-nm = 226 #!", "motor.limits.torque-nm", "beyond ±225"),
+    ("torque-nm = 20.0", "torque-nm = 23 #!", "motor.limits.torque-nm", "more than the motor's peak of 22"),
+    (
+        "damping-kd = 2.0",
+        "rated-torque-nm = 23 #!",
+        "motor.rated-torque-nm",
+        "more than the motor's peak of 22",
+    ),
+    ("damping-kd = 2.0", "overload-seconds = 0 #!", "motor.overload-seconds", "0 is out of range"),
+    ("rate-hz = 1000", "max-skipped-percent = 0 #!", "cycle.max-skipped-percent", "0 is out of range"),
+    (
+        "position-rad = [-1.2, 1.2]",
+        "position-rad = [0, 12.5] #!",
+        "motor.limits.position-rad",
+        "special frame",
+    ),
+    (
+        "damping-kd = 2.0\n[motor.limits]\nposition-rad = [-1.2, 1.2]",
+        "offset-rad = 12.0\n[motor.limits]\nposition-rad = [0.5, 24.5] #!",
+        "motor.limits.position-rad",
+        "end of the protocol's scale",
+    ),
+    ("velocity-rad-s = 30.0", "velocity-rad-s = 65.0 #!", "motor.limits.velocity-rad-s", "special frame"),
+    ("kp-max = 200.0", "kp-max = 500 #!", "motor.limits.kp-max", "use at most 497.5"),
+    (
+        "kp-max = 200.0",
+        "temperature-derate-celsius = 95 #!",
+        "motor.limits.temperature-derate-celsius",
+        "derating begins",
+    ),
+    // Names, ids, models.
+    ("name = 'knee'", "name = 'hip' #!", "motor.name", "\"hip\" is taken by an earlier motor"),
+    ("name = 'gripper'", "name = 'front' #!", "bus.name", "\"front\" is taken by an earlier bus"),
+    ("name = 'hand'", "name = 'legs' #!", "group.name", "\"legs\" is taken by an earlier group"),
+    ("id = 2", "id = 1 #!", "motor.id", "id 1 is used by \"hip\" on the same bus"),
+    ("id = 2", "id = 0 #!", "motor.id", "0 is out of range"),
+    ("id = 2", "id = 255 #!", "motor.id", "255 is out of range"),
+    ("id = 2", "id = 2\nhost-id = 2 #!", "motor.host-id", "is a motor's command id on the same bus"),
+    ("id = 2", "id = 2\nhost-id = 0x101 #!", "motor.host-id", "is the reply id of \"hip\" too"),
+    ("id = 2", "id = 2\nhost-id = 0x800 #!", "motor.host-id", "2048 is out of range"),
+    ("protocol = 'gim'", "protocol = 'canopen' #!", "motor.protocol", "unknown value `canopen`"),
+    (
+        "model = 'GIM3505-8'",
+        "model = 'GIM9999-8' #!",
+        "motor.model",
+        "unknown model \"GIM9999-8\"; did you mean `GIM8108-9`?",
+    ),
+    (
+        "model = 'GIM3505-8'",
+        "model = 'A4' #!",
+        "motor.model",
+        "unknown model \"A4\"; known are GIM3505-8, GIM3510-8, ",
+    ),
+    (
+        "model = 'GIM3505-8'",
+        "model = 'GIM3505' #!",
+        "motor.model",
+        "unknown model \"GIM3505\"; did you mean `GIM3505-8`?",
+    ),
+    (
+        "bus = 'gripper'",
+        "bus = 'griper' #!",
+        "motor.bus",
+        "there is no bus \"griper\"; did you mean `gripper`?",
+    ),
+    ("damping-kd = 2.0", "direction = 2 #!", "motor.direction", "neither 1 nor -1"),
+    // Buses.
+    (
+        "type = 'simulated'",
+        "type = 'socketcan'\ninterface = 'a name too long' #!",
+        "bus.interface",
+        "cannot be an interface",
+    ),
+    (
+        "type = 'simulated'",
+        "type = 'socketcan'\ninterface = '../can0' #!",
+        "bus.interface",
+        "cannot be an interface",
+    ),
+    ("type = 'simulated'", "type = 'can' #!", "bus.type", "unknown value `can`"),
+    (
+        "type = 'simulated'",
+        "type = 'simulated'\ninterface = 'can0' #!",
+        "bus.interface",
+        "does not belong to",
+    ),
+    (
+        "[[bus]]\nname = 'front'\ntype = 'simulated'",
+        "[[bus]] #!\nname = 'front'\ntype = 'simulated'\nbitrate = 250000",
+        "bus",
+        "at most 414 Hz",
+    ),
+    // Rates and times.
+    ("rate-hz = 1000", "rate-hz = 0 #!", "cycle.rate-hz", "0 is out of range"),
+    ("rate-hz = 1000", "rate-hz = 1e9 #!", "cycle.rate-hz", "1000000000 is out of range"),
+    ("rate-hz = 1000", "busy-poll-us = 1000 #!", "cycle.busy-poll-us", "not shorter than a cycle"),
+    ("mode = 'timed'", "lead-us = 2000 #!", "exchange.lead-us", "not shorter than a cycle"),
+    (
+        "setpoint-timeout-ms = 20",
+        "setpoint-timeout-ms = 0 #!",
+        "safety.setpoint-timeout-ms",
+        "0 is out of range",
+    ),
+    (
+        "setpoint-timeout-ms = 20",
+        "setpoint-timeout-ms = 1001 #!",
+        "safety.setpoint-timeout-ms",
+        "out of range",
+    ),
+    (
+        "setpoint-timeout-ms = 20",
+        "setpoint-timeout-ms = 1.5 #!",
+        "safety.setpoint-timeout-ms",
+        "less than 2 cycles",
+    ),
+    ("setpoint-timeout-ms = 20", "deadman-ms = 1.0 #!", "safety.deadman-ms", "less than 2 cycles"),
+    ("rate-hz = 1000", "priority = 0 #!", "cycle.priority", "0 is out of range"),
+    ("rate-hz = 1000", "priority = 99 #!", "cycle.priority", "99 is out of range"),
+    ("rate-hz = 1000", "cpu = 4096 #!", "cycle.cpu", "processor 4096 is not online"),
+    ("rate-hz = 1000", "cpu = -1 #!", "cycle.cpu", "processor -1 is not online"),
+    // A safe stop that could not damp.
+    ("damping-kd = 2.0", "damping-kd = 0 #!", "motor.damping-kd", "0 does not damp"),
+    ("damping-kd = 2.0", "damping-kd = 5.5 #!", "motor.damping-kd", "out of range"),
+    ("kd-max = 5.0", "kd-max = 1.0", "motor.damping-kd", "could not apply it"),
+    // Groups.
+    (
+        "joints = ['jaw']",
+        "joints = ['jav'] #!",
+        "group.joints",
+        "there is no motor \"jav\"; did you mean `jaw`?",
+    ),
+    (
+        "joints = ['jaw']",
+        "joints = ['jaw', 'hip'] #!",
+        "group.joints",
+        "\"hip\" is in group \"legs\" already",
+    ),
+    (
+        "joints = ['jaw']",
+        "joints = ['jaw', 'jaw'] #!",
+        "group.joints",
+        "\"jaw\" is in group \"hand\" already",
+    ),
+    ("joints = ['jaw']", "joints = [] #!", "group.joints", "has no joints"),
+    ("joints = ['hip', 'knee']", "joints = ['hip']", "group", "motor \"knee\" is in no group"),
+];
+
+/// The serial bus of [`with_serial`], and the mistakes that must be reported of it.
+pub(crate) const SERIAL_BUS: &str = "type = 'serial'\ndevice = '/dev/null'\nevery = 2\n";
+const SERIAL: &[Case] = &[
+    ("device = '/dev/null'", "", "bus.device", "is missing"),
+    ("device = '/dev/null'", "device = 'ttyUSB0' #!", "bus.device", "no absolute path"),
+    ("protocol = 'gim'", "protocol = 'mit' #!", "motor.protocol", "MIT is spoken over CAN only"),
+    (
+        "every = 2",
+        "every = 1 #!",
+        "bus.every",
+        "2 turns of 760 µs do not fit into 1 cycles of this serial bus; give it every = 2",
+    ),
+    ("every = 2", "every = 2 #!\nbaud = 115200", "bus.every", "give it every = 6"),
+    ("every = 2", "every = 2 #!\nturnaround-us = 1500", "bus.every", "give it every = 4"),
+    ("every = 2", "every = 70 #!", "bus.every", "needs 15 to start"),
+    (
+        "[[bus]]\nname = 'gripper'",
+        "[[bus]]\nname = 'first'\ntype = 'serial'\ndevice = '/dev/null'\n[[bus]]\nname = 'gripper'",
+        "bus.device",
+        "two buses cannot share it",
+    ),
+];
+
+fn marked_line(text: &str) -> Option<usize> {
+    text.lines().position(|line| line.ends_with(MARK)).map(|index| index + 1)
+}
+
+#[test]
+fn bad_configuration_is_refused_with_line_and_key() {
+    for (line, instead, key, reason) in REFUSED {
+        let text = damaged(line, instead);
+        let error = only_error(&text);
+        if let Some(marked) = marked_line(&text) {
+            let place = format!("robot.toml:{marked}: ");
+            assert!(error.starts_with(&place), "{instead}: expected {place}, got {error}");
+        }
+        assert!(
+            key.is_empty() || error.contains(&format!(": {key}: ")),
+            "{instead}: expected {key}, got {error}"
+        );
+        assert!(error.contains(reason), "{instead}: expected {reason}, got {error}");
+    }
+}
+
+#[test]
+fn serial_bus_mistake_is_refused_with_key() {
+    for (line, instead, key, reason) in SERIAL {
+        let text = with_serial();
+        assert!(text.contains(line), "nothing to damage: {line}");
+        let error = judge(&text.replacen(line, instead, 1)).expect_err("must be refused").to_string();
+        let complaint =
+            error.lines().find(|error| error.contains(&format!(" {key}: ")) && error.contains(reason));
+        assert!(complaint.is_some(), "{instead}: expected {key}: {reason}, got {error}");
+    }
+}
