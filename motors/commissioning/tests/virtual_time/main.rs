@@ -1,0 +1,52 @@
+//! Transactions with simulated motors, on virtual time: native on CAN, MIT on CAN, native on a serial line.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
+
+mod configuration;
+mod scan;
+mod transactions;
+
+use motord_bus::Instant;
+use motord_commissioning::{Link, VirtualTime};
+use motord_protocol::gim::ExecutionTime;
+use motord_simulator::{
+    BusKind, BusSettings, Dialect, FaultVerb, Mode, MotorSettings, SharedBus, SimulatedBus,
+};
+
+pub(crate) const START: Instant = Instant::from_nanos(1_000_000_000);
+pub(crate) const SECOND: ExecutionTime = ExecutionTime::from_millis(1000).unwrap();
+
+pub(crate) fn motor(name: &str, id: u16, dialect: Dialect) -> MotorSettings {
+    MotorSettings { name: name.into(), id, host_id: 0x100 + id, dialect, ..MotorSettings::default() }
+}
+
+pub(crate) fn bus(kind: BusKind, motors: Vec<MotorSettings>) -> SharedBus {
+    let bitrate = if kind == BusKind::Can { 1_000_000 } else { 921_600 };
+    let settings = BusSettings { kind, bitrate, record: 100_000, ..BusSettings::default() };
+    SharedBus::new(SimulatedBus::new(settings, motors, 7))
+}
+
+pub(crate) fn link(bus: &SharedBus, kind: BusKind) -> Link {
+    match kind {
+        BusKind::Can => Link::can(bus.clone(), VirtualTime::new(START)),
+        BusKind::Serial => Link::serial(bus.clone(), VirtualTime::new(START)),
+    }
+}
+
+/// One native motor, on both kinds of wire.
+pub(crate) fn on_both_wires(test: impl Fn(&SharedBus, &mut Link)) {
+    for kind in [BusKind::Can, BusKind::Serial] {
+        let bus = bus(kind, vec![motor("knee", 3, Dialect::Gim)]);
+        let mut link = link(&bus, kind);
+        test(&bus, &mut link);
+    }
+}
+
+pub(crate) fn mode(bus: &SharedBus) -> Mode {
+    bus.lock().motors()[0].mode()
+}
+
+pub(crate) fn inject(bus: &SharedBus, link: &Link, verb: &str) {
+    let verb: FaultVerb = verb.parse().unwrap();
+    bus.lock().inject(link.now(), &verb).unwrap();
+}

@@ -1,0 +1,128 @@
+//! Finding motors.
+
+use crate::{START, bus, inject, link, motor};
+use motord_bus::Duration;
+use motord_checker::codec::{Meaning, Ranges};
+use motord_commissioning::{Error, Family, Progress, Scan, identify, scan};
+use motord_simulator::{Behaviour, BusKind, Dialect, Direction, InFault, MotorSettings, SharedBus};
+
+/// Motors on four CAN buses and on a serial line, half of them in MIT.
+fn robot() -> Vec<(BusKind, SharedBus)> {
+    let dialect = |id: u16| if id.is_multiple_of(2) { Dialect::Mit } else { Dialect::Gim };
+    let of = |kind, ids: [u16; 3]| {
+        let motors = ids.map(|id| motor(&format!("m{id}"), id, dialect(id)));
+        (kind, bus(kind, motors.into()))
+    };
+    vec![
+        of(BusKind::Can, [1, 2, 3]),
+        of(BusKind::Can, [4, 5, 6]),
+        of(BusKind::Can, [1, 90, 0xFE]),
+        of(BusKind::Can, [10, 11, 12]),
+        of(BusKind::Serial, [7, 8, 9]),
+    ]
+}
+
+/// Judged by the checker's codec as a motor in MIT mode hears it, and by the first byte as a native one does.
+fn assert_harmless(bytes: [u8; 8]) {
+    let ranges = Ranges::steadywin(225.0);
+    let hex = u64::from_be_bytes(bytes);
+    match Meaning::of(bytes, &ranges) {
+        Meaning::Stop => {}
+        Meaning::Control { kp, kd, torque, .. } => {
+            assert_eq!((kp, kd), (0.0, 0.0), "{hex:016X}");
+            assert!(torque.abs() <= ranges.codes().torque, "{hex:016X}: {torque}");
+        }
+        other => panic!("{hex:016X} is {other:?}"),
+    }
+    // GIM document, Table 4: retrieve configuration; 0xFF is none of its commands.
+    assert!([0x84, 0xFF].contains(&bytes[0]), "{hex:016X}");
+}
+
+#[test]
+fn scan_finds_every_motor_and_moves_none() {
+    for (kind, bus) in robot() {
+        let mut link = link(&bus, kind);
+        let mut steps = 0;
+        let report = scan(&mut link, &Scan::default(), &mut |Progress { .. }| {
+            steps += 1;
+            true
+        });
+        let report = report.unwrap();
+        let expected: Vec<_> =
+            bus.lock().motors().iter().map(|motor| motor.name()[1..].parse().unwrap()).collect();
+        assert_eq!(report.found.iter().map(|found| found.id).collect::<Vec<u8>>(), expected);
+        for found in &report.found {
+            let in_mit = kind == BusKind::Can && found.id % 2 == 0;
+            assert_eq!(found.family, if in_mit { Family::Mit } else { Family::Native }, "{found:?}");
+            assert_eq!(found.host_id.unwrap().raw(), 0x100 + u32::from(found.id), "{found:?}");
+        }
+        assert_eq!(steps, 254);
+        let mut frames = 0;
+        for recorded in bus.lock().take_record().filter(|recorded| recorded.direction == Direction::ToMotor) {
+            assert_harmless(recorded.frame.payload().try_into().unwrap());
+            frames += 1;
+        }
+        assert!(frames >= 254);
+        assert!(bus.lock().motors().iter().all(|motor| motor.last_executed().is_none()));
+    }
+}
+
+#[test]
+fn two_motors_with_one_id_are_detected() {
+    let twin = |host_id, initial_position| {
+        let name = format!("m{host_id:x}");
+        MotorSettings { name, host_id, initial_position, ..motor("", 1, Dialect::Mit) }
+    };
+    let ids = Scan { ids: 1..=2, ..Scan::default() };
+    let apart = bus(BusKind::Can, vec![twin(0x101, 0.1), twin(0x102, 0.2)]);
+    let mut over_can = link(&apart, BusKind::Can);
+    let report = scan(&mut over_can, &ids, &mut |_| true).unwrap();
+    assert_eq!(report.found.len(), 2);
+    let refused = identify(&mut over_can, 1).unwrap_err();
+    assert!(refused.to_string().contains("several motors"), "{refused}");
+
+    let mut same = [twin(0x101, 0.1), twin(0x101, 0.2)];
+    same[1].name = "other".into();
+    let report = scan(&mut link(&bus(BusKind::Can, same.into()), BusKind::Can), &ids, &mut |_| true).unwrap();
+    assert_eq!(report.collisions, [1]);
+}
+
+#[test]
+fn silent_faulty_motor_is_found_by_fault_question() {
+    for (in_fault, behaviour, found) in
+        [(false, InFault::Silent, 0), (true, InFault::Silent, 1), (false, InFault::Refuses, 1)]
+    {
+        let behaviour = Behaviour { in_fault: behaviour, ..Behaviour::default() };
+        let knee = MotorSettings { behaviour, ..motor("knee", 3, Dialect::Gim) };
+        let bus = bus(BusKind::Can, vec![knee]);
+        let mut link = link(&bus, BusKind::Can);
+        inject(&bus, &link, "knee fault 2");
+        let scan_settings = Scan { ids: 1..=5, in_fault, ..Scan::default() };
+        let report = scan(&mut link, &scan_settings, &mut |_| true).unwrap();
+        assert_eq!(report.found.len(), found, "{in_fault} {behaviour:?}");
+        assert!(report.found.iter().all(|found| found.family == Family::Native));
+    }
+}
+
+#[test]
+fn nothing_is_sent_on_a_busy_bus() {
+    let bus = bus(BusKind::Can, vec![motor("knee", 3, Dialect::Gim)]);
+    let mut link = link(&bus, BusKind::Can);
+    inject(&bus, &link, "can0 flood 1000");
+    let refused = scan(&mut link, &Scan::default(), &mut |_| true);
+    assert!(matches!(refused, Err(Error::InUse { .. })), "{refused:?}");
+    let to_motor = bus.lock().take_record().filter(|frame| frame.direction == Direction::ToMotor).count();
+    assert_eq!(to_motor, 0);
+}
+
+#[test]
+fn ids_that_command_other_drivers_are_not_asked() {
+    use motord_bus::{Content, Frame, FrameId};
+    let bus = bus(BusKind::Can, vec![motor("knee", 40, Dialect::Gim)]);
+    let mut link = link(&bus, BusKind::Can);
+    let heartbeat = Frame::classic(FrameId::new(0x001).unwrap(), [0; 8]);
+    bus.lock().deliver(START + Duration::from_millis(100), Content::Frame(heartbeat));
+    let report = scan(&mut link, &Scan { ids: 1..=50, ..Scan::default() }, &mut |_| true).unwrap();
+    assert_eq!(report.skipped, (1..32).collect::<Vec<u8>>());
+    assert_eq!(report.found.len(), 1);
+}
