@@ -6,16 +6,16 @@ use std::fmt;
 /// The next steps of the operator after a stop.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Advice {
-    /// A sentence without its full stop.
+    /// The remedy, a sentence without its full stop.
     pub(crate) remedy: &'static str,
-    /// Lines to paste into a shell, in their order. They end with the reset: no motor moves by them.
+    /// Lines to paste into a shell, in order. They end with the reset and move no motor.
     pub(crate) commands: Vec<String>,
     /// The line that starts the group again.
     pub(crate) enable: String,
 }
 
 impl Advice {
-    /// After a stop of `group` for `cause`, which `joint` gave.
+    /// Returns the advice after a stop of `group` for a cause of `joint`.
     pub(crate) fn new(cause: Option<Cause>, instance: &str, group: &str, joint: Option<&str>) -> Self {
         let motorctl = motorctl(instance);
         let fault = joint.filter(|_| cause == Some(Cause::MotorFault));
@@ -41,7 +41,7 @@ impl fmt::Display for Advice {
     }
 }
 
-/// The beginning of a command line for `instance`.
+/// Returns the beginning of a command line for `instance`.
 pub(crate) fn motorctl(instance: &str) -> String {
     if instance == DEFAULT_INSTANCE {
         "motorctl".to_owned()

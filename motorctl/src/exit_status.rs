@@ -1,11 +1,11 @@
-//! The exit status of an error of the client.
+//! Exit statuses of errors of the client.
 
 use motord_client::Error;
 use motord_terminal::exit_status::NOT_STOPPED;
 pub(crate) use motord_terminal::exit_status::{INTERRUPTED, IO, UNAVAILABLE, USAGE};
 
-/// The exit status of an emergency stop that nobody confirmed. A missing daemon, a missing permission and a wrong instance name
-/// keep their own; every other error gives `NOT_STOPPED`.
+/// Returns the exit status of an unconfirmed emergency stop. A missing daemon, a missing permission
+/// and a wrong instance name keep their own; every other error gives `NOT_STOPPED`.
 pub(crate) fn of_stop(error: &Error) -> u8 {
     match error {
         Error::NotRunning { .. } | Error::Permission { .. } | Error::Instance(_) => error.exit_status(),
@@ -13,7 +13,8 @@ pub(crate) fn of_stop(error: &Error) -> u8 {
     }
 }
 
-/// The exit status of an error of the client. A refusal comes from a daemon that is there: not 69.
+/// Returns the exit status of an error of the client. A refusal comes from a running daemon: not
+/// 69.
 pub(crate) fn of_client(error: &Error) -> u8 {
     match error {
         Error::Refused { .. } => 1,

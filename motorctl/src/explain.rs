@@ -1,4 +1,5 @@
-//! `motorctl explain`: the pages of `docs/explain`, by the names that the log and `motorctl status` print.
+//! `motorctl explain`: prints the pages of `docs/explain`, by the names in the log and in `motorctl
+//! status`.
 
 use crate::failure::Failure;
 use motord_client::{Limit, MotorMode, Phase, Rejection};
@@ -26,11 +27,12 @@ struct Explanation {
     text: String,
 }
 
-/// Prints every page that is called `name`: a cause and a fault may share one. Without a name, all names.
+/// Prints every page with this name: a cause and a fault may share one. Without a name, lists all
+/// names.
 ///
 /// # Errors
 ///
-/// When there is no such name, or the output cannot be written.
+/// There is no such name, or the output cannot be written.
 pub(crate) fn run(name: Option<&str>) -> Result<(), Failure> {
     let (pages, out) = (pages(), &mut io::stdout().lock());
     let Some(name) = name else { return Ok(list(&pages, out)?) };
@@ -59,7 +61,7 @@ fn lines() -> textwrap::Options<'static> {
     textwrap::Options::new(WIDTH).word_splitter(textwrap::WordSplitter::NoHyphenation)
 }
 
-/// Every page there is. Words that are plain enough have no more than the sentence of their code.
+/// Returns every page. Some codes have only the sentence of their code.
 fn pages() -> Vec<Explanation> {
     let mut pages: Vec<Explanation> = FILES.iter().flat_map(|file| sections(file)).collect();
     let mut add = |kind: &str, words: Vec<(&'static str, &'static str)>| {
@@ -74,7 +76,7 @@ fn pages() -> Vec<Explanation> {
     pages
 }
 
-/// The pages of a file: its title says what they are, and each has a heading.
+/// Returns the pages of a file. Its title is their kind, and each has a heading.
 fn sections(file: &'static str) -> impl Iterator<Item = Explanation> {
     let title = file.lines().next().unwrap_or_default().trim_start_matches("# ");
     let kind = title.split(':').next().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Why a command failed: a sentence for operators and a status for scripts.
+//! The error of a command: a sentence for operators and an exit status for scripts.
 
 use crate::demo::error::DemoError;
 use crate::exit_status;
@@ -10,28 +10,28 @@ use motord_latency::LatencyFailure;
 use motord_record::RecorderFailure;
 use std::io;
 
-/// Why a command failed.
+/// The error of a command.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
-    /// The daemon cannot be reached, or refused.
+    /// The daemon cannot be reached, or refused the request.
     #[error(transparent)]
     Client(#[from] Error),
-    /// Nobody confirmed an emergency stop.
+    /// An emergency stop was not confirmed.
     #[error("EMERGENCY STOP NOT CONFIRMED: cut the power\nmotorctl: {0}")]
     NotStopped(Error),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
-    /// The demo did not go well.
+    /// The demo failed.
     #[error(transparent)]
     Demo(#[from] DemoError),
-    /// The computer is not fit, or could not be judged.
+    /// The computer is not fit for a real-time cycle, or the checks failed.
     #[error(transparent)]
     Doctor(#[from] DoctorFailure),
-    /// Frames were refused.
+    /// Frames were rejected.
     #[error(transparent)]
     Frame(#[from] FrameFailure),
-    /// The latencies cannot be had, read or written.
+    /// Latencies cannot be requested, read or written.
     #[error(transparent)]
     Latency(#[from] LatencyFailure),
     /// Nothing was recorded, or a recording cannot be read or drawn.
@@ -46,11 +46,11 @@ pub(crate) enum Failure {
     /// The monitor was started without a terminal.
     #[error("the monitor needs a terminal: use `motorctl status`, or `motorctl watch --json` for scripts")]
     NoTerminal,
-    /// The book has no such name.
-    #[error("nothing is called {0}: `motorctl explain` lists all names")]
+    /// There is no page of this name.
+    #[error("there is no page {0}: `motorctl explain` lists all names")]
     NoPage(String),
-    /// `status --check` found something, and has printed it.
-    #[error("the robot is not well")]
+    /// `status --check` found troubles. They were printed.
+    #[error("the robot has troubles")]
     Troubled,
     /// A signal ended the command.
     #[error("interrupted")]
@@ -58,7 +58,7 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
-    /// The exit status.
+    /// Returns the exit status.
     pub(crate) fn status(&self) -> u8 {
         match self {
             Self::Client(error) => exit_status::of_client(error),
@@ -79,7 +79,8 @@ impl Failure {
         }
     }
 
-    /// Nothing is left to say: standard output has the reason, or the sender of a signal knows it.
+    /// Returns true when no message is needed: the reason is on standard output, or a signal ended
+    /// the command.
     pub(crate) fn is_printed(&self) -> bool {
         matches!(
             self,
@@ -90,7 +91,7 @@ impl Failure {
         )
     }
 
-    /// There is no daemon of this name: others may run.
+    /// Returns true when no daemon of this name runs. Others may run.
     pub(crate) fn is_not_running(&self) -> bool {
         matches!(
             self,
@@ -101,7 +102,7 @@ impl Failure {
         )
     }
 
-    /// The reader of the output has gone, as `head` does: the normal end of a pipeline, nothing to complain about.
+    /// Returns true when the reader of the output closed it, as `head` does: no error.
     pub(crate) fn is_closed_pipe(&self) -> bool {
         let (Self::Output(error)
         | Self::Doctor(DoctorFailure::Output(error))

@@ -19,10 +19,10 @@ struct FaultReport {
 #[derive(Serialize)]
 struct JointFaults {
     name: String,
-    /// As the daemon sent them.
+    /// The bits from the daemon.
     bits: u32,
     faults: Vec<NamedFault>,
-    /// The bits that no word stands for.
+    /// The bits without a name.
     unknown_bits: u32,
 }
 
@@ -30,7 +30,7 @@ struct JointFaults {
 ///
 /// # Errors
 ///
-/// When no daemon answers, or the output cannot be written.
+/// No daemon answers, or the output cannot be written.
 pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
     let client = status::connect(instance)?;
     let report = FaultReport::new(&client, &client.wait(status::PATIENCE)?);
@@ -47,7 +47,7 @@ pub(crate) fn list(instance: &str, as_json: bool) -> Result<(), Failure> {
 ///
 /// # Errors
 ///
-/// When no daemon answers or it has no such joint, or the output cannot be written.
+/// No daemon answers, it has no such joint, or the output cannot be written.
 pub(crate) fn get(instance: &str, joint: &str, as_json: bool) -> Result<(), Failure> {
     let client = status::connect(instance)?;
     let index = client.joint_named(joint)?;

@@ -1,15 +1,15 @@
-//! `motorctl indicator JOINT`: the values that motors have told the daemon.
+//! `motorctl indicator JOINT`: the indicators that the daemon knows.
 
 use crate::failure::Failure;
 use crate::status;
 use motord_client::Indicator;
 use motord_direct::{DirectFailure, Indicators};
 
-/// Prints the indicators of a joint that are known.
+/// Prints the known indicators of a joint.
 ///
 /// # Errors
 ///
-/// When no daemon answers, it has no such joint or no indicators of it, or the output cannot be written.
+/// No daemon answers, it has no such joint or no indicators of it, or the output cannot be written.
 pub(crate) fn run(instance: &str, asked: &Indicators) -> Result<(), Failure> {
     let joint = asked.joint().unwrap_or_default();
     let client = status::connect(instance)?;
@@ -23,6 +23,6 @@ pub(crate) fn run(instance: &str, asked: &Indicators) -> Result<(), Failure> {
 
 fn none_of(joint: &str) -> DirectFailure {
     DirectFailure::Usage(format!(
-        "the daemon knows no indicators of {joint}: it asks native motors, the first 16 of them, where `indicator-hz` is not 0"
+        "the daemon knows no indicators of {joint}: it reads those of the first 16 GIM motors, unless `indicator-hz` is 0"
     ))
 }

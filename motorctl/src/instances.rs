@@ -57,14 +57,15 @@ fn table(entries: &[Entry]) -> Table {
     table
 }
 
-/// The daemons that run in place of one that does not, as lines to paste; `None` when there are none.
+/// Returns the commands for the running daemons as lines to paste; `None` if none runs.
 pub(crate) fn instead() -> Option<String> {
     let lines: Vec<String> =
         running_instances().iter().map(|running| format!("  {}", command(running))).collect();
     (!lines.is_empty()).then(|| format!("these run:\n{}", lines.join("\n")))
 }
 
-/// The line that shows the state of `running` to a person in any shell. Its words need no quotes: see [`running_instances`].
+/// Returns the command that shows the state of `running`. Its words need no quotes: see
+/// [`running_instances`].
 fn command(running: &RunningInstance) -> String {
     let RunningInstance { name, runtime, .. } = running;
     let directory = match runtime.to_str() {

@@ -1,9 +1,8 @@
-//! `motorctl`: the tool for operators and scripts. It talks to a running motord through the client crate, and to motors on a bus
-//! that no daemon uses.
+//! `motorctl`: the tool for operators and scripts. It uses a running motord through the client
+//! crate, and motors on a bus without a daemon.
 //!
-//! Exit statuses follow sysexits(3): 64 for a wrong call, 65 for a file with mistakes, 69 when no daemon or motor answers, 75
-//! when the bus is in use, 77 when it may not be reached, 78 for a configuration with mistakes, 79 when an emergency stop
-//! was not confirmed, 1 when it refused, the demo fell short, or `doctor` found something bad.
+//! The exit statuses are those of `motord_terminal::exit_status`. 1: a refusal, a failed demo, or a
+//! bad verdict of `doctor`.
 
 #![forbid(unsafe_code)]
 
@@ -66,8 +65,9 @@ mistakes; 79 an emergency stop was not confirmed; 130 interrupted.";
 enum Command {
     /// Start a daemon with simulated motors, run a trot, and check the result.
     ///
-    /// Exit status 0 means: all motors took part, the ticks came at the configured rate within 1 %, at most a tenth of them
-    /// was missed, no reply was missed but in their time, and the tracking error of every joint was below 0.05 rad RMS.
+    /// Exit status 0 means: all motors took part, and the ticks had the configured rate within 1 %.
+    /// At most 10 % of the ticks were missed, and no replies were missed except during missed
+    /// ticks. The tracking error of every joint was below 0.05 rad RMS.
     #[command(
         after_help = "Examples:\n  motorctl demo\n  motorctl demo --seconds 60 --json | tail -n 1 | jq .wake_latency_us"
     )]
@@ -90,10 +90,10 @@ enum Command {
         after_help = "Examples:\n  motorctl status\n  if ! motorctl status --check; then echo \"look at the robot\"; fi\n  motorctl status --json | jq '.groups[] | {name, phase, cause: .stop.cause}'"
     )]
     Status {
-        /// Judge the robot, for scripts: print only what is wrong, and end with exit status 1 if anything is.
+        /// For scripts: print only the troubles of the robot, with exit status 1 if there are any.
         ///
-        /// Wrong are an emergency stop, a stopped group, a motor that does not answer or reports a fault, and a bus that is not
-        /// active. An excluded joint is not wrong.
+        /// Troubles are an emergency stop, a stopped group, a motor that does not answer or reports
+        /// a fault, and a bus that is not active. An excluded joint is none.
         #[arg(long)]
         check: bool,
         /// Print one JSON object.
@@ -111,8 +111,9 @@ enum Command {
     },
     /// Show the robot on the whole terminal, with keys to stop, disable and reset it.
     ///
-    /// SPACE is the emergency stop, without a question; `?` explains the other keys. It also works over ssh, and outlives
-    /// restarts of the daemon. Without a terminal use `status` or `watch`.
+    /// SPACE requests an emergency stop immediately; `?` explains the other keys. The monitor also
+    /// works over ssh and across restarts of the daemon. Without a terminal use `status` or
+    /// `watch`.
     #[command(after_help = "Examples:\n  motorctl monitor\n  motorctl --instance arm monitor --hz 4")]
     Monitor {
         /// Refreshes per second, 0.1 to 100.
@@ -135,41 +136,45 @@ enum Command {
     },
     /// Show the percentiles of all latencies since the daemon started, or log and draw them.
     ///
-    /// A missed tick counts as a late wake-up until the cycle after it begins, and as a setpoint that was older by as long; what
-    /// was not sent, answered or published for it has no latency.
+    /// A missed tick counts as a wake-up that is late until the next cycle begins. The age of its
+    /// setpoint grows by the same time. Commands, replies and publications that did not take place
+    /// have no latency.
     ///
-    /// With RUN it shows files of earlier runs, and needs no daemon.
+    /// With RUN the command shows files of earlier runs, without a daemon.
     #[command(
         after_help = "Examples:\n  motorctl latency\n  motorctl latency --json | jq .setpoint_age_us.p99_9\n  motorctl latency --watch --interval 0.5 --seconds 1\n  motorctl latency --reset --hlog run.hlog --seconds 1\n  motorctl latency run.hlog --hgrm cycle.hgrm --of cycle\n  motorctl latency run.hlog --svg run.svg --of wake_latency"
     )]
     Latency(latency::Arguments),
     /// Record every cycle to a file: states, setpoints, applied commands and events.
     ///
-    /// The file is MCAP, with the schemas of its messages. It can be read while it grows, up to the last second, and after
-    /// the recorder was killed. Recording is a process of its own, and slows nothing: what shared memory or the disk cannot take
-    /// is counted, in the result and in the file. Two processes may record at a time.
+    /// The file is MCAP, with the schemas of its messages. It is readable while it grows, up to the
+    /// last second, and after the recorder was killed. Recording runs in a separate process and
+    /// does not delay the daemon. Records that shared memory or the disk cannot take are counted,
+    /// in the result and in the file. At most two processes record at a time.
     #[command(
         after_help = "Examples:\n  motorctl record run.mcap --seconds 1\n  motorctl record short.mcap --max-size 100 --seconds 1 --json | jq .recorded"
     )]
     Record(recorder::RecordArguments),
     /// Keep the last seconds of every cycle in memory, and write them to a file after each stop of the robot.
     ///
-    /// A stop is a group that was stopped for a cause, or a daemon that died. Files are those of `motorctl record`, named by their
-    /// time and cause. It waits for the daemon, and ends with Ctrl-C. What cannot be written is reported and ends nothing. It takes a place
-    /// of a recorder.
+    /// A stop is a group that was stopped for a cause, or a daemon that died. The files have the
+    /// format of `motorctl record` and are named by time and cause. The command waits for the
+    /// daemon, and ends at Ctrl-C. It reports a file that it cannot write, and continues. It counts
+    /// as one of the two recorders.
     #[command(after_help = "Example:\n  motorctl flight . --seconds 30 --files 10")]
     Flight(recorder::FlightArguments),
     /// Show a recording in the monitor, at the speed at which it happened.
     ///
-    /// SPACE pauses it, `n` shows the next cycle, `?` explains the other keys. No key reaches a robot. It shows what the states
-    /// tell; percentiles of latencies and owners are not in a recording.
+    /// SPACE pauses the recording, `n` shows the next cycle, `?` explains the other keys. No key
+    /// reaches a robot. A recording has no percentiles of latencies and no owners.
     #[command(
         after_help = "Examples:\n  motorctl replay run.mcap\n  motorctl replay run.mcap --from 0.5 --speed 0.1"
     )]
     Replay(monitor::ReplayArguments),
     /// Draw joints of a recording: position, velocity and torque, with setpoints and applied commands, as an SVG.
     ///
-    /// `setpoint` is what the owner asked for, `applied` what was sent after all limits, `reported` what the motor answered.
+    /// `setpoint` is the owner's request, `applied` the command after all limits, `reported` the
+    /// motor's answer.
     #[command(
         after_help = "Examples:\n  motorctl plot run.mcap fl-hip fl-knee --svg knees.svg\n  motorctl plot run.mcap fl-knee --from 0.2 --to 0.5 >knee.svg"
     )]
@@ -178,12 +183,12 @@ enum Command {
     Operate(operate::Operate),
     /// List the faults that motors have reported, or handle them.
     ///
-    /// Without a command it lists those of all joints, through the daemon.
+    /// Without a subcommand, the daemon's list of the faults of all joints.
     #[command(after_help = "Examples:\n  motorctl fault\n  motorctl fault --json | jq '.joints | length'")]
     Fault(FaultArguments),
     /// Store the present position of a stopped joint as its zero, in the motor itself.
     ///
-    /// With --bus or --config the command goes to the wire, without a daemon; the motor stops.
+    /// With --bus or --config the command uses the bus without a daemon; the motor stops.
     #[command(
         after_help = "Examples:\n  motorctl zero fl-knee --yes\n  motorctl zero --bus can0 --id 3 --at 0.5 --yes"
     )]
@@ -200,35 +205,40 @@ enum Command {
     },
     #[command(flatten)]
     Direct(direct::DirectCommand),
-    /// Check this computer: is it fit for a real-time cycle, and which commands mend it?
+    /// Check whether this computer is fit for a real-time cycle, and print the commands that fix
+    /// it.
     ///
-    /// Reads what the kernel shows, and changes nothing without `--tune`. Then a thread that has what the daemon's cycle would have (SCHED_FIFO,
-    /// priority, processor, locked memory, the rate of the configuration) sleeps from tick to tick, and its wake-up latency is
-    /// judged. This is left out where motord runs its cycle, which must not be disturbed.
+    /// The checks read files of the kernel, and change nothing without `--tune`. Then a thread with
+    /// the settings of the daemon's cycle (SCHED_FIFO, priority, processor, locked memory, the rate
+    /// of the configuration) sleeps from tick to tick, and its wake-up latency is judged. The
+    /// measurement is skipped while motord runs its cycle.
     ///
-    /// `bad` means that the cycle would not be real-time, that a bus does not work, or that a tick came too late. `warn` means
-    /// that the cycle runs, but later than it could. The latency is good while 99.9 % of the ticks are at most 5 % of the period
-    /// late, and all of them at most 20 %; it is bad when 99.9 % are above 20 %, or one is above 50 %. Why: a controller that
-    /// divides by the nominal period has 5 % of error in its velocities; a cycle that begins 20 % late meets its next tick when a
-    /// reply comes at its deadline of 80 %; and one that begins 50 % late misses it on a bus that is three quarters full.
+    /// `bad` means that the cycle would not be real-time, that a bus does not work, or that a tick
+    /// was too late. `warn` means that the cycle runs, but later than possible. The latency is good
+    /// if 99.9 % of the ticks are at most 5 % of the period late, and all of them at most 20 %. It
+    /// is bad if 99.9 % are above 20 %, or one is above 50 %. At 5 %, a controller that divides by
+    /// the nominal period has 5 % of error in its velocities. A cycle that begins 20 % late reaches
+    /// its next tick if a reply arrives at its deadline of 80 %. A cycle that begins 50 % late
+    /// misses it on a bus that is 75 % full.
     ///
     /// Exit status: 0 good or warn, 1 bad.
     #[command(
         after_help = "Examples:\n  motorctl doctor\n  sudo motorctl doctor --config robot.toml --seconds 600\n  sudo motorctl doctor --tune --seconds 0\n  motorctl doctor --seconds 0 --json | jq -r '.findings[] | .level + \" \" + .check'"
     )]
     Doctor(doctor::Arguments),
-    /// Explain a name that the log or `status` printed: what happened, what to look at, what to do.
+    /// Explain a name from the log or from `status`: what happened, what to check, and what to do.
     ///
-    /// Names are those of causes of a stop, faults of motors, refusals, and lines of the log (`see=`). The text is that of docs/explain;
-    /// no daemon is asked.
+    /// The names are causes of a stop, faults of motors, refusals, and lines of the log (`see=`).
+    /// The text is that of docs/explain. No daemon is needed.
     #[command(after_help = "Examples:\n  motorctl explain motor-lost\n  motorctl explain")]
     Explain {
-        /// The name; without it every name is listed.
+        /// The name. Without it the command lists all names.
         name: Option<String>,
     },
-    /// Give a simulated motor or bus a fault, to try a controller against it.
+    /// Inject a fault into a simulated motor or bus, to test a controller.
     ///
-    /// Only an instance whose buses are all simulated takes faults, such as that of config/quadruped-simulated.toml.
+    /// Only an instance with simulated buses accepts faults, such as that of
+    /// config/quadruped-simulated.toml.
     #[command(after_help = sim::after_help())]
     Sim(sim::Sim),
     /// Decode and encode motor frames, without a daemon.
@@ -256,8 +266,9 @@ struct FaultArguments {
 enum FaultCommand {
     /// Read the faults of a motor.
     ///
-    /// Through the daemon for a joint: those that it knows. With --bus or --config the command goes to the wire, without a daemon. There
-    /// a motor in MIT is stopped first, and a motor with a fault may not answer to anything else: name its --protocol then.
+    /// For a joint, the daemon returns the faults that it knows. With --bus or --config the command
+    /// uses the bus without a daemon. There a motor in MIT mode is stopped first. A motor with a
+    /// fault may answer nothing else: set its --protocol then.
     #[command(
         after_help = "Examples:\n  motorctl fault get fl-knee\n  motorctl fault get --bus can0 --id 3 --protocol gim"
     )]
@@ -270,7 +281,7 @@ enum FaultCommand {
     },
     /// Clear the fault of a motor. The motor reports it again while its cause remains.
     ///
-    /// With --bus or --config the command goes to the wire, without a daemon.
+    /// With --bus or --config the command uses the bus without a daemon.
     #[command(
         after_help = "Examples:\n  motorctl fault clear fl-knee\n  motorctl fault clear --bus can0 --id 3"
     )]
@@ -287,7 +298,8 @@ fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Help and version come this way too, and go to standard output. A closed pipe is no failure of theirs.
+            // Help and version also arrive here, and go to standard output. A closed pipe is not an
+            // error.
             let _ = error.print();
             return ExitCode::from(if error.use_stderr() { exit_status::USAGE } else { 0 });
         }
@@ -344,7 +356,7 @@ fn run(instance: &str, command: Command) -> Result<(), Failure> {
     }
 }
 
-/// Through the daemon for a joint, on the wire for a motor of a bus.
+/// Uses the daemon for a joint, and the bus for a motor of a bus.
 fn get_fault(instance: &str, name: Option<String>, reading: &direct::ReadArguments) -> Result<(), Failure> {
     match name {
         Some(joint) if !reading.target.is_given() => fault::get(instance, &joint, reading.json),
@@ -353,7 +365,7 @@ fn get_fault(instance: &str, name: Option<String>, reading: &direct::ReadArgumen
     }
 }
 
-/// Through the daemon for a joint, on the wire for a motor of a bus.
+/// Uses the daemon for a joint, and the bus for a motor of a bus.
 fn clear_fault(instance: &str, name: Option<String>, target: &direct::Target) -> Result<(), Failure> {
     match name {
         Some(joint) if !target.is_given() => operate::clear_fault(instance, &joint),
@@ -362,7 +374,7 @@ fn clear_fault(instance: &str, name: Option<String>, target: &direct::Target) ->
     }
 }
 
-/// Through the daemon for a joint, on the wire for a motor of a bus.
+/// Uses the daemon for a joint, and the bus for a motor of a bus.
 fn set_zero(
     instance: &str,
     name: Option<String>,
@@ -374,7 +386,7 @@ fn set_zero(
         Some(_) if target.is_given() => Err(both()),
         Some(joint) if zero.at == 0.0 && !zero.force => operate::zero(instance, &joint, confirm),
         Some(_) => Err(direct::DirectFailure::Usage(
-            "--at and --force are for the wire: use them with --config and --joint".into(),
+            "--at and --force need a bus: use them with --config and --joint".into(),
         )
         .into()),
         None => Ok(direct::zero(target, zero, confirm)?),
@@ -383,8 +395,7 @@ fn set_zero(
 
 fn both() -> Failure {
     direct::DirectFailure::Usage(
-        "JOINT is for the daemon, --bus for the wire: use --config and --joint for a joint on the wire"
-            .into(),
+        "JOINT selects the daemon, --bus a bus: use --config and --joint for a joint on a bus".into(),
     )
     .into()
 }

@@ -1,4 +1,4 @@
-//! The commands of an operator: one request each, and a sentence about its effect.
+//! The commands of an operator. Each sends a request and prints its effect.
 
 use crate::advice::motorctl;
 use crate::failure::Failure;
@@ -10,7 +10,7 @@ use motord_terminal::printable;
 use std::io::{self, Write};
 use std::time::Duration;
 
-/// No configuration holds or damps for longer than 30 s.
+/// Longest wait for stopped motors. A configuration holds and damps for at most 30 s each.
 const STOPPED: Duration = Duration::from_secs(60);
 
 /// The commands that the daemon carries out for an operator.
@@ -35,9 +35,9 @@ pub(crate) enum Operate {
     },
     /// Damp and stop every motor of every group now. The stop stays latched until a reset.
     ///
-    /// It sends first, and looks afterwards. It needs neither files nor a place among the clients: the daemon has a socket
-    /// for it, and does nothing else there. When nobody confirms the stop within a second or so, it says so, and its exit
-    /// status is 79: cut the power.
+    /// The command sends the stop before every other step. It needs neither files nor a client
+    /// slot: the daemon has a separate socket for stops. If the daemon does not confirm the stop
+    /// within about a second, the exit status is 79: cut the power.
     ///
     /// This is a software stop. It does not replace a switch that cuts the power.
     #[command(after_help = "Example:\n  motorctl estop || echo 'cut the power'")]
@@ -51,10 +51,10 @@ pub(crate) enum Operate {
         #[arg(long, required = true)]
         force: bool,
     },
-    /// Leave a joint out of its group while the group is disarmed: the joint is not there, or broken.
+    /// Leave a missing or broken joint out of its group while the group is disarmed.
     ///
-    /// Its motor gets stop frames only, and its setpoints are ignored. The group can be enabled without the joint only where
-    /// the configuration has `may-be-excluded = true` for it.
+    /// Its motor receives only stop frames, and its setpoints are ignored. The group can be enabled
+    /// without the joint only if the configuration sets `may-be-excluded = true` for it.
     #[command(after_help = "Example:\n  motorctl exclude rr-knee")]
     Exclude {
         /// Name of the joint.
@@ -97,7 +97,7 @@ fn enable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     })
 }
 
-/// Whether the motors of the group follow their owner, or are about to.
+/// Returns true if the motors of the group follow their owner or are starting.
 fn is_running(client: &Client, group: &str) -> Result<bool, Error> {
     let index = client.group_named(group)?;
     let phase = client.wait(PATIENCE)?.group(index).and_then(|group| group.phase);
@@ -111,7 +111,8 @@ fn disable(instance: &str, group: Option<&str>) -> Result<(), Failure> {
     })
 }
 
-/// `motorctl reset`: clears the cause of a stop; no motor moves. With `wait`, once the motors are stopped.
+/// `motorctl reset`: clears the cause of a stop; no motor moves. `wait` first waits until the
+/// motors are stopped.
 fn reset(instance: &str, group: Option<&str>, wait: bool) -> Result<(), Failure> {
     let request = if wait { reset_stopped } else { Client::reset };
     for_groups(instance, group, |client, group| request(client, group).map(|()| "reset"))
@@ -129,33 +130,33 @@ fn estop(instance: &str) -> Result<(), Failure> {
     say(&format!(
         "confirmed: every motor is being damped, then stopped; `{reset}` clears the emergency stop"
     ));
-    // Only now it looks: nothing that it may wait for kept the stop from the motors.
+    // Check the motors only after the stop: no wait may delay it.
     if let Some(warning) = unheard(instance) {
         let _nobody_reads = writeln!(io::stderr(), "motorctl: {warning}");
     }
     Ok(())
 }
 
-/// The motors of which nobody knows whether they heard a stop.
+/// Returns a warning about offline motors, which may not have received the stop.
 fn unheard(instance: &str) -> Option<String> {
     let seen =
         status::connect(instance).and_then(|client| Ok((client.description(), client.wait(PATIENCE)?)));
     let (robot, state) = match seen {
         Ok(seen) => seen,
-        Err(error) => return Some(format!("the motors were not looked at: {error}")),
+        Err(error) => return Some(format!("the motors were not checked: {error}")),
     };
     let offline = |(joint, state): (&JointDescription, Joint)| {
         (state.mode == Some(MotorMode::Offline)).then(|| joint.name.clone())
     };
     let silent: Vec<String> = robot.joints.iter().zip(state.joints()).filter_map(offline).collect();
-    let text = format!("not heard, and so perhaps not stopped: {}", silent.join(", "));
+    let text = format!("no answer, so possibly not stopped: {}", silent.join(", "));
     (!silent.is_empty()).then_some(text)
 }
 
 /// `motorctl release --force`: removes the owner of a group.
 fn release(instance: &str, group: &str) -> Result<(), Failure> {
     Client::connect(instance)?.force_release(group)?;
-    say(&format!("{group}: has no owner any more"));
+    say(&format!("{group}: has no owner now"));
     Ok(())
 }
 
@@ -178,7 +179,7 @@ fn exclude(instance: &str, joint: &str) -> Result<(), Failure> {
 /// `motorctl include`: ends the exclusion of a joint.
 fn include(instance: &str, joint: &str) -> Result<(), Failure> {
     Client::connect(instance)?.include(joint)?;
-    say(&format!("{joint}: is looked for again"));
+    say(&format!("{joint}: is included again"));
     Ok(())
 }
 
@@ -194,7 +195,7 @@ pub(crate) fn zero(instance: &str, joint: &str, confirm: Confirm) -> Result<(), 
     Ok(())
 }
 
-/// The angle that a joint at `position`, rad, will have once its motor is at zero, against its limits.
+/// Describes the angle of a joint after its motor was set to zero, with its limits.
 fn effect_of_zero(joint: &JointDescription, position: Option<f32>) -> String {
     let JointDescription { name, zero, limits, .. } = joint;
     let before = position.map_or_else(String::new, |position| format!(" ({position:.2} rad)"));
@@ -202,9 +203,7 @@ fn effect_of_zero(joint: &JointDescription, position: Option<f32>) -> String {
     let verdict = match limits.allow(*zero) {
         true => format!("within its limits, {lower:.2} to {upper:.2}"),
         false => {
-            format!(
-                "OUTSIDE its limits, {lower:.2} to {upper:.2}: its group cannot be enabled where it stands"
-            )
+            format!("OUTSIDE its limits, {lower:.2} to {upper:.2}: its group cannot be enabled in this pose")
         }
     };
     format!(
@@ -213,8 +212,8 @@ fn effect_of_zero(joint: &JointDescription, position: Option<f32>) -> String {
     )
 }
 
-/// Sends `request` for `group`, or for every group without a name. After a refusal the other groups are still asked: a robot
-/// that is to be stopped is stopped as far as possible. The first refusal is the outcome.
+/// Sends `request` for `group`, or for every group. A refusal does not end the loop, so that as
+/// many groups as possible are stopped. Returns the first refusal.
 fn for_groups(
     instance: &str,
     group: Option<&str>,
@@ -235,12 +234,12 @@ fn for_groups(
     Ok(outcome?)
 }
 
-/// Says what the robot has done. When nobody can read it, the robot has done it all the same: an error of the output is no error
-/// of the command, and the other groups are still asked.
+/// Prints the effect of a request. An error of the output is not an error of the command: the
+/// request was carried out, and the other groups follow.
 fn say(sentence: &str) {
     if let Err(error) = writeln!(io::stdout(), "{}", printable(sentence)) {
         let _nobody_reads =
-            writeln!(io::stderr(), "motorctl: done, but standard output takes no text: {error}");
+            writeln!(io::stderr(), "motorctl: done, but standard output cannot be written: {error}");
     }
 }
 

@@ -20,11 +20,11 @@ pub(crate) struct RobotReport {
     pub(crate) pid: u32,
     pub(crate) rate_hz: f64,
     pub(crate) cycle: u64,
-    /// The cycle has real-time scheduling and locked memory.
+    /// True if the cycle has real-time scheduling and locked memory.
     pub(crate) realtime: bool,
     pub(crate) emergency_stop: bool,
     pub(crate) shutting_down: bool,
-    /// The configuration's file was changed since the daemon read it.
+    /// True if the configuration file changed after the daemon read it.
     pub(crate) config_changed: bool,
     /// Ticks that were missed since the daemon started.
     pub(crate) overruns: u64,
@@ -38,16 +38,16 @@ pub(crate) struct RobotReport {
 pub(crate) struct GroupReport {
     pub(crate) name: String,
     pub(crate) phase: &'static str,
-    /// The owner's lease; `null` when nobody owns the group.
+    /// The owner's lease; `null` without an owner.
     pub(crate) lease: Option<u64>,
-    /// The owner's process; `null` when nobody owns the group, or the daemon does not know the process.
+    /// The owner's process; `null` without an owner, or if the daemon does not know the process.
     pub(crate) owner: Option<ProcessReport>,
     /// Age of the setpoint in use when the cycle began; `null` when there is none.
     pub(crate) setpoint_age_us: Option<f64>,
     /// Cycles from the states that the setpoint in use answers to the cycle that first used it; `null` when not known.
     pub(crate) control_cycles: Option<u64>,
     pub(crate) accepted: u32,
-    /// Accepted setpoint messages that came too late for the first cycle after the one that they answer.
+    /// Accepted setpoint messages that missed the first cycle after the one that they answer.
     pub(crate) late: u32,
     /// Rejected setpoint messages by reason; only reasons that occurred.
     pub(crate) rejected: BTreeMap<&'static str, u32>,
@@ -55,14 +55,14 @@ pub(crate) struct GroupReport {
     pub(crate) stop: Option<StopReport>,
 }
 
-/// Why a group was stopped, and what helps.
+/// The stop of a group, and the remedy.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(crate) struct StopReport {
     pub(crate) cause: &'static str,
     pub(crate) sentence: &'static str,
-    /// The joint that gave the cause.
+    /// The joint that caused the stop.
     pub(crate) joint: Option<String>,
-    /// The process that asked for the stop.
+    /// The process that requested the stop.
     pub(crate) asked_by: Option<ProcessReport>,
     pub(crate) advice: String,
     /// The commands of the advice.
@@ -70,7 +70,7 @@ pub(crate) struct StopReport {
     pub(crate) steps: Advice,
 }
 
-/// A process that owns a group or asked for a stop.
+/// A process that owns a group or requested a stop.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(crate) struct ProcessReport {
     pub(crate) pid: u32,
@@ -81,7 +81,7 @@ pub(crate) struct ProcessReport {
 impl fmt::Display for ProcessReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "pid {}", self.pid)?;
-        // Any process may choose its name.
+        // A process chooses its own name: replace control characters.
         let of_a_name = |letter: char| if letter.is_control() { '?' } else { letter };
         let program = self.program.iter().map(|program| program.chars().map(of_a_name).collect::<String>());
         program.into_iter().try_for_each(|program| write!(f, ", {program}"))
@@ -95,7 +95,8 @@ impl From<&Process> for ProcessReport {
 }
 
 impl StopReport {
-    /// The joint that gave the cause, or the process that asked for the stop, in brackets after a space; else nothing.
+    /// Returns the joint or the process that caused the stop, in brackets after a space; otherwise
+    /// an empty text.
     pub(crate) fn origin(&self) -> String {
         let joint = self.joint.clone();
         let origin = joint.or_else(|| self.asked_by.as_ref().map(|process| format!("by {process}")));
@@ -139,10 +140,10 @@ impl RobotReport {
         }
     }
 
-    /// Names the owners, and the programs that asked for stops.
+    /// Adds the names of the owners and of the programs that requested stops.
     pub(crate) fn name_programs(&mut self, telemetry: &Telemetry) {
         for (group, history) in self.groups.iter_mut().zip(&telemetry.groups) {
-            // The history remembers the owner before.
+            // The history also has the previous owner.
             group.owner = history.owner.as_ref().filter(|_| group.lease.is_some()).map(ProcessReport::from);
             let (Some(stop), Some(process)) = (&mut group.stop, &history.stopped_by) else { continue };
             if let Some(asker) = stop.asked_by.as_mut().filter(|asker| asker.pid == process.pid) {
@@ -151,7 +152,7 @@ impl RobotReport {
         }
     }
 
-    /// Everything that is wrong with the robot, in sentences; nothing for one that is well.
+    /// Returns the troubles of the robot as sentences; none for a healthy robot.
     pub(crate) fn troubles(&self) -> Vec<String> {
         let alarms = [
             (self.emergency_stop, "The emergency stop is latched."),
@@ -165,11 +166,11 @@ impl RobotReport {
         alarms.chain(stops).chain(joints).chain(buses).collect()
     }
 
-    /// Writes it as tables for an operator.
+    /// Writes the state as tables.
     ///
     /// # Errors
     ///
-    /// When `out` cannot be written.
+    /// `out` cannot be written.
     pub(crate) fn write(&self, out: &mut dyn Write, palette: Palette) -> io::Result<()> {
         let Self { instance, version, pid, rate_hz, cycle, overruns, .. } = self;
         let realtime = match self.realtime {
@@ -178,7 +179,7 @@ impl RobotReport {
         };
         writeln!(
             out,
-            "{}: motord {}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, overruns {overruns}",
+            "{}: motord {}, process {pid}, {rate_hz} Hz, {}, cycle {cycle}, missed ticks {overruns}",
             printable(instance),
             printable(version),
             palette.paint(&realtime)
@@ -214,14 +215,14 @@ fn joints(robot: &RobotDescription, state: &State) -> Vec<JointReport> {
     joints
 }
 
-/// The obstacle to the motion of `joint`, and what helps.
+/// Returns the obstacle to the motion of `joint`, and the remedy.
 fn obstacle(joint: &JointReport, description: &JointDescription, robot: &RobotDescription) -> Option<String> {
     let (name, motorctl) = (&joint.name, motorctl(&robot.instance));
     if joint.mode == MotorMode::Offline.name() {
         let bus = robot.buses.iter().position(|bus| *bus == joint.bus);
         let device = bus.and_then(|bus| robot.devices.get(bus)).filter(|device| !device.is_empty());
         let scan = device.map_or_else(String::new, |device| {
-            format!(" To look for it, stop the daemon, and run `motorctl scan --bus {device}`.")
+            format!("To find it, stop the daemon and run `motorctl scan --bus {device}`.")
         });
         let protocol = &description.protocol;
         return Some(format!(
@@ -266,7 +267,7 @@ impl GroupReport {
         }
     }
 
-    /// More than one setpoint in 20 came too late: the controller has too little time.
+    /// Returns true if more than 5 % of the setpoints were late: the controller is too slow.
     pub(crate) const fn is_often_late(&self) -> bool {
         self.late > self.accepted / 20
     }
@@ -286,7 +287,7 @@ impl StopReport {
         }
     }
 
-    /// Why the group of this `name` is stopped.
+    /// Describes the stop of the group `name`.
     fn describe(&self, name: &str) -> String {
         format!("{name} is stopped for {}: {}{}", self.cause, self.sentence, self.origin())
     }
@@ -332,7 +333,7 @@ fn write_groups(groups: &[GroupReport], out: &mut dyn Write, palette: Palette) -
     for (group, stop) in groups.iter().filter_map(|group| Some((group, group.stop.as_ref()?))) {
         let sentence = palette.paint(&Cell::new(stop.describe(&group.name), Colour::Red));
         writeln!(out, "{sentence}\n  {}", printable(&stop.advice))?;
-        writeln!(out, "  `motorctl explain {}` says more.", stop.cause)?;
+        writeln!(out, "  See `motorctl explain {}`.", stop.cause)?;
     }
     Ok(())
 }
@@ -372,7 +373,7 @@ fn joint_table(joints: &[JointReport]) -> Table {
     table
 }
 
-/// The position, marked where it is outside its limits.
+/// Formats the position, with a mark if it is outside its limits.
 fn position(joint: &JointReport) -> Cell {
     match joint.position_rad.filter(|_| joint.outside_limits) {
         Some(position) => Cell::new(format!("{position:.3}!"), Colour::Red),

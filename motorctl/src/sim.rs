@@ -8,7 +8,7 @@ use motord_terminal::json;
 use serde::Serialize;
 use std::io::{self, Write};
 
-/// The words of a fault.
+/// The options of `motorctl sim`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Sim {
     /// Name of a motor or a bus.
@@ -32,7 +32,7 @@ struct InjectedFault<'a> {
     argument: Option<&'a str>,
 }
 
-/// Examples, and every fault that there is.
+/// Returns the examples and the list of faults.
 pub(crate) fn after_help() -> String {
     let names: Vec<&str> = Fault::ALL.iter().map(|fault| fault.name()).collect();
     format!(
@@ -46,7 +46,7 @@ pub(crate) fn after_help() -> String {
     )
 }
 
-/// Gives the fault to its target. The daemon judges the words.
+/// Injects the fault. The daemon checks the words.
 pub(crate) fn run(instance: &str, sim: &Sim) -> Result<(), Failure> {
     let Sim { target, fault, argument, .. } = sim;
     let line = [target, fault].into_iter().chain(argument).map(String::as_str).collect::<Vec<_>>().join(" ");
@@ -55,7 +55,7 @@ pub(crate) fn run(instance: &str, sim: &Sim) -> Result<(), Failure> {
     if sim.json {
         json::write_line(out, &InjectedFault { instance, target, fault, argument: argument.as_deref() })?;
     } else if fault == "ok" {
-        writeln!(out, "{target}: has no simulated fault any more")?;
+        writeln!(out, "{target}: has no simulated fault now")?;
     } else {
         writeln!(out, "{line}: done; `{} sim {target} ok` ends it", motorctl(instance))?;
     }

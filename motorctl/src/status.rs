@@ -8,10 +8,10 @@ use motord_terminal::{Palette, json, printable};
 use std::io::{self, Write};
 use std::time::Duration;
 
-/// A shorter silence of the daemon is not reported.
+/// Longest wait for a state before a command reports an error.
 pub(crate) const PATIENCE: Duration = Duration::from_millis(300);
 
-/// Connects a reader with that patience.
+/// Connects with [`PATIENCE`].
 ///
 /// # Errors
 ///
@@ -22,11 +22,12 @@ pub(crate) fn connect(instance: &str) -> Result<Client, Error> {
     Ok(client)
 }
 
-/// Prints the state of the next cycle; with `check` only what is wrong with it.
+/// Prints the state of the next cycle; with `check` only its troubles.
 ///
 /// # Errors
 ///
-/// When no daemon answers, the output cannot be written, or a check found something: [`Failure::Troubled`].
+/// No daemon answers, the output cannot be written, or a check found troubles:
+/// [`Failure::Troubled`].
 pub(crate) fn run(instance: &str, check: bool, as_json: bool) -> Result<(), Failure> {
     let client = connect(instance)?;
     let state = client.wait(PATIENCE)?;

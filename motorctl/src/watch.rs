@@ -18,11 +18,11 @@ pub(crate) fn parse_hz(text: &str) -> Result<f64, String> {
     within(text, 0.1, 100.0)
 }
 
-/// Prints the newest state `hz` times a second until a signal comes.
+/// Prints the newest state `hz` times a second until a signal arrives.
 ///
 /// # Errors
 ///
-/// When there is no daemon to begin with, or the output cannot be written. Later the daemon may come and go.
+/// No daemon runs at the start, or the output cannot be written. Later the daemon may restart.
 pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure> {
     let interrupt = Interrupt::register();
     let client = status::connect(instance)?;
@@ -40,7 +40,7 @@ pub(crate) fn run(instance: &str, hz: f64, as_json: bool) -> Result<(), Failure>
     Ok(())
 }
 
-/// Where the refreshes go.
+/// The output of the refreshes.
 struct Output {
     as_json: bool,
     palette: Palette,

@@ -1,4 +1,4 @@
-//! Processes that the demo starts, and that never outlive it.
+//! Child processes of the demo. They never outlive it.
 
 use crate::demo::error::DemoError;
 use nix::sys::prctl::set_pdeathsig;
@@ -10,22 +10,23 @@ use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long a child may take to end by itself: the daemon damps for up to 2 s before it stops the motors.
+/// Longest wait for the exit of a child. The daemon damps for up to 2 s before it stops the motors.
 const PATIENCE: Duration = Duration::from_secs(6);
-/// How often a child is looked at while it ends.
+/// Time between two checks of a child that exits.
 const GLANCE: Duration = Duration::from_millis(10);
 
-/// A child process. Dropping it ends the process, gently first.
+/// A child process. Dropping it terminates the process, and kills it after [`PATIENCE`].
 #[derive(Debug)]
 pub(crate) struct Child {
     process: std::process::Child,
 }
 
 impl Child {
-    /// Starts `command` through `motorctl child-guard`, in a process group of its own: Ctrl-C reaches the demo alone, which
-    /// then ends its children in order.
+    /// Starts `command` through `motorctl child-guard`, in a separate process group. Ctrl-C reaches
+    /// only the demo, which ends its children in order.
     ///
-    /// Must be called on the main thread: the kernel ends the child when the thread that started it ends.
+    /// Call this on the main thread: the kernel ends the child when the thread that started it
+    /// ends.
     ///
     /// # Errors
     ///
@@ -40,39 +41,40 @@ impl Child {
         Ok(Self { process })
     }
 
-    /// Its standard output, when it was started with a pipe. Only the first call returns it.
+    /// Returns its standard output if it was started with a pipe. Only the first call returns it.
     pub(crate) fn output(&mut self) -> Option<std::process::ChildStdout> {
         self.process.stdout.take()
     }
 
-    /// Its exit status, when it has ended.
+    /// Returns its exit status after its exit.
     ///
     /// # Errors
     ///
-    /// When the kernel cannot tell.
+    /// The kernel does not return the state.
     pub(crate) fn ended(&mut self) -> io::Result<Option<ExitStatus>> {
         self.process.try_wait()
     }
 
-    /// Asks it to end, and waits. After [`PATIENCE`] it is killed, which its status then tells.
+    /// Sends SIGTERM and waits. Kills the process after [`PATIENCE`], which its status shows.
     ///
     /// # Errors
     ///
-    /// When the kernel cannot tell how it ended.
+    /// The kernel does not return the exit status.
     pub(crate) fn stop(&mut self) -> io::Result<ExitStatus> {
         if let Some(status) = self.process.try_wait()? {
             return Ok(status);
         }
-        // Not reaped yet, so that the number is still this child's. An error would mean that it has just ended.
+        // The child is not reaped yet, so the number is valid. An error means that it has just
+        // exited.
         let _ = kill(Pid::from_raw(self.process.id().cast_signed()), Signal::SIGTERM);
         self.wait(PATIENCE)
     }
 
-    /// Waits until it ends by itself; after `patience` it is killed.
+    /// Waits for its exit. Kills it after `patience`.
     ///
     /// # Errors
     ///
-    /// When the kernel cannot tell how it ended.
+    /// The kernel does not return the exit status.
     pub(crate) fn wait(&mut self, patience: Duration) -> io::Result<ExitStatus> {
         let deadline = Instant::now() + patience;
         while Instant::now() < deadline {
@@ -88,16 +90,16 @@ impl Child {
 
 impl Drop for Child {
     fn drop(&mut self) {
-        // Nobody is left to hear of a failure, and the kernel's own guard holds.
+        // A drop cannot report an error. The kernel's parent-death signal remains.
         let _ = self.stop();
     }
 }
 
-/// Becomes `program`, and dies with `parent`: SIGTERM comes when it ends, however it ends.
+/// Replaces this process by `program`, which receives SIGTERM when `parent` ends.
 ///
 /// # Errors
 ///
-/// Returns only when that is not possible.
+/// Returns only on failure.
 pub(crate) fn guard(parent: u32, program: &OsStr, arguments: &[OsString]) -> DemoError {
     let doing = "start a process of the demo";
     if let Err(error) = set_pdeathsig(Signal::SIGTERM) {

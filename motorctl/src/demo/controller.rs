@@ -1,11 +1,11 @@
-//! The controller process of the demo: what a robot's own controller looks like.
+//! The controller process of the demo, an example of a robot's controller.
 //!
 //! ```text
 //! stand (answer states with where the joints stand) -> enable -> trot -> disable -> stopped
 //! ```
 //!
-//! It sleeps until the states of a cycle are there, answers them with setpoints, and tells its parent how it goes, one
-//! JSON object a line on standard output.
+//! It sleeps until the states of a cycle arrive, and answers them with setpoints. It reports its
+//! progress to its parent, one JSON object per line on standard output.
 
 use crate::demo::error::DemoError;
 use crate::demo::gait::{BLEND, GROUP, Swing};
@@ -21,9 +21,9 @@ use std::time::Duration;
 const KP: f32 = 70.0;
 /// Damping, N·m·s/rad.
 const KD: f32 = 2.0;
-/// A daemon whose states do not come for this long is gone.
+/// Longest wait for a state. Then the daemon counts as unavailable.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// Motors must be found, started and stopped within this time each, s.
+/// Longest time to find, start and stop the motors each, s.
 const CHANGE_MAX: f64 = 8.0;
 /// Time between two messages of progress, s.
 const PROGRESS_PERIOD: f64 = 0.2;
@@ -32,22 +32,22 @@ const PROGRESS_PERIOD: f64 = 0.2;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ControllerMessage {
-    /// The trot goes on.
+    /// The trot continues.
     TrotProgress(TrotProgress),
     /// The trot is over: the tracking of every joint, in the order of the description.
     Outcome(Vec<Tracking>),
 }
 
-/// How the trot goes.
+/// The progress of the trot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct TrotProgress {
     /// Time since the trot began, s.
     pub(crate) time: f64,
     /// Cycle number.
     pub(crate) cycle: u64,
-    /// Replies that did not come in their cycle, over all motors.
+    /// Missed replies of all motors.
     pub(crate) missed: u64,
-    /// Largest tracking error up to now, rad.
+    /// Largest tracking error so far, rad.
     pub(crate) tracking_max: f64,
 }
 
@@ -55,14 +55,15 @@ pub(crate) struct TrotProgress {
 ///
 /// # Errors
 ///
-/// When the daemon goes away, refuses, or stops the group, when a signal comes, or when nobody listens.
+/// The daemon ends, refuses a request or stops the group; a signal arrives; or standard output is
+/// closed.
 pub(crate) fn run(instance: &str, seconds: f64) -> Result<(), Failure> {
     let mut controller = Controller::connect(instance)?;
     controller.stand("ready", Controller::is_ready)?;
     controller.claim.enable()?;
     controller.stand("started", |controller, state| controller.phase(state) == Some(Phase::Active))?;
     let trot = controller.trot(seconds);
-    // After a failure too: a robot is not left standing with nobody at the helm.
+    // Also after a failure: stop the motors before the controller exits.
     controller.claim.disable()?;
     controller.stand("stopped", |controller, state| controller.phase(state) == Some(Phase::Disarmed))?;
     trot?;
@@ -72,13 +73,13 @@ pub(crate) fn run(instance: &str, seconds: f64) -> Result<(), Failure> {
 struct Controller {
     client: Client,
     claim: Claim,
-    /// How each joint of the group moves.
+    /// The motion of each joint of the group.
     swings: Vec<Swing>,
-    /// Where each joint of the group stood before the start, rad.
+    /// Position of each joint of the group before the start, rad.
     origins: Vec<f32>,
-    /// Kept from cycle to cycle: a controller that allocates in its cycle is late now and then.
+    /// Reused in every cycle, to avoid an allocation.
     setpoints: Vec<Setpoint>,
-    /// Of every joint of the robot.
+    /// The tracking error of every joint of the robot.
     tracking: Vec<Tracking>,
     interrupt: Interrupt,
 }
@@ -102,7 +103,7 @@ impl Controller {
         })
     }
 
-    /// Answers every state with where the joints are, until `done`.
+    /// Answers every state with the positions of the joints, until `done`.
     fn stand(&mut self, change: &'static str, done: fn(&Self, &State) -> bool) -> Result<(), Failure> {
         let mut begun = None;
         loop {
@@ -113,7 +114,7 @@ impl Controller {
             if seconds_since(*begun.get_or_insert(state.tick_ns()), &state) > CHANGE_MAX {
                 return Err(DemoError::Slow { change, seconds: CHANGE_MAX }.into());
             }
-            // From the start on the setpoints stay: the motors hold the robot where they took it over.
+            // From the start on the setpoints stay constant: the motors hold their positions.
             if self.phase(&state) == Some(Phase::Disarmed) {
                 self.measure_origins(&state);
             }
@@ -155,7 +156,7 @@ impl Controller {
         state.group(self.claim.index())?.phase
     }
 
-    /// Every joint of the group has told where it is, and the daemon has our setpoints.
+    /// Returns true when every joint of the group is valid and the daemon has received setpoints.
     fn is_ready(&self, state: &State) -> bool {
         let group = state.group(self.claim.index());
         let mut joints = self.claim.joints().iter().map(|&joint| state.joint(joint));
@@ -178,7 +179,7 @@ impl Controller {
         Ok(self.claim.send(&self.setpoints)?)
     }
 
-    /// Compares what was measured in a cycle with what was sent to the motor in that same cycle.
+    /// Compares the measured positions of a cycle with the commands of the same cycle.
     fn track(&mut self, time: f64, state: &State) {
         if time < BLEND {
             return;

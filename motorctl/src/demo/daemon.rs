@@ -37,17 +37,17 @@ impl<'a> Daemon<'a> {
         Ok(Self { directory, child: child.map_err(DemoError::system("start motord"))? })
     }
 
-    /// Connects as soon as it is ready.
+    /// Connects when the daemon is ready.
     ///
     /// # Errors
     ///
-    /// When it ends or does not get ready, or a signal comes.
+    /// The daemon ends or does not become ready, or a signal arrives.
     pub(crate) fn connect(&mut self, interrupt: &Interrupt) -> Result<Client, DemoError> {
         let deadline = Instant::now() + READY_MAX;
         loop {
             match Client::connect_in(self.directory.runtime(), self.directory.instance()) {
                 Ok(client) => return Ok(client),
-                // Its services appear one by one, and it answers when all are there.
+                // Its services appear one by one. It answers when all exist.
                 Err(Error::NotRunning { .. } | Error::NoAnswer { .. }) => {}
                 Err(error) => return Err(error.into()),
             }
@@ -62,7 +62,7 @@ impl<'a> Daemon<'a> {
         }
     }
 
-    /// Starts the controller process for it.
+    /// Starts the controller process.
     ///
     /// # Errors
     ///
@@ -82,11 +82,11 @@ impl<'a> Daemon<'a> {
         self.directory.log_end(CONTROLLER_LOG)
     }
 
-    /// Looks whether it still runs.
+    /// Checks whether the daemon still runs.
     ///
     /// # Errors
     ///
-    /// When it does not.
+    /// The daemon has ended.
     pub(crate) fn check(&mut self) -> Result<(), DemoError> {
         match self.child.ended().map_err(DemoError::system("check motord"))? {
             None => Ok(()),
@@ -98,7 +98,7 @@ impl<'a> Daemon<'a> {
     ///
     /// # Errors
     ///
-    /// When it does not end well.
+    /// The daemon ended with an error.
     pub(crate) fn stop(mut self) -> Result<(), DemoError> {
         let status = self.child.stop().map_err(DemoError::system("stop motord"))?;
         if status.success() { Ok(()) } else { Err(DemoError::DaemonStop { status, log: self.log() }) }
@@ -109,7 +109,7 @@ impl<'a> Daemon<'a> {
     }
 }
 
-/// The daemon stands next to its tool, in a target directory as in /usr/bin.
+/// Returns the path of motord, next to motorctl.
 fn executable() -> Result<PathBuf, DemoError> {
     let tool = std::env::current_exe().map_err(DemoError::system("find motord"))?;
     let daemon = tool.with_file_name("motord");

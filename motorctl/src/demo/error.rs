@@ -28,7 +28,7 @@ pub(crate) enum DemoError {
         /// Why it failed.
         source: io::Error,
     },
-    /// The daemon ended although nobody had asked it to.
+    /// The daemon ended unexpectedly.
     #[error("motord ended with {status}; the end of its log:\n{log}")]
     DaemonEnded {
         /// How.
@@ -42,7 +42,7 @@ pub(crate) enum DemoError {
         /// The end of its log.
         log: String,
     },
-    /// The daemon was asked to end, and failed at it.
+    /// The daemon failed while it was stopped.
     #[error("motord ended with {status} when it was stopped; the end of its log:\n{log}")]
     DaemonStop {
         /// How.
@@ -69,21 +69,21 @@ pub(crate) enum DemoError {
         /// The end of its log.
         log: String,
     },
-    /// The controller hangs.
+    /// The controller sends no messages.
     #[error("the controller sent no message for {} s", SILENCE_MAX.as_secs())]
     ControllerSilent,
     /// The daemon cannot be reached.
     #[error(transparent)]
     Client(#[from] Error),
-    /// The run ended, but missed a limit.
+    /// The run ended beyond a limit.
     #[error("{}", failures(.overload.as_deref(), .shortfalls).join("; "))]
     Shortfalls {
-        /// A reason of the computer's own, to be told first.
+        /// An overload of the computer, which is reported first.
         overload: Option<String>,
         /// The limits.
         shortfalls: Vec<Shortfall>,
     },
-    /// It failed with this exit status, and standard output says why.
+    /// The demo failed with this exit status. Standard output has the reason.
     #[error("the demo failed")]
     Printed(u8),
     /// A signal ended the demo, for example by Ctrl-C.

@@ -6,16 +6,16 @@ use std::f64::consts::{PI, TAU};
 pub(crate) const GROUP: &str = "legs";
 /// Strides per second, Hz.
 const STRIDE_HZ: f64 = 1.5;
-/// How far a thigh swings to each side of where it stood, rad.
+/// Amplitude of a thigh, rad.
 const THIGH_SWING: f64 = 0.2;
-/// How far a knee swings to each side of where it stood, rad.
+/// Amplitude of a knee, rad.
 const KNEE_SWING: f64 = 0.25;
 /// The knee leads its thigh by a quarter of a stride: the foot is up while the leg swings forward.
 const KNEE_LEAD: f64 = PI / 2.0;
 /// The swing grows from nothing over this time, s, so that no joint jumps.
 pub(crate) const BLEND: f64 = 1.0;
 
-/// How one joint moves about the position where it stood.
+/// The motion of a joint about its start position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Swing {
     /// rad.
@@ -25,8 +25,8 @@ pub(crate) struct Swing {
 }
 
 impl Swing {
-    /// The part of the joint `name` in the trot: `fl-thigh` is the thigh of the front left leg. Hips, and whatever is no
-    /// leg, stand still.
+    /// Returns the motion of the joint `name`: `fl-thigh` is the thigh of the front left leg. Hips
+    /// and joints of no leg do not move.
     pub(crate) fn of(name: &str) -> Self {
         let (leg, part) = name.split_once('-').unwrap_or((name, ""));
         let pair = match leg {
@@ -40,7 +40,8 @@ impl Swing {
         }
     }
 
-    /// Distance from the starting position, rad, and velocity, rad/s, at `time` seconds after the start.
+    /// Returns distance from the start position, rad, and velocity, rad/s, at `time` seconds after
+    /// the start.
     pub(crate) fn at(self, time: f64) -> (f64, f64) {
         let (blend, blend_rate) = blend(time);
         let (sine, cosine) = (TAU * STRIDE_HZ * time + self.phase).sin_cos();
@@ -50,7 +51,8 @@ impl Swing {
     }
 }
 
-/// Rises from 0 to 1 over [`BLEND`] with no step in its rate; and that rate, 1/s.
+/// Returns a blend that rises from 0 to 1 over [`BLEND`] without a step in its rate, and the rate,
+/// 1/s.
 fn blend(time: f64) -> (f64, f64) {
     let x = (time / BLEND).clamp(0.0, 1.0);
     (x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / BLEND)

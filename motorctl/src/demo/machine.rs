@@ -1,23 +1,24 @@
-//! Whether this computer has time for a demo.
+//! The load of this computer before a demo.
 
 use std::fs;
 use std::thread;
 use std::time::Duration;
 
-/// The threads that want to run are counted so often, with this pause.
+/// Number of samples of the runnable threads, with this pause.
 const COUNTS: u32 = 20;
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Threads that want to run, and the processors for them.
+/// Runnable threads and processors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ProcessorLoad {
-    /// Mean number of other threads that wanted to run.
+    /// Mean number of other runnable threads.
     running: f64,
     processors: usize,
 }
 
 impl ProcessorLoad {
-    /// Asks the kernel for 0.2 s: its mean of the last minute would still count the build of this program. `None` when it does not tell.
+    /// Samples the load for 0.2 s. The mean of the last minute would include the build of this
+    /// program. `None` if the kernel does not return it.
     pub(crate) fn read() -> Option<Self> {
         let processors = thread::available_parallelism().ok()?.get();
         let mut sum = 0.0;
@@ -25,11 +26,11 @@ impl ProcessorLoad {
             thread::sleep(PAUSE);
             sum += running(&fs::read_to_string("/proc/loadavg").ok()?)?;
         }
-        // One of them is this thread.
+        // Subtract this thread.
         Some(Self { running: sum / f64::from(COUNTS) - 1.0, processors })
     }
 
-    /// A sentence without its full stop when others want more processors than there are.
+    /// Returns a sentence without its full stop if there are more runnable threads than processors.
     pub(crate) fn overload(self) -> Option<String> {
         let Self { running, processors } = self;
         let is_overloaded = running > processors as f64;
@@ -39,7 +40,7 @@ impl ProcessorLoad {
     }
 }
 
-/// Threads that want to run at this moment. Source: proc_loadavg(5), the fourth field.
+/// Returns the runnable threads. Source: proc_loadavg(5), the fourth field.
 fn running(loadavg: &str) -> Option<f64> {
     loadavg.split_whitespace().nth(3)?.split('/').next()?.parse().ok()
 }

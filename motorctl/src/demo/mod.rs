@@ -1,11 +1,12 @@
-//! `motorctl demo`: the real daemon, simulated motors, and a controller in a process of its own.
+//! `motorctl demo`: the real daemon, simulated motors, and a separate controller process.
 //!
 //! ```text
 //! motorctl demo ─┬─ motord run                  in a private runtime directory
 //!                └─ motorctl demo-controller    answers every state with setpoints
 //! ```
 //!
-//! However the demo ends, both processes end with it. The directory is removed, unless the demo was killed.
+//! Both processes end with the demo in every case. The directory is removed, unless the demo was
+//! killed.
 
 mod child;
 mod controller;
@@ -45,17 +46,17 @@ const POLL: Duration = Duration::from_millis(50);
 ///
 /// # Errors
 ///
-/// A sentence, when the text is no number of seconds from 2 to 3600: in the first second the trot is only growing.
+/// The text is not a number of seconds from 2 to 3600. In the first second the trot only grows.
 pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds: f64 = text.parse().map_err(|_| "expected a number of seconds".to_owned())?;
     if (2.0..=3600.0).contains(&seconds) { Ok(seconds) } else { Err("expected 2 to 3600 seconds".to_owned()) }
 }
 
-/// Runs the demo, judges it, and ends with the verdict: `PASS` or `FAIL: why`, for scripts `"passed"`.
+/// Runs the demo and prints its verdict: `PASS` or `FAIL: reason`, for scripts `"passed"`.
 ///
 /// # Errors
 ///
-/// When anything failed, or the run was not good enough.
+/// A step failed, or the run was beyond a limit.
 pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<(), DemoError> {
     let overload = ProcessorLoad::read().and_then(ProcessorLoad::overload);
     if let Some(overload) = overload.as_ref().filter(|_| !as_json) {
@@ -67,7 +68,7 @@ pub(crate) fn run(seconds: f64, config: Option<&Path>, as_json: bool) -> Result<
         (Err(DemoError::Interrupted), _) => Ok(()),
         (Ok(report), false) => writeln!(out, "{}", report.praise()),
         (Err(error), false) => writeln!(out, "FAIL: {error}"),
-        // The report has told it.
+        // The report has the verdict.
         (Ok(_) | Err(DemoError::Shortfalls { .. }), true) => Ok(()),
         (Err(error), true) => {
             json::write_line(out, &json!({ "passed": false, "failures": [error.to_string()] }))
@@ -103,7 +104,7 @@ fn play(
     if shortfalls.is_empty() { Ok(report) } else { Err(DemoError::Shortfalls { overload, shortfalls }) }
 }
 
-/// Runs the controller, and shows what it tells.
+/// Runs the controller, and shows its progress.
 fn trot(
     daemon: &mut Daemon<'_>,
     seconds: f64,
@@ -136,13 +137,13 @@ fn trot(
         }
     }
     let status = controller.wait(SILENCE_MAX).map_err(DemoError::system("wait for the controller"))?;
-    // A controller fails when its daemon does: then the daemon's log has the cause.
+    // If the daemon failed, its log has the cause of the controller's failure.
     daemon.check()?;
     let tracking = tracking.filter(|_| status.success());
     tracking.ok_or_else(|| DemoError::Controller { status, log: daemon.controller_log() })
 }
 
-/// The controller's messages; they end with it. A line that is none ends them too.
+/// Returns the controller's messages. They end at its exit or at a malformed line.
 fn messages(controller: &mut Child) -> Receiver<ControllerMessage> {
     let (sender, receiver) = mpsc::channel();
     let output = controller.output();

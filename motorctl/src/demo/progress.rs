@@ -1,4 +1,4 @@
-//! The progress of the trot: in the monitor for a person at a terminal, else line by line.
+//! The progress of the trot: in the monitor on a terminal, otherwise line by line.
 
 use crate::demo::controller::TrotProgress;
 use crate::monitor::{self, Monitor};
@@ -7,13 +7,13 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Without a terminal a line is written this often, s: enough for a log.
+/// Time between two lines without a terminal, s.
 const LINE_PERIOD: f64 = 1.0;
 
 /// Refreshes of the monitor per second.
 const MONITOR_HZ: f64 = 10.0;
 
-/// Where the progress is shown.
+/// The output of the progress.
 pub(crate) enum Display {
     /// On standard error.
     Line(ProgressLine),
@@ -22,7 +22,7 @@ pub(crate) enum Display {
 }
 
 impl Display {
-    /// Of a trot of `seconds` on the robot of `client`: the monitor on a terminal, unless the output is for a script.
+    /// Opens the monitor on a terminal, unless the output is for a script; otherwise lines.
     ///
     /// # Errors
     ///
@@ -44,11 +44,11 @@ impl Display {
         }
     }
 
-    /// Keeps the monitor going for at most `at_most`; a line needs no time. Returns whether to go on.
+    /// Updates the monitor for at most `at_most`. Returns false when the user ends it.
     ///
     /// # Errors
     ///
-    /// When the terminal is gone.
+    /// The terminal was closed.
     pub(crate) fn turn(&mut self, at_most: Duration) -> io::Result<bool> {
         match self {
             Self::Line(_) => Ok(true),
@@ -56,7 +56,8 @@ impl Display {
         }
     }
 
-    /// How long to wait for the next message: `at_most`, but with the monitor no time, since its turn waits for so long.
+    /// Returns the wait for the next message: `at_most`, or zero with the monitor, whose turn
+    /// already waits.
     pub(crate) fn patience(&self, at_most: Duration) -> Duration {
         match self {
             Self::Line(_) => at_most,
@@ -82,12 +83,13 @@ pub(crate) struct ProgressLine {
 }
 
 impl ProgressLine {
-    /// Of a trot that takes `seconds`.
+    /// Creates the line of a trot of `seconds`.
     pub(crate) fn new(seconds: f64) -> Self {
         Self { seconds, terminal: io::stderr().is_terminal(), next: 0.0 }
     }
 
-    /// Shows `progress`: over the last line on a terminal, else now and then on a new line.
+    /// Shows `progress`, on a terminal over the last line, otherwise on a new line every
+    /// [`LINE_PERIOD`].
     pub(crate) fn show(&mut self, progress: &TrotProgress) {
         if self.terminal {
             self.write(&format!("\r\x1b[K{}", sentence(progress, self.seconds)));
@@ -104,7 +106,7 @@ impl ProgressLine {
 }
 
 impl Drop for ProgressLine {
-    /// Takes the line off a terminal: what is said next, good or bad, begins a line of its own.
+    /// Clears the line on a terminal, so that the next output begins on a new line.
     fn drop(&mut self) {
         if self.terminal {
             self.write("\r\x1b[K");

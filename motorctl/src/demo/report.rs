@@ -1,4 +1,4 @@
-//! The result of a demo run, and the judgement whether it is good enough.
+//! The result of a demo run, and its verdict.
 
 use crate::demo::tracking::Tracking;
 use motord_client::{Percentiles, RobotDescription, Telemetry};
@@ -7,11 +7,12 @@ use motord_terminal::{Cell, Colour, Palette, Table};
 use serde::Serialize;
 use std::io::{self, Write};
 
-/// Largest difference between the rate of the ticks and the one that was asked for, as a fraction.
+/// Largest relative difference between the measured and the configured rate of ticks.
 const RATE_TOLERANCE: f64 = 0.01;
-/// Largest share of missed ticks. A shared machine stands still now and then, and the demo judges motord, not the machine.
+/// Largest share of missed ticks. A shared machine stalls now and then, and the demo judges motord,
+/// not the machine.
 const MISSED_TICKS_MAX: f64 = 0.1;
-/// Share of missed ticks from which on a good run mentions them.
+/// Share of missed ticks above which a good run reports them.
 const MISSED_TICKS_WORTH_TELLING: f64 = 0.01;
 /// Largest tracking error of the trot, rad RMS, of the worst joint.
 const TRACKING_RMS_MAX: f64 = 0.05;
@@ -19,13 +20,13 @@ const TRACKING_RMS_MAX: f64 = 0.05;
 /// The run, as `--json` prints it.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct DemoReport {
-    /// The run missed no limit.
+    /// True if the run is within all limits.
     pub(crate) passed: bool,
-    /// Why it did not pass, a reason of the computer's own first.
+    /// The reasons of a failure; an overload of the computer first.
     pub(crate) failures: Vec<String>,
-    /// Motors that were moved and answered.
+    /// Motors that moved and answered.
     pub(crate) motors: usize,
-    /// From the daemon's first cycle to its last, s.
+    /// Time from the daemon's first cycle to its last, s.
     pub(crate) seconds: f64,
     /// Cycles that were run.
     pub(crate) cycles: u64,
@@ -51,7 +52,7 @@ pub(crate) struct DemoReport {
     pub(crate) joints: Vec<JointTracking>,
 }
 
-/// One joint's part in the run.
+/// The result of one joint.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct JointTracking {
     /// Its name.
@@ -64,7 +65,7 @@ pub(crate) struct JointTracking {
     pub(crate) reply_latency_us: Percentiles,
 }
 
-/// A limit that a run missed.
+/// A limit that a run exceeded.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub(crate) enum Shortfall {
     /// A motor did not take part.
@@ -76,7 +77,7 @@ pub(crate) enum Shortfall {
     /// Too many ticks passed without a cycle.
     #[error("{missed} of {ticks} ticks were missed: is the computer overloaded?")]
     MissedTicks { missed: u64, ticks: u64 },
-    /// Replies are missing, more than the missed ticks explain.
+    /// More replies were missed than the missed ticks explain.
     #[error("{0} replies did not arrive within their cycle")]
     MissedReplies(u64),
     /// A joint was too far from its setpoint.
@@ -85,7 +86,7 @@ pub(crate) enum Shortfall {
 }
 
 impl DemoReport {
-    /// Sums up what the controller saw and what the daemon counted.
+    /// Builds the report from the tracking and the daemon's telemetry.
     pub(crate) fn new(robot: &RobotDescription, telemetry: &Telemetry, tracking: &[Tracking]) -> Self {
         let joint = |(index, tracking): (usize, &Tracking)| JointTracking {
             name: robot.joints.get(index).map_or_else(String::new, |joint| joint.name.clone()),
@@ -113,7 +114,8 @@ impl DemoReport {
         }
     }
 
-    /// Takes in the verdict on a run on `robot`, on a computer with this `overload`. Returns the limits that it missed.
+    /// Sets the verdict of a run on `robot`, with an `overload` of the computer. Returns the
+    /// exceeded limits.
     pub(crate) fn judge(&mut self, robot: &RobotDescription, overload: Option<&str>) -> Vec<Shortfall> {
         let shortfalls = self.shortfalls(robot);
         self.passed = shortfalls.is_empty();
@@ -121,18 +123,18 @@ impl DemoReport {
         shortfalls
     }
 
-    /// The limits that the run missed on `robot`; empty when it was good.
+    /// Returns the exceeded limits; none after a good run.
     fn shortfalls(&self, robot: &RobotDescription) -> Vec<Shortfall> {
         let (motors, rate) = (robot.joints.len(), robot.rate_hz);
         let (ticks, missed) = (self.ticks(), self.overruns);
         let tick_rate = ticks.saturating_sub(1) as f64 / self.seconds;
-        // Asked this way round, a rate or an error that is not a number falls short.
+        // NaN fails these comparisons.
         let on_grid = (tick_rate - rate).abs() <= RATE_TOLERANCE * rate;
         let on_track = self.tracking_rms_rad < TRACKING_RMS_MAX;
-        // A cycle that begins late may end before the last replies.
+        // A late cycle may end before the last replies.
         let excused = missed * motors as u64;
         let checks = [
-            // A computer without time explains the others.
+            // An overloaded computer explains the others.
             (missed as f64 <= MISSED_TICKS_MAX * ticks as f64, Shortfall::MissedTicks { missed, ticks }),
             (on_grid, Shortfall::Rate { expected: rate, received: tick_rate }),
             (self.motors == motors, Shortfall::Motors { expected: motors, received: self.motors }),
@@ -147,7 +149,7 @@ impl DemoReport {
         self.cycles.saturating_add(self.overruns)
     }
 
-    /// The word for a good run, with the ticks that the computer had no time for.
+    /// Returns the text of a good run, with its missed ticks.
     pub(crate) fn praise(&self) -> String {
         let (missed, ticks) = (self.overruns, self.ticks());
         let share = missed as f64 / ticks as f64;
@@ -155,12 +157,12 @@ impl DemoReport {
             return "PASS".to_owned();
         }
         format!(
-            "PASS, although this computer had no time for {missed} of {ticks} ticks ({:.1} %)",
+            "PASS, but {missed} of {ticks} ticks were missed ({:.1} %): the computer is busy",
             100.0 * share
         )
     }
 
-    /// Writes the run as tables for an operator.
+    /// Writes the run as tables.
     ///
     /// # Errors
     ///
@@ -189,19 +191,19 @@ impl DemoReport {
         let Self { motors, seconds, cycles, rate_hz, missed_replies, overruns, .. } = self;
         writeln!(
             out,
-            "\n{motors} motors, {cycles} cycles in {seconds:.1} s: {rate_hz:.1} Hz; overruns {overruns}, missed replies \
+            "\n{motors} motors, {cycles} cycles in {seconds:.1} s: {rate_hz:.1} Hz; missed ticks {overruns}, missed replies \
              {missed_replies}"
         )
     }
 }
 
-/// The reasons of a failure in words: the computer's own first, none when nothing fell short.
+/// Returns the reasons of a failure as sentences, an overload first; none after a good run.
 pub(crate) fn failures(overload: Option<&str>, shortfalls: &[Shortfall]) -> Vec<String> {
     let overload = overload.filter(|_| !shortfalls.is_empty()).map(str::to_owned);
     overload.into_iter().chain(shortfalls.iter().map(ToString::to_string)).collect()
 }
 
-/// The larger of two errors; NaN, which is no measurement at all, is the worst.
+/// Returns the larger error; NaN counts as the largest.
 fn worse(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
@@ -283,7 +285,7 @@ mod tests {
         );
         let praise = |overruns| DemoReport::new(&description(), &stalled(overruns), &tracking).praise();
         assert_eq!(praise(30), "PASS");
-        assert_eq!(praise(31), "PASS, although this computer had no time for 31 of 3001 ticks (1.0 %)");
+        assert_eq!(praise(31), "PASS, but 31 of 3001 ticks were missed (1.0 %): the computer is busy");
     }
 
     #[test]

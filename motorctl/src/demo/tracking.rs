@@ -1,11 +1,11 @@
-//! How far a joint was from where it was sent.
+//! The tracking error of a joint.
 
 use serde::{Deserialize, Serialize};
 
 /// Sums up the tracking error of one joint.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Tracking {
-    /// How many errors were counted.
+    /// Number of samples.
     pub(crate) samples: u64,
     /// Sum of the squared errors, rad².
     squares: f64,
@@ -14,7 +14,7 @@ pub(crate) struct Tracking {
 }
 
 impl Tracking {
-    /// Counts a cycle in which the joint stood at `measured` while `applied` was sent, rad.
+    /// Counts a cycle with the measured and the applied position, rad.
     pub(crate) fn count(&mut self, measured: f32, applied: f32) {
         let error = f64::from(measured) - f64::from(applied);
         self.samples += 1;
@@ -22,7 +22,7 @@ impl Tracking {
         self.max = self.max.max(error.abs());
     }
 
-    /// Root of the mean squared error, rad; NaN before the first.
+    /// Returns the root of the mean squared error, rad; NaN without samples.
     pub(crate) fn rms(&self) -> f64 {
         (self.squares / self.samples as f64).sqrt()
     }

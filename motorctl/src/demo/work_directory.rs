@@ -1,4 +1,4 @@
-//! The private directory of a demo: it holds the runtime files of its processes, and their logs.
+//! The private directory of a demo, for runtime files and logs.
 
 use crate::demo::error::DemoError;
 use motord_client::DEFAULT_INSTANCE;
@@ -8,14 +8,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// The demo's configuration in a checkout.
+/// The configuration of the demo in a checkout.
 const CONFIG: &str = "config/quadruped-simulated.toml";
 /// The same, for an installed motorctl.
 const BUILT_IN_CONFIG: &str = include_str!("../../../config/quadruped-simulated.toml");
 /// Lines of a log that are shown when its process failed.
 const LOG_END_LINES: usize = 20;
 
-/// A directory that goes with its owner, and the configuration that is used in it.
+/// A temporary directory, and the configuration of the demo.
 #[derive(Debug)]
 pub(crate) struct WorkDirectory {
     directory: TempDir,
@@ -23,7 +23,7 @@ pub(crate) struct WorkDirectory {
     instance: String,
 }
 
-/// The part of a configuration that the demo needs itself. What is wrong with the rest, the daemon says better.
+/// The part of a configuration that the demo needs. The daemon checks the rest.
 #[derive(Debug, Default, Deserialize)]
 struct Head {
     #[serde(default)]
@@ -36,11 +36,12 @@ struct DaemonHead {
 }
 
 impl WorkDirectory {
-    /// Makes the directory, and takes `config`, else the checkout's configuration, else the built-in one.
+    /// Creates the directory. Uses `config`, otherwise the checkout's configuration, otherwise the
+    /// built-in one.
     ///
     /// # Errors
     ///
-    /// When the directory cannot be made, or the configuration cannot be read.
+    /// The directory cannot be created, or the configuration cannot be read.
     pub(crate) fn new(config: Option<&Path>) -> Result<Self, DemoError> {
         let directory = temporary_directory().map_err(DemoError::system("create a private directory"))?;
         let config = match config {
@@ -58,7 +59,7 @@ impl WorkDirectory {
         Ok(Self { directory, config, instance })
     }
 
-    /// Where daemon and clients meet.
+    /// Returns the runtime directory.
     pub(crate) fn runtime(&self) -> &Path {
         self.directory.path()
     }
@@ -73,16 +74,16 @@ impl WorkDirectory {
         &self.instance
     }
 
-    /// A new file for the log `name`.
+    /// Creates a file for the log `name`.
     ///
     /// # Errors
     ///
-    /// When it cannot be made.
+    /// The file cannot be created.
     pub(crate) fn log(&self, name: &str) -> io::Result<File> {
         File::create(self.directory.path().join(name))
     }
 
-    /// The last lines of the log `name`.
+    /// Returns the last lines of the log `name`.
     pub(crate) fn log_end(&self, name: &str) -> String {
         let log = fs::read(self.directory.path().join(name)).unwrap_or_default();
         let log = String::from_utf8_lossy(&log);
@@ -91,7 +92,7 @@ impl WorkDirectory {
     }
 }
 
-/// In memory where possible: the shared files are written a thousand times a second, and a disk would stall that.
+/// Creates a directory in memory where possible: a disk would delay the shared files.
 fn temporary_directory() -> io::Result<TempDir> {
     let builder = || {
         let mut builder = tempfile::Builder::new();

@@ -1,4 +1,4 @@
-//! `motorctl monitor`: the robot on a whole terminal, with keys for what is urgent.
+//! `motorctl monitor`: the robot on the whole terminal, with keys for stops.
 //!
 //! ```text
 //! reader ── states, telemetry ──┐
@@ -35,14 +35,15 @@ use std::time::{Duration, Instant};
 use terminal::Screen;
 use view::{Action, View};
 
-/// Without news the picture is drawn this often: it shows how long the daemon has been away.
+/// Time between two pictures without messages. They show how long the daemon has been unavailable.
 const TURN: Duration = Duration::from_millis(250);
 
 /// Shows the robot until a key or a signal ends it.
 ///
 /// # Errors
 ///
-/// When there is no daemon to begin with, no terminal, or the terminal goes away. Later the daemon may come and go.
+/// No daemon runs at the start, there is no terminal, or the terminal is closed. Later the daemon
+/// may restart.
 pub(crate) fn run(instance: &str, hz: f64) -> Result<(), Failure> {
     let interrupt = Interrupt::register();
     let client = Arc::new(status::connect(instance)?);
@@ -54,7 +55,7 @@ pub(crate) fn run(instance: &str, hz: f64) -> Result<(), Failure> {
         match monitor.turn(TURN) {
             Ok(true) => {}
             Ok(false) => break,
-            // The terminal is gone, and the signal that says so is the reason to end.
+            // The terminal was closed: end by its signal.
             Err(_) if interrupt.came() => break,
             Err(error) => return Err(error.into()),
         }
@@ -62,7 +63,7 @@ pub(crate) fn run(instance: &str, hz: f64) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The monitor on the terminal. Dropping it gives the terminal back.
+/// The monitor on the terminal. Dropping it restores the terminal.
 pub(crate) struct Monitor {
     screen: Screen,
     requests: Requests,
@@ -74,12 +75,12 @@ pub(crate) struct Monitor {
 }
 
 impl Monitor {
-    /// Takes the terminal, and reads the state `hz` times a second. An emergency stop that fails over `client` is tried over a
-    /// new connection to `instance`.
+    /// Takes the terminal, and reads the state `hz` times a second. If an emergency stop over
+    /// `client` fails, it is sent again over a new connection to `instance`.
     ///
     /// # Errors
     ///
-    /// When the terminal cannot be set, or there are no threads to be had.
+    /// The terminal cannot be set, or a thread cannot be started.
     pub(crate) fn open(client: Arc<Client>, instance: Option<&str>, hz: f64) -> io::Result<Self> {
         client.set_silence(PATIENCE);
         let (sender, news): (Sender<News>, _) = mpsc::channel();
@@ -99,16 +100,16 @@ impl Monitor {
         })
     }
 
-    /// Shows a line about the program that opened the monitor.
+    /// Shows the progress of the program that opened the monitor.
     pub(crate) fn show_progress(&mut self, progress: String) {
         self.notice.progress = Some(progress);
     }
 
-    /// Draws, and takes in the news of at most `at_most`. Returns whether to go on.
+    /// Draws, and handles messages for at most `at_most`. Returns false when the user quits.
     ///
     /// # Errors
     ///
-    /// When the terminal cannot be written or read.
+    /// The terminal cannot be written or read.
     pub(crate) fn turn(&mut self, at_most: Duration) -> io::Result<bool> {
         if let (Some(loss), Some(since)) = (&mut self.picture.loss, self.lost_since) {
             loss.lasting = since.elapsed();
@@ -148,7 +149,7 @@ impl Monitor {
     fn press(&mut self, key: &crossterm::event::KeyEvent) -> bool {
         self.notice.forget();
         if view::is_stop(key) {
-            // The thread of the keys has asked already.
+            // The key thread has sent the stop already.
             self.notice.stop_asked();
             return true;
         }
@@ -160,7 +161,7 @@ impl Monitor {
         true
     }
 
-    /// The names of the groups that keys act on.
+    /// Returns the names of the groups that keys act on.
     fn chosen(&self) -> Vec<String> {
         let Some(reading) = &self.picture.reading else { return Vec::new() };
         let is_chosen = |index: usize| self.view.group.is_none_or(|group| group == index);

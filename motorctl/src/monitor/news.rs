@@ -1,4 +1,4 @@
-//! The messages of the monitor's threads to the one that draws.
+//! Messages of the monitor's threads to the drawing thread.
 
 use super::picture::Reading;
 use super::view::Action;
@@ -17,19 +17,19 @@ pub(super) enum News {
     Key(KeyEvent),
     /// The terminal has another size.
     Resized,
-    /// The daemon confirmed the emergency stop, or why nobody knows.
+    /// The outcome of an emergency stop; an error if it is not confirmed.
     Stop(Result<(), String>),
     /// The outcome of another request, by group.
     Done(Action, Vec<(String, Result<(), String>)>),
-    /// A thread cannot go on.
+    /// A thread ended with an error.
     Ended(String),
 }
 
-/// Starts a thread whose panic is reported to `news`.
+/// Starts a thread. A panic is sent to `news`.
 ///
 /// # Errors
 ///
-/// When there is no thread to be had.
+/// The thread cannot be started.
 pub(super) fn start(
     name: &'static str,
     news: &Sender<News>,

@@ -1,4 +1,5 @@
-//! The newest reading of the robot, and what only several readings can tell: loads and recent latencies.
+//! The newest reading of the robot, and values computed from several readings: loads and recent
+//! latencies.
 
 use crate::report::{BusReport, RobotReport};
 use motord_client::{GroupHistory, RobotDescription, State, Telemetry};
@@ -8,7 +9,8 @@ use std::time::Duration;
 
 /// Readings that the sparklines remember.
 const SAMPLES_MAX: usize = 120;
-/// The load of a bus is counted over at least so many cycles: over fewer, one frame more or less would change it too much.
+/// Smallest number of cycles for the load of a bus. Over fewer, a single frame would change the
+/// load too much.
 const LOAD_CYCLES_MIN: u64 = 20;
 
 /// The robot after one cycle, with names.
@@ -25,19 +27,19 @@ pub(super) struct Reading {
 }
 
 impl Reading {
-    /// `state` with the names of `robot`.
+    /// Combines `state` with the names of `robot`.
     pub(super) fn new(robot: &Arc<RobotDescription>, state: &State, telemetry: &Telemetry) -> Self {
         let mut report = RobotReport::new(robot, state);
         report.name_programs(telemetry);
         Self { report, robot: Arc::clone(robot), telemetry: telemetry.clone(), sample: Sample::of(state) }
     }
 
-    /// The history of the group `index`; nothing before the daemon told it.
+    /// Returns the history of the group `index`; empty before the first telemetry.
     pub(super) fn history(&self, index: usize) -> GroupHistory {
         self.telemetry.groups.get(index).cloned().unwrap_or_default()
     }
 
-    /// Time since the cycle number `cycle`.
+    /// Returns the time since the cycle `cycle`.
     pub(super) fn since(&self, cycle: u64) -> Duration {
         let cycles = self.report.cycle.saturating_sub(cycle) as f64;
         Duration::try_from_secs_f64(cycles / self.report.rate_hz).unwrap_or_default()
@@ -51,7 +53,7 @@ pub(super) struct Sample {
     pub(super) wake: f64,
     /// From the beginning of the cycle to the publication of its states.
     pub(super) cycle: f64,
-    /// From the command to the reply, of the slowest joint that answered in this cycle.
+    /// From the command to the reply, of the slowest joint that answered in the cycle.
     pub(super) reply: f64,
     /// Age of the oldest setpoint in use.
     pub(super) age: f64,
@@ -72,34 +74,34 @@ impl Sample {
     }
 }
 
-/// The daemon does not answer at present.
+/// A daemon that does not answer.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Loss {
-    /// How long it has not answered.
+    /// Time without an answer.
     pub(super) lasting: Duration,
-    /// The reason that the client gives.
+    /// The error of the client.
     pub(super) reason: String,
 }
 
 /// Everything that is drawn.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Picture {
-    /// The newest reading, however old; `None` before the first.
+    /// The newest reading, of any age; `None` before the first.
     pub(super) reading: Option<Reading>,
-    /// The recording that is shown, and where it stands; `None` for a daemon.
+    /// The shown recording and its position; `None` for a daemon.
     pub(super) replay: Option<String>,
     /// Set while the daemon does not answer.
     pub(super) loss: Option<Loss>,
     /// Latencies of the last readings, the newest last.
     pub(super) samples: VecDeque<Sample>,
-    /// Part of the time that each bus was busy, at most; `None` where that is not known.
+    /// Largest share of time that each bus was busy; `None` if unknown.
     pub(super) loads: Vec<Option<f64>>,
     /// Cycle number and frames by bus that the loads are counted from.
     counted: (u64, Vec<u32>),
 }
 
 impl Picture {
-    /// Takes in a reading.
+    /// Adds a reading.
     pub(super) fn take(&mut self, reading: Reading) {
         let is_another =
             self.reading.as_ref().is_none_or(|before| before.robot.boot_id != reading.robot.boot_id);
@@ -134,7 +136,7 @@ impl Picture {
     }
 }
 
-/// Frames of each bus since the daemon started, modulo 2³².
+/// Returns the frames of each bus since the daemon started, modulo 2³².
 fn frames(report: &RobotReport) -> Vec<u32> {
     report.buses.iter().map(|BusReport { sent, received, .. }| sent.wrapping_add(*received)).collect()
 }

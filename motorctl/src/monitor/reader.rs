@@ -8,7 +8,7 @@ use motord_client::{Client, Error};
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
-/// Reads the newest state once in each `period`, until nobody listens.
+/// Reads the newest state once per `period`, until the drawing thread ends.
 pub(super) fn read(client: &Client, period: Duration, news: &Sender<News>) {
     let mut history = History::default();
     let mut next = Instant::now();
@@ -18,7 +18,7 @@ pub(super) fn read(client: &Client, period: Duration, news: &Sender<News>) {
                 let telemetry = history.telemetry(client, &state);
                 Some(News::Reading(Box::new(Reading::new(&client.description(), &state, telemetry))))
             }
-            // No new state came in this time, but the last one is not old enough to count as silence.
+            // No state arrived, but the last one is too young to count as silence.
             Err(Error::Timeout { .. }) => None,
             Err(error) => Some(News::Lost(error.to_string())),
         };

@@ -16,9 +16,9 @@ use std::sync::Arc;
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-/// The picture is drawn this often while the recording plays.
+/// Time between two pictures while the recording plays.
 const FRAME: Duration = Duration::from_millis(100);
-/// And this often while it is paused.
+/// Time between two pictures while it is paused.
 const PAUSED: Duration = Duration::from_millis(250);
 
 /// The arguments of the command.
@@ -26,10 +26,10 @@ const PAUSED: Duration = Duration::from_millis(250);
 pub(crate) struct ReplayArguments {
     /// The recording.
     file: PathBuf,
-    /// How many times as fast as it was, 0.001 to 1000.
+    /// Factor of the speed, 0.001 to 1000.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = parse_speed)]
     speed: f64,
-    /// Begin so many seconds after the first cycle.
+    /// Begin this time after the first cycle, s.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_time)]
     from: f64,
 }
@@ -46,7 +46,7 @@ fn parse_time(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 ///
-/// When it cannot be read, or there is no terminal.
+/// The recording cannot be read, or there is no terminal.
 pub(crate) fn run(arguments: &ReplayArguments) -> Result<(), Failure> {
     let interrupt = Interrupt::register();
     let mut replay = Replay::open(arguments)?;
@@ -72,16 +72,16 @@ pub(crate) fn run(arguments: &ReplayArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A recording that plays.
+/// A playing recording.
 struct Replay {
     recording: Recording,
     robot: Arc<RobotDescription>,
     picture: Picture,
     view: View,
     speed: f64,
-    /// Tick of the first cycle, and of the one that is shown.
+    /// Ticks of the first and of the shown cycle.
     ticks: Option<(u64, u64)>,
-    /// When the present run began, and the tick that was shown then; `None` while it is paused.
+    /// Start of the present run, and the tick shown then; `None` while paused.
     running: Option<(Instant, u64)>,
     has_ended: bool,
 }
@@ -112,7 +112,7 @@ impl Replay {
         self.name();
     }
 
-    /// Shows what is due. Returns how long nothing else is.
+    /// Shows the cycle that is due. Returns the wait until the next one.
     fn play(&mut self) -> Duration {
         let Some((since, from_tick)) = self.running else { return PAUSED };
         let due = from_tick.saturating_add((since.elapsed().as_nanos() as f64 * self.speed) as u64);
@@ -126,7 +126,8 @@ impl Replay {
         FRAME
     }
 
-    /// Reads until `is_due` is true of the first tick and the tick of a cycle, and shows the last cycle that was read.
+    /// Reads until `is_due` is true for the first tick and the tick of a cycle. Shows the last
+    /// cycle.
     fn show(&mut self, is_due: impl Fn(u64, u64) -> bool) {
         let mut shown = None;
         while let Some(record) = self.recording.next_cycle() {
@@ -145,7 +146,7 @@ impl Replay {
         self.name();
     }
 
-    /// The line that says what is shown.
+    /// Sets the line about the shown cycle.
     fn name(&mut self) {
         let (first, shown) = self.ticks.unwrap_or_default();
         let seconds = shown.saturating_sub(first) as f64 / 1e9;
@@ -160,7 +161,7 @@ impl Replay {
             Some(format!("RECORDING {name}, {seconds:.3} s, {condition}: no key reaches a robot"));
     }
 
-    /// Returns whether to go on.
+    /// Handles a key. Returns false when the user quits.
     fn press(&mut self, key: &KeyEvent) -> bool {
         if key.kind == KeyEventKind::Press && !self.view.is_filtering {
             match key.code {

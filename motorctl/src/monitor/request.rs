@@ -1,6 +1,6 @@
-//! The requests of the person in front of the screen, and their outcomes.
+//! The requests of the user, and their outcomes.
 //!
-//! An emergency stop has a thread of its own: it waits for no other request, and not for the screen.
+//! An emergency stop has a separate thread: it waits neither for other requests nor for the screen.
 
 use super::news::{self, News};
 use super::view::Action;
@@ -10,10 +10,11 @@ use std::sync::Arc;
 use std::sync::mpsc::{Sender, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-/// A stop that is not confirmed by now is an alarm. The daemon answers within a cycle or two.
+/// Longest wait for the confirmation of a stop before an alarm. The daemon answers within two
+/// cycles.
 const CONFIRMED_MAX: Duration = Duration::from_millis(300);
 
-/// The threads that ask the daemon.
+/// The threads that send requests.
 #[derive(Debug, Clone)]
 pub(super) struct Requests {
     stop: SyncSender<()>,
@@ -21,11 +22,12 @@ pub(super) struct Requests {
 }
 
 impl Requests {
-    /// Starts them. `instance` is where an emergency stop tries once more with a connection of its own.
+    /// Starts the threads. A failed emergency stop is sent again to `instance` over a new
+    /// connection.
     ///
     /// # Errors
     ///
-    /// When there are no threads to be had.
+    /// A thread cannot be started.
     pub(super) fn start(
         client: &Arc<Client>,
         instance: Option<&str>,
@@ -53,18 +55,21 @@ impl Requests {
         Ok(Self { stop, others })
     }
 
-    /// Asks for the emergency stop. One more may wait behind the one under way; further ones are dropped.
+    /// Requests the emergency stop. One more may wait behind the present one; further ones are
+    /// dropped.
     pub(super) fn stop(&self) {
         let _under_way = self.stop.try_send(());
     }
 
-    /// Asks for `action` on `groups`. Returns whether it was taken: one request may wait behind the one under way.
+    /// Requests `action` on `groups`. Returns false if a request already waits behind the present
+    /// one.
     pub(super) fn ask(&self, action: Action, groups: Vec<String>) -> bool {
         self.others.try_send((action, groups)).is_ok()
     }
 }
 
-/// Stops the robot over the daemon's socket or the open connection. After a failure it tries again with a new connection.
+/// Stops the robot over the daemon's socket or the open connection. After a failure it opens a new
+/// connection.
 fn stop_robot(client: &Client, instance: Option<&str>) -> Result<(), Error> {
     let first = client.emergency_stop();
     match (first, instance) {
@@ -81,18 +86,18 @@ fn ask(client: &Client, action: Action, group: &str) -> Result<(), Error> {
     }
 }
 
-/// How urgent a text is.
+/// The urgency of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tone {
-    /// Something that went as asked.
+    /// A success.
     Plain,
-    /// Something that did not.
+    /// A failure.
     Warning,
-    /// The robot may move although it was to stop.
+    /// The robot may move although a stop was requested.
     Alarm,
 }
 
-/// An emergency stop that was asked for here.
+/// The progress of an emergency stop requested here.
 #[derive(Debug, Clone, Default)]
 enum StopProgress {
     #[default]
@@ -102,17 +107,17 @@ enum StopProgress {
     NotConfirmed(String),
 }
 
-/// The outcomes that are shown.
+/// The shown outcomes.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Notice {
     stop: StopProgress,
     said: Option<(Tone, String)>,
-    /// How far the program is that shows this monitor.
+    /// The progress of the program that opened the monitor.
     pub(super) progress: Option<String>,
 }
 
 impl Notice {
-    /// A key was pressed: what was said has been read. A stop that is not confirmed stays.
+    /// Clears the texts after a key. An unconfirmed stop stays.
     pub(super) fn forget(&mut self) {
         self.said = None;
         if matches!(self.stop, StopProgress::Confirmed) {
@@ -120,19 +125,19 @@ impl Notice {
         }
     }
 
-    /// An emergency stop is under way.
+    /// Records that an emergency stop was requested.
     pub(super) fn stop_asked(&mut self) {
         if !matches!(self.stop, StopProgress::Asked(_)) {
             self.stop = StopProgress::Asked(Instant::now());
         }
     }
 
-    /// The outcome of the emergency stop.
+    /// Records the outcome of the emergency stop.
     pub(super) fn stop_done(&mut self, outcome: Result<(), String>) {
         self.stop = outcome.map_or_else(StopProgress::NotConfirmed, |()| StopProgress::Confirmed);
     }
 
-    /// The outcome of another request.
+    /// Records the outcome of another request.
     pub(super) fn done(&mut self, action: Action, outcomes: &[(String, Result<(), String>)]) {
         let done = if action == Action::Disable { "stopped, after damping what moves" } else { "reset" };
         let texts: Vec<String> = outcomes
@@ -146,17 +151,17 @@ impl Notice {
         self.said = Some((if is_good { Tone::Plain } else { Tone::Warning }, texts.join("; ")));
     }
 
-    /// Another request is still under way.
+    /// Records that a request was dropped.
     pub(super) fn busy(&mut self) {
         self.said = Some((Tone::Warning, "the last request is still under way".to_owned()));
     }
 
-    /// The lines to show.
+    /// Returns the lines to show.
     pub(super) fn texts(&self) -> Vec<(Tone, String)> {
         let stop = match &self.stop {
             StopProgress::None => None,
             StopProgress::Asked(since) if since.elapsed() < CONFIRMED_MAX => {
-                Some((Tone::Warning, "emergency stop: asked for".to_owned()))
+                Some((Tone::Warning, "emergency stop: requested".to_owned()))
             }
             StopProgress::Asked(_) => {
                 Some((Tone::Alarm, "EMERGENCY STOP NOT CONFIRMED yet: cut the power".to_owned()))

@@ -13,7 +13,7 @@ use std::time::Duration;
 /// How long the thread of the keys may go on after the end.
 const GLANCE: Duration = Duration::from_millis(100);
 
-/// Whether a person sits at both ends, with a terminal that can place text.
+/// Returns true if input and output are a terminal that can place text.
 pub(crate) fn is_there() -> bool {
     let is_dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
     !is_dumb && io::stdin().is_terminal() && io::stdout().is_terminal()
@@ -48,7 +48,7 @@ impl Screen {
 impl Drop for Screen {
     fn drop(&mut self) {
         self.closed.store(true, Ordering::Relaxed);
-        // A terminal that is gone needs nothing any more.
+        // A closed terminal needs no restoring.
         let _gone = self.terminal.show_cursor();
         let _gone = ratatui::try_restore();
     }
@@ -66,8 +66,9 @@ fn hear(stop: &impl Fn(), closed: &AtomicBool, news: &Sender<News>) -> io::Resul
     Ok(())
 }
 
-/// Sends an event to the thread that draws, without blocking. Returns whether that thread listens. The key of a stop is sent
-/// before its outcome can be: the other way round the screen would wait for a second outcome.
+/// Sends an event to the drawing thread without blocking. Returns false if that thread has ended.
+/// Sends the key of a stop before the stop: otherwise the outcome could arrive first, and the
+/// screen would wait for another one.
 fn pass_on(event: &Event, stop: &impl Fn(), news: &Sender<News>) -> bool {
     match event {
         Event::Key(key) => {

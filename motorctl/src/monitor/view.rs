@@ -1,13 +1,14 @@
-//! The choices of the person in front of the screen, and the meaning of the keys.
+//! The choices of the user, and the meaning of the keys.
 
 use crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
-/// The key of the emergency stop: the largest one. It is heard in every page, also while a filter is written.
+/// The key of the emergency stop, the largest one. It works on every page, also while a filter is
+/// typed.
 pub(super) const STOP_KEY: KeyCode = KeyCode::Char(' ');
 /// Longest filter.
 const FILTER_MAX: usize = 32;
 
-/// Whether `key` asks for the emergency stop.
+/// Returns true if `key` requests the emergency stop.
 pub(super) fn is_stop(key: &KeyEvent) -> bool {
     key.kind == KeyEventKind::Press && key.code == STOP_KEY
 }
@@ -29,7 +30,7 @@ pub(super) enum Page {
 /// The order of the joints.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Order {
-    /// Motors in fault and offline first, else the order of the configuration.
+    /// Faulty and offline motors first, then the order of the configuration.
     #[default]
     Trouble,
     /// The order of the configuration.
@@ -99,13 +100,13 @@ pub(super) struct View {
     pub(super) order: Order,
     /// A part of the names of joints, buses or modes that are shown.
     pub(super) filter: String,
-    /// The filter is being written.
+    /// True while the filter is typed.
     pub(super) is_filtering: bool,
     /// First row of the page that is shown.
     pub(super) scroll: usize,
-    /// Rows of the page beyond those that fit, as they were drawn last.
+    /// Rows of the page beyond those that fit, in the last picture.
     pub(super) scroll_max: usize,
-    /// Rows that fit, as they were drawn last.
+    /// Rows that fit, in the last picture.
     pub(super) rows: usize,
     /// The group that keys act on, by its index; `None` for all.
     pub(super) group: Option<usize>,
@@ -114,7 +115,7 @@ pub(super) struct View {
 }
 
 impl View {
-    /// Takes in a key. Returns the action that it asks for.
+    /// Handles a key. Returns the requested action.
     pub(super) fn press(&mut self, key: &KeyEvent) -> Option<Action> {
         if key.kind == KeyEventKind::Release {
             return None;
@@ -168,7 +169,7 @@ impl View {
 
     fn next_group(&self) -> Option<usize> {
         let next = self.group.map_or(0, |group| group + 1);
-        // With one group there is nothing to choose.
+        // With one group there is no choice.
         (self.groups > 1 && next < self.groups).then_some(next)
     }
 
@@ -196,7 +197,7 @@ impl View {
             KeyCode::Backspace => {
                 self.filter.pop();
             }
-            // A space is the emergency stop, here too.
+            // A space is the emergency stop in a filter also.
             KeyCode::Char(letter) if KeyCode::Char(letter) != STOP_KEY && self.filter.len() < FILTER_MAX => {
                 self.filter.push(letter);
             }
@@ -204,14 +205,14 @@ impl View {
         }
     }
 
-    /// Takes in what was drawn: `rows` of `all` rows fit.
+    /// Records that `rows` of `all` rows fit.
     pub(super) fn fit(&mut self, all: usize, rows: usize) {
         self.rows = rows;
         self.scroll_max = all.saturating_sub(rows);
         self.scroll = self.scroll.min(self.scroll_max);
     }
 
-    /// Takes in how many groups the robot has: another daemon may have fewer.
+    /// Sets the number of groups: another daemon may have fewer.
     pub(super) fn know_groups(&mut self, groups: usize) {
         self.groups = groups;
         self.group = self.group.filter(|group| *group < groups);

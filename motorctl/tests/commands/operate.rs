@@ -217,7 +217,7 @@ fn joint_faults_and_indicators_are_read_through_daemon() {
     for (wrong, complaint) in [
         (&["indicator", "arm", "voltage"][..], "no indicator is `voltage`: expected one of"),
         (&["indicator", "leg"], "there is no joint"),
-        (&["fault", "get", "arm", "--bus", "can0"], "JOINT is for the daemon"),
+        (&["fault", "get", "arm", "--bus", "can0"], "JOINT selects the daemon"),
     ] {
         let output = daemon.motorctl(wrong);
         assert_eq!(output.status.code(), Some(64), "{wrong:?}");

@@ -1,4 +1,4 @@
-//! The buses: in short below the joints, and with every counter on a page of their own.
+//! The buses: a summary below the joints, and a page with every counter.
 
 use super::super::picture::{Picture, Reading};
 use super::text::{bold, flowed, left, right};
@@ -8,7 +8,7 @@ use motord_terminal::number;
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 
-/// In at most `most` lines; buses that do not take full part first.
+/// Returns at most `most` lines; faulty buses first.
 pub(super) fn lines(reading: &Reading, picture: &Picture, width: usize, most: usize) -> Vec<Line<'static>> {
     let loads = picture.loads.iter().copied().chain(std::iter::repeat(None));
     let mut buses: Vec<(&BusReport, Option<f64>)> = reading.report.buses.iter().zip(loads).collect();
@@ -42,7 +42,7 @@ fn entry(bus: &BusReport, load: Option<f64>) -> Line<'static> {
     line
 }
 
-/// The counters that should be 0.
+/// Returns the counters that should be 0.
 fn counters(bus: &BusReport) -> [(&'static str, u32); 6] {
     [
         ("errors", bus.errors),
@@ -54,7 +54,7 @@ fn counters(bus: &BusReport) -> [(&'static str, u32); 6] {
     ]
 }
 
-/// The heading, and a row for each bus.
+/// Returns the heading and a row for each bus.
 pub(super) fn table(reading: &Reading, picture: &Picture) -> (Line<'static>, Vec<Line<'static>>) {
     let buses = &reading.report.buses;
     let names = buses.iter().map(|bus| bus.name.chars().count()).max().unwrap_or(0).max(3);

@@ -1,4 +1,4 @@
-//! The first line, which says whose state this is and how old, and the last ones, which name the keys.
+//! The first lines with the daemon, and the last lines with the keys.
 
 use super::super::picture::{Loss, Picture, Reading};
 use super::super::request::{Notice, Tone};
@@ -28,7 +28,7 @@ const REPLAY_KEYS: [(&str, &str); 7] = [
     ("/", "filter"),
 ];
 
-/// The daemon, and what is wrong with it. A recording is named first.
+/// Returns the lines about the daemon and its troubles, after the name of a recording.
 pub(super) fn head(picture: &Picture, width: usize) -> Vec<Line<'static>> {
     let recording = picture.replay.iter().flat_map(|name| wrapped(&format!(" {name}"), width, 1));
     let mut lines: Vec<Line<'static>> =
@@ -50,29 +50,29 @@ fn daemon(reading: &Reading) -> Line<'static> {
     let report = &reading.report;
     let mut line = Line::from(vec![
         Span::from(format!(" {} ", report.instance)).bold().reversed(),
-        Span::from(format!(" motord {} ({})  {} Hz  ", report.version, report.pid, report.rate_hz)),
+        Span::from(format!(" motord {} ({}) {} Hz ", report.version, report.pid, report.rate_hz)),
     ]);
     if report.emergency_stop {
         line.push_span(Span::from(" EMERGENCY STOP ").bold().white().on_red());
-        line.push_span("  ");
+        line.push_span(" ");
     }
     if !report.realtime {
-        line.push_span(warning("not real-time  "));
+        line.push_span(warning("not real-time "));
     }
     if report.overruns > 0 {
-        line.push_span(warning(format!("{} overruns  ", report.overruns)));
+        line.push_span(warning(format!("{} missed ticks  ", report.overruns)));
     }
     line
 }
 
-/// The state below is old then, and this says so.
+/// Returns a banner: the state below is old.
 fn lost(loss: &Loss, width: usize) -> Vec<Line<'static>> {
     let text = format!(" NO CONTACT for {}: {}", duration(loss.lasting), loss.reason);
     let lines = wrapped(&text, width, 1).into_iter();
     lines.map(|line| banner(&line, width)).collect()
 }
 
-/// The outcome of the last request, and the keys.
+/// Returns the outcome of the last request, and the keys.
 pub(super) fn foot(view: &View, picture: &Picture, notice: &Notice, width: usize) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
     for (tone, text) in notice.texts() {
@@ -112,7 +112,7 @@ fn keys(view: &View, picture: &Picture, width: usize) -> Line<'static> {
     line
 }
 
-/// The group that d and r act on, where that is not every group, and the filter.
+/// Returns the group that d and r act on, if not all, and the filter.
 fn choice(view: &View, picture: &Picture) -> String {
     let group = view.group.zip(picture.reading.as_ref());
     let group =

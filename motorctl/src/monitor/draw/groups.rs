@@ -1,4 +1,4 @@
-//! The groups: their phase and owner; and for each stop its cause, since when, and the lines that end it.
+//! The groups: phase and owner; for each stop its cause, its age, and the commands that end it.
 
 use super::super::picture::Reading;
 use super::text::{alarm, bold, dim, duration, warning, wrapped};
@@ -9,7 +9,7 @@ use motord_terminal::number;
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 
-/// At most `height` lines.
+/// Returns at most `height` lines.
 pub(super) fn lines(reading: &Reading, width: usize, height: usize) -> Vec<Line<'static>> {
     let groups = &reading.report.groups;
     let names = groups.iter().map(|group| group.name.chars().count()).max().unwrap_or(0);
@@ -64,12 +64,12 @@ fn owner(group: &GroupReport, history: &GroupHistory) -> Vec<Span<'static>> {
     }
 }
 
-/// Groups that stopped for the same cause and joint.
+/// Groups with the same cause and joint of their stops.
 struct Stopped<'a> {
     groups: Vec<&'a str>,
     stop: &'a StopReport,
     since: Option<std::time::Duration>,
-    /// Every group of the robot.
+    /// True for every group of the robot.
     is_all: bool,
 }
 
@@ -99,7 +99,7 @@ impl Stopped<'_> {
         wrapped(&text, width, 2).into_iter().map(|line| alarm(line).into()).collect()
     }
 
-    /// The advice, and the lines to paste.
+    /// Returns the advice and the lines to paste.
     fn remedy(&self, reading: &Reading, width: usize) -> Vec<Line<'static>> {
         let steps = &self.stop.steps;
         let text = format!("  {}. Then paste, or press r:", steps.remedy);
@@ -115,7 +115,7 @@ impl Stopped<'_> {
     }
 }
 
-/// A line of a remedy with its indent, which `wrapped` drops from the first line.
+/// Restores the indent of a remedy, which `wrapped` drops from the first line.
 fn line_of(text: &str, style: Style) -> Line<'static> {
     Line::styled(format!("  {}", text.trim_start()), style)
 }

@@ -9,11 +9,11 @@ use motord_terminal::number;
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 
-/// From this width on there is place for every column.
+/// Smallest width for every column.
 const WIDE: usize = 78;
 const NAME_MAX: usize = 16;
 
-/// The heading, and the rows that the filter of `view` lets through, in its order.
+/// Returns the heading, and the rows that pass the filter of `view`, in its order.
 pub(super) fn table(reading: &Reading, view: &View, width: usize) -> (Line<'static>, Vec<Line<'static>>) {
     let joints = &reading.report.joints;
     let names = joints.iter().map(|joint| joint.name.chars().count()).max().unwrap_or(0).clamp(5, NAME_MAX);
@@ -21,7 +21,7 @@ pub(super) fn table(reading: &Reading, view: &View, width: usize) -> (Line<'stat
     let mut shown: Vec<&JointReport> = joints.iter().filter(|joint| passes(joint, &view.filter)).collect();
     sort(&mut shown, view.order);
     let mut heading = columns.heading();
-    // The heading of a long table also gets the row numbers: a narrow heading has no place for both.
+    // A narrow heading has no room for notes and row numbers.
     if columns.is_wide {
         heading.push_span(bold(" notes"));
     }
@@ -58,7 +58,7 @@ fn sort(joints: &mut [&JointReport], order: Order) {
     }
 }
 
-/// The rank of a joint by its mode alone: a limit that acts now and then would make the rows jump.
+/// Returns the rank of a joint by its mode only: an intermittent limit would make the rows jump.
 fn trouble(joint: &JointReport) -> u8 {
     match joint.mode {
         mode if mode == MotorMode::Fault.name() => 0,
@@ -67,7 +67,7 @@ fn trouble(joint: &JointReport) -> u8 {
     }
 }
 
-/// The position within the limits: 0 is the lowest, 1 the highest.
+/// Returns the position within the limits: 0 is the lowest, 1 the highest.
 fn fraction(joint: &JointReport) -> Option<f64> {
     let [lowest, highest] = joint.position_range_rad.map(f64::from);
     let fraction = (f64::from(joint.position_rad?) - lowest) / (highest - lowest);
@@ -124,7 +124,7 @@ impl Columns {
     }
 }
 
-/// The position as a mark on a line that ends at the limits. A mark outside of it is an arrow.
+/// Draws the position as a mark on a line between the limits. Outside, the mark is an arrow.
 fn bar(joint: &JointReport, width: usize) -> [Span<'static>; 3] {
     let inner = width.saturating_sub(2);
     let line = |count: usize| "─".repeat(count);
@@ -156,7 +156,7 @@ fn mode_style(mode: &str) -> Style {
     }
 }
 
-/// In at most four characters.
+/// Formats the age in at most four characters.
 fn age(joint: &JointReport) -> String {
     match joint.age_cycles {
         cycles @ 0..10_000 => cycles.to_string(),
@@ -169,7 +169,7 @@ fn age_style(joint: &JointReport) -> Style {
     if joint.age_cycles == 0 { Style::new() } else { Style::new().fg(Color::Yellow) }
 }
 
-/// The worst first, as the end of a row may not fit.
+/// Returns the notes, worst first: the end of a row may not fit.
 fn notes(joint: &JointReport, is_wide: bool) -> Vec<Span<'static>> {
     let red = Style::new().bold().fg(Color::Red);
     let yellow = Style::new().fg(Color::Yellow);

@@ -1,4 +1,4 @@
-//! Latencies: in short with the curve of the last readings, and every percentile on a page of their own.
+//! Latencies: a summary with the curve of the last readings, and a page with every percentile.
 
 use super::super::picture::{Picture, Reading, Sample};
 use super::text::{bold, dim, right, sparkline};
@@ -8,7 +8,7 @@ use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 
 const COLUMNS: usize = 2;
-/// Shortest curve that says anything.
+/// Shortest useful curve, characters.
 const CURVE_MIN: usize = 4;
 
 /// Name, percentiles, and the latency of a reading.
@@ -24,7 +24,7 @@ fn rows(reading: &Reading) -> [Row; 4] {
     ]
 }
 
-/// In at most `most` lines of two latencies each.
+/// Returns at most `most` lines of two latencies each.
 pub(super) fn lines(reading: &Reading, picture: &Picture, width: usize, most: usize) -> Vec<Line<'static>> {
     let column = (width / COLUMNS).saturating_sub(1);
     let rows = rows(reading);
@@ -51,7 +51,7 @@ fn short(latency: &Percentiles) -> String {
     format!("{} µs", values.join("/"))
 }
 
-/// The heading, and a row for each latency and each joint's replies.
+/// Returns the heading, and a row for each latency and each joint's replies.
 pub(super) fn table(reading: &Reading) -> (Line<'static>, Vec<Line<'static>>) {
     let joints = reading.report.joints.iter().zip(&reading.telemetry.joints);
     let joints = joints.map(|(joint, latency)| (format!("reply {}", joint.name), *latency));

@@ -1,4 +1,5 @@
-//! The pages of the monitor. Each part makes its lines from the picture alone, so that a test can draw any robot.
+//! The pages of the monitor. Each part depends only on the picture, so that a test can draw any
+//! robot.
 
 mod buses;
 mod frame;
@@ -17,7 +18,7 @@ use ratatui::layout::Rect;
 use ratatui::text::Line;
 use text::{bold, dim};
 
-/// A terminal that shows less than this is told so.
+/// Smallest terminal, in rows and columns. A smaller one shows a note.
 const HEIGHT_MIN: u16 = 8;
 const WIDTH_MIN: u16 = 40;
 
@@ -49,7 +50,7 @@ const HELP: &[&str] = &[
     "latency   since the start; the curve: the last readings",
 ];
 
-/// Draws everything, and tells `view` what fitted.
+/// Draws everything, and records in `view` what fitted.
 pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, notice: &Notice) {
     let area = frame.area();
     let lines = lines(area.width.into(), area.height.into(), picture, view, notice);
@@ -60,7 +61,8 @@ pub(super) fn draw(frame: &mut Frame<'_>, picture: &Picture, view: &mut View, no
     scrub(buffer, area);
 }
 
-/// Names come from another process: a character that a terminal would obey, or that would reverse the text, shows as `?`.
+/// Replaces control characters and characters that reorder text by `?`: names come from other
+/// processes.
 fn scrub(buffer: &mut Buffer, area: Rect) {
     for position in area.positions() {
         let cell = &mut buffer[position];
@@ -70,7 +72,7 @@ fn scrub(buffer: &mut Buffer, area: Rect) {
     }
 }
 
-/// Control characters, and the invisible ones that reorder or join text.
+/// Returns true for control characters and for invisible ones that reorder or join text.
 fn is_obeyed(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
@@ -108,7 +110,7 @@ fn help(picture: &Picture) -> impl Iterator<Item = Line<'static>> {
     keys.iter().chain(HELP).map(|line| Line::from(*line))
 }
 
-/// The page that `view` asks for, in `height` lines.
+/// Returns the chosen page in `height` lines.
 fn page(
     reading: &Reading,
     picture: &Picture,
@@ -124,7 +126,7 @@ fn page(
     }
 }
 
-/// The joints have what the buses and latencies leave, and those leave at least half.
+/// Returns the joints, with buses and latencies in at most half of the lines.
 fn joints_page(
     reading: &Reading,
     picture: &Picture,
@@ -142,7 +144,8 @@ fn joints_page(
     lines
 }
 
-/// A heading, and the rows that fit below it. The heading tells when there are more.
+/// Returns a heading and the rows that fit below it. The heading shows the row numbers if there are
+/// more.
 fn scrolled(
     view: &mut View,
     height: usize,

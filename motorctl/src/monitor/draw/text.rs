@@ -6,17 +6,17 @@ use std::time::Duration;
 
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
-/// Something to act on.
+/// Returns an alarm.
 pub(super) fn alarm(text: impl Into<String>) -> Span<'static> {
     Span::from(text.into()).bold().fg(Color::Red)
 }
 
-/// Something to act on before everything else: a red line of `width` characters.
+/// Returns an urgent alarm: a red line of `width` characters.
 pub(super) fn banner(text: &str, width: usize) -> Line<'static> {
     Span::from(format!("{text:<width$}")).bold().white().on_red().into()
 }
 
-/// Something to know.
+/// Returns a warning.
 pub(super) fn warning(text: impl Into<String>) -> Span<'static> {
     Span::from(text.into()).fg(Color::Yellow)
 }
@@ -26,23 +26,23 @@ pub(super) fn bold(text: impl Into<String>) -> Span<'static> {
     Span::from(text.into()).bold()
 }
 
-/// Something that is rarely read.
+/// Returns dim text.
 pub(super) fn dim(text: impl Into<String>) -> Span<'static> {
     Span::from(text.into()).dim()
 }
 
-/// `text` in `style`, in exactly `width` characters, on the left.
+/// Aligns `text` left in exactly `width` characters.
 pub(super) fn left(text: &str, width: usize, style: Style) -> Span<'static> {
     let short = shortened(text, width);
     Span::styled(format!("{short:<width$}"), style)
 }
 
-/// `text` in `style`, in at least `width` characters, on the right.
+/// Aligns `text` right in at least `width` characters.
 pub(super) fn right(text: &str, width: usize, style: Style) -> Span<'static> {
     Span::styled(format!("{text:>width$}"), style)
 }
 
-/// The first `width` characters; a longer text ends with an ellipsis.
+/// Shortens `text` to `width` characters, with an ellipsis.
 pub(super) fn shortened(text: &str, width: usize) -> String {
     if text.chars().count() <= width {
         return text.to_owned();
@@ -51,7 +51,7 @@ pub(super) fn shortened(text: &str, width: usize) -> String {
     if width == 0 { kept } else { format!("{kept}…") }
 }
 
-/// A time as a person says it.
+/// Formats a time in s, min or h.
 pub(super) fn duration(time: Duration) -> String {
     match time.as_secs() {
         0..100 => format!("{} s", time.as_secs()),
@@ -60,8 +60,8 @@ pub(super) fn duration(time: Duration) -> String {
     }
 }
 
-/// Words of `text` in lines of at most `width` characters; each line after the first begins with `indent` spaces. A word
-/// that is longer than a line stays whole.
+/// Wraps `text` in lines of at most `width` characters. Each line after the first begins with
+/// `indent` spaces. Words are never broken.
 pub(super) fn wrapped(text: &str, width: usize, indent: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
@@ -79,8 +79,8 @@ pub(super) fn wrapped(text: &str, width: usize, indent: usize) -> Vec<String> {
     lines
 }
 
-/// As many of `entries` in each line as fit, with a gap between them. At most `most` lines; `rest` makes the last line of
-/// the number of entries that are left out.
+/// Fills lines with `entries`. Returns at most `most` lines; `rest` formats the last line from the
+/// number of entries left out.
 pub(super) fn flowed(
     entries: Vec<Line<'static>>,
     width: usize,
@@ -107,7 +107,7 @@ pub(super) fn flowed(
     lines.into_iter().map(|(line, _)| line).collect()
 }
 
-/// The last `width` of `values` as bars; the highest bar is the largest of them.
+/// Draws the last `width` of `values` as bars. The highest bar is the largest value.
 pub(super) fn sparkline(values: impl DoubleEndedIterator<Item = f64>, width: usize) -> String {
     let mut values: Vec<f64> = values.rev().take(width).collect();
     values.reverse();

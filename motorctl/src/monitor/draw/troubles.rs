@@ -1,4 +1,5 @@
-//! The obstacles to a reset: buses that are not up, faults, motors that do not answer; and what helps.
+//! The obstacles to a reset, with remedies: buses that are not up, faults, motors that do not
+//! answer.
 
 use super::super::picture::Reading;
 use super::text::{alarm, bold, wrapped};
@@ -8,17 +9,17 @@ use crate::report::BusReport;
 use motord_client::{BusCondition, Cause, MotorMode};
 use ratatui::text::Line;
 
-/// Faults and names that are written out; the others are counted.
+/// Largest numbers of listed faults and names. Others are counted.
 const FAULTS_MAX: usize = 3;
 const NAMES_MAX: usize = 4;
 
-/// Nothing for a robot that is well.
+/// Returns the obstacles; none for a healthy robot.
 pub(super) fn lines(reading: &Reading, width: usize) -> Vec<Line<'static>> {
     let down: Vec<&BusReport> = reading.report.buses.iter().filter(|bus| remedy(bus).is_some()).collect();
     let mut lines: Vec<Line<'static>> = down.iter().flat_map(|bus| of_bus(bus, width)).collect();
     lines.extend(faults(reading, width));
     let offline = reading.report.joints.iter().filter(|joint| joint.mode == MotorMode::Offline.name());
-    // A motor on a bus that is down cannot answer: the bus is told already.
+    // A motor on a bus that is down cannot answer. The bus is listed already.
     let silent: Vec<&str> = offline
         .filter(|joint| down.iter().all(|bus| bus.name != joint.bus))
         .map(|joint| joint.name.as_str())
@@ -62,7 +63,7 @@ fn faults(reading: &Reading, width: usize) -> Vec<Line<'static>> {
     }
     if faulty.len() > FAULTS_MAX {
         let names: Vec<&str> = faulty[FAULTS_MAX..].iter().map(|joint| joint.name.as_str()).collect();
-        lines.extend(sentence(&format!("{} in fault, too.", listed(&names)), width));
+        lines.extend(sentence(&format!("{} also report faults.", listed(&names)), width));
     }
     lines
 }
