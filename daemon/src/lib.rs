@@ -6,6 +6,7 @@
 //! - [`simulation`]: faults for simulated buses.
 //! - [`ipc`]: clients, through shared memory.
 //! - [`telemetry`]: histograms, and the lines of the log.
+//! - [`housekeeping`]: dead clients, the runtime directory, the configuration file.
 //! - [`emergency_stop`]: the stop that waits behind nothing.
 //! - [`host`]: this machine. [`threads`]: wires it all together.
 
@@ -14,6 +15,7 @@ pub mod buses;
 pub mod commands;
 pub mod emergency_stop;
 pub mod host;
+pub mod housekeeping;
 pub mod ipc;
 pub mod run_error;
 pub mod simulation;

@@ -4,27 +4,29 @@
 //! |---|---|
 //! | `motord-cycle` | the cycle; real-time where the machine allows it |
 //! | `motord-ipc` | clients |
-//! | `motord-telemetry` | histograms, log, cleaning up after dead clients |
-//! | `motord-owners` | hears of the deaths of the groups' owners |
+//! | `motord-telemetry` | histograms, log, housekeeping |
+//! | `motord-owners` | detects the deaths of the groups' owners |
 //! | `motord-registrar` | registers the daemon's safe frames with its dead man's switch |
-//! | `motord-stop` | hears emergency stops on their socket |
-//! | `motord-reconnector` | opens buses again that went away |
-//! | `motord-simulation` | takes faults for simulated buses; only where no bus is real |
+//! | `motord-stop` | receives emergency stops on their socket |
+//! | `motord-reconnector` | reopens buses that disconnected |
+//! | `motord-simulation` | receives faults for simulated buses; only where no bus is real |
 //!
-//! A panic in any of them stops the robot and ends the daemon: whatever that thread did is not done any more. The main
+//! A panic in any of them stops the robot and ends the daemon, because the work of that thread is missing. The main
 //! thread waits for signals and feeds the watchdog of systemd; a panic there ends the process, and the dead man's switch acts.
 
 use crate::buses::Buses;
 use crate::buses::injection::Injectors;
 use crate::buses::reconnector::Reconnector;
+use crate::buses::watch::BusWatch;
 use crate::emergency_stop;
+use crate::housekeeping::{ConfigWatch, DeadClients, DirectoryGuard};
 use crate::ipc::description::describe;
 use crate::ipc::owners::{Deaths, Owners, owners};
 use crate::ipc::{self, IpcThread, Records, Schedule};
 use crate::run_error::RunError;
 use crate::simulation;
 use crate::telemetry::askers::Askers;
-use crate::telemetry::{self, Recorder};
+use crate::telemetry::{self, Housekeeping, Recorder};
 use motord_bus::{Duration, Monotonic};
 use motord_core::cycle::{Counters, Cycle, EmergencyStops, Order, assemble};
 use motord_core::settings::Settings;
@@ -34,7 +36,7 @@ use motord_deadman::safe_frames::SafeFrames;
 use motord_metrics::Outputs;
 use motord_ports::injection::InjectionListener;
 use motord_ports::instance::{Instance, InstanceLock};
-use motord_ports::{DaemonPorts, Housekeeper, Presence};
+use motord_ports::{DaemonPorts, Presence};
 use motord_realtime::{SchedulingRequest, Step, lock_memory, prepare_thread, tighten_timers};
 use motord_shared::Cause;
 use std::collections::hash_map::RandomState;
@@ -50,7 +52,7 @@ use std::thread::{Builder, JoinHandle};
 /// The stack of each thread. The memory of the process is locked, so every byte of it is resident. In a debug build the ipc thread
 /// needs most, 300 KiB; 256 KiB of that are touched in advance by [`prepare_thread`].
 const STACK_BYTES: usize = 384 * 1024;
-/// How often the thread that waits for the deaths of owners checks whether the daemon ends.
+/// Period in which the thread that waits for the deaths of owners checks whether the daemon ends.
 const OWNERS_TURN: Duration = Duration::from_millis(50);
 /// Period in which a thread that panicked checks whether the last cycle is over.
 const END_TURN: Duration = Duration::from_millis(50);
@@ -74,7 +76,8 @@ impl Orders {
         self.order.fetch_max(order, Ordering::Relaxed);
     }
 
-    /// Whether `order` or a stronger one was given. Each thread that orders can end asks this in every turn of its loop.
+    /// Returns true when `order` or a stronger one was given. Each thread that orders can end checks this in every turn of its
+    /// loop.
     fn are(&self, order: u32) -> bool {
         #[cfg(feature = "panic-on-request")]
         crate::host::panics::panic_if_asked();
@@ -155,16 +158,14 @@ impl Daemon {
         start_owners(&settings, &orders, deaths, Arc::clone(&counters))?;
         let wakes = ipc.thread().clone();
         cycle.on_publish(move || wakes.unpark());
-        let mut recorder = Recorder::new(&settings, telemetry_end, answers);
-        recorder.exposes(outputs);
-        recorder.wakes(ipc.thread().clone());
-        if let Some((path, hash)) = config {
-            recorder.watches(path.to_owned(), hash);
-        }
         let (broken, hears_broken) = channel();
-        recorder.reports_broken(broken);
         start_reconnector(&settings, &orders, Reconnector::new(supply), hears_broken)?;
-        let lost = recorder.guards(Presence::of(lock));
+        let directory = DirectoryGuard::new(Presence::of(lock), Arc::clone(&counters));
+        let lost = directory.lost();
+        let config = ConfigWatch::new(config, Arc::clone(&counters));
+        let housekeeping = Housekeeping { directory, config, buses: BusWatch::new(broken) };
+        let answers = (answers, ipc.thread().clone());
+        let recorder = Recorder::new(&settings, telemetry_end, answers, housekeeping, outputs);
         let telemetry = start_telemetry(lock, &orders, recorder)?;
 
         let (heartbeat, pulse) = Heartbeat::create().map_err(io::Error::from)?;
@@ -190,8 +191,8 @@ impl Daemon {
         self.counters.cycle.load(Ordering::Acquire)
     }
 
-    /// Whether the last cycle is over, by request or because a thread panicked. Orders the stop itself when no new client can
-    /// reach the daemon any more.
+    /// Returns true when the last cycle is over, by request or because a thread panicked. Orders the stop itself when no new
+    /// client can reach the daemon.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         if self.lost.get().is_some() {
@@ -299,9 +300,9 @@ fn start_ipc(
         steps.extend(scheduled.into_iter().filter(|step| step.outcome.is_ok()));
         steps.iter().for_each(|step| step.log("ipc"));
         report(&opened, Ok(()));
-        let mut thread =
-            IpcThread::new(ports, end, questions, description, ipc.mode, schedule, Records::new(joints));
-        thread.watch(owners);
+        let records = Records::new(joints);
+        let cycle = (end, Some(owners));
+        let mut thread = IpcThread::new(ports, cycle, questions, description, ipc.mode, schedule, records);
         // The files of the ports are closed after the last cycle: to give back their memory takes longer than the robot may be
         // without damping.
         outlive_the_cycle("ipc", &given, || thread.run(|| given.are(Orders::END)));
@@ -310,7 +311,7 @@ fn start_ipc(
     Ok(thread)
 }
 
-/// Nobody waits for this thread: it holds nothing, and ends with the process.
+/// Detached: the thread holds nothing, and ends with the process.
 fn start_owners(
     settings: &Settings,
     orders: &Arc<Orders>,
@@ -338,15 +339,11 @@ fn start_telemetry(
 ) -> Result<JoinHandle<()>, RunError> {
     let (lock, given) = (Arc::clone(lock), Arc::clone(orders));
     start("telemetry", orders, move || {
-        let housekeeper = Housekeeper::open(&lock);
-        if let Err(error) = &housekeeper {
-            tracing::warn!(see = "dead-clients", "dead clients will keep their places: {error}");
-        }
-        recorder.run(housekeeper.ok().as_ref(), || given.are(Orders::END));
+        recorder.run(DeadClients::open(&lock), || given.are(Orders::END));
     })
 }
 
-/// Nobody waits for this thread: opening a bus may take as long as the kernel likes, and it ends with the process.
+/// Detached: opening a bus has no time limit. The thread ends with the process.
 fn start_reconnector(
     settings: &Settings,
     orders: &Arc<Orders>,
@@ -404,7 +401,7 @@ fn start_cycle(
     Ok((thread, steps))
 }
 
-/// Nobody waits for this thread: it may wait for the switch, and ends with the process.
+/// Detached: the thread may wait for the switch, and ends with the process.
 fn start_registrar(
     settings: &Settings,
     instance: &Instance,
@@ -434,7 +431,7 @@ fn start_registrar(
     Ok(())
 }
 
-/// Nobody waits for this thread: it ends with the process.
+/// Detached: the thread ends with the process.
 fn start_stop(
     settings: &Settings,
     instance: &Instance,
@@ -457,7 +454,7 @@ fn below_the_cycle(settings: &Settings) -> SchedulingRequest {
     SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_sub(1).max(1)) }
 }
 
-/// Nobody waits for this thread: it waits for askers, and ends with the process.
+/// Detached: the thread waits for requesters, and ends with the process.
 fn start_simulation(
     lock: &Arc<InstanceLock>,
     orders: &Arc<Orders>,
@@ -474,7 +471,7 @@ fn start_simulation(
     Ok(())
 }
 
-/// The starting thread waits for the report: nobody else can miss it.
+/// Sends the report that the starting thread waits for.
 fn report<T>(sender: &Sender<T>, outcome: T) {
     let _gone = sender.send(outcome);
 }

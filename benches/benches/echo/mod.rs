@@ -126,5 +126,5 @@ fn ipc_thread(lock: &InstanceLock, pause: Duration) -> (IpcThread, Echo) {
     let description = serde_json::to_string(&robot).expect("names and numbers are JSON");
     let schedule = Schedule::new(Duration::from_millis(1), Duration::ZERO, Duration::ZERO);
     let records = Records::new(Vec::new());
-    (IpcThread::new(ports, end, questions, description, IpcMode::Spin, schedule, records), echo)
+    (IpcThread::new(ports, (end, None), questions, description, IpcMode::Spin, schedule, records), echo)
 }

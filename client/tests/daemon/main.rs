@@ -57,7 +57,7 @@ fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
 fn killed_controller() {
     let Some(runtime) = std::env::var_os("MOTORD_TEST_RUNTIME") else { return };
     let client = Client::connect_in(Path::new(&runtime), INSTANCE).unwrap();
-    // The places of the dead are free within a quarter of a second; a quick computer kills sixteen controllers in less.
+    // The daemon frees the slots of the dead within a quarter of a second after this process connected.
     let mut claim = until("a place", || client.claim("leg").ok());
     let end = Instant::now() + 4 * PATIENCE;
     // Until it is killed. The fake daemon is silent while it cleans up, which is no reason to leave.

@@ -4,6 +4,7 @@ pub mod fault_line;
 pub mod injection;
 mod physics;
 pub mod reconnector;
+pub mod watch;
 
 pub use physics::{physics, simulate};
 

@@ -1,7 +1,7 @@
 //! The ipc thread: owns every iceoryx2 port, and stands between the clients and the cycle.
 //!
-//! Not real-time: iceoryx2 allocates with every message and maps files when a client comes or goes. If this thread
-//! stands still, setpoints grow old and the cycle damps the robot.
+//! Not real-time: iceoryx2 allocates once with every message, and maps files when a client connects or disconnects. If this
+//! thread stalls, setpoints expire and the cycle damps the robot.
 
 pub mod description;
 pub mod owners;
@@ -27,9 +27,9 @@ use std::sync::atomic::Ordering;
 
 /// Requests taken from clients each time the thread wakes.
 const REQUESTS_PER_WAKE: usize = 64;
-/// A thread that spins looks for requests in one of so many turns: each look makes controllers wait longer for their states.
+/// A thread that spins checks for requests once in this number of turns: each check delays the states for the controllers.
 const TURNS_PER_REQUEST: u32 = 8;
-/// So many places on the way to the cycle are left to emergency stops.
+/// Request slots that are reserved for emergency stops.
 const STOPS: usize = ADMINS_MAX;
 /// Most requests that telemetry has yet to answer.
 const QUESTIONS_MAX: usize = ADMINS_MAX * REQUESTS_PER_CLIENT;
@@ -78,17 +78,18 @@ pub struct IpcThread {
     questioned: Pending<Request>,
     leases: [Option<Lease>; GROUPS_MAX],
     schedule: Schedule,
-    /// `None` until the owners are watched: until then only an owner's silence shows that it has ended.
+    /// `None` where owners are not watched: there only an owner's silence shows that it has ended.
     owners: Option<Owners>,
     records: Records,
 }
 
 impl IpcThread {
-    /// Everything in place. `description` is the answer to [`Operation::Describe`].
+    /// Takes the ends of the services, the cycle and telemetry. `description` is the answer to [`Operation::Describe`]. Without
+    /// `owners`, no process of an owner is watched.
     #[must_use]
     pub fn new(
         ports: DaemonPorts,
-        cycle: CycleEnd,
+        (cycle, owners): (CycleEnd, Option<Owners>),
         questions: Questions,
         description: String,
         mode: IpcMode,
@@ -105,17 +106,12 @@ impl IpcThread {
             questioned: Pending::new(QUESTIONS_MAX),
             leases: [None; GROUPS_MAX],
             schedule,
-            owners: None,
+            owners,
             records,
         }
     }
 
-    /// Watches the processes of the owners from now on.
-    pub fn watch(&mut self, owners: Owners) {
-        self.owners = Some(owners);
-    }
-
-    /// Runs until `stop` says so.
+    /// Runs until `stop` returns true.
     pub fn run(&mut self, stop: impl Fn() -> bool) {
         let mut turns = 0_u32;
         while !stop() {
@@ -194,7 +190,7 @@ impl IpcThread {
             return false;
         }
         let state = self.cycle.states.output_buffer();
-        // One damaged connection keeps nobody else asleep.
+        // A damaged connection must not keep other clients asleep.
         let published = self.ports.publish(state).and(self.ports.notify());
         if published.is_ok() && !self.questions.delivered(state, clock::monotonic()) {
             self.cycle.counters.dropped.fetch_add(1, Ordering::Relaxed);
@@ -207,7 +203,7 @@ impl IpcThread {
         true
     }
 
-    /// Gives every state to the recorders, if there are any.
+    /// Sends every state to the recorders, if there are any.
     fn record(&mut self) {
         let Self { ports, cycle, records, .. } = self;
         let is_recorded = ports.is_recorded();
@@ -219,8 +215,8 @@ impl IpcThread {
         self.count(failed);
     }
 
-    /// Takes new requests. Drops those whose asker gave up: a client can send no further request while too many of its requests
-    /// are kept. A dropped one counts until its answer comes.
+    /// Takes new requests. Drops those whose requester gave up, because a client with too many requests under way can send no
+    /// further one. A dropped request counts until its answer arrives.
     fn take_requests(&mut self) {
         self.requested.drop_unless(Request::is_awaited);
         self.questioned.drop_unless(Request::is_awaited);
@@ -287,7 +283,7 @@ impl IpcThread {
         self.answer(request, AdminReply { lease: 0, refusal: refusal.code(), detail: NO_JOINT }, b"");
     }
 
-    /// An asker that is gone by now misses its answer, and nobody else cares.
+    /// Sends the answer. It is dropped when the requester has disconnected.
     fn answer(&self, request: Request, reply: AdminReply, text: &[u8]) {
         let _gone = request.reply(reply, text);
     }
@@ -317,7 +313,7 @@ mod tests {
         let ports = DaemonPorts::open(&lock).unwrap();
         let mut thread = IpcThread::new(
             ports,
-            end,
+            (end, None),
             questions,
             "{}".into(),
             IpcMode::Timed,

@@ -4,6 +4,7 @@ use crate::instance::{Instance, InstanceLock};
 use crate::leftovers;
 use crate::service::{self, Service, ServiceError};
 use iceoryx2::node::Node;
+use std::time::SystemTime;
 
 /// Removes what dead processes left behind, so that their places become free. It opens files: use it about once per
 /// second, on a thread where that does no harm.
@@ -21,6 +22,12 @@ impl Housekeeper {
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance().clone();
         Ok(Self { node: service::node(&instance, true)?, instance })
+    }
+
+    /// Returns when a process last registered itself or left. One system call.
+    #[must_use]
+    pub fn changed(&self) -> Option<SystemTime> {
+        std::fs::metadata(self.instance.root().join("nodes")).and_then(|nodes| nodes.modified()).ok()
     }
 
     /// Cleans. Returns the number of dead processes that were removed. Files of processes that died while they registered stay

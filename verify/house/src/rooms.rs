@@ -26,9 +26,13 @@ const DAEMON: Rows = &[
     ("ipc", &["telemetry"]),
     ("run_error", &["buses"]),
     ("simulation", &["buses"]),
-    ("telemetry", &[]),
+    ("housekeeping", &[]),
+    ("telemetry", &["buses", "housekeeping"]),
     ("emergency_stop", &["telemetry"]),
-    ("threads", &["buses", "emergency_stop", "host", "ipc", "run_error", "simulation", "telemetry"]),
+    (
+        "threads",
+        &["buses", "emergency_stop", "host", "housekeeping", "ipc", "run_error", "simulation", "telemetry"],
+    ),
 ];
 
 /// Where code may name a vendor or its protocols.
