@@ -1,4 +1,4 @@
-//! The running cycle thread, watched by the allocator while clients come and go.
+//! The threads of a running daemon, watched by the allocator while clients connect and disconnect.
 #![allow(
     unsafe_code,
     reason = "an allocator is unsafe by its trait, and so is setting a variable of the environment"
@@ -20,17 +20,25 @@ const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/quadruped-s
 const INSTANCE: &str = "demo";
 const GROUP: &str = "legs";
 const CYCLES: u64 = 10_000;
+/// Cycles in which one client watches and none connects.
+const QUIET_CYCLES: u64 = 4_000;
 const PATIENCE: Duration = Duration::from_secs(5);
+/// The most allocations of the ipc thread in a cycle without requests: iceoryx2 allocates once for each published state.
+const IPC_MAX: f64 = 1.1;
+/// The most allocations of the telemetry thread in a second: iceoryx2 makes thousands in each cleaning after dead clients.
+const TELEMETRY_MAX: f64 = 10_000.0;
+/// The threads that are watched.
+const THREADS: [&str; 3] = ["motord-cycle", "motord-ipc", "motord-telemetr"];
 
 struct Counting;
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// The thread whose calls count; 0 for none.
-static WATCHED: AtomicI32 = AtomicI32::new(0);
-static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
-static FREES: AtomicU64 = AtomicU64::new(0);
+/// The threads whose calls count; 0 for none.
+static WATCHED: [AtomicI32; 3] = [const { AtomicI32::new(0) }; 3];
+static ALLOCATIONS: [AtomicU64; 3] = [const { AtomicU64::new(0) }; 3];
+static FREES: [AtomicU64; 3] = [const { AtomicU64::new(0) }; 3];
 
 thread_local! {
     /// The number the kernel gave this thread; 0 until it is asked for.
@@ -38,16 +46,17 @@ thread_local! {
 }
 
 impl Counting {
-    fn count(counter: &AtomicU64) {
-        let watched = WATCHED.load(Ordering::Relaxed);
-        if watched == 0 {
+    fn count(counters: &[AtomicU64; 3]) {
+        if WATCHED.iter().all(|watched| watched.load(Ordering::Relaxed) == 0) {
             return;
         }
         if THREAD.get() == 0 {
             THREAD.set(nix::unistd::gettid().as_raw());
         }
-        if THREAD.get() == watched {
-            counter.fetch_add(1, Ordering::Relaxed);
+        for (watched, counter) in WATCHED.iter().zip(counters) {
+            if watched.load(Ordering::Relaxed) == THREAD.get() {
+                counter.fetch_add(1, Ordering::Relaxed);
+            }
         }
     }
 }
@@ -68,15 +77,16 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// Calls of `thread` to the allocator while `run` lasts: allocations and frees.
-fn calls_of(thread: i32, run: impl FnOnce()) -> (u64, u64) {
-    let count = || (ALLOCATIONS.load(Ordering::Relaxed), FREES.load(Ordering::Relaxed));
-    let before = count();
-    WATCHED.store(thread, Ordering::Relaxed);
+/// Calls of `threads` to the allocator while `run` lasts: allocations and frees of each.
+fn calls_of(threads: [i32; 3], run: impl FnOnce()) -> [(u64, u64); 3] {
+    let take = |counter: &AtomicU64| counter.swap(0, Ordering::Relaxed);
+    let set = |threads: [i32; 3]| {
+        WATCHED.iter().zip(threads).for_each(|(watched, thread)| watched.store(thread, Ordering::Relaxed))
+    };
+    set(threads);
     run();
-    WATCHED.store(0, Ordering::Relaxed);
-    let after = count();
-    (after.0 - before.0, after.1 - before.1)
+    set([0; 3]);
+    [0, 1, 2].map(|place| (take(&ALLOCATIONS[place]), take(&FREES[place])))
 }
 
 /// The thread of this process that is called `name`.
@@ -156,9 +166,10 @@ fn run_clients(end: &AtomicBool) -> u64 {
 }
 
 #[test]
-fn cycle_never_allocates_while_clients_connect_and_disconnect() {
+fn allocations_of_daemon_threads_are_bounded() {
     let me = nix::unistd::gettid().as_raw();
-    assert_eq!(calls_of(me, || drop(std::hint::black_box(Box::new(7)))), (1, 1), "the counter counts");
+    let calls = calls_of([me, 0, me], || drop(std::hint::black_box(Box::new(7))));
+    assert_eq!(calls, [(1, 1), (0, 0), (1, 1)], "the counters count");
 
     let runtime = tempfile::tempdir().unwrap();
     // SAFETY: this is the only test of this program, and no other thread looks at the environment yet.
@@ -167,6 +178,11 @@ fn cycle_never_allocates_while_clients_connect_and_disconnect() {
     let watcher = connect();
     await_cycles(&watcher, 10);
 
+    let threads = THREADS.map(thread);
+    let begun = std::time::Instant::now();
+    let quiet = calls_of(threads, || await_cycles(&watcher, QUIET_CYCLES));
+    let seconds = begun.elapsed().as_secs_f64();
+
     let end = Arc::new(AtomicBool::new(false));
     let clients = [(); 2].map(|()| {
         std::thread::spawn({
@@ -174,12 +190,20 @@ fn cycle_never_allocates_while_clients_connect_and_disconnect() {
             move || run_clients(&end)
         })
     });
-    let calls = calls_of(thread("motord-cycle"), || await_cycles(&watcher, CYCLES));
+    let busy = calls_of(threads, || await_cycles(&watcher, CYCLES));
     end.store(true, Ordering::Relaxed);
     let whole_lives: u64 = clients.into_iter().map(|client| client.join().unwrap()).sum();
 
     kill(Pid::this(), Signal::SIGTERM).unwrap();
     daemon.join().unwrap().unwrap();
     assert!(whole_lives >= 4, "only {whole_lives} clients did all they should");
-    assert_eq!(calls, (0, 0), "allocations and frees of the cycle thread in {CYCLES} cycles");
+    assert_eq!(quiet[0], (0, 0), "allocations and frees of the cycle thread in {QUIET_CYCLES} cycles");
+    assert_eq!(busy[0], (0, 0), "allocations and frees of the cycle thread in {CYCLES} cycles");
+    let ipc = quiet[1].0 as f64 / QUIET_CYCLES as f64;
+    let telemetry = quiet[2].0 as f64 / seconds;
+    println!(
+        "allocations: {ipc:.3} of ipc in a cycle, {telemetry:.0} of telemetry in a second; with clients {busy:?}"
+    );
+    assert!(ipc <= IPC_MAX, "{ipc} allocations of the ipc thread in a cycle");
+    assert!(telemetry <= TELEMETRY_MAX, "{telemetry} allocations of the telemetry thread in a second");
 }
