@@ -27,17 +27,17 @@ use crate::safe_frames::{InterfaceError, SafeFrames};
 
 /// Most bytes of a message: the safe frames of 64 motors have about 6 000.
 const MESSAGE_BYTES_MAX: usize = 32 * 1024;
-/// Most files that Linux passes with one message, `SCM_MAX_FD`. With room for fewer, those that fit would stay open, and nobody
-/// would know their numbers.
+/// Most files that Linux passes with one message, `SCM_MAX_FD`. With space for fewer, those that fit would stay
+/// open without a known number.
 const FILES_MAX: usize = 253;
-/// The most time a daemon waits for the switch. The switch opens an interface in milliseconds.
+/// Longest time that a daemon waits for the switch, which opens an interface in milliseconds.
 pub const PATIENCE: Duration = Duration::from_secs(2);
-/// Begins every message. Its number rises with every change of the messages, so that programs of different versions refuse each
-/// other in words.
+/// Prefix of every message. Its number rises with every change of the messages, so that a program of another
+/// version is refused with an error that names the reason.
 const VERSION: &[u8] = b"motord-deadman 3\n";
-/// A sign of life of the switch.
+/// The message by which the switch shows that it runs.
 const BEAT: &[u8] = b".";
-/// Signs of life that are taken at a time.
+/// Most signs of life per read.
 const BEATS_MAX: usize = 256;
 
 const OTHER_VERSION: &str = "daemon and dead man's switch are of different versions: restart both";
@@ -45,9 +45,10 @@ const OTHER_VERSION: &str = "daemon and dead man's switch are of different versi
 /// A request to the switch.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
-    /// Supervise me, and send these frames when I cannot. Comes with the file of the heartbeat.
+    /// Asks the switch to supervise the sender, and to send these frames when the sender cannot. Carries the file of
+    /// the heartbeat.
     Register(SafeFrames),
-    /// Which interfaces have you still to serve?
+    /// Asks which interfaces the switch has still to serve.
     AskWhetherActing,
 }
 
@@ -77,7 +78,7 @@ pub enum Refusal {
     /// The motors of an interface could not be stopped.
     #[error("{0}")]
     SafeFrames(InterfaceError),
-    /// The request is none, or that of another version.
+    /// The message is no request, or one of another version.
     #[error("{reason}")]
     Request {
         /// The error, as text: it comes from another process.
@@ -90,7 +91,7 @@ pub enum Refusal {
 pub struct Channel(OwnedFd);
 
 impl Channel {
-    /// Connects to the switch of an instance, and waits for it at most `patience` at a time.
+    /// Connects to the switch of an instance. Each wait for it lasts at most `patience`.
     ///
     /// # Errors
     ///
@@ -109,7 +110,7 @@ impl Channel {
     ///
     /// # Errors
     ///
-    /// `BrokenPipe` when the other end is gone, `WouldBlock` when it does not read.
+    /// `BrokenPipe` when the other end is closed, `WouldBlock` when it does not read.
     pub fn send(&self, message: &impl Serialize, pulse: Option<&Pulse>) -> io::Result<()> {
         let text = [VERSION, &serde_json::to_vec(message)?].concat();
         let files: Vec<RawFd> = pulse.iter().map(|pulse| pulse.as_fd().as_raw_fd()).collect();
@@ -120,12 +121,12 @@ impl Channel {
         Ok(())
     }
 
-    /// The next message, and the first file that came with it.
+    /// Returns the next message, and the first file that arrived with it.
     ///
     /// # Errors
     ///
-    /// `UnexpectedEof` when the other end is gone, `InvalidData` for any other message and that of another version, `WouldBlock` when
-    /// none has come.
+    /// `UnexpectedEof` when the other end is closed, `InvalidData` for any other message and one of another version,
+    /// `WouldBlock` when none has arrived.
     pub fn receive<T: DeserializeOwned>(&self) -> io::Result<(T, Option<Pulse>)> {
         let mut text = vec![0; MESSAGE_BYTES_MAX];
         let mut control = cmsg_space!([RawFd; FILES_MAX]);
@@ -145,19 +146,20 @@ impl Channel {
         Ok((serde_json::from_slice(text)?, files.into_iter().next().map(Pulse::from)))
     }
 
-    /// Whether the other end is gone, or sends an unexpected message. Neither allocates nor blocks; one system call.
+    /// Returns true when the other end is closed, or has sent an unexpected message. Neither allocates nor blocks; one
+    /// system call.
     #[must_use]
     pub fn has_ended(&self) -> bool {
         recv(self.0.as_raw_fd(), &mut [0], MsgFlags::MSG_DONTWAIT) != Err(Errno::EAGAIN)
     }
 
-    /// Gives the other end a sign of life. Neither allocates nor blocks; one system call. That nobody takes it is no error.
+    /// Sends the other end a sign of life. Neither allocates nor blocks; one system call. An unread one is no error.
     pub fn beat(&self) {
         let _full_or_ended = send(self.0.as_raw_fd(), BEAT, MsgFlags::MSG_DONTWAIT | MsgFlags::MSG_NOSIGNAL);
     }
 
-    /// Takes the signs of life that have come: whether there was one, or `None` when the other end is gone. Neither allocates
-    /// nor blocks.
+    /// Reads the signs of life that have arrived. Returns true when there was one, and `None` when the other end is
+    /// closed. Neither allocates nor blocks.
     #[must_use]
     pub fn take_beats(&self) -> Option<bool> {
         for taken in 0..BEATS_MAX {
@@ -171,7 +173,7 @@ impl Channel {
         Some(true)
     }
 
-    /// The process at the other end; `None` when it belongs to another user.
+    /// Returns the process at the other end; `None` when it belongs to another user.
     #[must_use]
     pub fn peer(&self) -> Option<i32> {
         let peer = getsockopt(&self.0, sockopt::PeerCredentials).ok()?;
@@ -200,11 +202,12 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Becomes the one switch of an instance, until it is dropped or the process dies.
+    /// Claims the role of the switch of an instance, until the value is dropped or the process dies.
     ///
     /// # Errors
     ///
-    /// `ResourceBusy` when another process is; others when the runtime directory does not exist or is not ours.
+    /// `ResourceBusy` when another process has it; others when the runtime directory does not exist or belongs to
+    /// another user.
     pub fn bind(instance: &Instance) -> io::Result<Self> {
         let path = instance.runtime().join(format!("{}.deadman.lock", instance.name()));
         let mut options = OpenOptions::new();
@@ -222,7 +225,7 @@ impl Listener {
         Ok(Self { socket, _lock: lock })
     }
 
-    /// The next connection.
+    /// Accepts the next connection.
     ///
     /// # Errors
     ///

@@ -21,7 +21,8 @@ pub const AT_REST: u64 = 0;
 pub struct Heartbeat(&'static AtomicU64);
 
 impl Heartbeat {
-    /// A heartbeat at rest, and the file that shows it to others. One per process: its memory is never freed.
+    /// Creates a heartbeat at rest, and the file by which other processes read it. One per process: its memory is never
+    /// freed.
     ///
     /// # Errors
     ///
@@ -49,7 +50,7 @@ impl Heartbeat {
 pub struct Pulse(OwnedFd);
 
 impl Pulse {
-    /// The number as it is now; `None` when the file is no heartbeat. Does not allocate; one system call.
+    /// Returns the present number; `None` when the file is no heartbeat. Does not allocate; one system call.
     #[must_use]
     pub fn read(&self) -> Option<u64> {
         let mut bytes = [0; size_of::<u64>()];

@@ -1,4 +1,4 @@
-//! The CAN interfaces and serial ports whose motors are stopped, each opened to send and nothing else.
+//! The CAN interfaces and serial ports whose motors are stopped, each opened only to send.
 
 use core::fmt::Display;
 use motord_bus::socketcan::{InterfaceName, OpenError, Sender};
@@ -9,7 +9,7 @@ use motord_core::stopper::{BusFrames, Outlet, Stopper};
 use crate::port::Port;
 use crate::safe_frames::{InterfaceError, InterfaceFrames};
 
-/// Opens a CAN interface by name, to send up to so many frames at a time.
+/// Opens a CAN interface by name, to send up to the given number of frames at a time.
 pub type Open<'a> = &'a mut dyn FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>;
 
 /// One interface, opened.
@@ -76,7 +76,7 @@ impl Interfaces {
         self.stopper.begin(now);
     }
 
-    /// From now on leaves the interfaces alone that another process than `pid` drives: its motors are not those of a dead daemon.
+    /// From now on skips the interfaces that another process than `pid` drives: their motors are not those of a dead daemon.
     /// Returns that process, if there is one. Allocates. Three system calls per interface, and a search for the path of a serial
     /// port. Blocks only where it closes a serial port of ours: at most 50 ms for each.
     pub fn leave_driven(&mut self, pid: i32) -> Option<u32> {
@@ -114,14 +114,14 @@ impl Interfaces {
         self.stopper.run(clock, &mut self.outlets);
     }
 
-    /// The interfaces that are not served yet. Allocates.
+    /// Returns the interfaces that are not served yet. Allocates.
     #[must_use]
     pub fn owed(&self) -> Vec<String> {
         self.stopper.owed().map(|index| self.names[index].clone()).collect()
     }
 }
 
-/// In the place of an interface that another process drives: it hears nothing, and nothing is owed to it.
+/// Replaces an interface that another process drives: nothing is sent on it, and nothing is owed.
 struct LeftAlone;
 
 impl Outlet for LeftAlone {
@@ -158,7 +158,7 @@ pub fn open_interface(name: &str, frames: u32) -> Result<Box<dyn Outlet>, Interf
     Ok(Box::new(CanInterface(sender)))
 }
 
-/// Opens an interface of this machine as it is. One that is missing may come later.
+/// Opens an interface of this machine as it is. One that is missing may appear later.
 ///
 /// # Errors
 ///

@@ -1,18 +1,18 @@
-//! The dead man's switch: a process of its own that damps and stops the motors when the daemon cannot.
+//! The dead man's switch: a separate process that damps and stops the motors when the daemon cannot.
 //!
 //! ```text
 //!   motord run                                   motord deadman
-//!   cycle ──store──▶ heartbeat (memfd) ◀──read── switch ──▶ its own CAN sockets and serial ports
+//!   cycle ──store──▶ heartbeat (memfd) ◀──read── switch ──▶ separate CAN sockets and serial ports
 //!   registrar ◀───── connection ───────────────▶ server
 //! ```
 //!
-//! The daemon registers its [safe frames](safe_frames::SafeFrames), made beforehand for every motor, and the file of its
-//! [heartbeat]. The switch knows no protocol, and uses three values of the configuration: instance, priority, and the time of
-//! damping, by which it bounds its own end. It acts when the connection closes or the heartbeat stands still, unless the
-//! heartbeat is at rest: then the motors are stopped already. The switch outlives the daemon, and the next daemon registers again.
+//! The daemon registers its [safe frames](safe_frames::SafeFrames), built in advance for every motor, and the file of its
+//! [heartbeat]. The switch knows no protocol. It uses three values of the configuration: instance, priority, and the time of
+//! damping, which bounds its exit. It acts when the connection closes or the heartbeat stalls, unless the heartbeat is at
+//! rest: the motors are stopped then. The switch outlives the daemon, and the next daemon registers again.
 //!
-//! - [`switch`]: when to act, pure. [`server`]: supervises a daemon, and acts.
-//! - [`safe_frames`]: the frames. [`interfaces`]: where they leave, by the [`Stopper`](motord_core::stopper::Stopper).
+//! - [`switch`]: decides when to act, without I/O. [`server`]: supervises a daemon, and acts.
+//! - [`safe_frames`]: the frames. [`interfaces`]: sends them, by the [`Stopper`](motord_core::stopper::Stopper).
 //! - [`channel`]: the connection. [`registrar`]: the daemon's side.
 //! - [`safe_stop`]: the command that stops the motors once, when neither the daemon nor its switch did.
 
@@ -42,9 +42,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How often systemd's watchdog is fed.
+/// Period in which systemd's watchdog is fed.
 const FEEDING: Duration = Duration::from_millis(500);
-/// How often an idle switch checks for a signal.
+/// Period in which an idle switch checks for a signal.
 const IDLE: Duration = Duration::from_secs(1);
 
 /// Why there is no dead man's switch.
@@ -81,8 +81,8 @@ impl DeadmanError {
     }
 }
 
-/// Runs the dead man's switch of the configuration's instance until a signal ends it. A switch that acts finishes first,
-/// and waits for an interface that refuses frames at most a second longer than damping takes.
+/// Runs the dead man's switch of the configuration's instance until a signal ends it. A switch that acts finishes
+/// first. It waits for an interface that refuses frames at most one second longer than damping takes.
 ///
 /// # Errors
 ///
@@ -98,7 +98,7 @@ pub fn run(path: &Path) -> Result<(), DeadmanError> {
     for signal in [SIGTERM, SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&ending))?;
     }
-    // Above the cycle, so that a cycle that runs away cannot keep the switch from a processor.
+    // Above the cycle: a cycle that never yields must not keep the switch from a processor.
     let request = SchedulingRequest { cpu: None, priority: Some(settings.cycle.priority.saturating_add(1)) };
     let mut steps = prepare_thread(request);
     steps.extend([tighten_timers(), lock_memory()]);

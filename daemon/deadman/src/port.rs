@@ -1,8 +1,8 @@
-//! A serial port whose motors are stopped, in a thread of its own: opening a port and writing to it can take as long as its
-//! adapter likes, and no CAN interface waits for that.
+//! A serial port whose motors are stopped, in a dedicated thread. Opening a port and writing to it have no time limit, and no
+//! CAN interface waits for them.
 //!
-//! An RS485 line carries one direction at a time. A motor answers each frame, so the next one leaves after the time for an answer;
-//! nobody reads it.
+//! An RS485 line carries one direction at a time. A motor answers each frame, so the next one leaves after the time for an
+//! answer. The answers are not read.
 
 use motord_bus::serial::SerialSender;
 use motord_bus::{Duration, Frame, Inbox, Instant, Refusal};
@@ -13,14 +13,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
 use std::thread::Builder;
 
-/// From one frame to the next. At 921 600 bit/s frame and answer take 0.26 ms, and the motor may take its time.
+/// Time from one frame to the next. At 921 600 bit/s frame and answer take 0.26 ms; the rest is for the motor.
 const PACE: Duration = Duration::from_millis(2);
-/// How often an idle thread tests whether the adapter was unplugged. A port that stays open would keep its name from the
-/// adapter that is plugged in again.
+/// Period in which an idle thread checks whether the adapter was unplugged. A port that stays open would keep its name
+/// from the adapter that is plugged in again.
 const IDLE: Duration = Duration::from_millis(100);
-/// The rounds that were taken have this time to leave before the port is given up.
+/// Longest time to send the queued rounds before the port is closed.
 const LINGER: Duration = Duration::from_millis(50);
-/// The memory of the process is locked: a thread takes no more of it than it needs.
+/// Stack of the thread. The memory of the process is locked, so all of it is resident.
 const STACK_BYTES: usize = 256 * 1024;
 
 /// One frame to each motor of a line.
@@ -31,7 +31,7 @@ struct Round {
 }
 
 impl Round {
-    /// `None` without a frame. Those beyond the capacity are left out: more were refused when the port was opened.
+    /// Returns `None` without a frame. Drops frames beyond the capacity: opening the port refuses more.
     fn of(frames: &[Frame]) -> Option<Self> {
         let count = frames.len().min(Inbox::CAPACITY);
         let mut round = Self { frames: [*frames.first()?; Inbox::CAPACITY], count };
@@ -40,7 +40,7 @@ impl Round {
     }
 }
 
-/// The near end of the thread.
+/// The caller's end of the thread.
 pub(super) struct Port {
     rounds: Option<SyncSender<Round>>,
     /// The port took all frames of the last round, or there was no round yet.
@@ -71,8 +71,8 @@ impl Port {
 }
 
 impl Outlet for Port {
-    /// Gives the round to the thread. Refuses while the round before the last one is not sent, and while the port does not
-    /// take frames; then it is tried with each round. At most one system call.
+    /// Queues the round for the thread. Refuses while the round before the last one is not sent, and while the port accepts
+    /// no frames; each round tries again. At most one system call.
     fn send_round(&mut self, _now: Instant, frames: &[Frame]) -> Option<Refusal> {
         let round = Round::of(frames)?;
         let is_taken = self.rounds.as_ref().is_some_and(|rounds| rounds.try_send(round).is_ok());
@@ -92,17 +92,17 @@ impl Drop for Port {
     }
 }
 
-/// The far end: the port itself.
+/// The thread's end: the port itself.
 struct Line {
     device: String,
     baud: u32,
     sender: Option<SerialSender>,
-    /// Whether the log says that the port cannot be opened.
+    /// The log has reported that the port cannot be opened.
     logged: bool,
 }
 
 impl Line {
-    /// Sends the rounds until the near end is dropped.
+    /// Sends the rounds until the caller's end is dropped.
     fn serve(&mut self, rounds: &Receiver<Round>, is_sound: &AtomicBool) {
         self.find();
         loop {
@@ -117,7 +117,7 @@ impl Line {
         }
     }
 
-    /// Opens the port, if it is not open. Closes it when its adapter is not there any more.
+    /// Opens the port, if it is not open. Closes it when its adapter was unplugged.
     fn find(&mut self) {
         self.sender.take_if(|sender| sender.is_gone());
         if self.sender.is_some() {
@@ -136,7 +136,7 @@ impl Line {
         }
     }
 
-    /// Sends one frame to each motor. Returns whether the port took all. Takes [`PACE`] for each.
+    /// Sends one frame to each motor. Returns true when the port accepted all. Takes [`PACE`] for each.
     fn send(&mut self, round: &Round) -> bool {
         let mut took_all = true;
         for frame in &round.frames[..round.count] {
@@ -153,5 +153,81 @@ impl Line {
 }
 
 #[cfg(test)]
-#[path = "../tests/unit/port.rs"]
-mod tests;
+mod tests {
+    use super::*;
+    use motord_bus::FrameId;
+    use nix::pty::{OpenptyResult, openpty};
+    use std::fs::File;
+    use std::io::Read;
+    use std::os::fd::OwnedFd;
+    use std::time::Instant as Clock;
+
+    fn stops() -> [Frame; 3] {
+        [1, 2, 3].map(|id| Frame::classic(FrameId::from(id), [0x92, 0, 0x80, 0, 0, 0, 8, 0]))
+    }
+
+    /// The motors' end of a line, and the device.
+    fn pty() -> (File, OwnedFd, String) {
+        let OpenptyResult { master, slave } = openpty(None, None).unwrap();
+        let device = nix::unistd::ttyname(&slave).unwrap().to_str().unwrap().to_owned();
+        (master.into(), slave, device)
+    }
+
+    #[test]
+    fn every_motor_of_line_gets_stop_and_time() {
+        let (mut motors, _slave, device) = pty();
+        let mut port = Port::open(&device, 921_600).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
+        let mut heard = [0; 36];
+        let begun = Clock::now();
+        motors.read_exact(&mut heard).unwrap();
+        assert!(begun.elapsed() >= PACE, "they collide with the answers");
+        assert_eq!(heard.chunks(12).map(|frame| frame[0]).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(heard[..5], [0x01, 0x00, 0x08, 0x09, 0x92], "GIM document, table 3");
+    }
+
+    #[test]
+    fn accepted_round_leaves_before_port_is_released() {
+        let (mut motors, _slave, device) = pty();
+        let mut port = Port::open(&device, 921_600).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
+        drop(port);
+        motors.read_exact(&mut [0; 36]).unwrap();
+    }
+
+    #[test]
+    fn missing_port_refuses_immediately_and_serves_when_present() {
+        let directory = tempfile::tempdir().unwrap();
+        let link = directory.path().join("adapter");
+        let mut port = Port::open(link.to_str().unwrap(), 921_600).unwrap();
+        let begun = Clock::now();
+        let refused = (0..3).map(|_| {
+            let refused = port.send_round(Instant::ZERO, &stops());
+            std::thread::sleep(Duration::from_millis(20));
+            refused
+        });
+        assert!(refused.collect::<Vec<_>>().contains(&Some(Refusal::Down)));
+        assert!(begun.elapsed() < Duration::from_millis(500), "it blocked");
+        let (mut motors, _slave, device) = pty();
+        std::os::unix::fs::symlink(device, link).unwrap();
+        port.send_round(Instant::ZERO, &stops());
+        motors.read_exact(&mut [0; 36]).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        assert_eq!(port.send_round(Instant::ZERO, &stops()), None);
+    }
+
+    #[test]
+    fn an_adapter_that_was_unplugged_is_let_go() {
+        let (motors, slave, device) = pty();
+        let port = Port::open(&device, 921_600).unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        drop((motors, slave));
+        std::thread::sleep(2 * IDLE);
+        let open = std::fs::read_dir("/proc/self/fd").unwrap();
+        let links = open.filter_map(|entry| std::fs::read_link(entry.unwrap().path()).ok());
+        assert!(!links.into_iter().any(|link| link.to_string_lossy().starts_with(&device)));
+        drop(port);
+    }
+}

@@ -1,4 +1,4 @@
-//! The daemon's side: registers its safe frames with the switch, and again whenever the switch is gone.
+//! The daemon's side: registers its safe frames with the switch, and again after the switch disconnected.
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Readiness, clock, wait};
@@ -14,7 +14,7 @@ use crate::safe_frames::SafeFrames;
 const RETRY: Duration = Duration::from_secs(1);
 /// How often the thread checks whether the daemon ends.
 const TURN: Duration = Duration::from_millis(20);
-/// A switch that gives no sign of life for so long hangs: it gives one every 20 ms.
+/// A switch without a sign of life for this long hangs: a healthy one sends one every 20 ms.
 const SILENCE: Duration = Duration::from_millis(80);
 
 /// Why the daemon has no dead man's switch.
@@ -35,34 +35,34 @@ pub struct Registrar {
     instance: Instance,
     frames: SafeFrames,
     pulse: Pulse,
-    /// Closed with this value, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its motors, and
-    /// the switch must not act.
+    /// Closed when this value is dropped, not when [`run`](Self::run) ends: after a panic there, the cycle still drives its
+    /// motors, and the switch must not act.
     switch: Option<Channel>,
-    /// Whether the log says that there is no switch.
+    /// The log has reported that there is no switch.
     logged: bool,
-    /// Told whether the switch is away or hangs.
+    /// Called with true when the switch is unavailable or hangs, and with false when it answers again.
     lost: Box<dyn Fn(bool) + Send>,
 }
 
 impl Registrar {
-    /// The registrar of the daemon of `instance`, whose heartbeat is `pulse`.
+    /// Creates the registrar of the daemon of `instance`, whose heartbeat is `pulse`.
     #[must_use]
     pub fn new(instance: Instance, frames: SafeFrames, pulse: Pulse) -> Self {
         Self { instance, frames, pulse, switch: None, logged: false, lost: Box::new(|_| ()) }
     }
 
-    /// Tells `lost` from now on whether the switch is away or hangs.
+    /// Calls `lost` when the switch becomes unavailable or answers again.
     #[must_use]
     pub fn reports(self, lost: impl Fn(bool) + Send + 'static) -> Self {
         Self { lost: Box::new(lost), ..self }
     }
 
-    /// Runs until `stop` returns true, in a thread of its own, which loses the descriptors of all others. Nothing waits for
-    /// it: the daemon drives its motors with or without a switch.
+    /// Runs until `stop` returns true, in a dedicated thread, which loses the descriptors of all other threads. No thread
+    /// waits for it: the daemon drives its motors with or without a switch.
     pub fn run(&mut self, stop: impl Fn() -> bool) {
-        // A killed process closes the descriptors that its threads share after it has given back all of its memory, which
-        // takes milliseconds. A descriptor of this thread alone is closed at once. If the kernel refuses, the switch learns
-        // of the death later.
+        // The kernel frees all memory of a killed process, which takes milliseconds, before it closes the descriptors that
+        // its threads share. It closes a descriptor of this thread alone immediately. If the kernel refuses the separate
+        // table, the switch detects the death later.
         let _refused = keep_only(self.pulse.as_fd());
         (self.lost)(true);
         while !stop() {
@@ -108,8 +108,8 @@ impl Registrar {
     }
 }
 
-/// Returns when the switch is gone, or `stop` returns true. Says when the switch hangs, and when it is back, also to
-/// `lost`.
+/// Returns when the switch disconnected, or `stop` returns true. Logs when the switch hangs and when it answers again,
+/// and calls `lost`.
 fn watch(switch: &Channel, lost: &impl Fn(bool), stop: &impl Fn() -> bool) {
     let (mut heard, mut hangs) = (clock::monotonic(), false);
     while !stop() {

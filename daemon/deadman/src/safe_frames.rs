@@ -1,4 +1,4 @@
-//! The safe frames of a daemon, as its dead man's switch gets them: made beforehand, by interface.
+//! The safe frames of a daemon, built before they are needed and sent to its dead man's switch by interface.
 
 use motord_bus::{Duration, Frame, Inbox, candump};
 use motord_core::settings::{BusKind, Settings};
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// The frames that damp and stop every motor of a daemon, and when to send them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SafeFrames {
-    /// A heartbeat that stands still for this long is dead.
+    /// A heartbeat that does not change for this long is dead.
     pub patience: Duration,
     /// Motors are damped for this long, then stopped.
     pub damp: Duration,
@@ -48,7 +48,7 @@ pub enum InterfaceError {
         /// The text.
         text: WrittenFrame,
     },
-    /// The interface has more frames than fit into one call.
+    /// The interface has more frames than one call can send.
     #[error("{count} motors on {interface}: at most {} fit", Inbox::CAPACITY)]
     Count {
         /// The interface.
@@ -59,7 +59,7 @@ pub enum InterfaceError {
 }
 
 impl SafeFrames {
-    /// The safe frames of a daemon with these settings. Simulated buses are inside the daemon and die with it.
+    /// Builds the safe frames of a daemon with these settings. Simulated buses are inside the daemon and end with it.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         let interface = |(index, bus): (usize, &_)| match bus {
@@ -90,7 +90,7 @@ impl InterfaceFrames {
         }
     }
 
-    /// The frames, checked.
+    /// Checks the frames, and returns them.
     ///
     /// # Errors
     ///

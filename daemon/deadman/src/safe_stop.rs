@@ -13,9 +13,10 @@ use std::path::Path;
 
 /// systemd waits for this program before it starts the daemon again.
 const DAMP_MAX: Duration = Duration::from_secs(1);
-/// A switch that does not answer within this time hangs: the motors wait no longer for it. It answers within a millisecond.
+/// A switch that does not answer within this time hangs, and the motors are stopped without it. A healthy one answers
+/// within a millisecond.
 const SWITCH_PATIENCE: Duration = Duration::from_millis(150);
-/// How often the dead man's switch is asked whether it still acts.
+/// Period of the requests whether the dead man's switch still acts.
 const SWITCH_TURN: Duration = Duration::from_millis(50);
 
 /// Why not every motor was commanded to stop.
@@ -44,7 +45,7 @@ pub enum LeftOut {
         /// The interface.
         interface: String,
     },
-    /// The same, and the dead man's switch goes on.
+    /// The same, and the dead man's switch keeps trying.
     #[error("{interface} refuses frames; the dead man's switch keeps trying")]
     Awaited {
         /// The interface.
@@ -70,7 +71,7 @@ impl SafeStopError {
 ///
 /// # Errors
 ///
-/// Which interfaces were left out or refused, and why. The others are served all the same.
+/// The interfaces that were left out or refused, and why. The others are served.
 pub fn safe_stop(path: &Path, open: Open<'_>) -> Result<(), SafeStopError> {
     let settings = config::load(path)?.settings;
     let frames = SafeFrames::of(&settings);
@@ -101,8 +102,8 @@ fn report(left_out: Vec<LeftOut>) -> Result<(), SafeStopError> {
     if left_out.is_empty() { Ok(()) } else { Err(SafeStopError::LeftOut(left_out)) }
 }
 
-/// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served then; `None` when the
-/// switch does not act, hangs, or is gone before its end.
+/// Waits while the switch acts, at most for `patience`. Returns the interfaces that it has not served by then; `None`
+/// when the switch does not act, hangs, or exits before its end.
 fn await_switch(instance: &Instance, patience: Duration) -> Option<Vec<String>> {
     let end = clock::monotonic() + patience;
     let mut owed = owed_by_switch(instance).ok().filter(|owed| !owed.is_empty())?;
@@ -122,8 +123,8 @@ fn owed_by_switch(instance: &Instance) -> io::Result<Vec<String>> {
     }
 }
 
-/// Opens an interface or a port, with its lock: no daemon drives it while the lock is held, whatever its user and its runtime
-/// directory. Where the kernel gives no lock, the motors are stopped without.
+/// Opens an interface or a port, with its lock. While the lock is held, no daemon of any user or runtime directory drives
+/// it. Where the kernel gives no lock, the motors are stopped without one.
 fn prepare(bus: &InterfaceFrames, open: Open<'_>) -> Result<(Interface, Option<BusLock>), LeftOut> {
     if bus.baud.is_some() && !Path::new(&bus.interface).exists() {
         let reason = format!("{}: there is no such device", bus.interface);

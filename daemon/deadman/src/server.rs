@@ -1,4 +1,5 @@
-//! The dead man's switch at work: hears registrations, supervises one daemon, and stops its motors when it cannot.
+//! The server of the dead man's switch: accepts registrations, supervises one daemon, and stops its motors when the
+//! daemon cannot.
 
 use crate::heartbeat::{AT_REST, Pulse};
 use motord_bus::{Duration, Instant, Readiness, Ready, clock, wait};
@@ -10,25 +11,26 @@ use crate::interfaces::{Interface, Interfaces};
 use crate::safe_frames::{InterfaceError, SafeFrames};
 use crate::switch::{Cause, Switch};
 
-/// How often the daemon gets a sign of life.
+/// Period of the signs of life to the daemon.
 const BEAT: Duration = Duration::from_millis(20);
-/// A round that is so late was held up by more than other processes: this one was stopped, and another daemon may have begun.
+/// A round that is later than this was not delayed by other processes only: this process was stopped, and another daemon
+/// may have started.
 const FROZEN: Duration = Duration::from_millis(100);
 
-/// Between two lines of the log about callers that asked for nothing.
+/// Least time between two lines of the log about callers without a valid request.
 const REFUSED_PAUSE: Duration = Duration::from_secs(1);
 
-/// The switch of one instance. `O` opens an interface, to send up to so many frames at a time.
+/// The switch of one instance. `O` opens an interface to send up to the given number of frames at a time.
 pub struct Server<O> {
     listener: Listener,
     open: O,
-    /// A connection that has not asked for anything yet. Only the latest: a silent one makes room.
+    /// The latest connection without a request. A newer one replaces it.
     caller: Option<Channel>,
     supervised: Option<Supervised>,
     refused: Refused,
 }
 
-/// Callers that asked for nothing that the switch knows. However many they are, the log has a line a second.
+/// Callers without a valid request. The log reports them in at most one line per second.
 #[derive(Default)]
 struct Refused {
     /// When the next line may be written.
@@ -38,7 +40,7 @@ struct Refused {
 }
 
 impl Refused {
-    /// Counts one more caller. Returns how many there were since the last line, if another line is due.
+    /// Counts one more caller. Returns their number since the last line, if another line is due.
     fn next_line(&mut self, now: Instant) -> Option<u64> {
         self.count += 1;
         if now < self.due {
@@ -64,13 +66,13 @@ struct Watch {
     pulse: Pulse,
     switch: Switch,
     interfaces: Interfaces,
-    /// Whether the log says that only interfaces that refuse are left.
+    /// The log has reported that only interfaces that refuse frames are left.
     stalled: bool,
 }
 
 /// An event that is worth a line in the log.
 enum News {
-    /// Only interfaces that refuse are left.
+    /// Only interfaces that refuse frames are left.
     Stalled(Cause),
     /// Every interface is served, or the daemon has its motors back.
     Over(Cause),
@@ -82,25 +84,25 @@ const CALLER: usize = 1;
 const SUPERVISED: usize = 2;
 
 impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
-    /// A switch that supervises nobody yet.
+    /// Creates a switch that supervises no daemon yet.
     pub fn new(listener: Listener, open: O) -> Self {
         Self { listener, open, caller: None, supervised: None, refused: Refused::default() }
     }
 
-    /// Whether it damps or stops motors.
+    /// Returns true while it damps or stops motors.
     #[must_use]
     pub fn is_acting(&self) -> bool {
         self.supervised.as_ref().is_some_and(|daemon| daemon.watch.switch.acts().is_some())
     }
 
-    /// The interfaces whose motors are still to be damped or stopped; none when it does not act. Allocates.
+    /// Returns the interfaces whose motors are still to be damped or stopped; none when it does not act. Allocates.
     #[must_use]
     pub fn owed(&self) -> Vec<String> {
         let acting = self.supervised.as_ref().filter(|_| self.is_acting());
         acting.map_or_else(Vec::new, |daemon| daemon.watch.interfaces.owed())
     }
 
-    /// Goes on while it acts, at most until `end`. Returns the interfaces that are [owed](Self::owed) then.
+    /// Continues while it acts, at most until `end`. Returns the interfaces that are [owed](Self::owed) then.
     pub fn finish(&mut self, end: Instant) -> Vec<String> {
         while self.is_acting() && clock::monotonic() < end {
             self.turn(end);
@@ -108,10 +110,10 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         self.owed()
     }
 
-    /// Waits until something is due, at most until `until`, and does it. While a daemon is supervised and nobody calls, that
-    /// is two system calls, a third for a sign of life, and while it acts those of one [round](Interfaces::round), which looks for
-    /// at most one interface: that can block while another process configures interfaces. Allocates when somebody calls, when it
-    /// begins to act or is late, and when it logs.
+    /// Waits until something is due, at most until `until`, and does it. While a daemon is supervised and no caller
+    /// connects, that is two system calls, and a third for a sign of life. While it acts, those of one
+    /// [round](Interfaces::round) are added. A round searches for at most one interface, which can block while another process
+    /// configures interfaces. Allocates when a caller connects, when it begins to act or is late, and when it logs.
     pub fn turn(&mut self, until: Instant) {
         let wake = self.supervised.as_ref().map_or(until, |daemon| daemon.watch.due().min(until));
         let ready = wait(&self.readiness(), clock::monotonic(), wake);
@@ -136,8 +138,9 @@ impl<O: FnMut(&str, u32) -> Result<Box<dyn Outlet>, InterfaceError>> Server<O> {
         ]
     }
 
-    /// Does what the caller asks for. Processes of other users get no answer. Allocates. Opening an interface takes
-    /// milliseconds, and longer while another process configures interfaces: meanwhile the motors keep their last command.
+    /// Executes the request of the caller. Processes of other users get no answer. Allocates. Opening an interface takes
+    /// milliseconds, and longer while another process configures interfaces; during that the motors keep their last
+    /// command.
     fn answer_caller(&mut self) {
         let Some(caller) = self.caller.take() else { return };
         let Some(pid) = caller.peer() else { return };
@@ -225,7 +228,7 @@ impl Watch {
     fn step(&mut self, connected: bool, pid: i32) -> Option<News> {
         let acted = self.switch.acts();
         let now = clock::monotonic();
-        // A file that cannot be read any more counts as a heartbeat that stands still.
+        // A file that cannot be read counts as a heartbeat that does not change.
         let heartbeat = self.pulse.read().unwrap_or(self.switch.heartbeat());
         self.switch.step(now, connected, heartbeat);
         let Some(cause) = self.switch.acts() else { return acted.map(News::Over) };
@@ -247,7 +250,7 @@ impl Watch {
         (self.stalled && !logged).then_some(News::Stalled(cause))
     }
 
-    /// A switch that was stopped for a while may find that the dead daemon has a successor, whose registration still waits.
+    /// A switch that was suspended may find that the dead daemon has a successor, whose registration still waits.
     fn leave_successors(&mut self, pid: i32) {
         if let Some(successor) = self.interfaces.leave_driven(pid) {
             tracing::warn!(
