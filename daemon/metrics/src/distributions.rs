@@ -1,16 +1,16 @@
 //! Histograms of all latencies, since the start or the last reset.
 //!
-//! All of them have the same fixed range, 1 ns to 10 s, and three significant digits: they are allocated once, and a value
-//! costs the same whatever came before.
+//! All have the same fixed range, 1 ns to 10 s, and three significant digits. They are allocated once, and
+//! recording a value takes constant time.
 //!
-//! A late wake-up is one event for the cycle thread, but it delays every tick that passes meanwhile (coordinated omission).
-//! So each missed tick leaves a sample of its own for each quantity that had a real value at that tick:
+//! A late wake-up is one event for the cycle thread, but it delays every tick that passes before it (coordinated
+//! omission). So each missed tick adds one sample to each quantity that had a real value at that tick:
 //!
 //! | quantity | sample of a missed tick |
 //! |---|---|
 //! | wake latency | from that tick to the beginning of the cycle after it |
 //! | setpoint age | the age, at that tick, of the setpoint that the cycle before it used: the motors still followed it |
-//! | the others | none. Nothing was sent, answered or published for that tick; it is counted as missed |
+//! | the others | none: for that tick nothing was sent, answered or published. It is counted as missed |
 
 use crate::encoded;
 use crate::histogram::{LATENCY_MAX_NS, histogram};
@@ -21,7 +21,7 @@ use motord_core::cycle::Record;
 use motord_shared::description::{ControlLatency, Histograms, Percentiles, Telemetry};
 use std::borrow::Cow;
 
-/// Control latencies are counted up to so many cycles; longer ones as this many.
+/// Longest control latency that is counted, in cycles. Longer ones count as this.
 const CONTROL_CYCLES: usize = 8;
 
 /// The histograms behind [`Telemetry`].
@@ -74,7 +74,8 @@ impl Publications {
 }
 
 impl Distributions {
-    /// Of a robot with so many joints and groups, whose ticks come every `period`. Allocates everything.
+    /// Creates the histograms of a robot with these numbers of joints and groups, and a tick every `period`.
+    /// Allocates everything.
     #[must_use]
     pub fn new(joints: usize, groups: usize, period: Duration) -> Self {
         let control = || Control { latency: histogram(), cycles: [0; CONTROL_CYCLES] };
@@ -100,7 +101,7 @@ impl Distributions {
         }
     }
 
-    /// Begins everything anew. `dropped` samples were lost since the daemon started.
+    /// Clears all histograms. `dropped` samples were lost since the daemon started.
     pub fn reset(&mut self, dropped: u64) {
         let fresh = Self::new(self.joints.len(), self.control.len(), self.period);
         let last = std::mem::replace(self, fresh);
@@ -110,8 +111,8 @@ impl Distributions {
         self.dropped_before = dropped;
     }
 
-    /// Takes in the measurements of a cycle. Does not allocate; bounded by joints and groups, and after a stall by the ticks of
-    /// 10 s.
+    /// Records the measurements of a cycle. Does not allocate; bounded by joints and groups, and after a stall by
+    /// the ticks of 10 s.
     pub fn record(&mut self, record: &Record) {
         self.totals.cycles += 1;
         self.totals.overruns += record.missed_ticks;
@@ -139,12 +140,13 @@ impl Distributions {
         }
     }
 
-    /// Takes in how long the states of a cycle took from their publication to the clients, ns.
+    /// Records the time from the publication of a cycle's states to the clients, ns.
     pub fn record_delivery(&mut self, delivery_ns: u64) {
         self.delivery.saturating_record(delivery_ns);
     }
 
-    /// The cycle belongs to the last tick that has passed. The ticks before it, from the one that it slept for, were missed.
+    /// The cycle belongs to the last tick that passed. The ticks before it, from the one that it slept for, were
+    /// missed.
     fn record_wake(&mut self, record: &Record) {
         let period = nanos(self.period);
         let late_by = |ticks: u64| record.wake_latency_ns.saturating_sub(ticks.saturating_mul(period));
@@ -170,7 +172,7 @@ impl Distributions {
         self.aged = record.setpoint_age_ns.map(|age| (begun(record), age));
     }
 
-    /// A group's setpoint answers a cycle before this one, so that its publication was taken in.
+    /// A group's setpoint answers an earlier cycle, whose publication is recorded already.
     fn record_control(&mut self, record: &Record) {
         for (control, &answered) in self.control.iter_mut().zip(&record.answered_cycle) {
             let Some(cycles) = record.cycle.checked_sub(answered).filter(|_| answered > 0) else { continue };
@@ -191,7 +193,8 @@ impl Distributions {
         all
     }
 
-    /// Counters and percentiles; nothing of the groups' history. `dropped` samples were lost since the daemon started.
+    /// Returns counters and percentiles, without the groups' history. `dropped` samples were lost since the daemon
+    /// started.
     #[must_use]
     pub fn telemetry(&self, dropped: u64) -> Telemetry {
         let ran = self.first.map_or(Duration::ZERO, |first| self.last.since(first) + self.period);
@@ -214,7 +217,8 @@ impl Distributions {
         }
     }
 
-    /// As many histograms as fit into one answer, from the one with number `from` on. The joints and groups have these names.
+    /// Returns as many histograms as fit into one answer, from number `from` on. The joints and groups have these
+    /// names.
     #[must_use]
     pub fn histograms(&self, from: usize, joints: &[String], groups: &[String]) -> Histograms {
         let robot = self.robot().into_iter().map(|(name, histogram)| (name.to_owned(), histogram));
@@ -252,7 +256,7 @@ impl Distributions {
         self.joints.iter()
     }
 
-    /// Cycles that were run.
+    /// Cycles since the start or the last reset.
     pub(crate) const fn cycles(&self) -> u64 {
         self.totals.cycles
     }
@@ -263,7 +267,7 @@ fn begun(record: &Record) -> Instant {
     record.scheduled + Duration::from_nanos(record.wake_latency_ns)
 }
 
-/// Records `count` values beyond the range; none for zero, with which the library would still raise its largest value.
+/// Records `count` values beyond the range. For a count of zero the library would still raise its largest value.
 fn record_beyond(values: &mut Histogram<u64>, count: u64) {
     if count > 0 {
         values.saturating_record_n(LATENCY_MAX_NS, count);
@@ -281,5 +285,139 @@ fn percentiles(histogram: &Histogram<u64>) -> Percentiles {
 }
 
 #[cfg(test)]
-#[path = "../tests/unit/distributions.rs"]
-mod tests;
+mod tests {
+    use super::*;
+    use motord_core::cycle::Polled;
+    use motord_shared::limits::{GROUPS_MAX, JOINTS_MAX};
+
+    const PERIOD: Duration = Duration::from_millis(1);
+
+    /// The cycle begins with its tick and publishes 700 µs later; the first group begins to use an answer to `answered`.
+    fn record(cycle: u64, answered: u64) -> Record {
+        let mut answered_cycle = [0; GROUPS_MAX];
+        answered_cycle[0] = answered;
+        Record {
+            cycle,
+            scheduled: Instant::ZERO + PERIOD * cycle as u32,
+            wake_latency_ns: 0,
+            transmit_ns: 90_000,
+            cycle_ns: 700_000,
+            setpoint_age_ns: None,
+            answered_cycle,
+            publication_ns: None,
+            polled: Polled::default(),
+            missed: 0,
+            missed_ticks: 0,
+            reply_latency_ns: [0; JOINTS_MAX],
+        }
+    }
+
+    #[test]
+    fn control_latency_spans_states_to_answering_cycle() {
+        let mut distributions = Distributions::new(1, 2, PERIOD);
+        // In time, one cycle late, without a new setpoint, after a record was lost, and from another age.
+        for (cycle, answered) in [(1, 0), (2, 1), (3, 1), (4, 0), (6, 5), (100, 1)] {
+            distributions.record(&record(cycle, answered));
+        }
+        let telemetry = distributions.telemetry(0);
+        assert_eq!(telemetry.control[0].cycles, [2, 1, 0, 0, 0, 0, 0, 1]);
+        assert_eq!(telemetry.control[1], ControlLatency { cycles: vec![0; 8], ..Default::default() });
+        let latency = telemetry.control_latency_us;
+        assert_eq!(latency, telemetry.control[0].control_latency_us);
+        assert_eq!(latency.count, 2, "of those whose states' publication is known");
+        assert!((latency.p50 - 300.0).abs() < 1.0 && (latency.max - 1300.0).abs() < 2.0, "{latency:?}");
+    }
+
+    #[test]
+    fn missed_ticks_count_as_late_until_next_cycle() {
+        let mut distributions = Distributions::new(1, 1, PERIOD);
+        distributions.record(&Record { wake_latency_ns: 40_000, ..record(1, 0) });
+        // The thread sleeps for tick 2 and begins 3.25 ms after it: ticks 2, 3 and 4 are missed, and the cycle is that of tick 5.
+        let stalled = Record { cycle: 5, wake_latency_ns: 3_250_000, missed_ticks: 3, ..record(2, 0) };
+        distributions.record(&stalled);
+        let samples: Vec<u64> =
+            distributions.wake.iter_recorded().map(|value| value.value_iterated_to()).collect();
+        let expected = [40_000, 250_000, 1_250_000, 2_250_000, 3_250_000];
+        assert_eq!(samples, expected.map(|late| distributions.wake.highest_equivalent(late)));
+        assert_eq!(distributions.wake.len(), 5, "one for each tick from 1 to 5");
+        assert_eq!(distributions.cycle.len(), 2, "a missed tick publishes nothing");
+    }
+
+    #[test]
+    fn the_largest_value_is_one_that_was_measured() {
+        let mut distributions = Distributions::new(1, 1, PERIOD);
+        for cycle in 1..4 {
+            distributions.record(&Record {
+                wake_latency_ns: 40_000,
+                setpoint_age_ns: Some(300_000),
+                ..record(cycle, 0)
+            });
+        }
+        let telemetry = distributions.telemetry(0);
+        assert!(telemetry.wake_latency_us.max < 41.0, "{:?}", telemetry.wake_latency_us);
+        assert!(telemetry.setpoint_age_us.max < 301.0, "{:?}", telemetry.setpoint_age_us);
+    }
+
+    #[test]
+    fn missed_tick_ages_setpoint_in_use() {
+        let mut distributions = Distributions::new(1, 1, PERIOD);
+        let aged = |number, age| Record { setpoint_age_ns: age, ..record(number, 0) };
+        distributions.record(&Record { wake_latency_ns: 100_000, ..aged(1, Some(300_000)) });
+        // Ticks 2 and 3 are missed, 0.9 and 1.9 ms after cycle 1 began with a setpoint of 0.3 ms.
+        let stalled = aged(2, Some(500_000));
+        distributions.record(&Record { cycle: 4, wake_latency_ns: 2_100_000, missed_ticks: 2, ..stalled });
+        let ages: Vec<u64> =
+            distributions.setpoint_age.iter_recorded().map(|value| value.value_iterated_to()).collect();
+        let expected = [300_000, 500_000, 1_200_000, 2_200_000];
+        assert_eq!(ages, expected.map(|age| distributions.setpoint_age.highest_equivalent(age)));
+        // No group is active: nobody follows a setpoint at the ticks that are missed then.
+        distributions.record(&aged(5, None));
+        distributions.record(&Record {
+            cycle: 9,
+            wake_latency_ns: 3_000_000,
+            missed_ticks: 3,
+            ..aged(6, None)
+        });
+        assert_eq!(distributions.setpoint_age.len(), 4);
+    }
+
+    #[test]
+    fn stall_of_a_day_counts_every_tick() {
+        let mut distributions = Distributions::new(1, 1, PERIOD);
+        distributions.record(&Record { setpoint_age_ns: Some(0), ..record(1, 0) });
+        let (day, ticks) = (86_400_000_000_000, 86_400_000);
+        distributions.record(&Record {
+            cycle: 2 + ticks,
+            wake_latency_ns: day,
+            missed_ticks: ticks,
+            ..record(2, 0)
+        });
+        assert_eq!(distributions.wake.len(), 2 + ticks);
+        assert_eq!(distributions.setpoint_age.len(), 1 + ticks);
+        assert!(
+            distributions.wake.equivalent(distributions.wake.value_at_quantile(0.5), LATENCY_MAX_NS),
+            "the end of the range"
+        );
+    }
+
+    #[test]
+    fn reset_clears_all_but_next_cycle_data() {
+        let mut distributions = Distributions::new(1, 1, PERIOD);
+        let replied = |cycle, answered, missed| {
+            let mut record = Record { missed, missed_ticks: 0, ..record(cycle, answered) };
+            record.reply_latency_ns[0] = 200_000;
+            record
+        };
+        distributions.record(&replied(1, 0, 7));
+        distributions.record_delivery(5_000);
+        distributions.reset(3);
+        let empty = distributions.telemetry(3);
+        assert_eq!((empty.resets, empty.cycles, empty.missed_replies, empty.dropped_records), (1, 0, 0, 0));
+        assert_eq!((empty.reply_latency_us.count, empty.delivery_us.count), (0, 0));
+        distributions.record(&replied(2, 1, 9));
+        let after = distributions.telemetry(4);
+        assert_eq!((after.cycles, after.missed_replies, after.dropped_records), (1, 2, 1));
+        assert_eq!(after.joints[0].count, 1);
+        assert_eq!(after.control_latency_us.count, 1, "it answers the states before the reset");
+    }
+}

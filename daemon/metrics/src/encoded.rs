@@ -9,14 +9,14 @@ use motord_shared::description::{EncodedHistogram, Histograms};
 use motord_shared::limits::ANSWER_BYTES_MAX;
 use std::borrow::Cow;
 
-/// Bytes of a page beside its histograms.
+/// Bytes of a page without its histograms.
 const PAGE_OVERHEAD: usize = 256;
-/// Bytes of a histogram in a page beside its name and values.
+/// Bytes of a histogram in a page without its name and values.
 const HISTOGRAM_OVERHEAD: usize = 64;
-/// Longest text of a histogram. The longest name leaves so much.
+/// Longest text of a histogram: what the longest name leaves.
 const ENCODED_MAX: usize = ANSWER_BYTES_MAX - 1024;
 
-/// The histograms from number `from` on, as many as fit: one at least, if there is one. `all` are at most
+/// Returns the histograms from number `from` on, as many as fit, and at least one if there is one. `all` are at most
 /// `HISTOGRAMS_MAX`.
 pub(crate) fn page<'a>(
     from: usize,

@@ -1,7 +1,7 @@
 //! The metrics by HTTP, for a Prometheus on this computer.
 //!
-//! One connection at a time, one request each, both bounded: a client that is slow or hostile holds up other readers of the
-//! metrics for a second, and nothing else.
+//! One connection at a time with one request each, both bounded: a slow or hostile client delays other readers of
+//! the metrics by one second, and no other thread.
 
 use crate::latest::Latest;
 use httparse::{EMPTY_HEADER, Request, Status};
@@ -48,7 +48,7 @@ fn serve(stream: TcpStream, latest: &Latest) -> io::Result<()> {
     stream.write_all(body.as_bytes())
 }
 
-/// The page that a request asks for.
+/// Returns the requested page.
 #[derive(Debug, PartialEq, Eq)]
 enum Target {
     Metrics,
@@ -122,7 +122,7 @@ impl Write for Timed {
 mod tests {
     use super::*;
 
-    /// Gives its bytes one by one.
+    /// Returns its bytes one by one.
     struct Slow<'a>(&'a [u8]);
 
     impl Read for Slow<'_> {

@@ -1,8 +1,8 @@
 //! The daemon's measurements: histograms of all latencies ([`Distributions`]), their text for Prometheus ([`Metrics`]), and
-//! the threads that hand that text out ([`Outputs`]).
+//! the threads that serve that text ([`Outputs`]).
 //!
-//! Nothing here is on the real-time path: the cycle and the ipc thread put their samples into rings, and the telemetry thread
-//! takes them out. A sample that finds its ring full is counted, never waited for.
+//! Nothing here is on the real-time path. The cycle and the ipc thread push samples into rings, and the telemetry
+//! thread pops them. A sample that finds its ring full is dropped and counted.
 
 #![forbid(unsafe_code)]
 

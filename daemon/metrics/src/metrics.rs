@@ -35,16 +35,16 @@ const BOUNDS_NS: [u64; 19] = [
 /// Names of the parts of the robot, in the order of the configuration.
 #[derive(Debug, Clone, Default)]
 pub struct Names {
-    /// Of joints and their motors.
+    /// Names of joints and their motors.
     pub joints: Vec<String>,
-    /// Of groups.
+    /// Names of groups.
     pub groups: Vec<String>,
-    /// Of buses.
+    /// Names of buses.
     pub buses: Vec<String>,
 }
 
 impl Names {
-    /// Those of a configuration.
+    /// Returns the names of a configuration.
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         Self {
@@ -55,16 +55,16 @@ impl Names {
     }
 }
 
-/// The counters that only the metrics have, and the names of all.
+/// Counters that exist only in the metrics, and the names of the robot's parts.
 #[derive(Debug)]
 pub struct Metrics {
     names: Names,
-    /// Stops of groups, by the code of their cause; each cause has its place.
+    /// Stops of groups, by cause. Every cause has an entry.
     stops: Vec<(Cause, u64)>,
 }
 
 impl Metrics {
-    /// Of a robot with these names.
+    /// Creates the metrics of a robot with these names.
     #[must_use]
     pub fn new(names: Names) -> Self {
         Self { names, stops: Cause::ALL.iter().map(|cause| (*cause, 0)).collect() }
@@ -76,14 +76,14 @@ impl Metrics {
         &self.names
     }
 
-    /// Takes in an event of the cycle.
+    /// Records an event of the cycle.
     pub fn record(&mut self, event: Event) {
         if let Event::Stopped { cause, .. } = event {
             self.stops.iter_mut().filter(|(known, _)| *known == cause).for_each(|(_, stops)| *stops += 1);
         }
     }
 
-    /// Everything that is known, as text. `state` is a recent one; `dropped` samples were lost since the start.
+    /// Returns all metrics as text. `state` is a recent one; `dropped` samples were lost since the start.
     #[must_use]
     pub fn text(&self, distributions: &Distributions, state: &StateMessage, dropped: u64) -> String {
         let mut families = self.latencies(distributions);
@@ -155,7 +155,7 @@ impl Metrics {
         families
     }
 
-    /// The counters that count modulo 2³² begin anew then, as a counter of Prometheus may.
+    /// Counters of the state count modulo 2³²; a counter of Prometheus may restart at zero.
     fn counters(&self, state: &StateMessage) -> Vec<MetricFamily> {
         let Names { joints, groups, buses } = &self.names;
         let motors = joints.iter().zip(state.joints());
@@ -252,7 +252,8 @@ fn histograms<'a>(
     family(name, help, MetricType::HISTOGRAM, samples.into_iter().map(metric))
 }
 
-/// The values in the buckets, s. A value within 0.1 % of a bound may count on its other side: the histogram knows no more.
+/// Returns the values in buckets, s. A value within 0.1 % of a bound may count on its other side, because the
+/// histogram has three significant digits.
 fn buckets(values: &Distribution<u64>) -> Histogram {
     let mut buckets = Vec::with_capacity(BOUNDS_NS.len());
     let mut recorded = values.iter_recorded().peekable();
@@ -274,5 +275,85 @@ fn buckets(values: &Distribution<u64>) -> Histogram {
 }
 
 #[cfg(test)]
-#[path = "../tests/unit/metrics.rs"]
-mod tests;
+mod tests {
+    use super::*;
+    use motord_bus::Duration;
+
+    fn metrics() -> Metrics {
+        let names = |names: &[&str]| names.iter().map(ToString::to_string).collect();
+        Metrics::new(Names {
+            joints: names(&["hip", "knee"]),
+            groups: names(&["leg"]),
+            buses: names(&["front"]),
+        })
+    }
+
+    fn lines(text: &str, name: &str) -> Vec<String> {
+        let lines = text.lines().filter(|line| line.starts_with(name));
+        lines.map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn bucket_counts_values_up_to_its_bound() {
+        let mut values = crate::histogram::histogram();
+        for value in [900, 1_900, 2_100, 4_000, 700_000, 2_000_000_000] {
+            values.record(value).unwrap();
+        }
+        let histogram = buckets(&values);
+        let counts: Vec<u64> = histogram.get_bucket().iter().map(Bucket::cumulative_count).collect();
+        assert_eq!(counts[..10], [1, 2, 4, 4, 4, 4, 4, 4, 4, 5]);
+        assert_eq!(
+            (counts[18], histogram.get_sample_count()),
+            (5, 6),
+            "the last is above every bound but infinity"
+        );
+        assert!((histogram.get_sample_sum() / 2.000_708_9 - 1.0).abs() < 0.001);
+    }
+
+    #[test]
+    fn the_metrics_of_a_robot_bear_its_names() {
+        let mut metrics = metrics();
+        let mut state = StateMessage { joint_count: 2, group_count: 1, bus_count: 1, ..Default::default() };
+        state.overruns = 12;
+        state.joints[1].missed = 4;
+        state.buses[0].dropped = 5;
+        state.groups[0].phase = Phase::Active.code();
+        state.groups[0].rejected[Rejection::Stale.code() as usize] = 6;
+        metrics.record(Event::Stopped { group: 0, cause: Cause::Overspeed, motor: None, pid: None });
+        let mut distributions = Distributions::new(2, 1, Duration::from_millis(1));
+        distributions.record_delivery(3_000);
+        let text = metrics.text(&distributions, &state, 9);
+        let samples = |name: &str| lines(&text, name);
+        assert_eq!(samples("motord_tick_missed_total"), ["motord_tick_missed_total 12"]);
+        assert_eq!(samples("motord_telemetry_dropped_total"), ["motord_telemetry_dropped_total 9"]);
+        assert_eq!(
+            samples("motord_motor_missed_replies_total{"),
+            [
+                "motord_motor_missed_replies_total{motor=\"hip\"} 0",
+                "motord_motor_missed_replies_total{motor=\"knee\"} 4"
+            ]
+        );
+        assert!(text.contains("motord_bus_tx_dropped_total{bus=\"front\",reason=\"not-accepted\"} 5\n"));
+        assert!(text.contains("motord_setpoint_rejected_total{group=\"leg\",reason=\"stale\"} 6\n"));
+        assert!(text.contains("motord_safe_stop_total{cause=\"overspeed\"} 1\n"));
+        assert!(text.contains("motord_state{group=\"leg\",phase=\"active\"} 1\n"));
+        assert!(text.contains("motord_state{group=\"leg\",phase=\"disarmed\"} 0\n"));
+        assert!(text.contains("motord_delivery_seconds_bucket{le=\"0.000005\"} 1\n"), "{text}");
+        assert_eq!(samples("motord_motor_reply_latency_seconds_count").len(), 2);
+        assert_eq!(
+            samples("# TYPE motord_tick_lateness_seconds"),
+            ["# TYPE motord_tick_lateness_seconds histogram"]
+        );
+    }
+
+    #[test]
+    fn robot_without_state_has_complete_metrics_text() {
+        let distributions = Distributions::new(2, 1, Duration::from_millis(1));
+        let text = metrics().text(&distributions, &StateMessage::default(), 0);
+        assert!(!text.contains("motord_state"), "nothing is made up: {text}");
+        assert_eq!(
+            lines(&text, "motord_tick_lateness_seconds_count"),
+            ["motord_tick_lateness_seconds_count 0"]
+        );
+    }
+}

@@ -1,5 +1,5 @@
-//! The threads that hand out the newest text of the metrics. None of them is real-time, none holds up another one, and a
-//! panic in one ends that output only.
+//! The threads that serve the newest text of the metrics. None is real-time or delays another thread, and a panic
+//! in one ends that output only.
 
 use crate::latest::Latest;
 use crate::{http, textfile};
@@ -9,10 +9,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::Builder;
 
-/// The memory of the process is locked, and the stacks with it.
+/// Stack of each thread. The memory of the process is locked, so all of it is resident.
 const STACK_BYTES: usize = 256 * 1024;
 
-/// Where the metrics go.
+/// The configured outputs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Wanted {
     /// Absolute path of a file for the textfile collector of Prometheus' node exporter.
@@ -26,8 +26,8 @@ pub struct Wanted {
 pub struct Outputs(Arc<Latest>);
 
 impl Outputs {
-    /// Starts the outputs that are wanted; `None` where none is. An output that cannot be started is logged, and missing: a
-    /// robot runs without it.
+    /// Starts the configured outputs. Returns `None` without any. An output that cannot be started is logged, and the
+    /// daemon runs without it.
     #[must_use]
     pub fn start(wanted: &Wanted) -> Option<Self> {
         if *wanted == Wanted::default() {
@@ -53,7 +53,7 @@ impl Outputs {
     }
 }
 
-/// Nobody waits for the thread: it ends with the process.
+/// Starts a detached thread, which ends with the process.
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> io::Result<()> {
     Builder::new().name(name.into()).stack_size(STACK_BYTES).spawn(run).map(drop)
 }

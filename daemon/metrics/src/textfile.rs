@@ -6,10 +6,11 @@ use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-/// Period of the file: Prometheus asks every 15 s as a rule.
+/// Period of the file. Prometheus usually scrapes every 15 s.
 const PERIOD: Duration = Duration::from_secs(5);
 
-/// Writes the newest text to `file` again and again. A file that cannot be written is logged once, until it can be.
+/// Writes the newest text to `file` once per period. A file that cannot be written is logged once, until it can be
+/// written again.
 pub(crate) fn run(file: &Path, latest: &Latest) {
     let mut failed = false;
     loop {
@@ -30,7 +31,7 @@ pub(crate) fn run(file: &Path, latest: &Latest) {
     }
 }
 
-/// Replaces `file`: a reader sees the old text or the new one, never a part.
+/// Replaces `file` atomically: a reader reads the old text or the new one.
 fn replace(file: &Path, text: &str) -> io::Result<()> {
     // The collector reads names that end with .prom only.
     let temporary = file.with_extension("prom.new");
