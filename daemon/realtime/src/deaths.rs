@@ -1,4 +1,4 @@
-//! The deaths of processes, as the kernel tells them: at once, whatever the process did or did not say.
+//! The deaths of processes, as the kernel reports them.
 
 use core::time::Duration;
 use nix::errno::Errno;
@@ -7,7 +7,7 @@ use rustix::process::{Pid, PidfdFlags, pidfd_open};
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
-/// The processes that are watched, at most one in each place.
+/// The processes that are watched, at most one in each slot.
 #[derive(Debug)]
 pub struct Watched {
     epoll: Arc<Epoll>,
@@ -19,7 +19,7 @@ pub struct Watched {
 #[derive(Debug)]
 pub struct Deaths(Arc<Epoll>);
 
-/// Both ends, for so many `places`.
+/// Creates both ends, with this number of slots.
 ///
 /// # Errors
 ///
@@ -31,9 +31,10 @@ pub fn deaths(places: usize) -> Result<(Watched, Deaths), Errno> {
 }
 
 impl Watched {
-    /// Watches the process `pid` of this process namespace instead of the one that was watched in `place`. Its death will be
-    /// reported as `key`. Returns whether there is no such process. Nothing will be reported where there can be no watch: `pid` is
-    /// no process id, Linux is older than 5.3, or no descriptors are left. Three system calls, none of which blocks.
+    /// Watches the process `pid` of this process namespace, in slot `place`, and reports its death as `key`.
+    /// Replaces the watch that the slot had. Returns true when there is no such process. Reports nothing
+    /// where no watch is possible: `pid` is no process id, Linux is older than 5.3, or no descriptors are
+    /// left. Three system calls, none of which blocks.
     pub fn watch(&mut self, place: usize, pid: u32, key: u64) -> bool {
         self.forget(place);
         let (Some(place), Some(pid)) =
@@ -52,7 +53,7 @@ impl Watched {
         false
     }
 
-    /// Watches nothing in `place` any more. A death that was told before may still be read.
+    /// Ends the watch in slot `place`. A death that was reported before may still be read.
     pub fn forget(&mut self, place: usize) {
         if let Some(place) = self.processes.get_mut(place) {
             *place = None;
@@ -61,7 +62,7 @@ impl Watched {
 }
 
 impl Deaths {
-    /// The key of the next process that has ended, each once. Waits at most `time`; one system call.
+    /// Returns the key of the next process that exited, each once. Waits at most `time`; one system call.
     #[must_use]
     pub fn next(&self, time: Duration) -> Option<u64> {
         let mut events = [EpollEvent::empty()];

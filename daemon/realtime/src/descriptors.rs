@@ -1,11 +1,11 @@
-//! File descriptors: as many as all clients together need, and a table of its own for a thread that needs only one.
+//! File descriptors: enough for all clients, and a separate table for a thread that needs only one.
 
 pub use crate::kernel::keep_only;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
-/// Descriptors that a daemon takes with every client that it may have, and as many again.
+/// Twice the descriptors of a daemon with all of its clients.
 const DESCRIPTORS_LEAST: u64 = 512;
-/// More are of no use.
+/// The limit is raised to this at most.
 const DESCRIPTORS_MOST: u64 = 4096;
 
 /// Too few file descriptors.
@@ -15,12 +15,12 @@ const DESCRIPTORS_MOST: u64 = 4096;
      unit, or `ulimit -n`"
 )]
 pub struct TooFewDescriptors {
-    /// Most that this process may have open.
+    /// The limit of this process.
     pub limit: u64,
 }
 
-/// Raises the limit of open files as far as permitted, so that a client which comes late is served like the first. Returns
-/// the limit.
+/// Raises the limit of open files as far as permitted, so that the last client gets descriptors too.
+/// Returns the limit.
 ///
 /// # Errors
 ///

@@ -20,7 +20,7 @@ pub(crate) fn schedule_fifo(priority: u8) -> Result<(), Errno> {
 /// Most groups of a process, as the kernel bounds them (`NGROUPS_MAX`).
 pub const GROUPS_OF_A_PROCESS_MAX: usize = 65_536;
 
-/// The supplementary groups that the process at the other end of `socket` had when it connected, in `groups`.
+/// Stores in `groups` the supplementary groups that the peer of `socket` had when it connected.
 ///
 /// # Errors
 ///
@@ -37,12 +37,12 @@ pub fn peer_groups<'a>(socket: BorrowedFd<'_>, groups: &'a mut [u32]) -> Result<
     Ok(&groups[..(bytes as usize / size_of::<u32>()).min(groups.len())])
 }
 
-/// Gives the calling thread its own table of descriptors, with `keep` and the standard streams in it. All others stay open
-/// for the other threads only: this thread must not use them any more.
+/// Gives the calling thread a separate table of descriptors, with `keep` and the standard streams in it.
+/// All others stay open for the other threads only: this thread must not use them any more.
 ///
 /// # Errors
 ///
-/// `EPERM` or `ENOSYS` from a sandbox or an old kernel; then the thread still shares all descriptors.
+/// `EPERM` or `ENOSYS` from a sandbox or an old kernel: the thread still shares all descriptors.
 pub fn keep_only(keep: BorrowedFd<'_>) -> Result<(), Errno> {
     const STANDARD_STREAMS: u32 = 3;
     unshare(CloneFlags::CLONE_FILES)?;

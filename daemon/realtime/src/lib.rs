@@ -1,5 +1,5 @@
-//! Real-time scheduling and memory for a thread, as far as the machine grants them; file descriptors, other processes and
-//! their deaths, and systemd.
+//! Real-time scheduling and locked memory for a thread, file descriptors, other processes and their deaths,
+//! and systemd.
 
 pub mod deaths;
 pub mod descriptors;
@@ -15,9 +15,9 @@ use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 
-/// Bytes. With a lower limit on locked memory, later allocations of other threads would fail.
+/// Lowest limit of locked memory, bytes. Below it, later allocations of other threads would fail.
 pub const MEMLOCK_LEAST: u64 = 1 << 30;
-/// The stack that the cycle may need. It is touched once, so that it never faults later.
+/// Stack that [`prepare_thread`] touches once, so that it causes no page fault later.
 const STACK_BYTES: usize = 256 * 1024;
 
 /// The scheduling that one thread asks for.
@@ -43,7 +43,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// Logs the outcome for `thread`: a refusal for everybody, with its remedy.
+    /// Logs the outcome for `thread`. A refusal is a warning with its remedy.
     pub fn log(&self, thread: &str) {
         let Self { what, outcome, without, remedy } = *self;
         match outcome {
@@ -91,8 +91,8 @@ pub fn prepare_thread(request: SchedulingRequest) -> Vec<Step> {
     steps
 }
 
-/// Locks all memory of the process, now and later. Refuses with `ENOMEM` where the limit would make later allocations
-/// fail.
+/// Locks all present and future memory of the process. Fails with `ENOMEM` where the limit would make later
+/// allocations fail.
 #[must_use]
 pub fn lock_memory() -> Step {
     let enough = getrlimit(Resource::RLIMIT_MEMLOCK).is_ok_and(|(soft, _)| soft >= MEMLOCK_LEAST);
@@ -130,7 +130,8 @@ pub fn forbid_deep_sleep() -> (Step, Option<File>) {
     (step, opened.ok())
 }
 
-/// Makes timers of this thread fire when they are due, not up to 50 µs later. Matters only without `SCHED_FIFO`.
+/// Makes timers of this thread fire when they are due, not up to 50 µs later. Has an effect only without
+/// `SCHED_FIFO`.
 #[must_use]
 pub fn tighten_timers() -> Step {
     Step {

@@ -1,4 +1,4 @@
-//! Messages to systemd (`sd_notify(3)`). Where systemd does not run this process, they go nowhere.
+//! Messages to systemd (`sd_notify(3)`). They have no effect where systemd does not run this process.
 
 use core::time::Duration;
 use sd_notify::NotifyState;
@@ -11,13 +11,13 @@ pub fn ready() {
     send(&[NotifyState::Ready]);
 }
 
-/// Feeds the watchdog: the process does its work.
+/// Feeds the watchdog.
 pub fn feed_watchdog() {
     send(&[NotifyState::Watchdog]);
 }
 
-/// Reports that the process stops its motors and then ends. That takes at most `damp` and `STOP_MARGIN`, which may be
-/// longer than `TimeoutStopSec=` of the unit: asks for that time.
+/// Reports that the process stops its motors and then ends. Requests `damp` plus `STOP_MARGIN` for that, which
+/// may be longer than `TimeoutStopSec=` of the unit.
 pub fn stopping(damp: Duration) {
     let micros = u32::try_from((damp + STOP_MARGIN).as_micros()).unwrap_or(u32::MAX);
     let time = NotifyState::ExtendTimeoutUsec(micros);
