@@ -1,4 +1,4 @@
-//! Whether the motors are the configured ones: by the lock file, and by their own words before the first cycle.
+//! Checks before the first cycle that the motors are the configured ones: by the lock file, and by what they report.
 //!
 //! A motor with another torque constant or gear ratio gives another torque than it is sent, and nothing on the wire shows that. A
 //! motor that differs is never enabled ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)).

@@ -6,10 +6,10 @@
 //!   └───────── confirmed ──────────┴──────── one word ◀──────┘
 //! ```
 //!
-//! A stop waits behind no other request, and needs nothing that clients can use up: no place, no file, no descriptor that the
-//! other threads share. Before the cycle has it, nothing is allocated or logged for it, and nothing opened but its connection.
-//! Whoever may read, write and enter the runtime directory may stop the robot: its permission bits decide, access control lists
-//! do not count.
+//! A stop waits behind no other request, and needs nothing that clients can exhaust: no slot, no file, no descriptor that the
+//! other threads share. Until the cycle has it, this thread allocates and logs nothing for it, and opens only its connection.
+//! A process that may read, write and enter the runtime directory may stop the robot. Its permission bits decide; access
+//! control lists are ignored.
 
 use crate::telemetry::askers::Askers;
 use motord_bus::{Duration, Instant, clock};
@@ -32,24 +32,24 @@ use std::array::from_fn;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::Arc;
 
-/// Callers that have not asked yet; of more, the one that came first is sent away.
+/// Most callers without a request. A further one replaces the oldest, whose connection is closed.
 const CALLERS_MAX: usize = 64;
-/// Callers taken in a turn.
+/// Most callers accepted in a turn.
 const CALLERS_PER_TURN: usize = 16;
-/// From one turn to the next at least: no flood of callers takes the processor from other threads.
+/// Least time from one turn to the next: a flood of callers must not take the processor from other threads.
 const TURN: Duration = Duration::from_millis(1);
-/// An idle thread checks so often whether the daemon ends.
+/// Period in which an idle thread checks whether the daemon ends.
 const IDLE: Duration = Duration::from_millis(50);
-/// A cycle has so long to carry a stop out.
+/// Longest time for a cycle to execute a stop.
 const CYCLE_PATIENCE: Duration = Duration::from_millis(500);
-/// The pause between two looks whether the cycle has done so.
+/// Period of the checks whether the cycle has executed it.
 const POLL: Duration = Duration::from_micros(200);
 /// Between two lines of the log about stops, and between two tries to get the socket's name.
 const SECOND: Duration = Duration::from_secs(1);
 const BACKLOG: i32 = 128;
 
-/// Serves the socket of `instance` until `ended` is true, in a thread of its own, which loses the descriptors of all others.
-/// Nothing waits for it.
+/// Serves the socket of `instance` until `ended` returns true, in a dedicated thread, which loses the descriptors of all other
+/// threads. No thread waits for it.
 pub fn run(instance: &MotordInstance, stops: Arc<EmergencyStops>, askers: Askers, ended: impl Fn() -> bool) {
     let Some(listener) = await_name(instance, &ended) else { return };
     let mut server = Server {
@@ -67,7 +67,7 @@ pub fn run(instance: &MotordInstance, stops: Arc<EmergencyStops>, askers: Askers
     }
 }
 
-/// The listening socket, as soon as its name is free: it may belong to a predecessor for a moment, and to anybody for longer.
+/// Returns the listening socket as soon as its name is free. An exiting predecessor may hold the name, or any other process.
 fn await_name(instance: &MotordInstance, ended: impl Fn() -> bool) -> Option<OwnedFd> {
     let mut tries = 0_u32;
     while !ended() {
@@ -135,7 +135,7 @@ impl Server {
         clock::sleep_until(begun + TURN);
     }
 
-    /// Sleeps until somebody calls or asks, at most [`IDLE`]. One system call.
+    /// Sleeps until a process connects or sends, at most [`IDLE`]. One system call.
     fn wait(&self) {
         let listener = || PollFd::new(self.listener.as_fd(), PollFlags::POLLIN);
         let mut polled: [PollFd<'_>; CALLERS_MAX + 1] = from_fn(|_| listener());
@@ -194,7 +194,7 @@ impl Server {
     }
 }
 
-/// The caller if it asks for a stop. One that does not, or is gone, is sent away.
+/// Returns the caller if it requests a stop. Closes the connection of one that does not, or has disconnected.
 fn hear(caller: &mut Option<OwnedFd>) -> Option<OwnedFd> {
     let mut message = [0; MESSAGE_BYTES_MAX];
     match recv(caller.as_ref()?.as_raw_fd(), &mut message, MsgFlags::MSG_DONTWAIT) {
@@ -232,7 +232,7 @@ impl Gate {
         }
     }
 
-    /// The caller and its process if that may stop the robot; else it is told, and sent away.
+    /// Returns the caller and its process if that may stop the robot. Otherwise refuses the request and closes the connection.
     fn judge(&mut self, caller: OwnedFd) -> Option<(OwnedFd, UnixCredentials)> {
         self.seen = stat(self.directory.as_c_str()).ok().or(self.seen);
         let peer = getsockopt(&caller, sockopt::PeerCredentials).ok()?;
@@ -246,7 +246,7 @@ impl Gate {
     }
 }
 
-/// The rule of the kernel for a directory, for somebody who wants to read, write and enter it.
+/// Returns true if the kernel would let a process with these ids read, write and enter the directory.
 fn may_enter(directory: &FileStat, uid: u32, gid: u32, groups: &[u32]) -> bool {
     const ALL: u32 = 0o7;
     let bits = if uid == directory.st_uid {

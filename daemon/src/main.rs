@@ -20,7 +20,7 @@ use tracing_subscriber::filter::LevelFilter;
 #[command(
     name = "motord",
     version = VERSION,
-    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stands still\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
+    after_help = "Examples:\n  motord check --config robot.toml    judge a configuration and show how full its buses are\n  motord init --file robot.toml       write a first configuration\n  motord run --config robot.toml      run; SIGTERM or Ctrl-C damps and stops the motors first\n  motord deadman --config robot.toml  damp and stop the motors when that daemon dies or stalls\n  motord completions bash >motord.sh  write the completions for a shell\n  motord manual man                   write the manual pages\n\nExit status: 0 ended on request with every motor stopped, 64 usage, 69 a bus, a service or a motor is unavailable,\n73 a file cannot be written, 75 already running,\n77 no permission, 78 the configuration is refused."
 )]
 struct Arguments {
     /// The least important lines of the log: error, warn, info or debug. Every change of every motor is debug.
@@ -38,7 +38,7 @@ enum Command {
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
         config: PathBuf,
     },
-    /// Be the dead man's switch of the instance: damp and stop its motors when the daemon dies or stands still.
+    /// Run the dead man's switch of the instance: damp and stop its motors when the daemon dies or stalls.
     Deadman {
         /// The configuration.
         #[arg(long, value_name = "FILE", default_value = DEFAULT_CONFIG)]
@@ -119,7 +119,7 @@ fn ended<E: Display>(outcome: Result<(), E>, exit_status: fn(&E) -> u8, out: &mu
     ExitCode::from(exit_status(&error))
 }
 
-/// Runs a command that logs; whoever reads its log, or does not, cannot hold it up.
+/// Runs a command that logs. A reader of the log cannot delay it.
 fn logged<E: Display>(
     most: LevelFilter,
     command: impl FnOnce() -> Result<(), E>,

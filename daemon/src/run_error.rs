@@ -47,7 +47,7 @@ pub enum RunError {
     /// A thread ended that should not.
     #[error("the {0} thread ended unexpectedly: this is a bug, the motors were told to stop")]
     Thread(&'static str),
-    /// Somebody removed a file that clients find the daemon by.
+    /// Another process removed a file by which clients find the daemon.
     #[error(
         "{} was removed or replaced, and no new client could reach this daemon: the motors were told to stop",
         .0.display()

@@ -8,7 +8,7 @@ use motord_realtime::process::program;
 /// Between two failures of the system, such as that no descriptors are left.
 const BACK_OFF: Duration = Duration::from_secs(1);
 
-/// Serves one asker after the other, for ever.
+/// Serves one requester after the other. Never returns.
 pub fn run(listener: &InjectionListener, injectors: &mut Injectors) -> ! {
     loop {
         let served = listener.serve(|line, pid| {

@@ -234,7 +234,7 @@ fn tell(line: &Line) {
     }
 }
 
-/// Prints a line. When nobody reads it any more, the motors are simulated all the same.
+/// Prints a line. The simulation continues when standard output is closed.
 fn say(line: &str) {
     let _unread = writeln!(std::io::stdout(), "{line}");
 }

@@ -78,7 +78,7 @@ impl Log {
             .with_max_level(most)
             .with_ansi(std::io::stderr().is_terminal())
             .with_target(false)
-            // A log that nobody reads any more must not end a thread.
+            // A closed log must not end a thread.
             .log_internal_errors(false);
         match self.for_journal {
             true => lines.without_time().with_level(false).init(),
@@ -86,8 +86,8 @@ impl Log {
         }
     }
 
-    /// Writes the messages of panics from now on. The cycle damps its motors after the message of its panic, and must not
-    /// wait for it either.
+    /// Writes the messages of panics from now on. The cycle damps its motors after the message of its panic, and must not wait
+    /// for the writing.
     pub fn hear_panics(&self) {
         let log = self.clone();
         std::panic::set_hook(Box::new(move |panic| {
@@ -142,7 +142,7 @@ impl Write for Lines {
     }
 }
 
-/// Whether standard error is the stream that systemd gave its journal: its device and inode are in the environment.
+/// Returns true if standard error is the stream of systemd's journal, whose device and inode are in the environment.
 fn is_read_by_journal() -> bool {
     let stream = std::env::var("JOURNAL_STREAM").ok();
     let device_and_inode = std::fs::metadata("/proc/self/fd/2").ok();
@@ -182,5 +182,39 @@ fn write(mut out: impl Write, messages: &Receiver<Message>, dropped: &AtomicU64)
 }
 
 #[cfg(test)]
-#[path = "../../tests/unit/host_log.rs"]
-mod tests;
+mod tests {
+    use super::*;
+    use std::io::{BufRead, BufReader};
+    use std::os::unix::net::UnixStream;
+
+    #[test]
+    fn unread_log_blocks_no_thread_and_counts_drops() {
+        let (reader, writer) = UnixStream::pair().unwrap();
+        let log = Log::to(writer, false).unwrap();
+        for line in 0..100_000 {
+            log.error(&format!("line {line}"));
+        }
+        log.finish();
+        let lines = BufReader::new(reader).lines().map_while(Result::ok);
+        let written: Vec<_> = lines.take_while(|line| !line.contains("dropped")).collect();
+        assert_eq!(written[0], "line 0");
+        assert!(written.len() < 100_000);
+    }
+
+    #[test]
+    fn lines_before_the_end_are_written() {
+        let (reader, writer) = UnixStream::pair().unwrap();
+        let log = Log::to(writer, false).unwrap();
+        log.error("the motors are stopped");
+        log.finish();
+        reader.set_nonblocking(true).unwrap();
+        assert_eq!(BufReader::new(reader).lines().next().unwrap().unwrap(), "the motors are stopped");
+    }
+
+    #[test]
+    fn journal_lines_begin_with_their_priority() {
+        assert_eq!(with_priority(Level::WARN, b"one\ntwo\n"), b"<4>one\n<4>two\n");
+        let priority = |level| with_priority(level, b"x")[1];
+        assert_eq!([Level::ERROR, Level::INFO, Level::DEBUG].map(priority), *b"367");
+    }
+}

@@ -6,7 +6,7 @@ use motord_realtime::systemd;
 /// Period of feeding it: half of `WatchdogSec=` of the unit.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// Feeds the watchdog, from a thread that waits for nobody.
+/// Feeds the watchdog of systemd, from a thread that never waits for another one.
 #[derive(Debug)]
 pub struct Watchdog {
     fed: Instant,

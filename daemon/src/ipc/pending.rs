@@ -2,10 +2,10 @@
 
 /// Requests under their tickets, until their answers come.
 ///
-/// A request that was dropped still stands in the queue of the other thread, so its ticket counts until it is answered:
-/// whoever asks and gives up over and over cannot fill that queue.
+/// A request that was dropped is still in the queue of the other thread, so its ticket counts until it is answered. A client
+/// that sends requests and gives up cannot fill that queue.
 pub(super) struct Pending<R> {
-    /// `None` where nobody waits for the answer any more.
+    /// `None` where no client waits for the answer.
     requests: Vec<(u32, Option<R>)>,
     most: usize,
     next_ticket: u32,
@@ -30,13 +30,13 @@ impl<R> Pending<R> {
         Ok(self.next_ticket)
     }
 
-    /// The request with this ticket, which is answered now; `None` when nobody waits for the answer.
+    /// Removes and returns the request with this ticket; `None` when no client waits for the answer.
     pub(super) fn take(&mut self, ticket: u32) -> Option<R> {
         let place = self.requests.iter().position(|(pending, _)| *pending == ticket)?;
         self.requests.swap_remove(place).1
     }
 
-    /// Drops the requests for whose answers nobody waits. Their tickets stay.
+    /// Drops the requests whose answers no client waits for. Their tickets stay.
     pub(super) fn drop_unless(&mut self, is_awaited: impl Fn(&R) -> bool) {
         for (_, request) in &mut self.requests {
             drop(request.take_if(|request| !is_awaited(request)));

@@ -9,7 +9,7 @@ pub struct Schedule {
     lead: Duration,
     busy_poll: Duration,
     tick: Instant,
-    /// Nobody owned a group, and every group was disarmed, when the newest states were published.
+    /// No group had an owner and every group was disarmed when the newest states were published.
     is_calm: bool,
     /// How late the sleeps of this thread end.
     lateness: Lateness,
@@ -83,11 +83,11 @@ impl Schedule {
         }
     }
 
-    /// The next fetch: `lead` before a cycle, so that a setpoint sent by then is used in it. While nobody may send setpoints and
-    /// nothing moves, there is no such fetch: the thread wakes for new states, or when a cycle does not come.
+    /// Returns the next fetch: `lead` before a cycle, which uses a setpoint that was sent by then. While no client may send
+    /// setpoints and nothing moves, the thread wakes only for new states, or when a cycle is missing.
     fn fetch_after(&self, now: Instant) -> Instant {
         let fetch = self.tick + if self.is_calm { 2 * self.period } else { self.period - self.lead };
-        // Where the cycle stands still, this thread goes on once in a period.
+        // While the cycle stalls, this thread runs once per period.
         [fetch, fetch + self.period].into_iter().find(|fetch| *fetch > now).unwrap_or(now + self.period)
     }
 }

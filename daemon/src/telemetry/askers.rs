@@ -1,18 +1,18 @@
-//! The programs of the processes that asked for something.
+//! The programs of the processes that sent requests.
 //!
-//! A process may have ended when the log tells of it: its name is read while it still waits for its answer.
+//! A process may have exited when the log reports its request, so its name is read while it waits for its answer.
 
 use motord_bus::{Duration, Instant, clock};
 use motord_realtime::process;
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
-/// So many processes are remembered.
+/// Most processes that are remembered.
 const ASKERS_MAX: usize = 64;
-/// A name is not read again for so long: others may ask without pause.
+/// Least time between two reads of a process's name: a process may send requests without pause.
 const FRESH: Duration = Duration::from_secs(1);
 
-/// The last askers and their programs. Clones share them. No call waits for another one: whoever comes second does without.
+/// The last requesters and their programs. Clones share them. No call waits for another one: if the lock is taken, it skips.
 #[derive(Debug, Clone, Default)]
 pub struct Askers(Arc<Mutex<VecDeque<Asker>>>);
 

@@ -2,14 +2,14 @@
 //!
 //! | level | lines |
 //! |---|---|
-//! | error | a group was stopped for a cause, or a motor has a fault: somebody must look |
-//! | warn | a motor went while nothing moved, a bus changed, ticks were missed |
+//! | error | a group was stopped for a cause, or a motor has a fault: an operator must act |
+//! | warn | a motor was lost while nothing moved, a bus changed, ticks were missed |
 //! | info | who asked for what, and what a group does |
 //! | debug | every change of every motor |
 //!
-//! A line that somebody should act on bears a name that `motorctl explain` knows: `cause`, `faults`, `condition`, `why` or `see`.
+//! A line that needs an action has a field that `motorctl explain` accepts: `cause`, `faults`, `condition`, `why` or `see`.
 //!
-//! A motor or bus that changes all the time is summed up once a second, missed ticks once a minute.
+//! Frequent changes of a motor or bus are summed up once a second, missed ticks once a minute.
 
 use super::asked::Asked;
 use super::askers::Askers;
@@ -21,11 +21,11 @@ use motord_shared::message::{ALL_GROUPS, NO_JOINT};
 use motord_shared::{BusCondition, Cause, MotorMode, Operation, Phase, Refusal};
 use std::sync::atomic::Ordering;
 
-/// So many changes of one motor or bus in a second get a line each: a start or a stop makes two.
+/// Changes of one motor or bus that get a line each, per second. A start or a stop makes two.
 const CHANGES_LOGGED: u32 = 4;
-/// So many requests in a second get a line each: one for every group and a few more.
+/// Requests that get a line each, per second: one for every group and a few more.
 const REQUESTS_LOGGED: u32 = 16;
-/// Missed ticks get a line at once, and then one in so many seconds.
+/// Seconds between two lines about missed ticks. The first ones get a line immediately.
 const MISSED_TICKS_PERIOD: u32 = 60;
 
 /// Names for the events, and the counts of the last second.
@@ -183,7 +183,7 @@ impl Log {
         tracing::error!(cycle, motor = motor.name, faults, bits = bits.0, "motor fault: {sentences}");
     }
 
-    /// Who asked for a start, or why the group was stopped, is in another line.
+    /// Another line has the requester of a start, or the cause of a stop.
     fn log_phase(&mut self, cycle: u64, group: usize, phase: Phase) {
         let group = &mut self.groups[group];
         group.phase = phase;

@@ -27,8 +27,8 @@ pub struct Questions {
 }
 
 impl Questions {
-    /// Asks for what `request` says; the answer will bear the same ticket. Without a telemetry thread it never comes. The asker
-    /// bounds how many questions are open.
+    /// Passes `request` to telemetry; the answer has the same ticket. Without a telemetry thread there is none. The caller
+    /// bounds the number of open questions.
     pub fn ask(&self, ticket: u32, request: AdminRequest) {
         let _lost = self.questions.send((ticket, request));
     }

@@ -32,8 +32,8 @@ impl UnexpectedCounts {
         Self(interfaces.collect())
     }
 
-    /// Opens a socket on every interface that has none. Says nothing about one that cannot be opened: whoever opens the
-    /// bus logs that.
+    /// Opens a socket on every interface that has none. An interface that cannot be opened is logged by the opening of its
+    /// bus, not here.
     pub(super) fn open(&mut self) {
         for interface in self.0.iter_mut().filter(|interface| interface.unexpected_ids.is_none()) {
             let link = Link::read(interface.name);

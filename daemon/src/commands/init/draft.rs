@@ -61,7 +61,7 @@ impl Draft {
     ///
     /// # Errors
     ///
-    /// When the robot has no leg, no joint, no bus or too many of them, or a model that nobody knows.
+    /// When the robot has no leg, joint or bus, too many of them, or an unknown model.
     pub fn text(&self, rate_hz: f64, every: u32) -> Result<String, InitError> {
         let (profile, model) = Profile::of_model(&self.model).ok_or_else(|| self.unknown_model())?;
         self.check_counts()?;
