@@ -81,7 +81,7 @@ unsafe impl GlobalAlloc for Counting {
 fn calls_of(threads: [i32; 3], run: impl FnOnce()) -> [(u64, u64); 3] {
     let take = |counter: &AtomicU64| counter.swap(0, Ordering::Relaxed);
     let set = |threads: [i32; 3]| {
-        WATCHED.iter().zip(threads).for_each(|(watched, thread)| watched.store(thread, Ordering::Relaxed))
+        WATCHED.iter().zip(threads).for_each(|(watched, thread)| watched.store(thread, Ordering::Relaxed));
     };
     set(threads);
     run();

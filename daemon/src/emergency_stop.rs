@@ -1,7 +1,7 @@
 //! The thread of the emergency stop's socket, [`motord_ports::stop_socket`].
 //!
 //! ```text
-//! asker ── abstract socket ──▶ this thread ── one word ──▶ cycle ──▶ motors
+//! client ─ abstract socket ──▶ this thread ── one word ──▶ cycle ──▶ motors
 //!   ▲                              │                         │
 //!   └───────── confirmed ──────────┴──────── one word ◀──────┘
 //! ```

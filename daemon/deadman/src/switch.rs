@@ -31,7 +31,7 @@ pub enum Cause {
     #[error("the daemon died")]
     Died,
     /// The heartbeat did not change.
-    #[error("the daemon's cycle stood still")]
+    #[error("the daemon's cycle stalled")]
     StoodStill,
 }
 

@@ -370,7 +370,7 @@ mod tests {
             distributions.setpoint_age.iter_recorded().map(|value| value.value_iterated_to()).collect();
         let expected = [300_000, 500_000, 1_200_000, 2_200_000];
         assert_eq!(ages, expected.map(|age| distributions.setpoint_age.highest_equivalent(age)));
-        // No group is active: nobody follows a setpoint at the ticks that are missed then.
+        // No group is active, so no motor follows a setpoint at the missed ticks.
         distributions.record(&aged(5, None));
         distributions.record(&Record {
             cycle: 9,

@@ -25,7 +25,7 @@ pub(crate) fn run(listener: &TcpListener, latest: &Latest) {
             Ok((stream, _)) => {
                 let _client_is_gone_or_slow = serve(stream, latest);
             }
-            // Perhaps no descriptors are left: then the next attempt would fail at once, too.
+            // If no descriptors are left, an immediate next attempt would fail as well.
             Err(_) => std::thread::sleep(CONNECTION),
         }
     }

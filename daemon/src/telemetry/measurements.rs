@@ -1,4 +1,4 @@
-//! What the cycle measured: histograms and metrics, and the answers and texts that are made of them.
+//! The measurements of the cycle: histograms and metrics, and the answers and texts that come from them.
 
 use super::questions::Answers;
 use motord_core::control::Event;
