@@ -14,6 +14,9 @@ use std::path::Path;
 /// A motor on a wire answers within a millisecond or so. One that is late is asked by `motorctl setup`, which waits longer.
 const PATIENCE: Duration = Duration::from_millis(10);
 
+/// The buses, and the joints whose motors differ from their configuration.
+pub type Judged = (Vec<Box<dyn Bus>>, Vec<usize>);
+
 /// Marks the motors that differ from the configuration, by the lock beside its `file` or by what they report. Logs each
 /// difference with its cure. Returns the buses, and the indices of these motors. Blocks for some milliseconds per motor. Sends stop frames to the motors, and
 /// read requests to native ones.
@@ -21,11 +24,7 @@ const PATIENCE: Duration = Duration::from_millis(10);
 /// # Errors
 ///
 /// When there is a lock file that cannot be read.
-pub fn judge(
-    settings: &Settings,
-    file: &Path,
-    buses: Vec<Box<dyn Bus>>,
-) -> Result<(Vec<Box<dyn Bus>>, Vec<usize>), LockError> {
+pub fn judge(settings: &Settings, file: &Path, buses: Vec<Box<dyn Bus>>) -> Result<Judged, LockError> {
     let mut found = Lock::load(file)?.map_or_else(Vec::new, |lock| mismatches(settings, &lock));
     let (buses, reported): (Vec<_>, Vec<_>) =
         buses.into_iter().enumerate().map(|(index, bus)| ask_bus(settings, index, bus)).unzip();
