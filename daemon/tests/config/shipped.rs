@@ -138,14 +138,7 @@ fn every_effective_limit_says_where_it_comes_from() {
         let row = |line: &&str| line.trim_start().starts_with(key) && line.ends_with(&from);
         assert!(said.lines().any(|line| row(&line)), "{key}: {from} in\n{said}");
     }
-    let keys: Vec<_> =
-        report["joints"][0]["limits"].as_array().unwrap().iter().map(|limit| &limit["key"]).collect();
-    let written = fs::read_to_string(shipped("../docs/configuration.md")).unwrap();
-    let section = written.split("\n## ").find(|section| section.starts_with("[motor.limits]")).unwrap();
-    for row in section.lines().filter_map(|line| line.strip_prefix("| `")) {
-        let key = row.split('`').next().unwrap();
-        assert!(keys.contains(&&serde_json::json!(key)), "{key} is a limit without an origin");
-    }
+    assert_documented_limits_have_origins(&report["joints"][0]);
     let settings = load(&file).expect("is good").settings;
     for (joint, motor) in settings.motors.iter().enumerate() {
         let number = |key: &str| limit(joint, key)["max"].as_f64().map(|max| max as f32);
@@ -155,6 +148,16 @@ fn every_effective_limit_says_where_it_comes_from() {
         assert_eq!(number("following-error-rad"), motor.limits.following_error);
     }
     assert!(said.contains("following-error-rad         not watched"), "{said}");
+}
+
+fn assert_documented_limits_have_origins(joint: &serde_json::Value) {
+    let keys: Vec<_> = joint["limits"].as_array().unwrap().iter().map(|limit| &limit["key"]).collect();
+    let written = fs::read_to_string(shipped("../docs/configuration.md")).unwrap();
+    let section = written.split("\n## ").find(|section| section.starts_with("[motor.limits]")).unwrap();
+    for row in section.lines().filter_map(|line| line.strip_prefix("| `")) {
+        let key = row.split('`').next().unwrap();
+        assert!(keys.contains(&&serde_json::json!(key)), "{key} is a limit without an origin");
+    }
 }
 
 /// With `MOTORD_WRITE_DOCS` set, writes the tables of the reference instead.
