@@ -150,6 +150,7 @@ fn every_effective_limit_says_where_it_comes_from() {
     assert!(said.contains("following-error-rad         not watched"), "{said}");
 }
 
+#[expect(clippy::unwrap_used, reason = "a test may panic")]
 fn assert_documented_limits_have_origins(joint: &serde_json::Value) {
     let keys: Vec<_> = joint["limits"].as_array().unwrap().iter().map(|limit| &limit["key"]).collect();
     let written = fs::read_to_string(shipped("../docs/configuration.md")).unwrap();

@@ -202,6 +202,16 @@ fn journal_names_actor_and_cause_of_each_event() {
     assert!(
         errors[0].contains("cause=\"setpoint-timeout\"") && errors[1].contains("cause=\"emergency-stop\"")
     );
+    assert_events_are_named(&events, &log);
+    let has_priority = |line: &&&String| line.starts_with('<') && line.as_bytes()[2] == b'>';
+    assert!(events.iter().all(|line| has_priority(&line)), "{log}");
+    for (index, line) in events.iter().enumerate() {
+        assert!(!events[..index].contains(line), "twice: {line}");
+    }
+}
+
+/// Checks the level, the words and the process of each event.
+fn assert_events_are_named(events: &[&String], log: &str) {
     let process = format!("pid={}", std::process::id());
     for (level, words) in [
         ("<6>", ["ready", "motors=1"]),
@@ -219,11 +229,6 @@ fn journal_names_actor_and_cause_of_each_event() {
         let found =
             events.iter().any(|line| line.starts_with(level) && words.iter().all(|word| line.contains(word)));
         assert!(found, "{level} {words:?} in\n{log}");
-    }
-    let has_priority = |line: &&&String| line.starts_with('<') && line.as_bytes()[2] == b'>';
-    assert!(events.iter().all(|line| has_priority(&line)), "{log}");
-    for (index, line) in events.iter().enumerate() {
-        assert!(!events[..index].contains(line), "twice: {line}");
     }
 }
 

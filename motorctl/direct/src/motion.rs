@@ -116,6 +116,17 @@ fn check_limits(session: &Session, goal: Goal) -> Result<(), DirectFailure> {
     Err(DirectFailure::Usage(format!("{goal} is outside of the limits of the joint, {low:.3} to {high:.3}")))
 }
 
+impl Bounds {
+    /// Describes the bound that `state` exceeds, if there is one, for a motion from `begin` within `allowed`, rad.
+    fn exceeded(&self, [position, velocity, _]: [f64; 3], begin: f64, allowed: [f64; 2]) -> Option<String> {
+        let (travel, speed) = ((position - begin).abs(), velocity.abs());
+        let leaves = !(allowed[0]..=allowed[1]).contains(&position);
+        (travel > self.max_travel_rad || speed > self.max_rad_s || leaves).then(|| {
+            format!("stopped at a bound: turned {travel:.3} rad, {speed:.2} rad/s, at {position:.3} rad")
+        })
+    }
+}
+
 /// Asks for consent, starts the motor, follows `goal`, and stops it. Returns the last state.
 fn follow(
     mut motor: Native<'_>,
@@ -149,14 +160,7 @@ fn follow(
     let end = Instant::now() + Duration::from_secs_f64(bounds.seconds);
     let mut state = command(&mut motor, goal, bounds.seconds)?;
     while Instant::now() < end && !interrupt.came() {
-        let [position, velocity, _] = state;
-        let travel = (position - begin).abs();
-        let leaves = !(allowed[0]..=allowed[1]).contains(&position);
-        if travel > bounds.max_travel_rad || velocity.abs() > bounds.max_rad_s || leaves {
-            let reason = format!(
-                "stopped at a bound: turned {travel:.3} rad, {:.2} rad/s, at {position:.3} rad",
-                velocity.abs()
-            );
+        if let Some(reason) = bounds.exceeded(state, begin, allowed) {
             return Err(DirectFailure::Unfit { id: motor.address().id, reason });
         }
         interrupt.pause_until(Instant::now() + PERIOD);

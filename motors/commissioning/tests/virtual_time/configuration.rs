@@ -1,7 +1,8 @@
 //! Dumps, applications and journals of configurations, and answers that are refused.
 
 use crate::{START, inject, on_both_wires};
-use motord_bus::{Duration, Instant};
+
+use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
 use motord_commissioning::{Apply, Error, Event, Failed, Link, Native, VirtualTime, changes, identify};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, ExecutionTime, Finite, Refusal, Value};
 
@@ -144,33 +145,35 @@ fn every_fault_is_cleared_on_both_wires() {
     });
 }
 
+/// A bus that answers every request with one result code.
+struct Refuser(u8, Option<Frame>);
+
+impl Bus for Refuser {
+    fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
+        let mut bytes: [u8; 8] = frames[0].payload().try_into().unwrap();
+        let place = match bytes[0] {
+            0x83 | 0x84 => 3,
+            0xA1 | 0xA2 | 0xB4 => 2,
+            _ => 1,
+        };
+        bytes[place] = self.0;
+        self.1 = Some(Frame::classic(FrameId::new(3).unwrap(), bytes));
+        Sent::all(1)
+    }
+    fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
+        if let Some(frame) = self.1.take() {
+            inbox.push(Arrival { at: now, content: Content::Frame(frame) }).unwrap();
+        }
+    }
+    fn readiness(&self) -> Readiness<'_> {
+        if self.1.is_some() { Readiness::At(START) } else { Readiness::Never }
+    }
+}
+
 /// Goal: each result code of Table 5, where each command has it, becomes an error with the document's word; the others keep
 /// their number. Method: a bus that answers every request with one result.
 #[test]
 fn every_result_code_is_error_on_both_wires() {
-    use motord_bus::{Arrival, Bus, Content, Frame, FrameId, Inbox, Readiness, Sent};
-    struct Refuser(u8, Option<Frame>);
-    impl Bus for Refuser {
-        fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
-            let mut bytes: [u8; 8] = frames[0].payload().try_into().unwrap();
-            let place = match bytes[0] {
-                0x83 | 0x84 => 3,
-                0xA1 | 0xA2 | 0xB4 => 2,
-                _ => 1,
-            };
-            bytes[place] = self.0;
-            self.1 = Some(Frame::classic(FrameId::new(3).unwrap(), bytes));
-            Sent::all(1)
-        }
-        fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
-            if let Some(frame) = self.1.take() {
-                inbox.push(Arrival { at: now, content: Content::Frame(frame) }).unwrap();
-            }
-        }
-        fn readiness(&self) -> Readiness<'_> {
-            if self.1.is_some() { Readiness::At(START) } else { Readiness::Never }
-        }
-    }
     for (code, word) in [
         (0x01, "failure"),
         (0x02, "unknown command"),
