@@ -1,7 +1,8 @@
-//! A controller to start from: copy it, and put your control law into `law`.
+//! A controller template: copy it, and insert your control law into `law`.
 //!
-//! It enables its group once, at its start. After a stop, or a restart of the daemon, it sends where the joints are and waits:
-//! a person looks, then runs `motorctl reset GROUP` and `motorctl enable GROUP`. A signal ends it with the motors stopped.
+//! It enables its group once, at its start. After a stop, or a restart of the daemon, it sends the
+//! positions of the joints and waits: a person inspects the robot, then runs `motorctl reset GROUP`
+//! and `motorctl enable GROUP`. A signal ends it with the motors stopped.
 
 use clap::Parser;
 use motord_client::{Claim, Client, DEFAULT_INSTANCE, Error, Phase, Setpoint, Slot, State};
@@ -24,12 +25,13 @@ const EVERY: u32 = 2;
 /// Stiffness, N·m/rad, and damping, N·m·s/rad.
 const KP: f32 = 40.0;
 const KD: f32 = 1.0;
-/// Without a state for this long, the daemon is gone: a shorter stall is no reason to give the robot up.
+/// Time without a state after which the connection counts as lost. Shorter stalls are tolerated.
 const PATIENCE: Duration = Duration::from_secs(1);
 /// Longer than the motors take to be damped and stopped.
 const STOP: Duration = Duration::from_secs(5);
 
-/// Sets the setpoints at `time` after the group became active: each joint swings around its `start`, rad.
+/// Sets the setpoints at `time` after the group became active: each joint swings around its
+/// `start`, rad.
 fn law(claim: &mut Claim, joints: &[Slot], start: &[f32], time: Duration) -> Result<(), Error> {
     for (&joint, start) in joints.iter().zip(start) {
         let position = start + 0.1 * (3.0 * time.as_secs_f32()).sin();
@@ -39,13 +41,13 @@ fn law(claim: &mut Claim, joints: &[Slot], start: &[f32], time: Duration) -> Res
     Ok(())
 }
 
-/// Sets the setpoints to where the joints are, and returns these positions, rad.
+/// Sets the setpoints to the positions of the joints, and returns these positions, rad.
 fn rest(claim: &mut Claim, joints: &[Slot], state: &State) -> Result<Vec<f32>, Error> {
     claim.hold(state, KP, KD)?;
     joints.iter().map(|&joint| Ok(claim.setpoint(joint)?.position)).collect()
 }
 
-/// One connection to the daemon: from the claim to the first error, or to the `end`.
+/// Runs one connection to the daemon: from the claim to the first error, or to the `end`.
 fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result<(), Error> {
     let client = Client::connect(&options.instance)?;
     client.set_silence(PATIENCE);
@@ -69,9 +71,9 @@ fn control(options: &Options, may_enable: &mut bool, end: &AtomicBool) -> Result
                 let begun = *begun.get_or_insert(state.time());
                 law(&mut claim, &joints, &start, state.time() - begun)?;
             }
-            // The setpoints stand while the motors take the robot over.
+            // The setpoints stay constant while the motors start.
             Some(Phase::Starting) => begun = None,
-            // A motor that was lost has no position: it is waited for.
+            // A lost motor has no position: wait for it.
             _ if group.is_heard() => start = rest(&mut claim, &joints, &state)?,
             _ => {}
         }

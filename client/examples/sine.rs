@@ -66,7 +66,8 @@ fn main() -> ExitCode {
     }
 }
 
-/// With a reset, a stop and a refusal pass, too.
+/// Returns `true` if the error is temporary. With a reset, a stop and a refusal are temporary as
+/// well.
 fn passes(error: &Error) -> bool {
     error.is_transient() || matches!(error, Error::Stopped { .. } | Error::Refused { .. })
 }
@@ -107,7 +108,7 @@ fn sine(options: &Options) -> Result<(), Error> {
     }
 }
 
-/// Sets the joint to where it should be at `time`, s after the motion began.
+/// Sets the setpoint of the joint at `time`, s after the motion began.
 fn swing(claim: &mut Claim, slot: Slot, centre: f32, time: f32, options: &Options) -> Result<(), Error> {
     let omega = TAU * options.hz;
     let (sin, cos) = (omega * time).sin_cos();

@@ -1,5 +1,5 @@
-//! Holds every joint of the simulated robot where it is. `--instance demo` and the group `legs` are those of
-//! config/quadruped-simulated.toml; a robot has its own.
+//! Holds every joint of the simulated robot in position. `--instance demo` and the group `legs`
+//! come from config/quadruped-simulated.toml; other robots use other names.
 
 use motord_client::{Client, Error, Phase};
 use std::time::Duration;
@@ -9,7 +9,8 @@ fn main() -> Result<(), Error> {
     let client = Client::connect("demo")?;
     let mut claim = client.claim("legs")?;
 
-    // The daemon starts motors only for an owner that sends setpoints near to where the joints are.
+    // The daemon starts motors only for an owner that sends setpoints near the positions of the
+    // joints.
     claim.hold(&client.wait(patience)?, 20.0, 0.5)?;
     claim.commit()?;
     claim.enable()?;

@@ -45,7 +45,7 @@ fn watch(options: &Options) -> Result<(), Error> {
     Ok(())
 }
 
-/// An error means that nobody reads any more.
+/// Prints a state. Fails when the reader has closed the output.
 fn print(robot: &RobotDescription, state: &State) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "cycle {}, {:.1} ms old", state.cycle(), state.age().as_secs_f64() * 1e3)?;

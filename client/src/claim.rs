@@ -1,4 +1,4 @@
-//! The right to move a group of joints.
+//! The ownership of a group of joints.
 
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject};
 use crate::members::{JointKey, Members, Slot};
@@ -9,23 +9,25 @@ use motord_shared::{Lease, Operation, Phase, SetpointMessage};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// How long dropping a claim may take. A daemon that does not hear of it finds out by the setpoints that stop.
+/// Longest time that dropping a claim takes. Without the message, the daemon detects the end by the
+/// missing setpoints.
 const RELEASE_TIMEOUT: Duration = Duration::from_millis(100);
 
-/// How often a setpoint is repeated until the daemon has it: about a cycle.
+/// Interval at which a setpoint is sent again until the daemon has read it: about a cycle.
 const REPEAT_PERIOD: Duration = Duration::from_millis(1);
 
-/// Ownership of a group. Dropping it releases the group, which stops it when it was active. It belongs to the process that
-/// claims: with the end of that process the claim ends, and a process that it forked cannot go on with it.
+/// Ownership of a group. Dropping it releases the group; an active group is stopped. A claim
+/// belongs to the process that created it and ends with it. A forked process cannot use it.
 ///
-/// Setpoints are given by name, and stay until they are given again: [`set`](Self::set) or [`hold`](Self::hold), then
-/// [`commit`](Self::commit). Or all at once, in the order of the group: [`send`](Self::send).
+/// [`set`](Self::set) and [`hold`](Self::hold) store setpoints by name; each stays until it is
+/// replaced. [`commit`](Self::commit) sends the stored setpoints. [`send`](Self::send) stores and
+/// sends a whole group, in its order.
 #[derive(Debug)]
 pub struct Claim {
     link: Arc<Connection>,
     port: SetpointPort,
     members: Arc<Members>,
-    /// The setpoints; sequence 0 before the first was sent.
+    /// The stored setpoints. The sequence is 0 until the first message is sent.
     message: SetpointMessage,
     /// The joints with a setpoint, one bit each.
     set: u64,
@@ -64,26 +66,27 @@ impl Claim {
         self.members.index
     }
 
-    /// The joints of the group, by index in the description. Setpoints stand in this order.
+    /// Returns the joints of the group, by index in the description. Setpoints have the same order.
     #[must_use]
     pub fn joints(&self) -> &[usize] {
         &self.members.joints
     }
 
-    /// Names of the joints of the group, in the same order.
+    /// Returns the names of the joints of the group, in the same order.
     pub fn names(&self) -> impl ExactSizeIterator<Item = &str> {
         self.members.names.iter().map(String::as_str)
     }
 
-    /// The slot of the joint `name`: a key that saves the comparison of names in every cycle. It is good for this claim only.
+    /// Returns the slot of the joint `name`: a key that saves the comparison of names in each
+    /// cycle. It is valid for this claim only.
     ///
     /// # Errors
-    /// [`Error::UnknownJoint`], which names those of the group.
+    /// [`Error::UnknownJoint`], which lists the joints of the group.
     pub fn slot(&self, name: &str) -> Result<Slot, Error> {
         self.members.slot(name)
     }
 
-    /// The slots of several joints, in the order of `names`: the controller's own order.
+    /// Returns the slots of several joints, in the order of `names`.
     ///
     /// # Errors
     /// Those of [`slot`](Self::slot).
@@ -91,7 +94,7 @@ impl Claim {
         names.into_iter().map(|name| self.slot(name.as_ref())).collect()
     }
 
-    /// The limits of a joint.
+    /// Returns the limits of a joint.
     ///
     /// # Errors
     /// [`Error::UnknownJoint`], [`Error::OtherClaim`].
@@ -99,19 +102,20 @@ impl Claim {
         Ok(self.members.limits[joint.place(&self.members)?])
     }
 
-    /// Gives a joint its setpoint, for [`commit`](Self::commit) to send. It stays until it is given again. Neither allocates
-    /// nor waits.
+    /// Stores the setpoint of a joint, for [`commit`](Self::commit) to send. It stays until it is
+    /// replaced. Neither allocates nor waits.
     ///
     /// # Errors
-    /// [`Error::UnknownJoint`], which names those of the group; [`Error::OtherClaim`]; [`Error::BadSetpoint`] for a value that
-    /// is not finite, or a gain that is negative. The setpoint from before stands then.
+    /// [`Error::UnknownJoint`], which lists the joints of the group; [`Error::OtherClaim`];
+    /// [`Error::BadSetpoint`] for a value that is not finite or a negative gain. The previous
+    /// setpoint remains after an error.
     pub fn set(&mut self, joint: impl JointKey, setpoint: Setpoint) -> Result<(), Error> {
         let place = joint.place(&self.members)?;
         self.put(place, self.members.checked(place, setpoint)?);
         Ok(())
     }
 
-    /// The setpoint of a joint as it was set last; all zero before.
+    /// Returns the stored setpoint of a joint; all zero before the first.
     ///
     /// # Errors
     /// [`Error::UnknownJoint`], [`Error::OtherClaim`].
@@ -119,12 +123,14 @@ impl Claim {
         Ok(Setpoint::from(&self.message.joints[joint.place(&self.members)?]))
     }
 
-    /// Gives every joint the setpoint to stay where it is in `state`, with the stiffness `kp`, N·m/rad, and the damping `kd`,
-    /// N·m·s/rad. An [excluded](crate::Joint::is_excluded) joint is left limp.
+    /// Stores for each joint the setpoint that holds its position in `state`, with the stiffness
+    /// `kp`, N·m/rad, and the damping `kd`, N·m·s/rad. An [excluded](crate::Joint::is_excluded)
+    /// joint gets zero torque.
     ///
     /// # Errors
-    /// [`Error::NotHeard`] naming a joint whose motor has not reported its position, [`Error::BadSetpoint`] for a gain that
-    /// is not finite or negative, [`Error::Restarted`] when the state is of another daemon. No setpoint has changed then.
+    /// [`Error::NotHeard`] naming a joint whose motor has not reported its position;
+    /// [`Error::BadSetpoint`] for a gain that is not finite or negative; [`Error::Restarted`] for a
+    /// state of another daemon. No setpoint changes after an error.
     pub fn hold(&mut self, state: &State, kp: f32, kd: f32) -> Result<(), Error> {
         let members = Arc::clone(&self.members);
         if state.boot_id() != members.boot_id {
@@ -148,11 +154,12 @@ impl Claim {
         Ok(())
     }
 
-    /// Sends the setpoints that were [set](Self::set). Call it in every turn of the controller, also when none has changed:
-    /// the daemon stops a group whose owner says nothing for the setpoint timeout.
+    /// Sends the [stored](Self::set) setpoints. Call it in every cycle of the controller, even if
+    /// nothing changed: the daemon stops a group when its owner sends nothing for the setpoint
+    /// timeout.
     ///
     /// # Errors
-    /// [`Error::NotSet`] naming a joint that was never given a setpoint; those of [`send`](Self::send).
+    /// [`Error::NotSet`] naming a joint without a setpoint; those of [`send`](Self::send).
     pub fn commit(&mut self) -> Result<(), Error> {
         if let Some(place) = (0..self.members.joints.len()).find(|place| self.set >> place & 1 == 0) {
             return Err(Error::NotSet { joint: self.members.names[place].clone() });
@@ -160,17 +167,19 @@ impl Claim {
         self.check_daemon()?;
         self.message.cycle = self.link.answered();
         self.transmit()?;
-        // To look for states takes time. The setpoint does not wait for it.
+        // Polling for states takes time. The setpoint does not wait for it.
         self.refresh()?;
         self.link.check_alive_at(self.message.time_ns)
     }
 
-    /// Sends one setpoint per joint. The newest setpoint wins; what the daemon has not read is replaced. Does not wait.
-    /// Whether it was accepted shows in the counters and the `applied` of the next states.
+    /// Sends one setpoint per joint. The newest setpoint replaces one that the daemon has not read.
+    /// Does not wait. The counters and `applied` of the next states report whether the daemon
+    /// accepted it.
     ///
     /// # Errors
-    /// [`Error::SetpointCount`]; [`Error::Restarted`] with every call after a restart; [`Error::NotRunning`] or
-    /// [`Error::Silent`] when states have stopped. The setpoints may have been sent even so; another daemon does not use them.
+    /// [`Error::SetpointCount`]; [`Error::Restarted`] with each call after a restart;
+    /// [`Error::NotRunning`] or [`Error::Silent`] when no states arrive. The setpoints may have
+    /// been sent nevertheless; another daemon does not use them.
     pub fn send(&mut self, setpoints: &[Setpoint]) -> Result<(), Error> {
         let (expected, received) = (self.members.joints.len(), setpoints.len());
         if expected != received {
@@ -180,15 +189,17 @@ impl Claim {
         self.commit()
     }
 
-    /// Starts the motors of the group, towards the last setpoints that were sent, which must be near to where the joints are.
-    /// They are repeated until the daemon has answered, within a few cycles; from then on the caller must go on sending, or
-    /// [wait for](Self::wait_for) [`Phase::Active`].
+    /// Starts the motors of the group towards the last setpoints sent, which must be near the
+    /// positions of the joints. Repeats them until the daemon answers, within a few cycles.
+    /// Afterwards the caller must continue to send, or [wait for](Self::wait_for)
+    /// [`Phase::Active`].
     ///
     /// # Errors
     /// [`Error::Refused`] with the reason, [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`],
     /// [`Error::NoAnswer`].
     pub fn enable(&mut self) -> Result<(), Error> {
-        // The daemon reads requests and setpoints at different times of a cycle: it could read the request first.
+        // The daemon reads requests and setpoints at different times of a cycle: it could read the
+        // request first.
         let (begun, before) = (Instant::now(), self.message.sequence);
         while before > 0 && !self.is_heard(before)? && begun.elapsed() < ANSWER_TIMEOUT {
             self.transmit()?;
@@ -203,13 +214,15 @@ impl Claim {
         Ok(())
     }
 
-    /// Sleeps until the group is in `phase` or past it, and repeats the last setpoints in every cycle. Call it after
-    /// [`enable`](Self::enable) with [`Phase::Active`], after [`disable`](Self::disable) and before [`reset`](Self::reset)
-    /// with [`Phase::Disarmed`]. It judges states that come after the call only.
+    /// Sleeps until the group is in `phase` or past it, and repeats the last setpoints in each
+    /// cycle. Call it after [`enable`](Self::enable) with [`Phase::Active`]. Call it after
+    /// [`disable`](Self::disable) and before [`reset`](Self::reset) with [`Phase::Disarmed`].
+    /// States published before the call do not count.
     ///
     /// # Errors
-    /// [`Error::Stopped`] at once when the group is stopped while it should start; [`Error::NotReached`] after `timeout`;
-    /// [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`].
+    /// [`Error::Stopped`] immediately when the group is stopped while it should start;
+    /// [`Error::NotReached`] after `timeout`; [`Error::Restarted`], [`Error::NotRunning`],
+    /// [`Error::Silent`].
     pub fn wait_for(&mut self, phase: Phase, timeout: Duration) -> Result<(), Error> {
         let link = Arc::clone(&self.link);
         link.wait_for(self.members.index, phase, timeout, || {
@@ -218,7 +231,8 @@ impl Claim {
         })
     }
 
-    /// Damps and stops the motors of the group. They are stopped once the group is [`Phase::Disarmed`].
+    /// Damps and stops the motors of the group. They are stopped when the group is
+    /// [`Phase::Disarmed`].
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
@@ -226,8 +240,8 @@ impl Claim {
         self.operate(Operation::Disable)
     }
 
-    /// Clears the latched cause of a stop. The group must be [`Phase::Disarmed`]. A controller should leave this to a
-    /// person who has looked at the robot.
+    /// Clears the latched cause of a stop. The group must be [`Phase::Disarmed`]. A controller
+    /// should leave this to a person who has inspected the robot.
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
@@ -235,16 +249,16 @@ impl Claim {
         self.operate(Operation::Reset)
     }
 
-    /// Gives the group up.
+    /// Releases the group.
     ///
     /// # Errors
-    /// Those of [`enable`](Self::enable). The claim is gone in any case.
+    /// Those of [`enable`](Self::enable). The claim ends in any case.
     pub fn release(mut self) -> Result<(), Error> {
         self.released = true;
         self.operate(Operation::Release)
     }
 
-    /// The group, which a [`GroupView`](crate::GroupView) shares with its claim.
+    /// Returns the group, shared by the claim and its [`GroupView`](crate::GroupView)s.
     pub(crate) fn members(&self) -> &Arc<Members> {
         &self.members
     }
@@ -254,17 +268,18 @@ impl Claim {
         self.set |= 1 << place;
     }
 
-    /// Sends the message with the next sequence number and the present time.
+    /// Sends the message with the next sequence number and the current time.
     fn transmit(&mut self) -> Result<(), Error> {
         self.message.sequence += 1;
         self.message.time_ns = clock::now_ns();
         let sent = self.port.send(&self.message);
-        // Sent again, it is no answer to any states.
+        // A repeated message answers no state.
         self.message.cycle = 0;
         sent.map_err(|error| Error::of_service(error, self.link.instance()))
     }
 
-    /// Whether the daemon has accepted a setpoint of this claim that was sent after the one with sequence `before`.
+    /// Returns `true` if the daemon has accepted a setpoint of this claim sent after the one with
+    /// sequence `before`.
     fn is_heard(&self, before: u64) -> Result<bool, Error> {
         self.ready()?;
         let group = self.link.try_group(self.members.index, 0);
@@ -281,19 +296,20 @@ impl Claim {
         Subject { lease: Some(self.members.lease), group: self.members.index, ..Subject::default() }
     }
 
-    /// Whether the daemon that granted the claim lives.
+    /// Checks that the daemon that granted the claim is running.
     fn ready(&self) -> Result<(), Error> {
         self.refresh()?;
         self.link.check_alive()
     }
 
-    /// Takes in the states that have arrived, and checks that they are of the daemon that granted the claim.
+    /// Processes the states that have arrived, and checks that they come from the daemon that
+    /// granted the claim.
     fn refresh(&self) -> Result<(), Error> {
         self.link.refresh()?;
         self.check_daemon()
     }
 
-    /// Checks that no other daemon is known than the one that granted the claim.
+    /// Checks that the newest known daemon is the one that granted the claim.
     fn check_daemon(&self) -> Result<(), Error> {
         if self.link.boot_id() == self.members.boot_id { Ok(()) } else { Err(Error::Restarted) }
     }
@@ -304,7 +320,7 @@ impl Drop for Claim {
         if self.released || self.link.check_alive().is_err() {
             return;
         }
-        // A drop has nobody to tell: the daemon notices the silence if this does not reach it.
+        // The daemon stops the group at the setpoint timeout if it does not receive this request.
         let _ = self.link.ask(Operation::Release, self.subject(), RELEASE_TIMEOUT);
     }
 }

@@ -1,4 +1,4 @@
-//! A process's view of the robot.
+//! A connection to a daemon: states, claims and requests.
 
 use crate::claim::Claim;
 use crate::link::{ANSWER_TIMEOUT, Connection, Subject, View, locked};
@@ -16,34 +16,39 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-/// A state that is late is looked for again after this share of its delay, within these bounds.
+/// A late state is checked for again after its delay divided by this number, within these bounds.
 const LATE_SHARE: u32 = 4;
 const LATE_SLEEP_MIN: Duration = Duration::from_micros(50);
 const LATE_SLEEP_MAX: Duration = Duration::from_millis(5);
-/// A thread that spins looks at the clock after so many looks for a state, some microseconds.
+/// Number of checks for a state between two readings of the clock by a spinning thread: some
+/// microseconds.
 const GLANCES: u32 = 32;
 
-/// Most requests for all histograms: twice as many as there are, since they may begin anew meanwhile.
+/// Limit on requests for all histograms: twice their number, since another client may reset them
+/// meanwhile.
 const HISTOGRAM_PAGES_MAX: usize = 2 * HISTOGRAMS_MAX;
 
 /// A connection to the daemon of one instance.
 ///
-/// Threads may share it: see the [threads](crate#threads) of the crate. Asking for the newest state neither allocates nor
-/// makes a system call, sending a setpoint allocates once; a daemon that comes or goes costs up to a millisecond in the next
-/// call. A request waits for its answer, a cycle or two as a rule and a second at most.
+/// Threads may share it: see the [threads](crate#threads) of the crate. Reading the newest state
+/// neither allocates nor makes a system call. Sending a setpoint allocates once. After a daemon
+/// starts or ends, the next call takes up to a millisecond. A request waits for its answer: usually
+/// a cycle or two, at most a second.
 #[derive(Debug)]
 pub struct Client {
     link: Arc<Connection>,
-    /// The robot that the caller knows. It is another one than the link's until a restart was reported.
+    /// The robot that the caller knows. It differs from the robot of `link` from a restart until a
+    /// call reports it.
     robot: Mutex<Arc<RobotDescription>>,
 }
 
 impl Client {
-    /// Connects to the daemon of `instance`, in the runtime directory that daemon and clients agree on. Takes some
-    /// milliseconds.
+    /// Connects to the daemon of `instance`, in the runtime directory that daemon and clients agree
+    /// on. Takes some milliseconds.
     ///
     /// # Errors
-    /// [`Error::NotRunning`], [`Error::Version`], [`Error::Permission`], and what a wrong name or directory gives.
+    /// [`Error::NotRunning`], [`Error::Version`], [`Error::Permission`], and those of an invalid
+    /// name or directory.
     pub fn connect(instance: &str) -> Result<Self, Error> {
         Self::open(Instance::find(instance).map_err(Error::of_instance)?, ClientPorts::open)
     }
@@ -56,8 +61,9 @@ impl Client {
         Self::open(Instance::below(runtime, instance).map_err(Error::of_instance)?, ClientPorts::open)
     }
 
-    /// Connects to the daemon of `instance` for [`emergency_stop`](Self::emergency_stop): some places are kept for it, however
-    /// many others are connected. Use [`connect`](Self::connect) for everything else, so that these places stay free.
+    /// Connects to the daemon of `instance` for [`emergency_stop`](Self::emergency_stop). It uses
+    /// slots that are reserved for emergency stops, so other clients cannot exhaust them. Use
+    /// [`connect`](Self::connect) for everything else.
     ///
     /// # Errors
     /// Those of [`connect`](Self::connect).
@@ -73,61 +79,64 @@ impl Client {
         Ok(Self { robot: Mutex::new(link.robot()), link: Arc::new(link) })
     }
 
-    /// Names and limits of joints, groups and buses. It changes only when a call returned [`Error::Restarted`].
+    /// Returns names and limits of joints, groups and buses. They change only when a call returns
+    /// [`Error::Restarted`].
     #[must_use]
     pub fn description(&self) -> Arc<RobotDescription> {
         Arc::clone(&locked(&self.robot))
     }
 
-    /// The index of the joint `name`.
+    /// Returns the index of the joint `name`.
     #[must_use]
     pub fn joint(&self, name: &str) -> Option<usize> {
         position(self.description().joints.iter().map(|joint| &joint.name), name)
     }
 
-    /// The index of the group `name`.
+    /// Returns the index of the group `name`.
     #[must_use]
     pub fn group(&self, name: &str) -> Option<usize> {
         position(self.description().groups.iter().map(|group| &group.name), name)
     }
 
-    /// The index of the joint `name`, as [`joint`](Self::joint).
+    /// Returns the index of the joint `name`, as [`joint`](Self::joint).
     ///
     /// # Errors
-    /// [`Error::UnknownJoint`], which names those that there are.
+    /// [`Error::UnknownJoint`], which lists the joints.
     pub fn joint_named(&self, name: &str) -> Result<usize, Error> {
         joint_of(&self.description(), name)
     }
 
-    /// The index of the group `name`, as [`group`](Self::group).
+    /// Returns the index of the group `name`, as [`group`](Self::group).
     ///
     /// # Errors
-    /// [`Error::UnknownGroup`], which names those that there are.
+    /// [`Error::UnknownGroup`], which lists the groups.
     pub fn group_named(&self, name: &str) -> Result<usize, Error> {
         group_of(&self.description(), name)
     }
 
-    /// Sets how long states may stop before the daemon counts as [silent](Error::Silent) or gone; 50 ms, or five cycles
-    /// when they take longer, unless set.
+    /// Sets the time without states after which the daemon counts as [silent](Error::Silent) or
+    /// ended. The default is 50 ms, or five cycles if they are longer.
     pub fn set_silence(&self, silence: Duration) {
         self.link.set_silence(silence);
     }
 
-    /// The newest state, unless it was returned before. Does not wait.
+    /// Returns the newest state, unless it was returned before. Does not wait.
     ///
     /// # Errors
-    /// [`Error::Restarted`], once after each restart; [`Error::Service`] when the connection is damaged or every place is
-    /// taken. States that have stopped are no error here: see [`State::age`].
+    /// [`Error::Restarted`], once after each restart; [`Error::Service`] when the connection is
+    /// damaged or every slot is taken. A lack of new states is no error here: see [`State::age`].
     pub fn newest(&self) -> Result<Option<State>, Error> {
         let mut view = self.link.poll()?;
         self.take(&mut view, 1)
     }
 
-    /// Sleeps until there is a state that was not returned before. Costs the caller a wake-up, 5 to 60 µs: see [`spin`](Self::spin).
+    /// Sleeps until a state arrives that was not returned before. The wake-up takes 5 to 60 µs: see
+    /// [`spin`](Self::spin).
     ///
     /// # Errors
-    /// [`Error::NotRunning`] or [`Error::Silent`] as soon as states have stopped for the silence time; the next call waits
-    /// for its whole `timeout` before it returns that error again. [`Error::Timeout`]; those of [`newest`](Self::newest).
+    /// [`Error::NotRunning`] or [`Error::Silent`] when no state arrives for the silence time. The
+    /// next call waits for its whole `timeout` before it returns that error again.
+    /// [`Error::Timeout`]; those of [`newest`](Self::newest).
     pub fn wait(&self, timeout: Duration) -> Result<State, Error> {
         self.next_of(1, timeout, |link, view, seen, patience| {
             drop(view);
@@ -135,11 +144,13 @@ impl Client {
         })
     }
 
-    /// Sleeps until there is a new state of a cycle whose number is a multiple of `n`, or of the next cycle whose state comes
-    /// if that one was missed: for a controller at an `n`th of the daemon's rate. The first call returns the next state. The call
-    /// sleeps by the clock, until the state should be there: the cycles between wake nobody, and it costs the daemon nothing. A
-    /// state is some 0.1 ms old when the call returns, against 0.05 ms with [`wait`](Self::wait). `timeout` must be longer than
-    /// `n` cycles.
+    /// Sleeps until the state of a cycle whose number is a multiple of `n` arrives, or of the next
+    /// cycle if that one was missed. It serves a controller at an `n`th of the daemon's rate. The
+    /// first call returns the next state.
+    ///
+    /// The call sleeps on a timer until the state is due: other cycles do not wake it, and the
+    /// daemon needs no wake-up call. A state is about 0.1 ms old when the call returns, against
+    /// 0.05 ms with [`wait`](Self::wait). `timeout` must be longer than `n` cycles.
     ///
     /// # Errors
     /// Those of [`wait`](Self::wait).
@@ -154,8 +165,8 @@ impl Client {
         })
     }
 
-    /// Like [`wait`](Self::wait), but keeps looking instead of sleeping: takes a processor core, and gives the state
-    /// within a microsecond.
+    /// Polls for the next state like [`wait`](Self::wait), without sleeping: occupies a processor
+    /// core, and returns the state within a microsecond.
     ///
     /// # Errors
     /// Those of [`wait`](Self::wait).
@@ -175,17 +186,19 @@ impl Client {
         }
     }
 
-    /// Receives every cycle from now on: for a process that records, since a state that was not read is replaced by the next.
+    /// Receives every cycle from now on, for a process that records. Other calls skip states that
+    /// the caller did not read in time.
     ///
     /// # Errors
-    /// [`Error::Service`] when two processes record already, or the connection is damaged; [`Error::NotRunning`] when the
-    /// daemon is gone; [`Error::Version`], also when it is too old to offer records.
+    /// [`Error::Service`] when two processes record already, or the connection is damaged;
+    /// [`Error::NotRunning`] when the daemon has ended; [`Error::Version`], also for a daemon
+    /// without records.
     pub fn records(&self) -> Result<Records, Error> {
         Records::new(Arc::clone(&self.link))
     }
 
-    /// The state of the next `n`th cycle. `pause` gives the view back, and sleeps at most as long as it is told, and not at all
-    /// when a state came since so many were published.
+    /// Returns the state of the next `n`th cycle. `pause` releases the view and sleeps at most for
+    /// the given duration. It does not sleep if a state was published since the given count.
     fn next_of(
         &self,
         n: u64,
@@ -204,7 +217,7 @@ impl Client {
         }
     }
 
-    /// Becomes the owner of `group`, until the claim is released or dropped. One process can own several groups.
+    /// Claims `group`, until the claim is released or dropped. One process can own several groups.
     ///
     /// # Errors
     /// [`Error::UnknownGroup`], [`Error::Refused`] naming the owner, and those of every request.
@@ -232,7 +245,8 @@ impl Client {
         self.operate(Operation::Disable, group)
     }
 
-    /// Clears the latched cause of a stop of `group`, also an emergency stop. Other groups keep theirs.
+    /// Clears the latched cause of a stop of `group`, also an emergency stop. Other groups keep
+    /// their causes.
     ///
     /// # Errors
     /// Those of [`enable`](Self::enable).
@@ -240,11 +254,12 @@ impl Client {
         self.operate(Operation::Reset, group)
     }
 
-    /// Sleeps until `group` is in `phase` or past it, in a state that comes after the call.
+    /// Sleeps until `group` is in `phase` or past it, in a state published after the call.
     ///
     /// # Errors
-    /// [`Error::Stopped`] at once when the group is stopped while it should start; [`Error::NotReached`] after `timeout`;
-    /// [`Error::UnknownGroup`], [`Error::Restarted`], [`Error::NotRunning`], [`Error::Silent`].
+    /// [`Error::Stopped`] immediately when the group is stopped while it should start;
+    /// [`Error::NotReached`] after `timeout`; [`Error::UnknownGroup`], [`Error::Restarted`],
+    /// [`Error::NotRunning`], [`Error::Silent`].
     pub fn wait_for(&self, group: &str, phase: Phase, timeout: Duration) -> Result<(), Error> {
         let robot = self.description();
         let index = group_of(&robot, group)?;
@@ -259,12 +274,13 @@ impl Client {
         self.operate(Operation::ForceRelease, group)
     }
 
-    /// Damps and stops every motor. It asks before it reads any state: first through the daemon's socket for emergency stops,
-    /// where it waits behind no other request, then over this connection. The function
-    /// [`emergency_stop`](crate::emergency_stop) needs no connection.
+    /// Damps and stops every motor. Sends the request before it reads any state: first through the
+    /// daemon's socket for emergency stops, where no other request precedes it, then over this
+    /// connection. The function [`emergency_stop`](crate::emergency_stop) needs no connection.
     ///
     /// # Errors
-    /// Nobody confirmed the stop: [`Error::NotRunning`], [`Error::Permission`], [`Error::NotStopped`].
+    /// The stop is unconfirmed: [`Error::NotRunning`], [`Error::Permission`],
+    /// [`Error::NotStopped`].
     pub fn emergency_stop(&self) -> Result<(), Error> {
         let mut first = FirstWay::send(self.link.instance());
         if first.is_confirmed_soon() {
@@ -278,7 +294,7 @@ impl Client {
         }
     }
 
-    /// Makes the present position of a stopped motor its zero.
+    /// Sets the zero of a stopped motor to its current position.
     ///
     /// # Errors
     /// [`Error::UnknownJoint`], [`Error::Refused`] with the reason, and those of every request.
@@ -294,8 +310,9 @@ impl Client {
         self.service(Operation::ClearFault, joint)
     }
 
-    /// Leaves a joint out of its group, which must be disarmed: its motor gets stop frames only, and its setpoints are ignored.
-    /// The group can be enabled without it if the configuration allows that.
+    /// Excludes a joint from its group, which must be disarmed. Its motor receives stop frames
+    /// only, and the daemon ignores its setpoints. The group can be enabled without it if the
+    /// configuration allows that.
     ///
     /// # Errors
     ///
@@ -304,7 +321,7 @@ impl Client {
         self.service(Operation::Exclude, joint)
     }
 
-    /// Ends the exclusion of a joint. Its motor is looked for again.
+    /// Ends the exclusion of a joint. The daemon searches for its motor again.
     ///
     /// # Errors
     ///
@@ -313,7 +330,8 @@ impl Client {
         self.service(Operation::Include, joint)
     }
 
-    /// Counters and latencies since the daemon started, or since [`reset_telemetry`](Self::reset_telemetry).
+    /// Returns counters and latencies since the daemon started, or since
+    /// [`reset_telemetry`](Self::reset_telemetry).
     ///
     /// # Errors
     /// Those of every request.
@@ -323,10 +341,11 @@ impl Client {
         self.link.read(Operation::Telemetry, 0.0)
     }
 
-    /// The histograms of all latencies. Takes several requests; each histogram is whole, but they are some milliseconds apart.
+    /// Returns the histograms of all latencies. Takes several requests. Each histogram is
+    /// consistent, but they are some milliseconds apart.
     ///
     /// # Errors
-    /// Those of every request; [`Error::Refused`] by a daemon that is older than histograms.
+    /// Those of every request; [`Error::Refused`] by a daemon without histograms.
     pub fn histograms(&self) -> Result<Histograms, Error> {
         self.link.refresh()?;
         self.must_be(self.description().boot_id)?;
@@ -335,7 +354,7 @@ impl Client {
             let from = all.next.unwrap_or_default();
             let page: Histograms = self.link.read(Operation::Histograms, f64::from(from))?;
             if page.resets != all.resets && from > 0 {
-                // Somebody began them anew meanwhile.
+                // Another client reset them meanwhile.
                 all = Histograms::default();
                 continue;
             }
@@ -348,7 +367,8 @@ impl Client {
         Err(Error::NotUnderstood { operation: Operation::Histograms })
     }
 
-    /// Begins counters and latencies anew, for everybody. The daemon's log tells who did.
+    /// Resets counters and latencies, for all clients. The daemon's log names the process that
+    /// requested it.
     ///
     /// # Errors
     /// Those of every request.
@@ -373,22 +393,22 @@ impl Client {
         self.ask(operation, &robot, Subject { joint, ..Subject::default() })
     }
 
-    /// Asks the daemon of `robot`, which gives the indices of `subject` their meaning.
+    /// Sends a request to the daemon of `robot`, which defines the indices in `subject`.
     fn ask(&self, operation: Operation, robot: &RobotDescription, subject: Subject) -> Result<(), Error> {
         self.ready(robot)?;
         self.link.ask(operation, subject, ANSWER_TIMEOUT)?;
         Ok(())
     }
 
-    /// Whether the daemon of `robot` lives.
+    /// Checks that the daemon of `robot` is running.
     fn ready(&self, robot: &RobotDescription) -> Result<(), Error> {
         self.link.refresh()?;
         self.must_be(robot.boot_id)?;
         self.link.check_alive()
     }
 
-    /// The newest state, if nobody took it yet and it is due for a caller who takes every `n`th. The first state after a restart
-    /// is preceded by [`Error::Restarted`].
+    /// Returns the newest state, if it was not taken before and is due for a caller that takes
+    /// every `n`th. [`Error::Restarted`] precedes the first state after a restart.
     fn take(&self, view: &mut MutexGuard<'_, View>, n: u64) -> Result<Option<State>, Error> {
         if view.is_unseen() {
             let known = locked(&self.robot).boot_id;
@@ -399,8 +419,9 @@ impl Client {
         Ok(state)
     }
 
-    /// Fails with [`Error::Restarted`] unless the daemon still has this boot id: after a restart an index may mean another joint.
-    /// Other threads get this error, too, if they still use the robot from before.
+    /// Fails with [`Error::Restarted`] unless the daemon still has this boot id: after a restart an
+    /// index may mean another joint. Other threads also get this error if they still use the
+    /// previous robot.
     fn must_be(&self, boot_id: u64) -> Result<(), Error> {
         if self.link.boot_id() == boot_id {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Errors between a controller and the daemon, as sentences that say what to do next.
+//! Errors between a controller and the daemon, with a sentence that advises what to do.
 
 use crate::state::Group;
 use motord_ports::permission::advice;
@@ -28,47 +28,48 @@ pub enum Error {
         /// Its runtime directory.
         runtime: PathBuf,
     },
-    /// The daemon lives but publishes no states. Calls work again once it does.
+    /// The daemon runs but publishes no states. Calls work again once it does.
     #[error("motord published no state for {silent_for:?}: it is stopped or overloaded; see its log")]
     Silent {
         /// Time since its last state.
         silent_for: Duration,
     },
-    /// No new state came in the time given to the call; the daemon is not overdue yet.
+    /// No new state arrived in the time given to the call; the daemon is not overdue yet.
     #[error("no new state within {waited:?}: allow at least two cycles")]
     Timeout {
         /// The time given.
         waited: Duration,
     },
-    /// Another daemon runs this instance now. Every claim is void, and joints and groups may have changed: look names
-    /// up again, then claim again. A client returns this error once per restart, a void claim always.
+    /// Another daemon runs this instance now. Every claim is void, and joints and groups may have
+    /// changed: query names again, then claim again. A client returns this error once per restart,
+    /// a void claim always.
     #[error("motord was restarted: claim the group again")]
     Restarted,
-    /// Client and daemon do not have the same layouts.
+    /// The layouts of client and daemon differ.
     #[error(
         "this client (motord {client}) and the daemon have different layouts of the service {service:?} ({daemon}): \
          install the same version of both, and restart every process of the older version"
     )]
     Version {
-        /// Which service.
+        /// The service.
         service: &'static str,
         /// The client's version.
         client: &'static str,
         /// The daemon's layout.
         daemon: String,
     },
-    /// The user may not use the instance.
+    /// The user lacks the permission to use the instance.
     #[error("permission denied for {}: {}", path.display(), advice(path))]
     Permission {
-        /// The path that may not be used.
+        /// The inaccessible path.
         path: PathBuf,
     },
     /// The daemon refused the operation.
     #[error("motord refused to {operation}: {}{about}", refusal.sentence())]
     Refused {
-        /// The operation that was asked for.
+        /// The requested operation.
         operation: Operation,
-        /// Why not.
+        /// The reason.
         refusal: Refusal,
         /// The subject of the refusal.
         about: About,
@@ -99,7 +100,7 @@ pub enum Error {
         /// Setpoints given.
         received: usize,
     },
-    /// A joint of the group was given no setpoint yet.
+    /// A joint of the group has no setpoint yet.
     #[error("joint {joint} has no setpoint: a group is sent whole, so set every joint, or hold it, first")]
     NotSet {
         /// The joint.
@@ -110,22 +111,23 @@ pub enum Error {
     BadSetpoint {
         /// The joint.
         joint: String,
-        /// Why it would be rejected.
+        /// The reason for the rejection.
         rejection: Rejection,
     },
-    /// The motor has not reported its position since it is online.
-    #[error("joint {joint} has not reported where it is: check that its motor has power")]
+    /// The motor has not reported its position since it came online.
+    #[error("joint {joint} has not reported its position: check that its motor has power")]
     NotHeard {
         /// The joint.
         joint: String,
     },
-    /// The [`Slot`](crate::Slot) is of another claim, whose joints may be others: look it up again.
-    #[error("the slot is of another claim: look it up again after each claim")]
+    /// The [`Slot`](crate::Slot) belongs to another claim, whose joints may differ: query it again.
+    #[error("the slot belongs to another claim: query it again after each claim")]
     OtherClaim,
-    /// The claim no longer owns its group: the owner said nothing for too long, or somebody took the group away. Claim again.
+    /// The claim no longer owns its group: the owner sent no setpoint for too long, or another
+    /// process released the group. Claim again.
     #[error(
-        "group {group} no longer belongs to this claim: its owner said nothing for too long, or somebody released it; claim \
-         it again"
+        "group {group} no longer belongs to this claim: its owner sent no setpoint for too long, or another process \
+         released it; claim it again"
     )]
     ClaimLost {
         /// The group.
@@ -136,10 +138,10 @@ pub enum Error {
     Stopped {
         /// The group.
         group: String,
-        /// Why.
+        /// The reason.
         stop: Stop,
     },
-    /// The group did not come to the phase in the time given to the call.
+    /// The group did not reach the phase in the time given to the call.
     #[error(
         "group {group} is {} after {waited:?}, not {expected}",
         phase.map_or("in an unknown phase", Phase::name)
@@ -147,38 +149,39 @@ pub enum Error {
     NotReached {
         /// The group.
         group: String,
-        /// The phase of the group. `None` when no state came, or for a code that this client does not know.
+        /// The phase of the group. `None` when no state arrived, or for a code that this client
+        /// does not know.
         phase: Option<Phase>,
-        /// The phase that was waited for.
+        /// The expected phase.
         expected: Phase,
         /// The time given.
         waited: Duration,
     },
-    /// The daemon did not answer a request in time. Whether it was carried out is unknown.
+    /// The daemon did not answer a request in time. The request may have been executed.
     #[error("motord did not answer {operation} within {waited:?}: {}", without_answer(*operation))]
     NoAnswer {
-        /// The operation that was asked for.
+        /// The requested operation.
         operation: Operation,
         /// The time given.
         waited: Duration,
     },
-    /// Nobody confirmed an emergency stop. Whether it was carried out is unknown.
+    /// The emergency stop is unconfirmed. The daemon may have executed it.
     #[error(
         "the emergency stop is not confirmed: {socket}{}",
         services.as_ref().map_or_else(String::new, |error| format!("; {error}"))
     )]
     NotStopped {
-        /// Why the daemon's socket did not confirm it.
+        /// The failure of the daemon's socket.
         socket: StopError,
-        /// Why the services did not. `None` when they did not answer.
+        /// The failure of the services. `None` when they did not answer.
         services: Option<Box<Error>>,
     },
     /// This client cannot decode the daemon's answer.
     #[error(
-        "motord's answer to {operation} is not understood: install the same version of client and daemon"
+        "this client cannot decode motord's answer to {operation}: install the same version of client and daemon"
     )]
     NotUnderstood {
-        /// The operation that was asked for.
+        /// The requested operation.
         operation: Operation,
     },
     /// The instance's name or directory cannot be used.
@@ -189,7 +192,7 @@ pub enum Error {
     Service(#[from] ServiceError),
 }
 
-/// Advice for a caller whose request for `operation` was not answered.
+/// Returns advice for a caller whose request for `operation` was not answered.
 fn without_answer(operation: Operation) -> &'static str {
     match operation {
         Operation::Describe | Operation::Telemetry | Operation::Histograms | Operation::ResetTelemetry => {
@@ -200,8 +203,8 @@ fn without_answer(operation: Operation) -> &'static str {
 }
 
 impl Error {
-    /// The exit status for a process that ends because of this, after `sysexits.h`: 64 usage, 69 unavailable,
-    /// 76 protocol, 77 permission.
+    /// Returns the exit status for a process that ends because of this error, after `sysexits.h`:
+    /// 64 usage, 69 unavailable, 76 protocol, 77 permission.
     #[must_use]
     pub const fn exit_status(&self) -> u8 {
         match self {
@@ -218,9 +221,9 @@ impl Error {
         }
     }
 
-    /// Whether the same program may succeed later without anybody's help, by trying again or by claiming again: the daemon
-    /// comes back, an owner leaves, a motor gets power. Not transient are a mistake of the program or the installation, and a
-    /// stop or a fault that a person must look at.
+    /// Returns `true` if a retry or a new claim may succeed without a person: the daemon
+    /// reconnects, an owner leaves, or a motor gets power. Mistakes of the program or the
+    /// installation are not transient. Neither are stops and faults, which a person must inspect.
     #[must_use]
     pub const fn is_transient(&self) -> bool {
         match self {
@@ -235,7 +238,7 @@ impl Error {
             | Self::NotStopped { .. } => true,
             Self::Refused { refusal, .. } => refusal.is_transient(),
             Self::Stopped { stop, .. } => matches!(stop, Stop::Starting),
-            // A daemon that starts removes what is damaged, and a client may come in the midst of that.
+            // A starting daemon removes damaged files, and a client may connect meanwhile.
             Self::Service(error) => matches!(error.obstacle, Obstacle::Full { .. } | Obstacle::Damaged),
             Self::Version { .. }
             | Self::Permission { .. }
@@ -275,7 +278,7 @@ impl Error {
         Self::Version { service: part.name(), client: env!("CARGO_PKG_VERSION"), daemon }
     }
 
-    /// The refusal that `code` stands for.
+    /// Returns the refusal with this code.
     pub(crate) fn refused(operation: Operation, code: u32, detail: u32, robot: &RobotDescription) -> Self {
         match Refusal::try_from(code) {
             Ok(refusal) => Self::Refused { operation, refusal, about: About::of(refusal, detail, robot) },
@@ -283,7 +286,8 @@ impl Error {
         }
     }
 
-    /// Adds to a refusal that names a joint where that joint stands, `position`, rad, and its limits.
+    /// Adds the position of the joint, `position`, rad, and its limits to a refusal that names a
+    /// joint.
     pub(crate) fn at(mut self, position: Option<f32>, robot: &RobotDescription) -> Self {
         if let Self::Refused { about, .. } = &mut self
             && let (About::Joint(name), Some(position)) = (&*about, position)
@@ -295,28 +299,28 @@ impl Error {
     }
 }
 
-/// Why a group does not follow setpoints.
+/// The reason why a group does not follow setpoints.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Stop {
-    /// No cause is latched: nobody enabled the group since it was last stopped.
+    /// No cause is latched: the group was not enabled since its last stop.
     Disabled,
-    /// It was enabled, and is still starting.
+    /// The group is enabled, and still starting.
     Starting,
-    /// It was stopped, and the cause is latched until a reset.
+    /// The group was stopped, and the cause is latched until a reset.
     Cause {
         /// The cause.
         cause: Cause,
-        /// The joint that gave it, if one did.
+        /// The joint that caused the stop, if any.
         joint: Option<String>,
-        /// Id of the process that asked for it, if one did.
+        /// Id of the process that requested the stop, if any.
         pid: Option<u32>,
     },
-    /// It was stopped for a cause that this client does not know.
+    /// The group was stopped for a cause that this client does not know.
     Unknown,
 }
 
 impl Stop {
-    /// The stop of `group`, which is latched. `joint` is the name of the joint that gave the cause.
+    /// Returns the latched stop of `group`. `joint` is the name of the joint that caused it.
     pub(crate) fn of(group: &Group, joint: Option<String>) -> Self {
         let pid = group.cause_pid;
         group.cause.map_or(Self::Unknown, |cause| Self::Cause { cause, joint, pid })
@@ -347,15 +351,15 @@ impl fmt::Display for Stop {
 /// The subject of a refusal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum About {
-    /// Nothing in particular.
+    /// No subject.
     Nothing,
     /// The process that owns the group.
     Process(u32),
     /// A joint, by name.
     Joint(String),
-    /// A joint and where it stands: `fl-knee is at 0.00 rad, outside -2.70 to -0.50`.
+    /// A joint and its position: `fl-knee is at 0.00 rad, outside -2.70 to -0.50`.
     Position(String),
-    /// The cause that is latched.
+    /// The latched cause.
     Cause(Cause),
 }
 
@@ -390,7 +394,7 @@ mod tests {
     use motord_shared::description::{JointDescription, JointLimits};
     use motord_shared::message::NO_JOINT;
 
-    /// These refusals are about one joint. Every other refusal names none.
+    /// The refusals about one joint. Every other refusal names none.
     const OF_A_JOINT: [Refusal; 13] = [
         Refusal::MotorOffline,
         Refusal::MotorFault,

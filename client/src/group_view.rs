@@ -1,4 +1,4 @@
-//! The part of a state that a claim is about.
+//! The part of a state that belongs to a claim.
 
 use crate::members::{JointKey, Members};
 use crate::{Claim, Error, Group, Joint, State, Stop};
@@ -14,11 +14,12 @@ pub struct GroupView<'a> {
 }
 
 impl State {
-    /// The group of `claim` in this state. Does not allocate.
+    /// Returns the group of `claim` in this state. Does not allocate.
     ///
     /// # Errors
-    /// [`Error::Restarted`] when the claim is of another daemon than the state; [`Error::ClaimLost`] when the claim no longer
-    /// owns the group; [`Error::NotUnderstood`] when the state lacks a joint of the group.
+    /// [`Error::Restarted`] when claim and state belong to different daemons; [`Error::ClaimLost`]
+    /// when the claim no longer owns the group; [`Error::NotUnderstood`] when the state lacks a
+    /// joint of the group.
     pub fn of(&self, claim: &Claim) -> Result<GroupView<'_>, Error> {
         let members = Arc::clone(claim.members());
         if self.boot_id() != members.boot_id {
@@ -35,25 +36,25 @@ impl State {
 }
 
 impl GroupView<'_> {
-    /// The group itself: phase, latched cause, counters.
+    /// Returns the group itself: phase, latched cause, counters.
     #[must_use]
     pub fn group(&self) -> Group {
         self.group
     }
 
-    /// Where the group is between standing still and following setpoints. `None` for a code that this client does not know.
+    /// Returns the phase of the group. `None` for a code that this client does not know.
     #[must_use]
     pub fn phase(&self) -> Option<Phase> {
         self.group.phase
     }
 
-    /// The group follows setpoints.
+    /// Returns `true` if the group follows setpoints.
     #[must_use]
     pub fn is_active(&self) -> bool {
         self.group.phase == Some(Phase::Active)
     }
 
-    /// Why the group was stopped; `None` when no cause is latched.
+    /// Returns the reason why the group was stopped; `None` when no cause is latched.
     #[must_use]
     pub fn stop(&self) -> Option<Stop> {
         let name = |joint| {
@@ -75,15 +76,15 @@ impl GroupView<'_> {
         Err(Error::Stopped { group: self.members.name.clone(), stop })
     }
 
-    /// A joint, by its name or slot.
+    /// Returns a joint, by its name or slot.
     ///
     /// # Errors
-    /// [`Error::UnknownJoint`], which names those of the group; [`Error::OtherClaim`].
+    /// [`Error::UnknownJoint`], which lists the joints of the group; [`Error::OtherClaim`].
     pub fn joint(&self, joint: impl JointKey) -> Result<Joint, Error> {
         Ok(self.at(joint.place(&self.members)?))
     }
 
-    /// The position of a joint, rad.
+    /// Returns the position of a joint, rad.
     ///
     /// # Errors
     /// Those of [`joint`](Self::joint); [`Error::NotHeard`] while the motor has not reported it.
@@ -93,26 +94,27 @@ impl GroupView<'_> {
         self.at(place).position().ok_or_else(unheard)
     }
 
-    /// The positions of all joints, rad, in the order of the group. Allocates.
+    /// Returns the positions of all joints, rad, in the order of the group. Allocates.
     ///
     /// # Errors
-    /// [`Error::NotHeard`] while a motor has not reported its position, also that of an excluded joint.
+    /// [`Error::NotHeard`] while a motor, also of an excluded joint, has not reported its position.
     pub fn positions(&self) -> Result<Vec<f32>, Error> {
         self.members.names.iter().map(|name| self.position(name)).collect()
     }
 
-    /// Every joint of the group with its name, in the order of the group.
+    /// Returns every joint of the group with its name, in the order of the group.
     pub fn joints(&self) -> impl ExactSizeIterator<Item = (&str, Joint)> {
         self.members.names.iter().enumerate().map(|(place, name)| (name.as_str(), self.at(place)))
     }
 
-    /// Every motor of the group has reported its position since it is online. Those of excluded joints need not.
+    /// Returns `true` if every motor of the group has reported its position since it came online.
+    /// Excluded joints do not count.
     #[must_use]
     pub fn is_heard(&self) -> bool {
         self.joints().all(|(_, joint)| joint.is_excluded() || joint.position().is_some())
     }
 
-    /// [`State::of`] has checked that the state has every joint of the group.
+    /// [`State::of`] has checked that the state contains every joint of the group.
     fn at(&self, place: usize) -> Joint {
         self.state.joint(self.members.joints[place]).expect("the state has every joint of the group")
     }

@@ -1,11 +1,11 @@
-//! The state of a joint, as codes instead of numbers.
+//! The state of a joint, with codes as enums instead of numbers.
 
 use motord_shared::message::{JOINT_FRESH, JOINT_VALID};
 use motord_shared::{Applied, Fault, Field, JointState, Limit, MotorMode};
 use std::fmt;
 use std::time::Duration;
 
-/// The type of a row's kind in the client library.
+/// Type of a row's kind in the client library.
 macro_rules! view_type {
     ([Optional]) => { Option<f32> };
     ([Command]) => { Applied };
@@ -17,7 +17,7 @@ macro_rules! view_type {
     ([Time]) => { u64 };
 }
 
-/// The value of a row's kind in the client library.
+/// Value of a row's kind in the client library.
 macro_rules! view {
     ([Optional], $value:expr) => {
         Some($value).filter(|value| value.is_finite())
@@ -62,14 +62,14 @@ macro_rules! define {
             $(
                 #[doc = $measured_doc]
                 #[doc = concat!("\n\nUnit: ", $measured_unit, ".")]
-                /// `None` while nothing was received since the motor came online.
+                /// `None` until the motor has reported it after coming online.
                 #[must_use]
                 pub fn $measured(&self) -> Option<f32> {
                     self.measured(self.$measured)
                 }
             )+
 
-            /// The measured quantities with their descriptions.
+            /// Returns the measured quantities with their descriptions.
             pub fn quantities(&self) -> impl Iterator<Item = (&'static Field, Option<f32>)> {
                 JointState::FIELDS.iter().zip([$(self.$measured(),)+])
             }
@@ -90,7 +90,8 @@ macro_rules! define {
 motord_shared::joint_state!(define);
 
 impl Joint {
-    /// The group runs without this joint. Its motor need not be connected, and its setpoints are ignored.
+    /// Returns `true` if the group runs without this joint. Its motor need not be connected, and
+    /// its setpoints are ignored.
     #[must_use]
     pub fn is_excluded(&self) -> bool {
         self.mode == Some(MotorMode::Excluded)
@@ -106,36 +107,37 @@ impl Joint {
 pub struct Faults(u32);
 
 impl Faults {
-    /// The motor reports no fault.
+    /// Returns `true` if the motor reports no fault.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether the motor reports `fault`.
+    /// Returns `true` if the motor reports `fault`.
     #[must_use]
     pub const fn contains(self, fault: Fault) -> bool {
         self.0 & fault.bit() != 0
     }
 
-    /// The faults that have a word, lowest bit first.
+    /// Returns the faults with a name, lowest bit first.
     pub fn iter(self) -> impl Iterator<Item = Fault> {
         Fault::ALL.iter().copied().filter(move |fault| self.contains(*fault))
     }
 
-    /// The bits as the daemon sent them: the number of an [unrecognised](Fault::Unrecognised) fault is the highest byte.
+    /// Returns the bits as the daemon sent them. The highest byte is the number of an
+    /// [unrecognised](Fault::Unrecognised) fault.
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
     }
 
-    /// The bits that no word stands for.
+    /// Returns the bits without a name.
     #[must_use]
     pub fn unknown(self) -> u32 {
         self.iter().fold(self.0, |rest, fault| rest & !fault.bit())
     }
 
-    /// The names of the faults; the bits without a word as one number.
+    /// Returns the names of the faults; the bits without a name as one number.
     pub fn names(self) -> impl Iterator<Item = String> {
         let unknown = Some(self.unknown()).filter(|unknown| *unknown != 0);
         self.iter().map(|fault| fault.name().to_owned()).chain(unknown.map(|bits| format!("{bits:#x}")))
@@ -156,19 +158,19 @@ impl fmt::Display for Faults {
 pub struct Limits(u32);
 
 impl Limits {
-    /// No limit acted.
+    /// Returns `true` if no limit acted.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether `limit` acted.
+    /// Returns `true` if `limit` acted.
     #[must_use]
     pub const fn contains(self, limit: Limit) -> bool {
         self.0 & limit.bit() != 0
     }
 
-    /// The limits that acted.
+    /// Returns the limits that acted.
     pub fn iter(self) -> impl Iterator<Item = Limit> {
         Limit::ALL.iter().copied().filter(move |limit| self.contains(*limit))
     }

@@ -1,25 +1,28 @@
-//! The client of motord: connect, own a group of joints, read its states, send setpoints.
+//! The client of motord: connect, claim a group of joints, read its states, send setpoints.
 //!
 //! # Start
 //!
-//! The daemon runs, and knows each joint by name: `motord run --config config/quadruped-simulated.toml` is a simulated robot,
-//! the instance `demo` with the group `legs`. Positions are in rad, velocities in rad/s, torques in N·m, stiffness in N·m/rad,
-//! damping in N·m·s/rad, on the joint's side of the gear. This is `client/examples/start.rs`:
+//! The daemon runs, and knows each joint by name.
+//! `motord run --config config/quadruped-simulated.toml` simulates a robot: the instance `demo` with
+//! the group `legs`.
+//! Positions are in rad, velocities in rad/s, torques in N·m, stiffness in N·m/rad, damping in
+//! N·m·s/rad, on the joint's side of the gear. This is `client/examples/start.rs`:
 //!
 //! ```no_run
 #![doc = include_str!("../examples/start.rs")]
 //! ```
 //!
-//! `client/examples/controller.rs` is a whole controller in less than 100 lines: copy it, and put your control law into it. It
-//! runs at 500 Hz, and survives stops, faults, lost motors and restarts of the daemon; a signal ends it with the motors
-//! stopped. `cargo run -p motord-client --example controller -- --instance demo --group legs` moves the simulated robot; `hold`, `sine` and
-//! `watch` are smaller.
+//! `client/examples/controller.rs` is a whole controller in less than 100 lines: copy it, and
+//! insert your control law. It runs at 500 Hz and survives stops, faults, lost motors and restarts
+//! of the daemon. A signal ends it with the motors stopped.
+//! `cargo run -p motord-client --example controller -- --instance demo --group legs` moves the
+//! simulated robot. `hold`, `sine` and `watch` are smaller.
 //!
 //! # States and setpoints, by name
 //!
-//! [`State::of`] gives the joints of a claimed group. [`Claim::set`] gives a joint its setpoint, which stays until the next
-//! call for that joint. [`Claim::commit`] sends those of the whole group: call it in every cycle of the controller, also when
-//! nothing changed.
+//! [`State::of`] returns the joints of a claimed group. [`Claim::set`] stores the setpoint of a
+//! joint until the next call for that joint. [`Claim::commit`] sends those of the whole group: call
+//! it in every cycle of the controller, even if nothing changed.
 //!
 //! ```no_run
 //! # use motord_client::{Claim, Client, Error, Setpoint};
@@ -37,10 +40,12 @@
 //! # }
 //! ```
 //!
-//! A joint that was never heard has no position: [`Joint::position`] is `None`, and [`GroupView::position`] an error. The
-//! limits of a joint are [`Claim::limits`]; the limits that changed its last setpoint are [`Joint::limits`].
+//! A joint without a reply has no position: [`Joint::position`] is `None`, and
+//! [`GroupView::position`] an error. [`Claim::limits`] returns the limits of a joint.
+//! [`Joint::limits`] contains the limits that changed its last setpoint.
 //!
-//! A controller that has its own order of joints looks each joint up once, and uses [slots](Slot) instead of names:
+//! A controller with another order of joints queries each joint once, and uses [slots](Slot)
+//! instead of names:
 //!
 //! ```no_run
 //! # use motord_client::{Claim, Error, Setpoint, State};
@@ -60,39 +65,47 @@
 //!
 //! # Timing
 //!
-//! The daemon's cycle has a fixed grid, 1 ms by default. In cycle *k* it sends commands, collects the replies, and
-//! publishes the states; shortly before cycle *k + 1*, by the *lead* (`lead-us`, 20 µs by default), it fetches the
-//! newest setpoint of each owner:
+//! The daemon's cycle has a fixed grid, 1 ms by default. In cycle *k* it sends commands, collects
+//! the replies, and publishes the states. Shortly before cycle *k + 1*, by the *lead* (`lead-us`,
+//! 20 µs by default), it fetches the newest setpoint of each owner:
 //!
 //! ```text
 //!  tick k            states of k                       setpoints   tick k+1
 //!    | commands, replies | <---- the controller's time ---> | lead   |
 //! ```
 //!
-//! A controller wakes with [`Client::wait`]. If it sends its setpoint before the lead begins, the next cycle uses the setpoint:
-//! one cycle from measurement to command. The cycle after that uses a later setpoint, which is counted in [`Group::late`].
+//! A controller wakes with [`Client::wait`]. If it sends its setpoint before the lead begins, the
+//! next cycle uses the setpoint: one cycle from measurement to command. Otherwise the cycle after
+//! that uses it, and [`Group::late`] counts it.
 //!
 //! | call | for | costs |
 //! |---|---|---|
 //! | [`Client::wait`] | a turn in every cycle | a wake-up: 5 to 60 µs, the more the deeper the processor sleeps |
-//! | [`Client::wait_cycles`] | a turn in every `n`th cycle; the others wake nobody | a wake-up of some 100 µs |
-//! | [`Client::spin`] | a turn in every cycle, at once | a core of its own |
+//! | [`Client::wait_cycles`] | a turn in every `n`th cycle, without other wake-ups | a wake-up of some 100 µs |
+//! | [`Client::spin`] | a turn in every cycle, with the shortest delay | a dedicated core |
 //!
-//! The newest setpoint holds until the daemon's setpoint timeout (`description().setpoint_timeout`), after which the group is
-//! damped, stopped, and stays so until someone resets it. [`Group::setpoint_age`] is the age of the setpoint in use.
+//! The newest setpoint holds until the daemon's setpoint timeout
+//! (`description().setpoint_timeout`). Then the daemon damps and stops the group, until a reset.
+//! [`Group::setpoint_age`] is the age of the setpoint in use.
 //!
-//! # When things end
+//! # Ends and errors
 //!
-//! - The controller ends, crashes or hangs: the group is damped and stopped. Dropping a [`Claim`] releases the group.
-//! - The daemon ends or hangs: calls return [`Error::NotRunning`] or [`Error::Silent`] once states have stopped for
-//!   50 ms, or for five cycles if they take longer. Its motors are damped without the controller's help.
-//! - The daemon is back: the next call returns [`Error::Restarted`] once, then the [`Client`] works again, with the new
-//!   [`Client::description`]. Claims are void and must be made anew; no joint moves before someone enables its group.
-//! - The group is stopped, for an emergency stop, a fault, a lost motor: [`GroupView::stop`] is the cause, with the joint and
-//!   what to do. The claim stays valid. Leave the reset to a person who has looked at the robot.
-//! - The controller was not heard for too long, or somebody took the group away: [`Error::ClaimLost`].
+//! - The controller ends, crashes or hangs: the daemon damps and stops the group. Dropping a
+//!   [`Claim`] releases the group.
+//! - The daemon ends or hangs: calls return [`Error::NotRunning`] or [`Error::Silent`] after 50 ms
+//!   without a state, or after five cycles if they are longer. Its motors are damped without the
+//!   controller.
+//! - The daemon restarts: the next call returns [`Error::Restarted`] once. Then the [`Client`]
+//!   works again, with the new [`Client::description`]. Claims are void: claim again. No joint
+//!   moves before its group is enabled.
+//! - The daemon stops the group, for an emergency stop, a fault or a lost motor:
+//!   [`GroupView::stop`] returns the cause, with the joint and advice. The claim stays valid. Leave
+//!   the reset to a person who has inspected the robot.
+//! - The daemon received no setpoint for too long, or another process released the group:
+//!   [`Error::ClaimLost`].
 //!
-//! [`Error::is_transient`] tells the errors after which the same program may try again from those that need a person:
+//! [`Error::is_transient`] separates the errors after which the same program may retry from those
+//! that need a person:
 //!
 //! ```no_run
 //! # use motord_client::Error;
@@ -109,9 +122,10 @@
 //!
 //! # Threads
 //!
-//! Threads may share a [`Client`], and a [`Claim`] may be handed to another thread. Each state is given to one of the threads
-//! that ask for it: two control loops need a client each. A thread that waits for a state delays neither the setpoints nor the
-//! emergency stop of another thread. Ordinary requests of one client run one after the other; an emergency stop waits for none.
+//! Threads may share a [`Client`], and move a [`Claim`] to another thread. Only one of the waiting
+//! threads gets each state: two control loops need a client each. A thread that waits for a state
+//! delays neither the setpoints nor the emergency stop of another thread. Ordinary requests of one
+//! client run one after the other; an emergency stop waits for none.
 
 #![forbid(unsafe_code)]
 

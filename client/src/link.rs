@@ -2,13 +2,14 @@
 //!
 //! | lock | held |
 //! |---|---|
-//! | `view` | while a state is taken in, microseconds |
+//! | `view` | while a state is processed, microseconds |
 //! | `robot` | while a pointer is copied |
-//! | `ordinary` | while an ordinary request is under way, a second at most |
-//! | `stop` | while an emergency stop is under way, a second at most |
+//! | `ordinary` | while an ordinary request runs, a second at most |
+//! | `stop` | while an emergency stop runs, a second at most |
 //!
-//! A thread that sleeps until the next state holds none. Sending a setpoint waits for none but `robot`: it only tries `view`,
-//! which a spinning thread holds most of the time. An emergency stop waits for none but another emergency stop.
+//! A thread that sleeps until the next state holds no lock. Sending a setpoint waits only for
+//! `robot`: it only tries `view`, which a spinning thread holds most of the time. An emergency stop
+//! waits only for another emergency stop.
 
 use crate::error::{Error, Stop};
 use crate::state::{Group, Places, State};
@@ -25,13 +26,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
-/// How long an answer may take. The daemon answers within a cycle or two; a machine that stalls gets some more.
+/// Longest time to wait for an answer. The daemon answers within a cycle or two; the rest allows
+/// for stalls of the machine.
 pub(crate) const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// How often a request looks for its answer: well below a cycle.
+/// Interval at which a request checks for its answer: well below a cycle.
 const ANSWER_POLL: Duration = Duration::from_micros(200);
 
-/// How often a refusal looks for a first state, to tell the position of its joint.
+/// Number of checks for a first state, to report the position of a refused joint.
 const POSITION_TRIES: u32 = 5;
 
 /// Shortest time without a state after which the daemon counts as silent, in cycles and as a time.
@@ -56,7 +58,7 @@ impl Subject {
             group: index(self.group),
             joint: index(self.joint),
             pid: std::process::id(),
-            // Only an owner's process is watched.
+            // The daemon watches only the process of an owner.
             pid_namespace: if operation == Operation::Claim { pid_namespace() } else { 0 },
             argument: self.argument,
         }
@@ -69,9 +71,10 @@ pub(crate) struct Connection {
     instance: Instance,
     ports: ClientPorts,
     view: Mutex<View>,
-    /// As the daemon described it whose states arrive. It is another one after a restart, with another boot id.
+    /// The description from the daemon whose states arrive. A restart replaces it, with another
+    /// boot id.
     robot: Mutex<Arc<RobotDescription>>,
-    /// The boot id of `robot`: it is compared in every cycle, without a lock.
+    /// The boot id of `robot`, for the comparison in every cycle without a lock.
     boot_id: AtomicU64,
     ordinary: Mutex<()>,
     stop: Mutex<()>,
@@ -79,17 +82,18 @@ pub(crate) struct Connection {
     cycle: AtomicU64,
     /// Number of the cycle whose state was last given to the caller.
     taken: AtomicU64,
-    /// When a state was last taken in, ns of `CLOCK_MONOTONIC`. Before the first state: when one was first looked for, or 0.
+    /// Time of the last received state, ns of `CLOCK_MONOTONIC`. Before the first state: time of
+    /// the first check for one, or 0.
     heard_ns: AtomicU64,
-    /// Longest time without a state that is no error, ns: as the caller set it, or 0 for the default one.
+    /// Longest time without a state that is no error, ns: set by the caller, or 0 for the default.
     silence_ns: AtomicU64,
     default_silence_ns: AtomicU64,
 }
 
-/// The states that a thread takes in at a time.
+/// The number of states that a thread reads at a time.
 #[derive(Debug, Clone, Copy)]
 enum Wanted {
-    /// Every state that has arrived: the last may be of another daemon.
+    /// Every state that has arrived: the last may come from another daemon.
     All,
     /// One state of the known daemon.
     One,
@@ -101,20 +105,21 @@ pub(crate) struct View {
     newest: Option<State>,
     places: Places,
     unseen: bool,
-    /// Number of the last cycle whose state was taken, of this daemon; 0 before the first.
+    /// Number of the last cycle of this daemon whose state was taken; 0 before the first.
     taken: u64,
-    /// From a tick to the publication of its state as a rule, ns: a cycle that was late does not count much.
+    /// Usual time from a tick to the publication of its state, ns: late cycles have a small weight.
     publish_delay_ns: u64,
     silence_reported: bool,
 }
 
 impl View {
-    /// Whether there is a state that nobody took yet.
+    /// Returns `true` if no caller has taken the newest state.
     pub(crate) fn is_unseen(&self) -> bool {
         self.unseen
     }
 
-    /// The newest state, if nobody took it yet and its cycle is due for one who takes every `n`th.
+    /// Returns the newest state, if it was not taken before and its cycle is due for a caller that
+    /// takes every `n`th.
     pub(crate) fn take_unseen(&mut self, n: u64) -> Option<State> {
         let due = self.due(n);
         let state = self.newest.as_ref().filter(|state| self.unseen && state.cycle() >= due)?;
@@ -122,8 +127,8 @@ impl View {
         Some(state.clone())
     }
 
-    /// How long after now the next `n`th cycle should be published; zero when it is late, `None` while nothing is known. The
-    /// second value is how late it is.
+    /// Returns the time until the next `n`th cycle should be published, zero when it is late. The
+    /// second value is its delay. `None` before the first state.
     pub(crate) fn due_in(&self, n: u64, period: Duration) -> Option<(Duration, Duration)> {
         let newest = self.newest.as_ref()?;
         let cycles = u32::try_from(self.due(n).saturating_sub(newest.cycle())).unwrap_or(u32::MAX);
@@ -134,12 +139,12 @@ impl View {
         Some((distance(due_ns, now_ns), distance(now_ns, due_ns)))
     }
 
-    /// Number of the first cycle after the last one that was taken whose number is a multiple of `n`.
+    /// Returns the number of the first multiple of `n` after the last cycle that was taken.
     fn due(&self, n: u64) -> u64 {
         if self.taken == 0 { 0 } else { (self.taken / n + 1).saturating_mul(n) }
     }
 
-    /// Makes `state` the newest one. The state of another daemon begins everything anew.
+    /// Stores `state` as the newest one. The state of another daemon resets the view.
     fn put(&mut self, state: State) {
         let same_daemon = self.newest.as_ref().is_some_and(|newest| newest.boot_id() == state.boot_id());
         let delay_ns = state.publish_ns().saturating_sub(state.tick_ns());
@@ -155,7 +160,7 @@ impl View {
         self.silence_reported = false;
     }
 
-    /// A thread may bring a state later than another thread brings its successor.
+    /// Compares cycles: another thread may have stored a later state before this one.
     fn is_newer(&self, state: &State) -> bool {
         self.newest
             .as_ref()
@@ -164,7 +169,7 @@ impl View {
 }
 
 impl Connection {
-    /// Connects to the daemon of `instance`, over the ports that `open` gives.
+    /// Connects to the daemon of `instance`, over the ports that `open` returns.
     pub(crate) fn open(
         instance: Instance,
         open: fn(Attachment) -> Result<ClientPorts, ServiceError>,
@@ -190,18 +195,18 @@ impl Connection {
         Ok(link)
     }
 
-    /// Takes in the states that have arrived, and gives the newest. One of another daemon makes it read the description of
-    /// the robot first, which may take up to [`ANSWER_TIMEOUT`].
+    /// Processes the states that have arrived, and returns the newest. After a state of another
+    /// daemon, first reads the description of the robot, which may take up to [`ANSWER_TIMEOUT`].
     pub(crate) fn poll(&self) -> Result<MutexGuard<'_, View>, Error> {
         self.take_in(locked(&self.view), Wanted::All)
     }
 
-    /// As [`poll`](Self::poll), but one state of the known daemon is enough.
+    /// Works like [`poll`](Self::poll), but stops after one state of the known daemon.
     pub(crate) fn glance(&self) -> Result<MutexGuard<'_, View>, Error> {
         self.take_in(locked(&self.view), Wanted::One)
     }
 
-    /// As [`poll`](Self::poll), unless another thread does so at this moment.
+    /// Works like [`poll`](Self::poll), but skips when another thread holds the view.
     pub(crate) fn refresh(&self) -> Result<(), Error> {
         self.try_view().map_or(Ok(()), |view| self.take_in(view, Wanted::All).map(drop))
     }
@@ -248,22 +253,25 @@ impl Connection {
         Ok(view)
     }
 
-    /// The number of states so far, for [`sleep`](Self::sleep). To be asked for before the look for a state.
+    /// Returns the number of states so far, for [`sleep`](Self::sleep). Call it before checking for
+    /// a state.
     pub(crate) fn published(&self) -> Option<u32> {
         self.ports.published()
     }
 
-    /// Sleeps until the daemon has published more than `seen` states, at most for `at_most`. May end early.
+    /// Sleeps until the daemon has published more than `seen` states, at most for `at_most`. May
+    /// return early.
     pub(crate) fn sleep(&self, seen: Option<u32>, at_most: Duration) -> Result<(), Error> {
         self.ports.sleep(seen, at_most).map_err(|error| match error.obstacle {
-            // The file went with its daemon.
+            // The file was removed with its daemon.
             Obstacle::Version if !process_exists(self.robot().pid) => self.gone(),
             _ => Error::of_service(error, &self.instance),
         })
     }
 
-    /// How long a caller that has waited for `waited` of `timeout` may go on. A silence is an error as soon as it lasts too
-    /// long; a caller that tries again in spite of it waits for its full time.
+    /// Returns how long a caller that has waited for `waited` of `timeout` may continue. The first
+    /// caller gets an error when the silence is too long; a caller that retries waits for its full
+    /// time.
     pub(crate) fn patience(
         &self,
         view: &mut View,
@@ -282,21 +290,21 @@ impl Connection {
         Ok(if view.silence_reported { left } else { left.min(until_silence) })
     }
 
-    /// The group of the newest state, taken or not, of a cycle after `since`. `None` also when another thread has the state at
-    /// this moment.
+    /// Returns the group of the newest state, taken or not, of a cycle after `since`. Returns
+    /// `None` also while another thread holds the view.
     pub(crate) fn try_group(&self, index: usize, since: u64) -> Option<Group> {
         let view = self.try_view()?;
         view.newest.as_ref().filter(|state| state.cycle() > since)?.group(index)
     }
 
-    /// Number of the newest cycle whose state has been published; 0 before the first.
+    /// Returns the number of the newest published cycle; 0 before the first.
     pub(crate) fn newest_cycle(&self) -> Result<u64, Error> {
         drop(self.poll()?);
         Ok(self.cycle())
     }
 
-    /// Sleeps until a state that comes from now on shows the group in `phase` or past it. `meanwhile` is done once a cycle,
-    /// and must [take in](Self::refresh) the states.
+    /// Sleeps until a state that arrives after the call contains the group in `phase` or past it.
+    /// Calls `meanwhile` once a cycle, which must [process](Self::refresh) the states.
     pub(crate) fn wait_for(
         &self,
         index: usize,
@@ -323,7 +331,8 @@ impl Connection {
         }
     }
 
-    /// Whether `group` is in `phase` or past it. A group that was stopped does not start any more.
+    /// Returns `true` if `group` is in `phase` or past it. Fails for a stopped group, which does
+    /// not start until a reset.
     fn has_reached(&self, index: usize, group: &Group, phase: Phase) -> Result<bool, Error> {
         use Phase::{Active, Damping, Disarmed, Starting};
         let (robot, name) = (self.robot(), self.name_of(index));
@@ -343,37 +352,37 @@ impl Connection {
         self.robot().groups.get(index).map_or_else(String::new, |group| group.name.clone())
     }
 
-    /// Number of the newest state's cycle; 0 before the first.
+    /// Returns the number of the newest state's cycle; 0 before the first.
     pub(crate) fn cycle(&self) -> u64 {
         self.cycle.load(Ordering::Relaxed)
     }
 
-    /// The caller has the state of `cycle` now: its next setpoint answers it.
+    /// Records that the caller has the state of `cycle`: its next setpoint answers this state.
     pub(crate) fn taken(&self, cycle: u64) {
         self.taken.store(cycle, Ordering::Relaxed);
     }
 
-    /// Number of the cycle whose state the caller has; 0 before the first.
+    /// Returns the number of the cycle whose state the caller has; 0 before the first.
     pub(crate) fn answered(&self) -> u64 {
         self.taken.load(Ordering::Relaxed)
     }
 
-    /// The robot of the daemon whose states arrive.
+    /// Returns the robot of the daemon whose states arrive.
     pub(crate) fn robot(&self) -> Arc<RobotDescription> {
         Arc::clone(&locked(&self.robot))
     }
 
-    /// Of the daemon whose states arrive.
+    /// Returns the boot id of the daemon whose states arrive.
     pub(crate) fn boot_id(&self) -> u64 {
         self.boot_id.load(Ordering::Acquire)
     }
 
-    /// [`Error::NotRunning`] or [`Error::Silent`] when states have stopped.
+    /// Fails with [`Error::NotRunning`] or [`Error::Silent`] when states do not arrive.
     pub(crate) fn check_alive(&self) -> Result<(), Error> {
         self.check_alive_at(clock::now_ns())
     }
 
-    /// As [`check_alive`](Self::check_alive), where the caller gives the present time.
+    /// Works like [`check_alive`](Self::check_alive), with the current time from the caller.
     pub(crate) fn check_alive_at(&self, now_ns: u64) -> Result<(), Error> {
         if self.quiet_at(now_ns) >= self.silence() { Err(self.gone()) } else { Ok(()) }
     }
@@ -404,7 +413,8 @@ impl Connection {
         self.gone_for(self.quiet())
     }
 
-    /// The error for states that stopped `silent_for` ago: [`Error::Silent`] if the daemon's process exists.
+    /// Returns the error for states that stopped `silent_for` ago: [`Error::Silent`] if the
+    /// daemon's process exists.
     pub(crate) fn gone_for(&self, silent_for: Duration) -> Error {
         if process_exists(self.robot().pid) {
             Error::Silent { silent_for }
@@ -413,7 +423,7 @@ impl Connection {
         }
     }
 
-    /// Asks, and waits for the answer at most `timeout`.
+    /// Sends a request, and waits at most `timeout` for the answer.
     pub(crate) fn ask(
         &self,
         operation: Operation,
@@ -423,7 +433,7 @@ impl Connection {
         self.ask_while(operation, subject, timeout, || Ok(()))
     }
 
-    /// Asks, and does `meanwhile` again and again until the answer is there.
+    /// Sends a request, and calls `meanwhile` repeatedly until the answer arrives.
     pub(crate) fn ask_while(
         &self,
         operation: Operation,
@@ -449,7 +459,7 @@ impl Connection {
         }
     }
 
-    /// Names the joint of a refusal, and tells where it stands if that is the reason.
+    /// Names the joint of a refusal, and its position if that is the reason.
     fn refusal(&self, operation: Operation, reply: AdminReply) -> Error {
         let robot = self.robot();
         let is_outside = reply.refusal == Refusal::OutsideLimits.code();
@@ -457,7 +467,7 @@ impl Connection {
         Error::refused(operation, reply.refusal, reply.detail, &robot).at(position, &robot)
     }
 
-    /// The newest position of a joint, rad. Waits some cycles for the first state.
+    /// Returns the newest position of a joint, rad. Waits some cycles for the first state.
     fn position_of(&self, joint: usize) -> Option<f32> {
         for _ in 0..POSITION_TRIES {
             if let Some(state) = &self.poll().ok()?.newest {
@@ -468,8 +478,8 @@ impl Connection {
         None
     }
 
-    /// The right to ask: one ordinary request and one emergency stop may be under way at a time. `None` when the requests of
-    /// other threads last until `deadline`.
+    /// Acquires the lock for a request: one ordinary request and one emergency stop may run at a
+    /// time. `None` when the requests of other threads last until `deadline`.
     fn turn(&self, operation: Operation, deadline: Instant) -> Option<MutexGuard<'_, ()>> {
         let turns = if operation == Operation::EmergencyStop { &self.stop } else { &self.ordinary };
         loop {
@@ -489,7 +499,7 @@ impl Connection {
         }
     }
 
-    /// Asks for something that is answered with JSON.
+    /// Sends a request that is answered with JSON.
     pub(crate) fn read<T: DeserializeOwned>(&self, operation: Operation, argument: f64) -> Result<T, Error> {
         let subject = Subject { argument, ..Subject::default() };
         let (_, text) = self.ask(operation, subject, ANSWER_TIMEOUT)?;
@@ -498,7 +508,7 @@ impl Connection {
 
     pub(crate) fn record_port(&self) -> Result<RecordPort, Error> {
         self.ports.record_port().map_err(|error| match error.obstacle {
-            // The daemon is older than this service.
+            // The daemon's version lacks this service.
             Obstacle::Missing if process_exists(self.robot().pid) => {
                 Error::version(error.part, &self.instance)
             }
@@ -510,7 +520,7 @@ impl Connection {
         self.ports.setpoint_port().map_err(|error| Error::of_service(error, &self.instance))
     }
 
-    /// For errors of a port that was taken from this link.
+    /// Returns the instance, for errors of a port of this link.
     pub(crate) fn instance(&self) -> &Instance {
         &self.instance
     }
@@ -531,8 +541,8 @@ impl Connection {
     }
 }
 
-/// The value behind `mutex`. A thread that panicked while it held the lock left a valid value: every write is one
-/// assignment.
+/// Returns the value behind `mutex`. A thread that panicked while it held the lock left a valid
+/// value: every write is one assignment.
 pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -548,7 +558,7 @@ mod tests {
 
     const PERIOD: Duration = Duration::from_millis(1);
 
-    /// The state of a cycle that was published so long after its tick.
+    /// Creates the state of a cycle that was published `delay_ns` after its tick.
     fn state(boot_id: u64, cycle: u64, delay_ns: u64) -> State {
         let tick_ns = cycle * nanos(PERIOD);
         let publish_ns = tick_ns + delay_ns;

@@ -4,7 +4,7 @@ use crate::{Error, Setpoint};
 use motord_shared::Lease;
 use motord_shared::description::{JointLimits, RobotDescription};
 
-/// The place of a joint in its claim's group, looked up once: `claim.slot("fl-knee")?`.
+/// The index of a joint in its claim's group, for repeated use: `claim.slot("fl-knee")?`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Slot {
     lease: Lease,
@@ -18,7 +18,7 @@ pub trait JointKey: sealed::Sealed {
 }
 
 mod sealed {
-    /// Only names and slots are keys.
+    /// Restricts keys to names and slots.
     pub trait Sealed {}
     impl Sealed for &str {}
     impl Sealed for &String {}
@@ -44,12 +44,13 @@ impl JointKey for Slot {
     }
 }
 
-/// A group while it is claimed.
+/// A claimed group.
 #[derive(Debug)]
 pub struct Members {
     pub(crate) boot_id: u64,
     pub(crate) lease: Lease,
-    /// Number of the newest cycle when the group was claimed. States of later cycles show the lease for as long as it holds.
+    /// Number of the newest cycle when the group was claimed. States of later cycles contain the
+    /// lease while it is valid.
     pub(crate) since: u64,
     /// Name of the group, and its index in the description.
     pub(crate) name: String,
@@ -61,7 +62,7 @@ pub struct Members {
 }
 
 impl Members {
-    /// The group with this index of `robot`.
+    /// Creates the group with this index of `robot`.
     pub(crate) fn new(robot: &RobotDescription, index: usize, lease: Lease, since: u64) -> Self {
         let group = &robot.groups[index];
         let joints = || group.joints.iter().map(|&joint| &robot.joints[joint]);
@@ -81,7 +82,7 @@ impl Members {
         Ok(Slot { lease: self.lease, place: self.place(name)? })
     }
 
-    /// `setpoint`, for the joint at `place`, if the daemon would not reject it for its values.
+    /// Returns `setpoint`, for the joint at `place`, if the daemon would accept its values.
     pub(crate) fn checked(&self, place: usize, setpoint: Setpoint) -> Result<Setpoint, Error> {
         match setpoint.rejection() {
             Some(rejection) => Err(Error::BadSetpoint { joint: self.names[place].clone(), rejection }),

@@ -7,18 +7,19 @@ use motord_shared::CycleRecord;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// A daemon that gives nothing for so long is silent or gone.
+/// Time without a record after which the daemon counts as silent or ended.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Every cycle of one run of the daemon, with the setpoints that it used. At most 512 cycles wait to be taken, half a second at
-/// 1 kHz: take them more often than that. A record wakes nobody, and costs the daemon a microsecond or so per cycle.
+/// Every cycle of one run of the daemon, with the setpoints used. The queue holds 512 cycles, half
+/// a second at 1 kHz: take them more often than that. A record causes no wake-up, and costs the
+/// daemon about a microsecond per cycle.
 #[derive(Debug)]
 pub struct Records {
-    // Before the link: the attachment goes last.
+    // Declared before the link: the attachment must be dropped last.
     port: RecordPort,
     link: Arc<Connection>,
     heard: Instant,
-    /// The sequence number and boot id of the record before.
+    /// The sequence number and boot id of the previous record.
     before: Option<(u64, u64)>,
     lost: u64,
 }
@@ -28,11 +29,13 @@ impl Records {
         Ok(Self { port: link.record_port()?, link, heard: Instant::now(), before: None, lost: 0 })
     }
 
-    /// Copies the oldest cycle that was not taken yet into `record`. Returns whether there was one. Does not wait.
+    /// Copies the oldest cycle that was not taken yet into `record`. Returns `true` if there was
+    /// one. Does not wait.
     ///
     /// # Errors
-    /// [`Error::NotRunning`] or [`Error::Silent`] when nothing came for half a second, [`Error::Restarted`] from then on when
-    /// another daemon is there; else that the connection is damaged.
+    /// [`Error::NotRunning`] or [`Error::Silent`] after half a second without a record;
+    /// [`Error::Restarted`] with each call after another daemon has started; otherwise the error of
+    /// a damaged connection.
     pub fn take(&mut self, record: &mut CycleRecord) -> Result<bool, Error> {
         let taken = self.port.take(record).map_err(|error| Error::of_service(error, self.link.instance()))?;
         if !taken {
@@ -51,7 +54,7 @@ impl Records {
         Ok(true)
     }
 
-    /// Cycles that were lost because they were not taken in time.
+    /// Returns the number of cycles lost because they were not taken in time.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost

@@ -16,55 +16,56 @@ pub struct Setpoint {
     pub kd: f32,
     /// N·m.
     pub torque: f32,
-    /// How it is meant. Impedance is for all motors; the other modes are for motors with the native protocol. For a native motor
-    /// the daemon computes the impedance, from states that are a turn old: gains that suit an MIT motor may make it oscillate.
+    /// The control mode. All motors support impedance; the other modes need a motor with the native
+    /// protocol. For a native motor the daemon computes the impedance from states of the previous
+    /// turn. Gains that suit an MIT motor may make it oscillate.
     pub mode: SetpointMode,
 }
 
 impl Setpoint {
-    /// Follow `position` and `velocity` with a stiffness and a damping, and add `torque`.
+    /// Follows `position` and `velocity` with a stiffness and a damping, and adds `torque`.
     #[must_use]
     pub const fn impedance(position: f32, velocity: f32, kp: f32, kd: f32, torque: f32) -> Self {
         Self { position, velocity, kp, kd, torque, mode: SetpointMode::Impedance }
     }
 
-    /// Stay at `position`, rad, with the stiffness `kp`, N·m/rad, and the damping `kd`, N·m·s/rad.
+    /// Holds `position`, rad, with the stiffness `kp`, N·m/rad, and the damping `kd`, N·m·s/rad.
     #[must_use]
     pub const fn hold(position: f32, kp: f32, kd: f32) -> Self {
         Self::impedance(position, 0.0, kp, kd, 0.0)
     }
 
-    /// Torque alone, N·m, without stiffness or damping.
+    /// Applies a torque, N·m, without stiffness or damping.
     #[must_use]
     pub const fn torque(torque: f32) -> Self {
         Self::impedance(0.0, 0.0, 0.0, 0.0, torque)
     }
 
-    /// Resist every motion with a damping, N·m·s/rad.
+    /// Resists every motion with a damping, N·m·s/rad.
     #[must_use]
     pub const fn damping(kd: f32) -> Self {
         Self::impedance(0.0, 0.0, 0.0, kd, 0.0)
     }
 
-    /// Torque alone, N·m, of a motor with the native protocol.
+    /// Applies a torque, N·m, of a motor with the native protocol.
     #[must_use]
     pub const fn torque_only(torque: f32) -> Self {
         Self { torque, mode: SetpointMode::Torque, ..Self::torque(0.0) }
     }
 
-    /// Speed, rad/s, of a motor with the native protocol.
+    /// Sets the speed, rad/s, of a motor with the native protocol.
     #[must_use]
     pub const fn speed_only(velocity: f32) -> Self {
         Self { velocity, mode: SetpointMode::Speed, ..Self::torque(0.0) }
     }
 
-    /// Position, rad, of a motor with the native protocol.
+    /// Sets the position, rad, of a motor with the native protocol.
     #[must_use]
     pub const fn position_only(position: f32) -> Self {
         Self { position, mode: SetpointMode::Position, ..Self::torque(0.0) }
     }
 
-    /// Why the daemon would reject it, as far as the values alone tell.
+    /// Returns the reason why the daemon would reject these values.
     pub(crate) fn rejection(&self) -> Option<Rejection> {
         let Self { position, velocity, kp, kd, torque, .. } = *self;
         match [position, velocity, kp, kd, torque].iter().all(|value| value.is_finite()) {
@@ -82,7 +83,7 @@ impl From<Setpoint> for JointSetpoint {
 }
 
 impl From<&JointSetpoint> for Setpoint {
-    /// A code that this client does not know is read as impedance; it never sends one.
+    /// Treats an unknown code as impedance. A client never sends one.
     fn from(setpoint: &JointSetpoint) -> Self {
         let JointSetpoint { position, velocity, kp, kd, torque, mode } = *setpoint;
         let mode = SetpointMode::try_from(mode).unwrap_or(SetpointMode::Impedance);

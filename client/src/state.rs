@@ -1,7 +1,7 @@
-//! The states of a cycle, as codes instead of numbers.
+//! The states of a cycle, with codes as enums instead of numbers.
 //!
-//! Everything that comes through shared memory is checked here: a number that is no code of its table becomes `None`, an index
-//! that names no joint becomes `None`. Nothing a daemon can write makes a client panic.
+//! This module validates all values from shared memory. A number that is no code of its table, or
+//! an index of no joint, becomes `None`. No value that a daemon can write makes a client panic.
 
 use crate::joint::Joint;
 use motord_ports::clock;
@@ -15,22 +15,22 @@ use motord_shared::{
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Everything that the daemon knew after a cycle. Clones share it.
+/// The daemon's whole state after a cycle. Clones share the memory.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     message: Arc<StateMessage>,
 }
 
-/// Most states whose memory is used again.
+/// Limit on states whose memory is reused.
 const PLACES_MAX: usize = 4;
 
-/// Memory for states. What no caller holds any more is used for the next one: a controller that keeps fewer than three states at
-/// a time causes no allocation after the first.
+/// Memory for states. Released memory is reused for the next state. A controller that keeps fewer
+/// than three states causes no allocation after the first.
 #[derive(Debug, Default)]
 pub(crate) struct Places(Vec<Arc<StateMessage>>);
 
 impl Places {
-    /// A copy of `message`.
+    /// Copies `message`.
     pub(crate) fn copy(&mut self, message: &StateMessage) -> State {
         if let Some(free) = self.0.iter_mut().find(|place| Arc::strong_count(place) == 1) {
             Arc::make_mut(free).copy_from(message);
@@ -54,114 +54,117 @@ impl From<&StateMessage> for State {
 }
 
 impl State {
-    /// Number of the cycle, from 1. A gap means that the daemon missed ticks, or that this client was slow.
+    /// Returns the number of the cycle, from 1. A gap means that the daemon missed ticks, or that
+    /// this client was slow.
     #[must_use]
     pub fn cycle(&self) -> u64 {
         self.message.cycle
     }
 
-    /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
+    /// Returns the scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
     #[must_use]
     pub fn tick_ns(&self) -> u64 {
         self.message.tick_ns
     }
 
-    /// When the cycle should have begun, as the time since the zero of `CLOCK_MONOTONIC`: for the time between two states.
+    /// Returns the scheduled start of the cycle since the zero of `CLOCK_MONOTONIC`, for the time
+    /// between two states.
     #[must_use]
     pub fn time(&self) -> Duration {
         Duration::from_nanos(self.message.tick_ns)
     }
 
-    /// When the states were complete, ns of `CLOCK_MONOTONIC`.
+    /// Returns the time when the states were complete, ns of `CLOCK_MONOTONIC`.
     #[must_use]
     pub fn publish_ns(&self) -> u64 {
         self.message.publish_ns
     }
 
-    /// Time since the states were complete.
+    /// Returns the time since the states were complete.
     #[must_use]
     pub fn age(&self) -> Duration {
         Duration::from_nanos(clock::now_ns().saturating_sub(self.message.publish_ns))
     }
 
-    /// How much later than its tick the cycle began.
+    /// Returns the delay of the cycle after its tick.
     #[must_use]
     pub fn wake_latency(&self) -> Duration {
         Duration::from_nanos(self.message.wake_latency_ns)
     }
 
-    /// Ticks that were missed since the daemon started.
+    /// Returns the number of ticks missed since the daemon started.
     #[must_use]
     pub fn overruns(&self) -> u64 {
         self.message.overruns
     }
 
-    /// The emergency stop is latched.
+    /// Returns `true` if the emergency stop is latched.
     #[must_use]
     pub fn emergency_stop(&self) -> bool {
         self.has(FLAG_EMERGENCY_STOP)
     }
 
-    /// The cycle has real-time scheduling and locked memory.
+    /// Returns `true` if the cycle has real-time scheduling and locked memory.
     #[must_use]
     pub fn realtime(&self) -> bool {
         self.has(FLAG_REALTIME)
     }
 
-    /// The cycle began a period or more too late.
+    /// Returns `true` if the cycle began a period or more too late.
     #[must_use]
     pub fn overrun(&self) -> bool {
         self.has(FLAG_OVERRUN)
     }
 
-    /// The daemon is shutting down.
+    /// Returns `true` if the daemon is shutting down.
     #[must_use]
     pub fn shutting_down(&self) -> bool {
         self.has(FLAG_SHUTDOWN)
     }
 
-    /// The configuration's file was changed since the daemon read it; the daemon goes on with what it read.
+    /// Returns `true` if the configuration file changed after the daemon read it; the daemon
+    /// continues with the configuration it read.
     #[must_use]
     pub fn config_changed(&self) -> bool {
         self.has(FLAG_CONFIG_CHANGED)
     }
 
-    /// The joints, in the order of the description.
+    /// Returns the joints, in the order of the description.
     pub fn joints(&self) -> impl ExactSizeIterator<Item = Joint> + '_ {
         self.message.joints().iter().map(Joint::from)
     }
 
-    /// The joint with this index in the description.
+    /// Returns the joint with this index in the description.
     #[must_use]
     pub fn joint(&self, index: usize) -> Option<Joint> {
         self.message.joints().get(index).map(Joint::from)
     }
 
-    /// The indicators of the motor of the joint with this index, where the motor has some: only native motors do, and the
-    /// daemon publishes those of 16 joints.
+    /// Returns the indicators of the motor of the joint with this index. Only native motors have
+    /// indicators, and the daemon publishes those of 16 joints.
     #[must_use]
     pub fn indicators(&self, joint: usize) -> Option<Indicators> {
         let published = self.message.indicators().iter();
         published.copied().find(|indicators| indicators.joint as usize == joint).map(Indicators)
     }
 
-    /// The groups, in the order of the description.
+    /// Returns the groups, in the order of the description.
     pub fn groups(&self) -> impl ExactSizeIterator<Item = Group> + '_ {
         self.message.groups().iter().map(|group| self.checked(group))
     }
 
-    /// The group with this index in the description.
+    /// Returns the group with this index in the description.
     #[must_use]
     pub fn group(&self, index: usize) -> Option<Group> {
         self.message.groups().get(index).map(|group| self.checked(group))
     }
 
-    /// The buses, in the order of the description.
+    /// Returns the buses, in the order of the description.
     pub fn buses(&self) -> impl ExactSizeIterator<Item = Bus> + '_ {
         self.message.buses().iter().map(Bus::from)
     }
 
-    /// The bus with this index in the description.
+    /// Returns the bus with this index in the description.
     #[must_use]
     pub fn bus(&self, index: usize) -> Option<Bus> {
         self.message.buses().get(index).map(Bus::from)
@@ -198,20 +201,21 @@ impl State {
     }
 }
 
-/// The indicators of one motor, motor side. The daemon asks for them one after the other, each about as often as `indicator-hz`
-/// of the configuration says, by default once a second.
+/// The indicators of one motor, motor side. The daemon queries them in turn, each at about
+/// `indicator-hz` of the configuration, by default once a second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Indicators(JointIndicators);
 
 impl Indicators {
-    /// The last value, in the [unit](Indicator::unit) of the indicator; `None` while it is not known.
+    /// Returns the last value, in the [unit](Indicator::unit) of the indicator; `None` while it is
+    /// unknown.
     #[must_use]
     pub fn get(&self, indicator: Indicator) -> Option<f32> {
         let value = self.0.values.get(indicator.code() as usize).copied();
         value.filter(|value| value.is_finite())
     }
 
-    /// The known values, in the units of the indicators.
+    /// Returns the known values, in the units of the indicators.
     pub fn iter(&self) -> impl Iterator<Item = (Indicator, f32)> {
         Indicator::ALL.iter().filter_map(|indicator| Some((*indicator, self.get(*indicator)?)))
     }
@@ -220,36 +224,37 @@ impl Indicators {
 /// One group after a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Group {
-    /// A controller owns it.
+    /// `true` if a controller owns the group.
     pub owned: bool,
     /// The owner's lease.
     pub lease: Option<Lease>,
-    /// Where it is between standing still and following setpoints. `None` for a code that this client does not know.
+    /// The phase of the group. `None` for a code that this client does not know.
     pub phase: Option<Phase>,
-    /// It was stopped, and a reset is needed.
+    /// `true` if the group was stopped and needs a reset.
     pub latched: bool,
-    /// Why it was stopped. `None` when it was not, and for a code that this client does not know.
+    /// The latched cause of the stop. `None` without a stop, and for a code that this client does
+    /// not know.
     pub cause: Option<Cause>,
-    /// The joint that gave the cause, by index in the description.
+    /// The joint that caused the stop, by index in the description.
     pub cause_joint: Option<usize>,
-    /// Id of the process that asked for the stop, where one did.
+    /// Id of the process that requested the stop, if any.
     pub cause_pid: Option<u32>,
     /// Sequence number of the setpoint in use; 0 for none.
     pub sequence: u64,
     /// Age of the setpoint in use when the cycle began.
     pub setpoint_age: Option<Duration>,
-    /// Cycles from the states that the setpoint in use answers to the cycle that first used it: 1 when it was in time for the
-    /// next. `None` where that is not known.
+    /// Cycles from the states that the setpoint in use answers to the cycle that first used it: 1
+    /// for a timely setpoint. `None` when unknown.
     pub control_cycles: Option<u64>,
     /// Setpoint messages that were accepted, modulo 2³².
     pub accepted: u32,
-    /// Accepted messages that came too late for the first cycle after the one that they answer, modulo 2³².
+    /// Accepted messages that missed the first cycle after the one that they answer, modulo 2³².
     pub late: u32,
     rejected: [u32; Rejection::COUNT],
 }
 
 impl Group {
-    /// Setpoint messages that were rejected for `reason`, modulo 2³².
+    /// Returns the number of setpoint messages rejected for `reason`, modulo 2³².
     #[must_use]
     pub fn rejected(&self, reason: Rejection) -> u32 {
         self.rejected[reason as usize]
@@ -263,13 +268,13 @@ pub struct Bus {
     pub condition: Option<BusCondition>,
     /// Frames that the bus accepted.
     pub sent: u32,
-    /// Frames that it did not accept.
+    /// Frames that the bus did not accept.
     pub dropped: u32,
     /// Frames received, of any kind.
     pub received: u32,
     /// Frames whose id or first byte belongs to no motor of this bus.
     pub unexpected_id: u32,
-    /// Replies that nobody had asked for.
+    /// Replies without a request.
     pub duplicate: u32,
     /// Frames that no motor of this bus sends: unsupported frames, and those with the id of a motor that are no valid reply.
     pub malformed: u32,

@@ -1,6 +1,7 @@
-//! The emergency stop, by every way there is.
+//! The emergency stop, over all available paths.
 //!
-//! First through the daemon's socket, which needs nothing that others can use up; then through the services.
+//! First through the daemon's socket, whose resources other processes cannot exhaust; then through
+//! the services.
 
 use crate::link::ANSWER_TIMEOUT;
 use crate::{Error, RobotDescription};
@@ -11,24 +12,25 @@ use motord_shared::{AdminRequest, Operation};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-/// A daemon that is well confirms within a cycle or two. After this time the second way is tried, too.
+/// Time after which the second path is also tried. A healthy daemon confirms within a cycle or two.
 const FIRST_WAY: Duration = Duration::from_millis(100);
-/// How often the ways are looked at for an answer.
+/// Interval at which the paths are checked for an answer.
 const POLL: Duration = Duration::from_millis(1);
 
-/// Damps and stops every motor of `instance`, with a connection of its own: first through the socket of the daemon, which needs
-/// no file and no place, then through the services. Takes a cycle or two as a rule, and little more than a second at most.
+/// Damps and stops every motor of `instance`, over a separate connection: first through the socket
+/// of the daemon, which needs no file and no slot, then through the services. Usually takes a cycle
+/// or two, at most little more than a second.
 ///
 /// # Errors
-/// Nobody confirmed the stop, and motors may move on: [`Error::NotRunning`], [`Error::Permission`], [`Error::NotStopped`], and
-/// what a wrong name or directory gives.
+/// The stop is unconfirmed, and motors may still move: [`Error::NotRunning`],
+/// [`Error::Permission`], [`Error::NotStopped`], and those of an invalid name or directory.
 pub fn emergency_stop(instance: &str) -> Result<(), Error> {
     let instance = Instance::find(instance).map_err(Error::of_instance)?;
     let mut first = FirstWay::send(&instance);
     if first.is_confirmed(FIRST_WAY) {
         return Ok(());
     }
-    // Files that somebody damaged may hold a thread for longer than a person can wait.
+    // Access to damaged files may block a thread for longer than a person can wait.
     let (answer, second) = channel();
     let (other, end) = (instance.clone(), Instant::now() + ANSWER_TIMEOUT);
     let _refused = std::thread::Builder::new().spawn(move || answer.send(through_services(&other, end)));
@@ -47,10 +49,10 @@ pub fn emergency_stop(instance: &str) -> Result<(), Error> {
     Err(first.reason(refused, &instance))
 }
 
-/// A stop that was asked for through the socket.
+/// A stop request through the socket.
 #[derive(Debug)]
 pub(crate) struct FirstWay {
-    /// `None` once nothing more is to be expected.
+    /// `None` once no further answer is expected.
     asked: Option<AskedStop>,
     error: StopError,
 }
@@ -64,12 +66,12 @@ impl FirstWay {
         }
     }
 
-    /// Whether the confirmation is there. Waits for it as long as it should take.
+    /// Returns `true` if the daemon confirms within the usual time.
     pub(crate) fn is_confirmed_soon(&mut self) -> bool {
         self.is_confirmed(FIRST_WAY)
     }
 
-    /// Whether the confirmation is there. Waits for it at most `patience`, and a millisecond.
+    /// Returns `true` if the daemon has confirmed. Waits at most `patience` plus a millisecond.
     pub(crate) fn is_confirmed(&mut self, patience: Duration) -> bool {
         let Some(asked) = &self.asked else { return false };
         match asked.confirm(patience) {
@@ -80,12 +82,12 @@ impl FirstWay {
         false
     }
 
-    /// Nothing more is to be expected.
+    /// Returns `true` once no further answer is expected.
     fn is_over(&self) -> bool {
         self.asked.is_none()
     }
 
-    /// Why nobody confirmed it; `second` is why the services did not.
+    /// Returns the reason why the stop is unconfirmed; `second` is the error of the services.
     pub(crate) fn reason(self, second: Option<Error>, instance: &Instance) -> Error {
         match (self.error, second) {
             (StopError::NotRunning, Some(error @ (Error::NotRunning { .. } | Error::Permission { .. }))) => {
@@ -97,7 +99,8 @@ impl FirstWay {
     }
 }
 
-/// Asks through the services, over a place that is left to emergency stops. Reads nothing before it asks.
+/// Sends the request through the services, over a slot reserved for emergency stops. Reads nothing
+/// before.
 fn through_services(instance: &Instance, end: Instant) -> Result<(), Error> {
     let of_service = |error| Error::of_service(error, instance);
     let attachment = instance.attach().map_err(Error::of_instance)?;

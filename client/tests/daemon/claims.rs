@@ -1,4 +1,4 @@
-//! The life of a claim.
+//! Claims from creation to release.
 
 use super::fake_daemon::Running;
 use super::{PATIENCE, connect, place, until};

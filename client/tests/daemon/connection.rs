@@ -1,4 +1,4 @@
-//! Connecting, and what a client refuses.
+//! Connecting, and the refusals of a client.
 
 use super::fake_daemon::Running;
 use super::{INSTANCE, PATIENCE, connect, place};
@@ -79,7 +79,7 @@ fn a_lying_joint_count_reaches_nobody() {
     assert_eq!(client.wait(PATIENCE).unwrap().joints().count(), 64);
 }
 
-/// Removes the file of the service `record`: a daemon that is older than that service has none.
+/// Removes the file of the service `record`, as if the daemon lacked that service.
 fn forget_records(directory: &Path) {
     for entry in std::fs::read_dir(directory).unwrap().map(Result::unwrap) {
         let path = entry.path();

@@ -1,4 +1,4 @@
-//! A daemon that is only its ports.
+//! A fake daemon that consists of ports only.
 
 use super::INSTANCE;
 use motord_ports::{DaemonPorts, Housekeeper, Instance, Request, clock};
@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// The daemon of a test: it serves the client, and records the setpoints that it received.
+/// The daemon of a test: it serves the client, and records the received setpoints.
 pub(crate) struct FakeDaemon {
     ports: DaemonPorts,
     boot_id: u64,
@@ -23,21 +23,22 @@ pub(crate) struct FakeDaemon {
     sequence: u64,
     seen: Arc<Mutex<Vec<SetpointMessage>>>,
     silent: Arc<AtomicBool>,
-    /// The second joint is not heard.
+    /// The second joint sends no replies.
     mute: Arc<AtomicBool>,
     /// The second joint is excluded.
     excluded: Arc<AtomicBool>,
-    /// Code of the cause that is latched, for the second joint.
+    /// Code of the latched cause, for the second joint.
     cause: Arc<AtomicU32>,
     phase: Phase,
-    /// Requests that get no answer.
+    /// Requests without an answer.
     held: Vec<Request>,
-    /// As described: it cycles at 1 kHz all the same.
+    /// The rate in the description; the fake daemon always runs at 1 kHz.
     rate_hz: f64,
 }
 
 impl FakeDaemon {
-    /// Serves requests before it looks at setpoints: a client must not rely on the order it sent them in.
+    /// Serves requests before it reads setpoints: a client must not rely on the order it sent them
+    /// in.
     fn cycle(&mut self, joint_count: u32) {
         self.cycle += 1;
         while let Some(request) = self.ports.next_request().unwrap() {
@@ -152,13 +153,13 @@ pub(crate) fn granted(boot_id: u64, epoch: u32) -> u64 {
     Lease::new(boot_id, epoch, 0).unwrap().raw()
 }
 
-/// The daemon cleans up after dead clients four times a second.
+/// Interval of the cleanup after dead clients: four times a second.
 pub(crate) const CLEANING_CYCLES: u64 = 250;
 
-/// A fake daemon on a thread of its own, until it is dropped.
+/// A fake daemon on a separate thread, until it is dropped.
 pub(crate) struct Running {
     stop: Arc<AtomicBool>,
-    /// Publishes no states; everything else goes on.
+    /// Publishes no states; all other work continues.
     pub(crate) silent: Arc<AtomicBool>,
     pub(crate) mute: Arc<AtomicBool>,
     pub(crate) excluded: Arc<AtomicBool>,

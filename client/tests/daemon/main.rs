@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 const INSTANCE: &str = "robot";
-/// Long enough for a machine that stalls.
+/// Long enough for stalls of the machine.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 fn place() -> TempDir {
@@ -30,7 +30,7 @@ fn connect(place: &TempDir) -> Client {
     client
 }
 
-/// Runs the ignored test `role` of this file in a process of its own.
+/// Runs the ignored test `role` of this file in a separate process.
 fn spawn(role: &str, place: &TempDir, boot_id: u64) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--ignored", "--exact", role])
@@ -57,10 +57,12 @@ fn until<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
 fn killed_controller() {
     let Some(runtime) = std::env::var_os("MOTORD_TEST_RUNTIME") else { return };
     let client = Client::connect_in(Path::new(&runtime), INSTANCE).unwrap();
-    // The daemon frees the slots of the dead within a quarter of a second after this process connected.
+    // The daemon frees the slots of dead processes within a quarter of a second after this process
+    // connected.
     let mut claim = until("a place", || client.claim("leg").ok());
     let end = Instant::now() + 4 * PATIENCE;
-    // Until it is killed. The fake daemon is silent while it cleans up, which is no reason to leave.
+    // Runs until it is killed. The fake daemon publishes no states during its cleanup, which must
+    // not end this process.
     while Instant::now() < end {
         let _silent = client.wait(PATIENCE);
         let _ = claim.send(&[Setpoint::damping(1.0); 2]);

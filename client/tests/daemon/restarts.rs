@@ -8,7 +8,7 @@ use motord_shared::limits::CONTROLLERS_MAX;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// How often this thread has slept.
+/// Returns how often this thread has slept.
 fn sleeps() -> u64 {
     let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
     let line = status.lines().find(|line| line.starts_with("voluntary_ctxt_switches")).unwrap();
@@ -88,7 +88,7 @@ fn a_restart_is_told_once_and_survived() {
     });
 }
 
-/// Five cycles of the successor take longer than the silence that the caller has set.
+/// Five cycles of the successor last longer than the silence that the caller has set.
 #[test]
 fn configured_silence_outlives_a_slower_daemon() {
     let place = place();
@@ -160,8 +160,9 @@ fn killed_daemon_is_noticed_and_successor_found() {
     daemon.wait().unwrap();
 }
 
-/// Goal: a process that is killed blocks nobody, and its places become free.
-/// Method: more kills, one after the other, than there are places for controllers.
+/// Goal: a killed process blocks no other process, and its slots become free.
+///
+/// Method: kill more processes in sequence than there are slots for controllers.
 #[test]
 fn killed_controllers_neither_block_nor_keep_slots() {
     let place = place();

@@ -1,4 +1,4 @@
-//! Setpoints on their way to the daemon.
+//! Setpoints from the client to the daemon.
 
 use super::fake_daemon::{Running, granted};
 use super::{PATIENCE, connect, place, until};
@@ -27,7 +27,7 @@ fn setpoints_arrive_whole_with_rising_sequence() {
     }
 }
 
-/// The setpoints of the last message, hip and knee.
+/// Returns the setpoints of the last message, hip and knee.
 fn last_of(daemon: &Running, sequence: u64) -> [JointSetpoint; 2] {
     let last =
         until("the setpoint", || daemon.setpoints().last().filter(|last| last.sequence == sequence).copied());
@@ -104,7 +104,7 @@ fn a_slot_of_another_claim_is_refused() {
     assert_eq!(state.of(&claim).unwrap().joint(old), Err(Error::OtherClaim));
 }
 
-/// The next state whose second joint is heard or not.
+/// Returns the next state whose second joint has replied or not, as `is_heard` requires.
 fn state_with(client: &Client, is_heard: bool) -> State {
     until("such a state", || {
         Some(client.wait(PATIENCE).unwrap())

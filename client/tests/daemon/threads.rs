@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Threads may share a client, and hand a claim on.
+/// Threads may share a client, and move a claim to another thread.
 const _: () = {
     const fn must_be_shared_by_threads<T: Send + Sync>() {}
     must_be_shared_by_threads::<Client>();
@@ -25,8 +25,11 @@ fn silent_daemon(place: &TempDir) -> (Running, Client, Claim) {
     (daemon, client, claim)
 }
 
-/// Goal: a thread that waits for a state keeps no other thread from sending or from an emergency stop.
-/// Method: the daemon serves but publishes nothing, so that one thread sleeps in `wait` until the others are done.
+/// Goal: a thread that waits for a state does not block a setpoint or an emergency stop of another
+/// thread.
+///
+/// Method: the daemon serves but publishes nothing, so one thread sleeps in `wait` until the others
+/// are done.
 #[test]
 fn waiting_thread_blocks_neither_send_nor_stop() {
     let place = place();
@@ -76,7 +79,7 @@ fn pending_request_blocks_no_emergency_stop() {
     });
 }
 
-/// Goal: each state is given to one thread, and no thread waits longer than it wants to because another one sleeps.
+/// Goal: each state is returned to one thread, and a sleeping thread does not delay another.
 #[test]
 fn two_threads_that_wait_share_the_states() {
     let place = place();
