@@ -350,7 +350,7 @@ fn emergency_stop_is_confirmed_in_worst_moments() {
         ("none", none),
         ("the directory is emptied", directory_emptied),
         ("the descriptors are used up", descriptors_used_up),
-        ("all places are taken", places_taken),
+        ("all slots are in use", places_taken),
         ("24 processes ask without pause", crowd),
         ("the ipc thread hangs", ipc_thread_hangs),
     ];

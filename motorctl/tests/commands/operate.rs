@@ -52,7 +52,7 @@ fn emergency_stop_has_a_slot_when_full() {
             Err(error) => break error,
         }
     };
-    assert!(idle.len() >= 20 && full.to_string().contains("places are taken"), "{}: {full}", idle.len());
+    assert!(idle.len() >= 20 && full.to_string().contains("slots are in use"), "{}: {full}", idle.len());
     assert!(!daemon.motorctl(&["enable"]).status.success(), "nobody else gets in");
     assert!(daemon.motorctl(&["estop"]).status.success());
     idle.truncate(1);

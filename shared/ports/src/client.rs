@@ -1,7 +1,7 @@
-//! A client's ends of the services.
+//! The client's side of the services.
 //!
-//! Threads may share them. No method belongs into a real-time thread: iceoryx2 allocates with every message, and maps files when
-//! the daemon connects or disconnects.
+//! Threads may share the ports. Real-time threads must not use them: iceoryx2 allocates with every
+//! message, and maps files when the daemon connects or disconnects.
 
 use crate::futex::{Slept, Waiter};
 use crate::iceoryx::{Lent, Payload};
@@ -23,15 +23,16 @@ use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// Longest sleep of a client. It bounds the harm of a process that requeues waiters to another futex (`FUTEX_REQUEUE`). After a sleep
-/// of this length the client opens the file again: the next daemon may have another one.
+/// Longest sleep of a client. It bounds the effect of a process that requeues waiters to another
+/// futex (`FUTEX_REQUEUE`). After a sleep of this length the client opens the file again: the next
+/// daemon may use another one.
 const SLEEP_MAX: Duration = Duration::from_millis(10);
 
-/// A client's ends of the services. The port of states takes its place when it is first used: a process that only sends requests
-/// takes none, so that an emergency stop finds a place on a crowded robot.
+/// The client's side of the services. The port of states takes its slot at its first use. A process
+/// that only sends requests uses none, so an emergency stop finds a slot on a crowded robot.
 ///
-/// Each port has a separate lock, which is held for microseconds, or for a millisecond when a daemon connects or disconnects.
-/// A thread that sleeps until the next cycle holds none.
+/// Each port has a separate lock. It is held for microseconds, or for a millisecond when a daemon
+/// connects or disconnects. A thread that sleeps until the next cycle holds none.
 #[derive(Debug)]
 pub struct ClientPorts {
     watcher: Mutex<Option<Subscriber<Service, Payload<StateMessage>, ()>>>,
@@ -47,11 +48,11 @@ pub struct ClientPorts {
 }
 
 impl ClientPorts {
-    /// Opens the services of the instance that `attachment` belongs to.
+    /// Opens the services of the instance of `attachment`.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when there are none; [`Obstacle::Full`] when only the places for emergency stops are left;
-    /// else which could not be opened, and why.
+    /// [`Obstacle::Missing`] without services; [`Obstacle::Full`] when only the slots for emergency
+    /// stops are free; otherwise the service that failed and the reason.
     pub fn open(attachment: Attachment) -> Result<Self, ServiceError> {
         const MOST: usize = ADMINS_MAX - STOP_PLACES;
         let ports = Self::open_to_stop(attachment)?;
@@ -61,7 +62,7 @@ impl ClientPorts {
         Ok(ports)
     }
 
-    /// Opens the services for an emergency stop: some places are kept for it, however many others are connected.
+    /// Opens the services for an emergency stop, over slots that other clients cannot take.
     ///
     /// # Errors
     /// Those of [`open`](Self::open).
@@ -88,7 +89,7 @@ impl ClientPorts {
         })
     }
 
-    /// The newest state that was not taken yet, as a copy.
+    /// Returns a copy of the newest state that was not taken yet.
     ///
     /// # Errors
     /// Those of [`take_states`](Self::take_states).
@@ -101,11 +102,11 @@ impl ClientPorts {
         Ok(newest)
     }
 
-    /// Shows `accept` the states that were not taken yet, the newest last, until it says that it has enough. The first call only takes
-    /// the place of a watcher. Never blocks.
+    /// Passes the states that were not taken yet to `accept`, the newest last, until it breaks. The
+    /// first call only takes the slot of a watcher. Never blocks.
     ///
     /// # Errors
-    /// When there is no place, or the connection is damaged.
+    /// No free slot, or a damaged connection.
     pub fn take_states(
         &self,
         mut accept: impl FnMut(&StateMessage) -> ControlFlow<()>,
@@ -118,7 +119,7 @@ impl ClientPorts {
                 none.insert(builder.create().map_err(Part::State.failed())?)
             }
         };
-        // One state of a dead daemon may come before those of its successor.
+        // One state of a dead daemon may precede those of its successor.
         for _ in 0..3 {
             let Some(sample) = watcher.receive().map_err(Part::State.failed())? else { break };
             if accept(&sample.payload().0).is_break() {
@@ -128,25 +129,28 @@ impl ClientPorts {
         Ok(())
     }
 
-    /// The number of states so far, for [`sleep`](Self::sleep). Ask for it before you look for a state: no state comes unnoticed between
-    /// the two. `None` before the first sleep. Never blocks.
+    /// Returns the number of states so far, for [`sleep`](Self::sleep). Call it before checking for
+    /// a state, so that [`sleep`](Self::sleep) misses none. `None` before the first sleep. Never
+    /// blocks.
     #[must_use]
     pub fn published(&self) -> Option<u32> {
         locked(&self.waiter).as_ref().map(|waiter| waiter.count())
     }
 
-    /// Sleeps until the daemon has published a state after `seen` was [asked for](Self::published), at most `timeout` or 10 ms. It
-    /// may return early without reason, and without `seen` it does. Any number of threads may sleep.
+    /// Sleeps until the daemon has published a state after `seen` was [read](Self::published), at
+    /// most `timeout` or 10 ms. It may return early, and always does without `seen`. Any number of
+    /// threads may sleep.
     ///
     /// # Errors
-    /// [`Obstacle::Version`] when the daemon is too old to wake clients like this; when its file cannot be used.
+    /// [`Obstacle::Version`] when the daemon does not support this wake-up; a file that cannot be
+    /// used.
     pub fn sleep(&self, seen: Option<u32>, timeout: Duration) -> Result<(), ServiceError> {
         let (Some(waiter), Some(seen)) = (locked(&self.waiter).clone(), seen) else {
             return self.open_waiter();
         };
         let slept = waiter.sleep(seen, timeout.min(SLEEP_MAX)).map_err(of_waiter)?;
         if slept == Slept::TimedOut {
-            // Without a file there is no daemon, and the old one is as good.
+            // Without a file there is no daemon: the old file serves as well.
             let _none = self.open_waiter();
         }
         Ok(())
@@ -158,10 +162,10 @@ impl ClientPorts {
         Ok(())
     }
 
-    /// Takes the place of a recorder: it gets every cycle from now on.
+    /// Takes the slot of a recorder, which receives every cycle from now on.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when the daemon is older than recorders; when there is no place.
+    /// [`Obstacle::Missing`] when the daemon does not support recorders; no free slot.
     pub fn record_port(&self) -> Result<RecordPort, ServiceError> {
         let node = locked(&self.node);
         let records = service::record(&node, self.attachment.instance()).open();
@@ -169,20 +173,21 @@ impl ClientPorts {
         Ok(RecordPort { port: port.map_err(of_recorders)? })
     }
 
-    /// A port for the setpoints of one group. A port holds one message: two groups need two.
+    /// Returns a port for the setpoints of one group. A port holds one message: two groups need
+    /// two.
     ///
     /// # Errors
-    /// When there is no place.
+    /// No free slot.
     pub fn setpoint_port(&self) -> Result<SetpointPort, ServiceError> {
         let builder = self.setpoint.publisher_builder().max_loaned_samples(1);
         let port = builder.backpressure_strategy(BackpressureStrategy::DiscardData).create();
         Ok(SetpointPort { port: port.map_err(Part::Setpoint.failed())? })
     }
 
-    /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`] may be under way at a time.
+    /// Sends an administrative request. At most [`REQUESTS_PER_CLIENT`] may be open at a time.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when there is no daemon; else that the connection is damaged.
+    /// [`Obstacle::Missing`] when there is no daemon; otherwise a damaged connection.
     pub fn ask(&self, request: AdminRequest) -> Result<Question, ServiceError> {
         let pending = self.admin.send_copy(Payload(request)).map_err(Part::Admin.failed())?;
         if pending.number_of_server_connections() == 0 {
@@ -192,17 +197,19 @@ impl ClientPorts {
     }
 }
 
-/// Receives every cycle. It keeps those of a quarter of a second at 1 kHz; what it loses shows in [`CycleRecord::sequence`].
+/// Receives every cycle. It buffers a quarter of a second at 1 kHz; gaps in
+/// [`CycleRecord::sequence`] show lost records.
 #[derive(Debug)]
 pub struct RecordPort {
     port: Subscriber<Service, Payload<CycleRecord>, ()>,
 }
 
 impl RecordPort {
-    /// Copies the oldest cycle that was not taken yet into `record`. Returns false without one. Never blocks.
+    /// Copies the oldest cycle that was not taken yet into `record`. Returns `false` without one.
+    /// Never blocks.
     ///
     /// # Errors
-    /// When the connection is damaged.
+    /// A damaged connection.
     pub fn take(&self, record: &mut CycleRecord) -> Result<bool, ServiceError> {
         let received = self.port.receive().map_err(Part::Record.failed())?;
         Ok(received.map(|sample| *record = sample.payload().0).is_some())
@@ -214,7 +221,7 @@ fn of_waiter(errno: Errno) -> ServiceError {
     ServiceError { part: Part::Cycle, obstacle }
 }
 
-/// There are fewer places for recorders than for watchers.
+/// The service has fewer slots for recorders than for watchers.
 fn of_recorders(error: SubscriberCreateError) -> ServiceError {
     match error {
         SubscriberCreateError::ExceedsMaxSupportedSubscribers => {
@@ -231,11 +238,11 @@ pub struct SetpointPort {
 }
 
 impl SetpointPort {
-    /// Sends `setpoint`, in place of an older one that the daemon has not read. Never blocks. That nobody listens is no
-    /// error: a dead daemon shows by the states that stop.
+    /// Sends `setpoint`, and replaces an older one that the daemon has not read. Never blocks. A
+    /// missing receiver is no error: after the death of a daemon, no states arrive.
     ///
     /// # Errors
-    /// When the connection is damaged.
+    /// A damaged connection.
     pub fn send(&self, setpoint: &SetpointMessage) -> Result<(), ServiceError> {
         let mut lent = self.port.loan_uninit().map(Lent::new).map_err(Part::Setpoint.failed())?;
         lent.message().copy_from(setpoint);
@@ -244,18 +251,18 @@ impl SetpointPort {
     }
 }
 
-/// A request under way.
+/// An open request.
 #[derive(Debug)]
 pub struct Question {
     pending: PendingResponse<Service, Payload<AdminRequest>, (), Payload<AdminAnswer>, ()>,
 }
 
 impl Question {
-    /// The answer with its text, if it has come. Never blocks.
+    /// Returns the answer with its text, if it has arrived. Never blocks.
     ///
     /// # Errors
-    /// [`Obstacle::Missing`] when the daemon dropped the request; else that the connection is damaged. That a daemon
-    /// died is no error: the caller needs a time limit.
+    /// [`Obstacle::Missing`] when the daemon dropped the request; otherwise a damaged connection.
+    /// The death of the daemon is no error: the caller needs a time limit.
     pub fn answer(&self) -> Result<Option<(AdminReply, Vec<u8>)>, ServiceError> {
         let dropped = !self.pending.is_connected();
         match self.pending.receive().map_err(Part::Admin.failed())? {
@@ -279,7 +286,7 @@ mod tests {
     use motord_shared::message::JointState;
     use std::sync::atomic::{AtomicU64, Ordering};
 
-    /// Both ends, in a directory of their own. The fields are dropped in this order.
+    /// Both sides, in a separate directory. The fields are dropped in this order.
     struct Ends {
         ports: DaemonPorts,
         client: ClientPorts,
@@ -308,7 +315,7 @@ mod tests {
         }
     }
 
-    /// A controller whose daemon died waits for such a short time at the end of its time limit.
+    /// A controller whose daemon died sleeps for such a short time at the end of its time limit.
     #[test]
     fn a_sleep_of_less_than_a_microsecond_ends() {
         let Ends { client, .. } = &Ends::open();
@@ -349,7 +356,7 @@ mod tests {
         assert_ne!(ends.client.published(), seen);
     }
 
-    /// Each message is written over an earlier one.
+    /// Each message overwrites an earlier one.
     #[test]
     fn a_state_has_nothing_of_those_before_it() {
         let ends = Ends::open();
@@ -366,7 +373,8 @@ mod tests {
         }
     }
 
-    /// The states come at any moment of the client's turn: while it computes, looks, goes to sleep and sleeps.
+    /// States arrive in every phase of the client's turn: while it computes, checks, goes to sleep
+    /// and sleeps.
     #[test]
     fn no_state_is_slept_through() {
         const STATES: u64 = 20_000;
@@ -397,7 +405,7 @@ mod tests {
         });
     }
 
-    /// A client whose process is slow gives up, and its answer comes all the same.
+    /// A slow client gives up, and its answer arrives later.
     #[test]
     fn dropped_questions_leave_room_for_others() {
         let ends = Ends::open();
@@ -429,7 +437,7 @@ mod tests {
             let lock = instance.lock().unwrap();
             let ports = DaemonPorts::open(&lock).unwrap();
             let _client = ClientPorts::open(instance.attach().unwrap().unwrap()).unwrap();
-            // A daemon that was killed.
+            // As if the daemon was killed.
             std::mem::forget(ports);
             drop(lock);
             let damaged = files_of(&instance.root(), kind);
@@ -443,7 +451,7 @@ mod tests {
         }
     }
 
-    /// Those below `root` whose name ends so.
+    /// Returns the files below `root` whose name has this end.
     fn files_of(root: &std::path::Path, end: &str) -> Vec<std::path::PathBuf> {
         let mut found = Vec::new();
         for entry in std::fs::read_dir(root).unwrap().map(Result::unwrap) {

@@ -2,7 +2,7 @@
 
 use nix::time::{ClockId, clock_gettime};
 
-/// `CLOCK_MONOTONIC` now, ns. Allocates and blocks never.
+/// Returns the current `CLOCK_MONOTONIC`, ns. Never allocates or blocks.
 #[must_use]
 pub fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("every Linux kernel has CLOCK_MONOTONIC");

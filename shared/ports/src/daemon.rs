@@ -1,7 +1,7 @@
-//! The daemon's ends of the services.
+//! The daemon's side of the services.
 //!
-//! Threads may share them. No method belongs into a real-time thread: iceoryx2 allocates with every message, and maps files when
-//! a client connects or disconnects.
+//! Threads may share the ports. Real-time threads must not use them: iceoryx2 allocates with every
+//! message, and maps files when a client connects or disconnects.
 
 use crate::futex::Waker;
 use crate::iceoryx::{Lent, Payload};
@@ -27,16 +27,17 @@ use motord_shared::message::{
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// How long a starting daemon waits for others that are removing its dead predecessor.
+/// Longest time that a starting daemon waits while other processes remove its dead predecessor.
 const CLEANING_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Answers in memory: one to each request under way, and one that is being written.
+/// Answers in memory: one for each open request, and one that is being written.
 pub(crate) const ANSWERS: usize = REQUESTS_PER_CLIENT * ADMINS_MAX + 1;
 
-/// Records in memory. The same newest records wait for every recorder; each recorder may read an older one, and one is written.
+/// Records in memory. All recorders share the newest records; each recorder may read an older one,
+/// and one is written.
 const RECORDS: usize = RECORDS_KEPT + RECORDERS_MAX + 2;
 
-/// The daemon's ends of the services.
+/// The daemon's side of the services.
 #[derive(Debug)]
 pub struct DaemonPorts {
     /// The message of the next state.
@@ -53,12 +54,13 @@ pub struct DaemonPorts {
 }
 
 impl DaemonPorts {
-    /// Opens the services of the instance that is held by `lock`, or creates them. Clients that were attached to a dead
-    /// predecessor are attached to this daemon from now on; where what they keep alive is damaged, it is removed, and they must
-    /// connect again. Keep the lock for as long as the ports. May take some seconds.
+    /// Opens the services of the instance of `lock`, or creates them. The clients of a dead
+    /// predecessor stay attached to this daemon. If their shared files are damaged, this removes
+    /// the files, and the clients must reconnect. Keep the lock for the lifetime of the ports. May
+    /// take some seconds.
     ///
     /// # Errors
-    /// Which service could not be opened, and why.
+    /// The service that could not be opened, and the reason.
     pub fn open(lock: &InstanceLock) -> Result<Self, ServiceError> {
         let instance = lock.instance();
         reserved_space::check(&instance.root()).map_err(Part::Node.failed())?;
@@ -116,27 +118,30 @@ impl DaemonPorts {
         })
     }
 
-    /// The obstacle for which the files of a predecessor were removed: its clients must connect again. `None` when there was none.
+    /// Returns the obstacle for which the files of a predecessor were removed: its clients must
+    /// reconnect. `None` without damage.
     #[must_use]
     pub fn damage(&self) -> Option<ServiceError> {
         self.damage
     }
 
-    /// Gives `state` to every watcher, in place of an older one that it has not read. Never blocks.
+    /// Sends `state` to every watcher, and replaces an older one that it has not read. Never
+    /// blocks.
     ///
     /// # Errors
-    /// When a connection is damaged; the other watchers have it.
+    /// A damaged connection; the other watchers have received the state.
     pub fn publish(&self, state: &StateMessage) -> Result<(), ServiceError> {
         let ready = locked(&self.next).take();
         let mut lent = ready.map_or_else(|| self.lend_state(), Ok)?;
-        // Most of a message is not in use. To write that, too, would take longer for nothing.
+        // Most of a message is unused. Writing that part would waste time.
         lent.message().copy_from(state);
         lent.sample().send().map_err(Part::State.failed())?;
         Ok(())
     }
 
-    /// Makes the message of the next state ready: the caches of this processor hold it then, and [`publish`](Self::publish) does not wait
-    /// for that of the client who read it last. Publishing works without it, and takes longer. Never blocks.
+    /// Prepares the message of the next state. The caches of this processor hold it then.
+    /// [`publish`](Self::publish) does not wait for the cache of the client that read it last.
+    /// Publishing works without this call, but takes longer. Never blocks.
     pub fn prepare(&self) {
         // `publish` tries again and returns the error.
         if let Ok(mut lent) = self.lend_state() {
@@ -149,40 +154,40 @@ impl DaemonPorts {
         self.state.loan_uninit().map(Lent::new).map_err(Part::State.failed())
     }
 
-    /// Returns true while a recorder is connected.
+    /// Returns `true` while a recorder is connected.
     #[must_use]
     pub fn is_recorded(&self) -> bool {
         self.records.dynamic_config().number_of_subscribers() > 0
     }
 
-    /// Gives `record` to every recorder, in place of the oldest that it has not read where it is too slow. Wakes nobody. Never
-    /// blocks.
+    /// Sends `record` to every recorder. For a slow recorder, it replaces the oldest unread record.
+    /// Wakes no process. Never blocks.
     ///
     /// # Errors
-    /// When a connection is damaged; the other recorders have it.
+    /// A damaged connection; the other recorders have received the record.
     pub fn record(&self, record: &CycleRecord) -> Result<(), ServiceError> {
         let sample = self.record.loan_uninit().map_err(Part::Record.failed())?;
         sample.write_payload(Payload(*record)).send().map_err(Part::Record.failed())?;
         Ok(())
     }
 
-    /// Wakes every client that sleeps until the next cycle: one system call for all of them, and one for each listener of the event `cycle`
-    /// of iceoryx2. Never blocks.
+    /// Wakes every client that sleeps until the next cycle: one system call for all of them, and
+    /// one for each listener of the event `cycle` of iceoryx2. Never blocks.
     ///
     /// # Errors
-    /// When a connection of a listener is damaged; all others are awake.
+    /// A damaged connection of a listener; all other clients are awake.
     pub fn notify(&self) -> Result<(), ServiceError> {
         self.waker.wake();
         self.cycle.notify().map_err(Part::Cycle.failed())?;
         Ok(())
     }
 
-    /// Shows `accept` the newest setpoints of each controller, as copies of what is in use: their sender may still write to the
-    /// original. Takes at most sixteen times as many messages as there may be controllers: others that send without pause cannot keep
-    /// the owner's from being reached. Never blocks.
+    /// Passes the newest setpoints of each controller to `accept`. They are copies: the sender may
+    /// still write to the original. Takes at most sixteen times as many messages as there may be
+    /// controllers. Therefore constant senders cannot block the owner's message. Never blocks.
     ///
     /// # Errors
-    /// When a connection is damaged; what came before it was shown.
+    /// A damaged connection; earlier setpoints were passed on.
     pub fn take_setpoint(&self, mut accept: impl FnMut(&SetpointMessage)) -> Result<(), ServiceError> {
         for _ in 0..16 * CONTROLLERS_MAX {
             let Some(sample) = self.setpoint.receive().map_err(Part::Setpoint.failed())? else { break };
@@ -193,11 +198,11 @@ impl DaemonPorts {
         Ok(())
     }
 
-    /// The next administrative request, if one waits. That of a client which has as many under way as it may waits until one of them is
-    /// answered or dropped. Never blocks.
+    /// Returns the next administrative request, if any. A client with too many open requests must
+    /// wait for an answer or drop one. Never blocks.
     ///
     /// # Errors
-    /// When a connection is damaged.
+    /// A damaged connection.
     pub fn next_request(&self) -> Result<Option<Request>, ServiceError> {
         let request = match self.admin.receive() {
             Err(ReceiveError::ExceedsMaxBorrows) => None,
@@ -215,7 +220,7 @@ fn of_futex(error: InstanceError) -> ServiceError {
     ServiceError { part: Part::Cycle, obstacle }
 }
 
-/// A request that waits for its answer. When it is dropped, the requester receives an error.
+/// A request without an answer yet. When it is dropped, the requester receives an error.
 #[derive(Debug)]
 pub struct Request {
     payload: AdminRequest,
@@ -223,22 +228,22 @@ pub struct Request {
 }
 
 impl Request {
-    /// The request itself, as a copy that its sender cannot write to.
+    /// Returns the request, as a copy that its sender cannot change.
     #[must_use]
     pub fn payload(&self) -> &AdminRequest {
         &self.payload
     }
 
-    /// Returns true while the requester waits for the answer.
+    /// Returns `true` while the requester waits for the answer.
     #[must_use]
     pub fn is_awaited(&self) -> bool {
         self.active.is_connected()
     }
 
-    /// Answers with `reply` and `text`, which may have [`ANSWER_BYTES_MAX`] bytes; the rest is cut off. Never blocks.
+    /// Answers with `reply` and `text`, truncated to [`ANSWER_BYTES_MAX`] bytes. Never blocks.
     ///
     /// # Errors
-    /// When the requester has disconnected, or holds too many answers.
+    /// The requester has disconnected, or holds too many answers.
     pub fn reply(self, reply: AdminReply, text: &[u8]) -> Result<(), ServiceError> {
         let mut response = self.active.loan().map_err(Part::Admin.failed())?;
         let length = text.len().min(ANSWER_BYTES_MAX);

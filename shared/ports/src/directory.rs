@@ -1,4 +1,4 @@
-//! Directories by descriptor: a symbolic link that replaces a checked directory meanwhile has no effect.
+//! Directories by descriptor: replacing a checked directory with a symbolic link has no effect.
 
 use crate::instance_error::{InstanceError, refused};
 use nix::dir::Dir;
@@ -13,9 +13,10 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Directories of iceoryx2 lie two deep. Another program created a deeper tree.
+/// Limit on the depth that is removed. The directories of iceoryx2 have depth two; another program
+/// created a deeper tree.
 const DEPTH_MAX: usize = 8;
-/// Only its owner, and that of the directory, may delete or rename a file in such a directory.
+/// Mode bit: only the owner of a file, or of the directory, may delete or rename the file.
 pub(crate) const STICKY: u32 = 0o1000;
 
 /// An open directory.
@@ -26,19 +27,19 @@ pub(crate) struct Directory {
 }
 
 impl Directory {
-    /// Opens the directory `path`. A link at its end is followed only when `links` says so.
+    /// Opens the directory `path`. Follows a link at its end only if `links` is set.
     ///
     /// # Errors
-    /// When there is none, or it may not be used.
+    /// The directory is missing, or may not be used.
     pub(crate) fn open(path: &Path, links: bool) -> Result<Self, InstanceError> {
         let follow = if links { OFlag::empty() } else { OFlag::O_NOFOLLOW };
         Self::open_at(nix::fcntl::AT_FDCWD, path, path.to_owned(), follow)
     }
 
-    /// Opens the directory `name` in this one. A link is not followed.
+    /// Opens the directory `name` in this one. Does not follow links.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// Those of [`open`](Self::open).
     pub(crate) fn open_below(&self, name: impl AsRef<Path>) -> Result<Self, InstanceError> {
         let name = name.as_ref();
         Self::open_at(&self.descriptor, name, self.path.join(name), OFlag::O_NOFOLLOW)
@@ -53,11 +54,12 @@ impl Directory {
         }
     }
 
-    /// Opens the directory `name` in this one, and makes it when it is not there. One that belongs neither to this user nor
-    /// to the owner of this directory nor to root is refused: its owner could change what lies in it.
+    /// Opens the directory `name` in this one, and creates it if it is missing. Rejects a directory
+    /// that belongs neither to this user, the owner of this directory nor root: its owner could
+    /// change the contents.
     ///
     /// # Errors
-    /// As [`open`](Self::open); [`InstanceError::NotOurs`].
+    /// Those of [`open`](Self::open); [`InstanceError::NotOurs`].
     pub(crate) fn make_below(&self, name: &str, mode: u32) -> Result<Self, InstanceError> {
         match mkdirat(&self.descriptor, name, Mode::from_bits_truncate(mode & 0o777)) {
             Ok(()) | Err(Errno::EEXIST) => {}
@@ -73,15 +75,16 @@ impl Directory {
         Ok(made)
     }
 
-    /// Sets the mode where this user may. The umask of a service must not lock its group out.
+    /// Sets the mode if this user may. The umask of a service must not exclude its group.
     pub(crate) fn set_mode(&self, mode: u32) {
         let _not_the_owner = fchmod(&self.descriptor, Mode::from_bits_truncate(mode & 0o7777));
     }
 
-    /// Opens the file `name` in this directory to read and write, and makes it when it is not there. A link is not followed.
+    /// Opens the file `name` in this directory to read and write, and creates it if it is missing.
+    /// Does not follow links.
     ///
     /// # Errors
-    /// When it may not be used.
+    /// The file may not be used.
     pub(crate) fn make_file(&self, name: &str) -> Result<File, InstanceError> {
         let flags = OFlag::O_RDWR | OFlag::O_CREAT | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
         match openat(&self.descriptor, name, flags, Mode::S_IRUSR | Mode::S_IWUSR) {
@@ -90,26 +93,26 @@ impl Directory {
         }
     }
 
-    /// Opens the file `name` in this directory to read. A link is not followed.
+    /// Opens the file `name` in this directory to read. Does not follow links.
     ///
     /// # Errors
-    /// When there is none, or it may not be used.
+    /// The file is missing, or may not be used.
     pub(crate) fn open_file(&self, name: &str) -> Result<File, InstanceError> {
         let flags = OFlag::O_RDONLY | OFlag::O_NOFOLLOW | OFlag::O_CLOEXEC | OFlag::O_NONBLOCK;
         let file = openat(&self.descriptor, name, flags, Mode::empty());
         file.map(File::from).map_err(|errno| refused(&self.path.join(name), errno))
     }
 
-    /// As [`make_file`](Self::make_file), where whoever may enter this directory may read the file, and only this user may write it. Another
-    /// one is removed.
+    /// Works like [`make_file`](Self::make_file) for a file that only this user may write. All
+    /// users who may enter this directory may read it. Removes any other file.
     ///
     /// # Errors
-    /// As [`make_file`](Self::make_file); [`InstanceError::NotOurs`].
+    /// Those of [`make_file`](Self::make_file); [`InstanceError::NotOurs`].
     pub(crate) fn make_ours(&self, name: &str) -> Result<File, InstanceError> {
         const MODE: Mode = Mode::from_bits_truncate(0o644);
         let file = match self.make_file(name) {
             Ok(file) if is_ours(&file) => file,
-            // The file is not to blame.
+            // The obstacle is the directory, not the file.
             Err(
                 error @ InstanceError::System { errno: Errno::EMFILE | Errno::ENFILE | Errno::ENOMEM, .. },
             ) => return Err(error),
@@ -125,10 +128,11 @@ impl Directory {
         Ok(file)
     }
 
-    /// As [`open_file`](Self::open_file), where root, the owner of this directory or `daemon` owns the file.
+    /// Works like [`open_file`](Self::open_file) for a file of root, the owner of this directory or
+    /// `daemon`.
     ///
     /// # Errors
-    /// As [`open_file`](Self::open_file); [`InstanceError::NotOurs`].
+    /// Those of [`open_file`](Self::open_file); [`InstanceError::NotOurs`].
     pub(crate) fn open_daemons(&self, name: &str, daemon: Option<u32>) -> Result<File, InstanceError> {
         let file = self.open_file(name)?;
         let is_trusted = [Some(0), Some(self.stat()?.st_uid), daemon].contains(&Some(owner(&file)));
@@ -143,17 +147,17 @@ impl Directory {
         fstat(&self.descriptor).map_err(|errno| refused(&self.path, errno))
     }
 
-    /// Another descriptor of the same directory, as a file that can be locked.
+    /// Returns another descriptor of the same directory, as a file that can be locked.
     ///
     /// # Errors
-    /// When no descriptors are left.
+    /// No descriptors are left.
     pub(crate) fn file(&self) -> Result<File, InstanceError> {
         // Opened again: a duplicate would share its lock with the original.
         let file = openat(&self.descriptor, ".", OFlag::O_DIRECTORY | OFlag::O_CLOEXEC, Mode::empty());
         file.map(File::from).map_err(|errno| refused(&self.path, errno))
     }
 
-    /// Removes everything in this directory. Links are removed, not followed.
+    /// Removes everything in this directory. Removes links instead of following them.
     ///
     /// # Errors
     /// The first file that cannot be removed.
@@ -165,10 +169,10 @@ impl Directory {
         self.names()?.iter().try_for_each(|name| self.remove_to(name, depth))
     }
 
-    /// The names of everything in this directory.
+    /// Returns the names of everything in this directory.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// The directory cannot be read.
     pub(crate) fn names(&self) -> Result<Vec<OsString>, InstanceError> {
         let failed = |errno| refused(&self.path, errno);
         let mut names = Vec::new();
@@ -182,13 +186,15 @@ impl Directory {
         Ok(names)
     }
 
-    /// When `name` in this directory was changed. A link is not followed. `None` when it does not exist.
+    /// Returns the time of the last change of `name` in this directory. Does not follow links.
+    /// `None` when it does not exist.
     pub(crate) fn changed(&self, name: &OsStr) -> Option<SystemTime> {
         let found = fstatat(&self.descriptor, name, AtFlags::AT_SYMLINK_NOFOLLOW).ok()?;
         Some(UNIX_EPOCH + Duration::from_secs(found.st_mtime.try_into().ok()?))
     }
 
-    /// Removes `name` from this directory, with everything in it. A link is removed, not followed.
+    /// Removes `name` from this directory, with its contents. Removes a link instead of following
+    /// it.
     ///
     /// # Errors
     /// The first file that cannot be removed.
@@ -212,12 +218,13 @@ impl Directory {
     }
 }
 
-/// The owner of `file`; the largest number when it cannot be read.
+/// Returns the owner of `file`; the largest number when it cannot be read.
 fn owner(file: &File) -> u32 {
     fstat(file).map_or(u32::MAX, |found| found.st_uid)
 }
 
-/// Only this user may write `file`, and it has no other name: a link to a file of this user is none of this directory's.
+/// Returns `true` if only this user may write `file`, and it has one name: hard links to files of
+/// this user elsewhere are rejected.
 fn is_ours(file: &File) -> bool {
     fstat(file).is_ok_and(|found| {
         let is_regular = found.st_mode & SFlag::S_IFMT.bits() == SFlag::S_IFREG.bits();

@@ -19,18 +19,19 @@ use std::time::Duration;
 
 const BYTES: NonZeroUsize = NonZeroUsize::new(size_of::<AtomicU32>()).expect("a number has bytes");
 
-/// The daemon's end.
+/// The daemon's side.
 #[derive(Debug)]
 pub(crate) struct Waker(Mapping);
 
 impl Waker {
-    /// Opens the file of the instance that is held by `lock`, or makes it. The clients of a dead predecessor sleep on it, too.
+    /// Opens the file of the instance of `lock`, or creates it. The clients of a dead predecessor
+    /// sleep on the same file.
     ///
     /// # Errors
-    /// When the file cannot be made.
+    /// The file cannot be created.
     pub(crate) fn open(lock: &InstanceLock) -> Result<Self, InstanceError> {
         let file = lock.make_futex()?;
-        // The kernel kills a process that touches a page without space.
+        // The kernel kills a process that accesses a page without disk space.
         let mapped = posix_fallocate(&file, 0, BYTES.get() as i64)
             .and_then(|()| Mapping::of(&file, ProtFlags::PROT_READ | ProtFlags::PROT_WRITE));
         mapped.map(Self).map_err(|errno| refused(&lock.instance().futex_path(), errno))
@@ -45,16 +46,16 @@ impl Waker {
     }
 }
 
-/// A client's end.
+/// The client's side.
 #[derive(Debug)]
 pub(crate) struct Waiter(Mapping);
 
-/// How a sleep ended.
+/// The end of a sleep.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Slept {
-    /// A state was published; or without reason.
+    /// A state was published; or a spurious wake-up.
     Woken,
-    /// The time is over.
+    /// The timeout has expired.
     TimedOut,
 }
 
@@ -62,7 +63,8 @@ impl Waiter {
     /// Opens the file of `instance`.
     ///
     /// # Errors
-    /// `ENOENT` when the daemon is older than this file; `EPERM` when a client made it; what else the kernel refused.
+    /// `ENOENT` when the daemon does not create this file; `EPERM` when a client created it; other
+    /// errors of the kernel.
     pub(crate) fn open(instance: &Instance) -> Result<Self, Errno> {
         let file = instance.open_futex().map_err(|error| match error {
             InstanceError::System { errno, .. } => errno,
@@ -71,9 +73,9 @@ impl Waiter {
         Mapping::of(&file, ProtFlags::PROT_READ).map(Self)
     }
 
-    /// The number of states so far, modulo 2³². What was published before it counted is there.
+    /// Returns the number of states so far, modulo 2³². The states it counts can be read.
     pub(crate) fn count(&self) -> u32 {
-        // Memory that may only be read takes relaxed loads only; the fence makes it an acquiring one.
+        // Read-only memory allows relaxed loads only; the fence adds acquire ordering.
         let count = self.0.word().load(Ordering::Relaxed);
         fence(Ordering::Acquire);
         count
@@ -82,7 +84,7 @@ impl Waiter {
     /// Sleeps until more than `seen` states were published, at most `timeout`. One system call.
     ///
     /// # Errors
-    /// The refusal of the kernel.
+    /// The error of the kernel.
     pub(crate) fn sleep(&self, seen: u32, timeout: Duration) -> Result<Slept, Errno> {
         let timeout =
             Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
@@ -94,7 +96,7 @@ impl Waiter {
     }
 }
 
-/// The first four bytes of a file, shared with everybody who has it.
+/// The first four bytes of a file, shared with every process that maps it.
 #[derive(Debug)]
 struct Mapping(NonNull<AtomicU32>);
 
@@ -115,8 +117,8 @@ impl Mapping {
     }
 
     fn word(&self) -> &AtomicU32 {
-        // SAFETY: a mapping is aligned to a page and lives as long as `self`; any bits are a number. The file's owner is trusted not to
-        // shorten it.
+        // SAFETY: a mapping is aligned to a page and lives as long as `self`; any bits are a
+        // number. The file's owner is trusted not to shorten it.
         unsafe { self.0.as_ref() }
     }
 }
@@ -183,7 +185,7 @@ mod tests {
         });
     }
 
-    /// Every member may make files beside it.
+    /// Every member may create files beside it.
     #[test]
     fn file_prepared_by_client_is_never_used() {
         const NOBODY: u32 = 65_534;
@@ -210,7 +212,7 @@ mod tests {
         });
     }
 
-    /// Those who could write could keep others asleep.
+    /// A writer could prevent wake-ups.
     #[test]
     fn group_reads_number_and_only_owner_writes() {
         with_lock(|lock| {

@@ -27,9 +27,10 @@ unsafe impl<T: Message> ZeroCopySend for Payload<T> {
     }
 }
 
-/// A lock around each port, and around each sample that is lent. Its thread may take it again, as iceoryx2 does.
+/// A lock around each port, and around each borrowed sample. It is reentrant, as iceoryx2 requires.
 ///
-/// iceoryx2's own lock is a mutex of the C library, and is made and unmade with every message (`docs/adr/0032`).
+/// iceoryx2's own lock is a mutex of the C library, created and destroyed with every message
+/// (`docs/adr/0032`).
 #[derive(Debug)]
 pub struct PortLock<T: Send + Debug + Abandonable>(Arc<ReentrantMutex<T>>);
 
@@ -44,9 +45,9 @@ impl<T: Send + Debug + Abandonable> Abandonable for PortLock<T> {
         // SAFETY: the caller has the only reference to it.
         let Self(lock) = unsafe { this.as_mut() };
         match Arc::get_mut(lock) {
-            // SAFETY: nobody uses the value after this, as nobody uses the lock.
+            // SAFETY: the value is unreachable from here on, because the lock is not used again.
             Some(alone) => unsafe { T::abandon_in_place(NonNull::from_mut(alone.get_mut())) },
-            // SAFETY: nobody uses the lock after this, or drops it.
+            // SAFETY: the lock is neither used nor dropped after this.
             None => unsafe { drop_in_place(lock) },
         }
     }
@@ -68,7 +69,7 @@ impl<T: Send + Debug + Abandonable> ArcSyncPolicy<T> for PortLock<T> {
     }
 }
 
-/// A [`PortLock`] is taken as long as this lives.
+/// Holds a [`PortLock`] for its lifetime.
 #[derive(Debug)]
 pub struct PortGuard<'parent, T: Debug>(ReentrantMutexGuard<'parent, T>);
 
@@ -82,7 +83,7 @@ impl<T: Debug> Deref for PortGuard<'_, T> {
 
 impl<'parent, T: Send + Debug + Abandonable> LockGuard<'parent, T> for PortGuard<'parent, T> {}
 
-/// A message that a port lent, and that is not sent yet.
+/// A message borrowed from a port and not sent yet.
 pub(crate) struct Lent<S: Service, T: Message>(SampleMutUninit<S, MaybeUninit<Payload<T>>, ()>);
 
 impl<S: Service, T: Message> Debug for Lent<S, T> {
@@ -96,16 +97,17 @@ impl<S: Service, T: Message> Lent<S, T> {
         Self(sample)
     }
 
-    /// To be changed: an earlier message of the same port, or zeros.
+    /// Returns the message for changes: an earlier message of the same port, or zeros.
     pub(crate) fn message(&mut self) -> &mut T {
-        // SAFETY: the memory of a port is a file. It is zeros when it is created, and only samples of this type are written to it: its
-        // bytes are initialised. Any bytes are a `Message`: it consists of numbers, without padding. No other code has a sample that is
-        // lent and not sent.
+        // SAFETY: the memory of a port is a file. It is zeros when it is created, and only samples
+        // of this type are written to it: its bytes are initialised. Any bytes are a `Message`: it
+        // consists of numbers, without padding. No other code has a sample that is borrowed and not
+        // sent.
         let Payload(message) = unsafe { self.0.payload_mut().assume_init_mut() };
         message
     }
 
-    /// To be sent.
+    /// Returns the sample, to be sent.
     pub(crate) fn sample(self) -> SampleMut<S, Payload<T>, ()> {
         // SAFETY: as above.
         unsafe { self.0.assume_init() }

@@ -1,7 +1,8 @@
 //! Faults for the simulated buses of a running daemon: lines of text on the socket `<runtime>/<instance>.sim`.
 //!
-//! One line is asked on a connection, such as `fl-knee off`; one line is the answer: `ok`, or `error: ` and why. The daemon has
-//! the socket only where every bus of its configuration is simulated. Every process that may enter the runtime directory may connect.
+//! A connection carries one line, such as `fl-knee off`, and one line as the answer: `ok`, or
+//! `error: ` and the reason. The socket exists only if every bus of the configuration is simulated.
+//! Every process that may enter the runtime directory may connect.
 
 use crate::instance::{Instance, InstanceLock};
 use nix::sys::socket::{getsockopt, sockopt};
@@ -12,18 +13,19 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Most bytes of a line. A longer one is cut.
+/// Limit on the bytes of a line. A longer line is truncated.
 const LINE_BYTES_MAX: u64 = 1024;
-/// Timeout of each end for each piece of the other end's line. The daemon's cycle takes a fault within a second.
+/// Timeout of each side for each part of a line. The daemon's cycle executes a fault within a
+/// second.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Why a fault was not injected.
+/// The reason why a fault was not injected.
 #[derive(Debug, thiserror::Error)]
 pub enum InjectionError {
-    /// The instance has no such socket: no daemon runs it, or not all of its buses are simulated.
-    #[error("takes no faults")]
+    /// The instance has no such socket: no daemon runs it, or some of its buses are real.
+    #[error("does not support faults")]
     NotSimulated,
-    /// The daemon refused, and says why.
+    /// The daemon refused, with this reason.
     #[error("{0}")]
     Refused(String),
     /// The connection failed.
@@ -31,7 +33,7 @@ pub enum InjectionError {
     System(#[from] io::Error),
 }
 
-/// Asks the daemon of `instance` for the fault that `line` says. Waits for the answer.
+/// Requests the fault in `line` from the daemon of `instance`. Waits for the answer.
 ///
 /// # Errors
 /// See [`InjectionError`]. After [`InjectionError::System`] the state of the fault is unknown.
@@ -49,31 +51,31 @@ pub fn inject(instance: &Instance, line: &str) -> Result<(), InjectionError> {
     }
 }
 
-/// The daemon's end: serves one client after the other.
+/// The daemon's side: serves one client after the other.
 #[derive(Debug)]
 pub struct InjectionListener(UnixListener);
 
 impl InjectionListener {
-    /// Opens the socket of the instance that is held, for those who may enter its runtime directory.
+    /// Opens the socket of the locked instance, for users who may enter its runtime directory.
     ///
     /// # Errors
     /// Those of the system.
     pub fn bind(lock: &InstanceLock) -> io::Result<Self> {
         let path = path(lock.instance());
-        // That of a daemon that is dead: the lock proves it.
+        // The socket belongs to a dead daemon: the lock proves it.
         match fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             Ok(()) | Err(_) => {}
         }
         let listener = UnixListener::bind(&path)?;
-        // The umask of a service must not lock its group out.
+        // The umask of a service must not exclude its group.
         let mode = fs::metadata(lock.instance().runtime())?.mode();
         fs::set_permissions(&path, Permissions::from_mode(mode & 0o777))?;
         Ok(Self(listener))
     }
 
-    /// Waits for the next line, gives it to `obey` with the asker's process id, and answers with the outcome. An asker that
-    /// says nothing is left after some seconds.
+    /// Waits for the next line, passes it to `obey` with the requester's process id, and answers
+    /// with the outcome. Drops a requester that sends nothing for some seconds.
     ///
     /// # Errors
     /// Those of the system: the client has disconnected, or no descriptors are left.

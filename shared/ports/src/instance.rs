@@ -1,14 +1,16 @@
-//! An instance of motord: its name, the directory where daemon and clients meet, and who holds it.
+//! An instance of motord: its name, the directory shared by daemon and clients, and the daemon's
+//! lock.
 //!
 //! ```text
 //! <runtime>/<instance>.lock     locked by the daemon, holds its process id
 //! <runtime>/iox/<instance>/     everything of iceoryx2; locked (shared) by every client
 //! <runtime>/iox/<instance>.cycle  the number that wakes clients; only the daemon may write it
-//! <runtime>/iox/<instance>.round  how often a daemon began anew below attached clients; missing at first
+//! <runtime>/iox/<instance>.round  how often a daemon replaced the files of attached clients; missing at first
 //! ```
 //!
-//! Who may enter `<runtime>` may command the motors. The files below are open to everybody who can reach them, so the
-//! directory alone decides: `/run/motord` belongs to a group, every other choice is private to its user.
+//! Access to `<runtime>` includes the right to command the motors. Its mode is the only protection:
+//! all users who reach the files below may use them. `/run/motord` belongs to a group; every other
+//! choice is private to its user.
 
 pub use crate::instance_error::{InstanceError, RUNTIME_DIR_VARIABLE};
 
@@ -29,27 +31,29 @@ use std::str::FromStr;
 /// The runtime directory of a daemon that runs as a service.
 const SERVICE_RUNTIME: &str = "/run/motord";
 
-/// Below the instance's directory while its daemon opens the services.
+/// Marker below the instance's directory while its daemon opens the services.
 const OPENING: &str = "opening";
 
-/// In the mode of a directory: others than its owner may write to it.
+/// Mode bits with which users other than the owner may write to a directory.
 const GROUP_WRITES: u32 = 0o022;
 
-/// An instance's name and place. It may run, or not.
+/// Name and location of an instance, running or not.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Instance {
     name: String,
     runtime: PathBuf,
-    /// Its runtime directory must be its user's alone.
+    /// The runtime directory must be accessible to its user only.
     private: bool,
 }
 
 impl Instance {
-    /// The instance `name` in the runtime directory of this process: `MOTORD_RUNTIME_DIR`, else `/run/motord` when it
-    /// exists, else `$XDG_RUNTIME_DIR/motord`, else a private folder below the directory for temporary files.
+    /// Finds the instance `name` in the runtime directory of this process. That is
+    /// `MOTORD_RUNTIME_DIR`, otherwise `/run/motord` if it exists, otherwise
+    /// `$XDG_RUNTIME_DIR/motord`, otherwise a private folder below the directory for temporary
+    /// files.
     ///
     /// # Errors
-    /// When the name is none, or the directory may not be entered or is not private.
+    /// An invalid name, or a directory that is inaccessible or not private.
     pub fn find(name: &str) -> Result<Self, InstanceError> {
         let variable = |name| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let choice =
@@ -67,10 +71,10 @@ impl Instance {
         }
     }
 
-    /// The instance `name` in the runtime directory `runtime`.
+    /// Returns the instance `name` in the runtime directory `runtime`.
     ///
     /// # Errors
-    /// When the name is none, the path is too long, or the directory exists and may not be entered.
+    /// An invalid name, a path that is too long, or an inaccessible directory.
     pub fn below(runtime: &Path, name: &str) -> Result<Self, InstanceError> {
         if !is_name(name) {
             return Err(InstanceError::Name { name: name.to_owned() });
@@ -89,19 +93,19 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Its name.
+    /// Returns the name.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its runtime directory.
+    /// Returns the runtime directory.
     #[must_use]
     pub fn runtime(&self) -> &Path {
         &self.runtime
     }
 
-    /// Where everything of iceoryx2 lies.
+    /// Returns the directory of all iceoryx2 files.
     pub(crate) fn root(&self) -> PathBuf {
         self.runtime.join("iox").join(&self.name)
     }
@@ -114,13 +118,15 @@ impl Instance {
         self.open_iox()?.open_below(&self.name)
     }
 
-    /// How often a daemon removed the files below attached clients. It is in the names of the services: a client removes a service that
-    /// it is the last to have, by its name, and that of a successor must be another one. 0 without such a file. Reads a file.
+    /// Returns how often a daemon removed the files below attached clients. The names of the
+    /// services contain this number: the last client of a service removes it by name, and must not
+    /// remove a successor's service. 0 without such a file. Reads a file.
     pub(crate) fn round(&self) -> u64 {
         self.open_iox().map_or(0, |iox| self.read_round(&iox).unwrap_or(0))
     }
 
-    /// `None` without a file of the daemon's: a client could lead other clients to wrong services.
+    /// Returns `None` without a file of the daemon: a client's file could lead other clients to
+    /// wrong services.
     fn read_round(&self, iox: &Directory) -> Option<u64> {
         Some(read_number(&mut iox.open_daemons(&self.round_name(), None).ok()?))
     }
@@ -129,11 +135,11 @@ impl Instance {
         format!("{}.round", self.name)
     }
 
-    /// The file of the number that clients sleep on, to read. The owner of the instance's directory may run its daemon in a runtime
-    /// directory of another user.
+    /// Opens the file of the number that clients sleep on, to read. The daemon of an instance may
+    /// use a runtime directory of another user.
     ///
     /// # Errors
-    /// As [`Directory::open_daemons`].
+    /// Those of [`Directory::open_daemons`].
     pub(crate) fn open_futex(&self) -> Result<File, InstanceError> {
         let iox = self.open_iox()?;
         let daemon = iox.open_below(&self.name)?.stat()?.st_uid;
@@ -148,7 +154,8 @@ impl Instance {
         format!("{}.cycle", self.name)
     }
 
-    /// Begins the next round with an empty directory, as far as it may: attached clients lose their daemon, and connect again.
+    /// Starts the next round with a directory that is as empty as possible: attached clients lose
+    /// their daemon and reconnect.
     fn begin_anew(&self) -> Result<(), InstanceError> {
         let iox = self.open_iox()?;
         let _no_worse_than_before = self.count_round(&iox);
@@ -162,12 +169,13 @@ impl Instance {
         write!(iox.make_ours(&name)?, "{next}").map_err(|error| refused(&iox.path.join(&name), errno(&error)))
     }
 
-    /// Becomes the one daemon of this instance, until the lock is dropped or the process dies. Files that dead
-    /// processes left behind are removed, unless a client is still attached and waits for its daemon to come back; where the last
-    /// daemon died of them, they are removed in any case.
+    /// Locks this instance for its only daemon, until the lock is dropped or the process dies.
+    /// Removes the files of dead processes, unless an attached client waits for its daemon to
+    /// restart. If the last daemon died of these files, removes them in any case.
     ///
     /// # Errors
-    /// [`InstanceError::AlreadyRunning`] with the holder's process id; others when the directory cannot be used.
+    /// [`InstanceError::AlreadyRunning`] with the holder's process id; others when the directory
+    /// cannot be used.
     pub fn lock(&self) -> Result<InstanceLock, InstanceError> {
         match DirBuilder::new().mode(0o700).create(&self.runtime) {
             Err(error) if error.kind() != io::ErrorKind::AlreadyExists => {
@@ -196,9 +204,10 @@ impl Instance {
         Ok(InstanceLock { instance: self.clone(), _lock: lock })
     }
 
-    /// iceoryx2 leaves a few files per killed process, and a file truncated by a full disk would keep every service from
-    /// opening. With the daemon's lock held and no client attached nobody needs any of them. Clients that wait for a daemon which
-    /// dies of these files, or which is killed in the milliseconds in which it opens them, connect again.
+    /// iceoryx2 leaves some files per killed process, and a file truncated by a full disk would
+    /// block every service. With the daemon's lock held and no client attached, no process needs
+    /// these files. Clients reconnect if the daemon dies of these files, or is killed in the
+    /// milliseconds in which it opens them.
     fn sweep(&self, root: &Directory) -> Result<(), InstanceError> {
         if root.changed(OPENING.as_ref()).is_some() {
             return self.begin_anew();
@@ -209,11 +218,11 @@ impl Instance {
         clear_below_clients(root)
     }
 
-    /// Marks this process as one that uses the instance, so that a starting daemon leaves its files alone. `None` when
-    /// there is nothing to attach to: no daemon ever ran here, or one is starting at this moment.
+    /// Registers this process as a user of the instance, so that a starting daemon keeps its files.
+    /// `None` when no daemon ever ran here, or one is just starting.
     ///
     /// # Errors
-    /// When the directory cannot be used.
+    /// The directory cannot be used.
     pub fn attach(&self) -> Result<Option<Attachment>, InstanceError> {
         let directory = match self.open_root().and_then(|root| root.file()) {
             Err(error) if is_missing(&error) => return Ok(None),
@@ -227,13 +236,13 @@ impl Instance {
     }
 }
 
-/// Returns true when `name` has the form of an instance's name.
+/// Returns `true` if `name` is a valid name of an instance.
 pub(crate) fn is_name(name: &str) -> bool {
     let of_a_name = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-');
     (1..=NAME_BYTES_MAX).contains(&name.len()) && name.bytes().all(of_a_name)
 }
 
-/// Held by the one daemon of an instance.
+/// The lock held by the only daemon of an instance.
 #[derive(Debug)]
 pub struct InstanceLock {
     instance: Instance,
@@ -241,39 +250,42 @@ pub struct InstanceLock {
 }
 
 impl InstanceLock {
-    /// The instance that is held.
+    /// Returns the locked instance.
     #[must_use]
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
 
-    /// From now on until the guard is dropped this daemon uses what others left. If it dies of that, its successor uses none of it.
+    /// Marks that this daemon uses the files of other processes, until the guard is dropped. If it
+    /// dies of them, its successor uses none of them.
     pub(crate) fn opening(&self) -> Opening<'_> {
         let _marked = self.instance.open_root().and_then(|root| root.make_file(OPENING));
         Opening(self)
     }
 
-    /// Removes every file below the instance's directory, as far as it may. Clients that are attached lose their daemon, and
-    /// connect again.
+    /// Removes every file below the instance's directory that can be removed. Attached clients lose
+    /// their daemon and reconnect.
     pub(crate) fn clear(&self) {
         let _unusable = self.instance.begin_anew();
     }
 
-    /// The file of the number that clients sleep on, to write. It is created when it is missing or belongs to another user.
+    /// Opens the file of the number that clients sleep on, to write. Creates it if it is missing or
+    /// belongs to another user.
     ///
     /// # Errors
-    /// As [`Directory::make_ours`].
+    /// Those of [`Directory::make_ours`].
     pub(crate) fn make_futex(&self) -> Result<File, InstanceError> {
         self.instance.open_iox()?.make_ours(&self.instance.futex_name())
     }
 
-    /// The file whose lock is held.
+    /// Returns the locked file.
     pub(crate) fn path(&self) -> PathBuf {
         self.instance.runtime.join(format!("{}.lock", self.instance.name))
     }
 }
 
-/// While a daemon opens its services. It leaves a file when it is killed by that: damaged shared memory may do so.
+/// Exists while a daemon opens its services. Its file remains if damaged shared memory kills the
+/// daemon meanwhile.
 #[derive(Debug)]
 pub(crate) struct Opening<'a>(&'a InstanceLock);
 
@@ -291,29 +303,30 @@ pub struct Attachment {
 }
 
 impl Attachment {
-    /// The instance that it is attached to.
+    /// Returns the attached instance.
     #[must_use]
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
 }
 
-/// Returns true when a process with this id exists. Wrong at worst when the id was reused, or lives in another namespace.
+/// Returns `true` if a process with this id exists. A reused id, or another namespace, makes the
+/// result wrong.
 #[must_use]
 pub fn process_exists(pid: u32) -> bool {
     i32::try_from(pid).is_ok_and(|pid| pid > 0 && kill(Pid::from_raw(pid), None) != Err(Errno::ESRCH))
 }
 
-/// The namespace of this process's id, as `AdminRequest::pid_namespace` has it; 0 when it is unknown.
+/// Returns the namespace of this process's id, for `AdminRequest::pid_namespace`; 0 when unknown.
 #[must_use]
 pub fn pid_namespace() -> u64 {
     nix::sys::stat::stat("/proc/self/ns/pid").map_or(0, |namespace| namespace.st_ino)
 }
 
-/// A runtime directory, by who may enter it.
+/// A runtime directory, by its users.
 #[derive(Debug, PartialEq, Eq)]
 enum Choice {
-    /// Those whom its owner wanted to.
+    /// Users chosen by its owner.
     Shared(PathBuf),
     /// Its user alone.
     Private(PathBuf),
@@ -331,8 +344,8 @@ fn choose(named: Option<PathBuf>, service: &Path, session: Option<PathBuf>) -> C
     Choice::Private(session.unwrap_or_else(temporary))
 }
 
-/// Opens a runtime directory. A `private` one must be this user's alone: anybody may have made it below a directory to which
-/// everybody may write.
+/// Opens a runtime directory. A `private` one must be accessible to this user only: in a directory
+/// that all users may write to, any of them may have created it.
 fn open_runtime(path: &Path, private: bool) -> Result<Directory, InstanceError> {
     let uid = Uid::effective().as_raw();
     let not_private = || InstanceError::NotPrivate { path: path.to_owned(), uid };
@@ -351,7 +364,7 @@ pub(crate) fn is_missing(error: &InstanceError) -> bool {
     matches!(error, InstanceError::System { errno: Errno::ENOENT, .. })
 }
 
-/// A directory that does not exist yet is no obstacle: the daemon makes it, and a client finds no daemon.
+/// A missing directory is no obstacle: the daemon creates it, and a client finds no daemon.
 fn check_access(path: &Path) -> Result<(), InstanceError> {
     match access(path, AccessFlags::R_OK | AccessFlags::W_OK | AccessFlags::X_OK) {
         Ok(()) | Err(Errno::ENOENT) => Ok(()),
@@ -360,7 +373,7 @@ fn check_access(path: &Path) -> Result<(), InstanceError> {
     }
 }
 
-/// The number that the file begins with; 0 when it does not.
+/// Returns the number at the start of the file, or 0.
 fn read_number<N: FromStr + Default>(file: &mut File) -> N {
     let mut text = [0; 32];
     let bytes = file.read(&mut text).unwrap_or(0);
@@ -373,8 +386,8 @@ fn write_pid(file: &mut File) -> io::Result<()> {
     writeln!(file, "{}", std::process::id())
 }
 
-/// Whoever makes files meanwhile, as a client that registers itself does, may keep a directory from being removed. What is left then is no
-/// worse than before, and no error.
+/// A process that creates files meanwhile, such as a registering client, may prevent the removal of
+/// a directory. The rest causes no harm, and is no error.
 fn clear_below_clients(root: &Directory) -> Result<(), InstanceError> {
     const TRIES: usize = 20;
     let cleared = (1..TRIES).find_map(|_| root.clear().ok());

@@ -1,25 +1,25 @@
-//! Why an instance cannot be used.
+//! Reasons why an instance cannot be used.
 
 use crate::permission::advice;
 use motord_shared::limits::NAME_BYTES_MAX;
 use nix::errno::Errno;
 use std::path::{Path, PathBuf};
 
-/// The variable that names another runtime directory.
+/// Environment variable that names another runtime directory.
 pub const RUNTIME_DIR_VARIABLE: &str = "MOTORD_RUNTIME_DIR";
 
-/// Most bytes of an instance's root path. Its sockets lie below it: a socket's path holds 107 bytes, and
-/// `/m_<number of up to 39 digits>.event` takes 48 of them.
+/// Limit on the bytes of an instance's root path. Its sockets lie below it: a socket's path holds
+/// 107 bytes, and `/m_<number of up to 39 digits>.event` takes 48 of them.
 pub(crate) const ROOT_BYTES_MAX: usize = 107 - 48;
 
-/// Why an instance cannot be reached or held.
+/// The reason why an instance cannot be reached or locked.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InstanceError {
-    /// The name has a form that no instance has.
+    /// The name is invalid.
     #[error("{name:?} is no instance name: use 1 to {NAME_BYTES_MAX} of the characters a-z, 0-9 and -")]
     Name {
-        /// The name that was given.
+        /// The name.
         name: String,
     },
     /// The user may not enter the runtime directory.
@@ -29,22 +29,22 @@ pub enum InstanceError {
         advice(path)
     )]
     Permission {
-        /// The directory that could not be entered.
+        /// The inaccessible directory.
         path: PathBuf,
     },
-    /// Someone else prepared, or could enter, a directory that must be private.
+    /// Another user created, or can enter, a directory that must be private.
     #[error(
-        "{} must be a directory of user {uid} that nobody else can enter: remove it, or name another directory in \
+        "{} must be a directory of user {uid} that no other user can enter: remove it, or name another directory in \
          {RUNTIME_DIR_VARIABLE}",
         path.display()
     )]
     NotPrivate {
         /// The directory.
         path: PathBuf,
-        /// Who should own it.
+        /// The required owner.
         uid: u32,
     },
-    /// The sockets would get paths that are too long for the system.
+    /// The paths of the sockets would be too long for the system.
     #[error(
         "{} is too long, an instance's path may have {ROOT_BYTES_MAX} bytes: name a shorter directory in \
          {RUNTIME_DIR_VARIABLE}",
@@ -54,7 +54,7 @@ pub enum InstanceError {
         /// The instance's path.
         path: PathBuf,
     },
-    /// iceoryx2 and its sockets take no such path.
+    /// iceoryx2 and its sockets do not support this path.
     #[error(
         "{path:?} has a character outside ASCII, or one of < > \" | ? * and the backslash: name another directory in \
          {RUNTIME_DIR_VARIABLE}"
@@ -63,7 +63,7 @@ pub enum InstanceError {
         /// The runtime directory.
         path: PathBuf,
     },
-    /// A file or a link lies where a directory should.
+    /// The path names a file or a link instead of a directory.
     #[error("{} is no directory: remove it, or name another directory in {RUNTIME_DIR_VARIABLE}", path.display())]
     NotDirectory {
         /// The file or link.
@@ -71,14 +71,14 @@ pub enum InstanceError {
     },
     /// Another user created a directory of the daemon.
     #[error(
-        "{} belongs to user {owner}, who could change what lies in it: remove it, or name another directory in \
+        "{} belongs to user {owner}, who could change its contents: remove it, or name another directory in \
          {RUNTIME_DIR_VARIABLE}",
         path.display()
     )]
     NotOurs {
         /// The directory.
         path: PathBuf,
-        /// Whose it is.
+        /// Its owner.
         owner: u32,
     },
     /// Another daemon holds the instance.
@@ -86,28 +86,28 @@ pub enum InstanceError {
     AlreadyRunning {
         /// The holder; 0 before it wrote its process id.
         pid: u32,
-        /// The lock that it holds.
+        /// The daemon's lock.
         path: PathBuf,
     },
-    /// The system refused something else.
+    /// Another error of the system.
     #[error("cannot use {}: {errno}", path.display())]
     System {
         /// The file or directory.
         path: PathBuf,
-        /// Why.
+        /// The error.
         errno: Errno,
     },
 }
 
 impl InstanceError {
-    /// No process can use the name or the directory.
+    /// Returns `true` if the name or the directory cannot be used by any process.
     #[must_use]
     pub const fn is_a_setting(&self) -> bool {
         matches!(self, Self::Name { .. } | Self::PathLength { .. } | Self::Characters { .. })
     }
 }
 
-/// The error of the kernel about `path`.
+/// Returns the error of the kernel for `path`.
 pub(crate) fn refused(path: &Path, errno: Errno) -> InstanceError {
     let path = path.to_owned();
     match errno {

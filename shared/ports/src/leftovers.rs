@@ -1,4 +1,5 @@
-//! Files of clients that were killed while they registered themselves. iceoryx2 does not know whose they are, and leaves them.
+//! Files of clients that were killed during registration. iceoryx2 does not know their owner and
+//! keeps them.
 
 use crate::directory::Directory;
 use crate::instance::{Instance, is_missing};
@@ -10,14 +11,15 @@ use std::collections::BTreeSet;
 use std::ffi::{OsStr, OsString};
 use std::time::{Duration, SystemTime};
 
-/// A client registers itself within milliseconds.
+/// Age after which a registration counts as abandoned. A client registers itself within
+/// milliseconds.
 const REGISTRATION: Duration = Duration::from_secs(10);
 
-/// Removes what belongs to no complete node or to no port of one, and is older than [`REGISTRATION`]. Returns how many files and
-/// directories those were.
+/// Removes files and directories older than [`REGISTRATION`] that belong to no complete node or
+/// port. Returns their number.
 ///
 /// # Errors
-/// The first that cannot be looked at or removed.
+/// The first that cannot be read or removed.
 pub(crate) fn remove(instance: &Instance) -> Result<u64, InstanceError> {
     let root = Directory::open(&instance.root(), false)?;
     let nodes = root.open_below("nodes")?;
@@ -29,7 +31,8 @@ fn remove_nodes(instance: &Instance, nodes: &Directory) -> Result<u64, InstanceE
     remove_old(nodes, nodes.names()?, |name| node_of(name).is_some_and(|node| !complete.contains(&node)))
 }
 
-/// A listener has its tag before its files, so the files are listed first. A node that exits meanwhile has no listener.
+/// A listener creates its tag before its files, so this lists the files first. A node that exits
+/// meanwhile has no listener.
 fn remove_listeners(root: &Directory, nodes: &Directory) -> Result<u64, InstanceError> {
     let files = root.names()?;
     let mut tags = BTreeSet::new();
@@ -60,7 +63,8 @@ fn remove_old(
     Ok(removed)
 }
 
-/// The nodes of running processes, and those of dead ones that iceoryx2 can clean. `None` when they cannot be listed.
+/// Returns the nodes of running processes, and those of dead ones that iceoryx2 can clean. `None`
+/// when they cannot be listed.
 fn complete(instance: &Instance) -> Option<BTreeSet<u128>> {
     let mut found = BTreeSet::new();
     let listed = Node::<Service>::list(&config(instance), |state| {
@@ -77,14 +81,14 @@ fn complete(instance: &Instance) -> Option<BTreeSet<u128>> {
     listed.is_ok().then_some(found)
 }
 
-/// The node of a directory `<number>`, or of a file `m_<number>.<kind>`.
+/// Returns the node of a directory `<number>`, or of a file `m_<number>.<kind>`.
 fn node_of(name: &OsStr) -> Option<u128> {
     let name = name.to_str()?;
     let number = name.strip_prefix("m_").map_or(name, |file| file.split('.').next().unwrap_or_default());
     number.parse().ok()
 }
 
-/// The port of a file `m_<number>.<kind>` or `m_<service>_<number>.<kind>`.
+/// Returns the port of a file `m_<number>.<kind>` or `m_<service>_<number>.<kind>`.
 fn port_of(name: &OsStr, kinds: &[&str]) -> Option<u128> {
     let (file, kind) = name.to_str()?.strip_prefix("m_")?.split_once('.')?;
     let port = file.rsplit('_').next()?.parse().ok()?;
@@ -118,7 +122,8 @@ mod tests {
         let nodes = instance.root().join("nodes");
         let count = || fs::read_dir(&nodes).unwrap().count();
         let living = count();
-        // Only directories, and files without an owner: closing a file releases the locks of this process on it.
+        // Only directories, and files without an owner: closing a file releases the locks of this
+        // process on it.
         let make_old = |path: &std::path::Path| {
             File::open(path).unwrap().set_modified(SystemTime::now() - 2 * REGISTRATION).unwrap();
         };
@@ -139,7 +144,8 @@ mod tests {
         assert!(nodes.join("3").exists());
     }
 
-    /// Makes the file `path` old. It is not opened: closing it would give up the locks of this process on it.
+    /// Sets an old time on the file `path`, without opening it: closing it would release the locks
+    /// of this process on it.
     fn age(path: &Path) {
         let day = TimeSpec::new(86_400, 0);
         utimensat(nix::fcntl::AT_FDCWD, path, &day, &day, UtimensatFlags::NoFollowSymlink).unwrap();

@@ -1,4 +1,4 @@
-//! How processes reach motord: shared-memory ports, the runtime directory, and the sockets beside them.
+//! Paths to motord: shared-memory ports, the runtime directory, and the sockets beside them.
 //!
 //! - [`instance`]: the runtime directory of an instance, and the permission to use it.
 //! - [`service`]: the iceoryx2 services, with their limits.

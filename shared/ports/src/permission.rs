@@ -4,8 +4,8 @@ use nix::sys::stat::{Mode, SFlag, stat};
 use nix::unistd::{Gid, Group};
 use std::path::Path;
 
-/// A half sentence about the path, or about the directory above it for which the system tells who may enter: which group to join,
-/// or that its owner alone may use it.
+/// Returns advice for the path, or for the directory above it whose owner the system reports. It
+/// names the group to join, or states that only the owner has access.
 #[must_use]
 pub fn advice(path: &Path) -> String {
     let Some(found) = path.ancestors().find_map(|path| stat(path).ok()) else {
@@ -13,7 +13,7 @@ pub fn advice(path: &Path) -> String {
     };
     let mode = Mode::from_bits_truncate(found.st_mode & !SFlag::S_IFMT.bits());
     if !mode.contains(Mode::S_IWGRP | Mode::S_IXGRP) {
-        return "its owner alone may use it".to_owned();
+        return "only its owner may use it".to_owned();
     }
     let group = Group::from_gid(Gid::from_raw(found.st_gid)).ok().flatten();
     let name = group.map_or_else(|| found.st_gid.to_string(), |group| group.name);
@@ -33,11 +33,11 @@ mod tests {
         let name = Group::from_gid(gid).unwrap().unwrap().name;
         for (mode, expected) in [
             (0o2770, format!("join the group {name}, then log in again")),
-            (0o700, "its owner alone may use it".to_owned()),
+            (0o700, "only its owner may use it".to_owned()),
         ] {
             fs::set_permissions(place.path(), Permissions::from_mode(mode)).unwrap();
             assert_eq!(advice(place.path()), expected);
-            assert_eq!(advice(&place.path().join("iox/robot")), expected, "of what nobody can look at");
+            assert_eq!(advice(&place.path().join("iox/robot")), expected, "of an inaccessible path");
         }
     }
 }

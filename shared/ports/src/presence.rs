@@ -9,15 +9,16 @@ use std::path::{Path, PathBuf};
 /// The device and the number of a file.
 type Identity = (u64, u64);
 
-/// The files of a daemon as they were: its lock, its directory, the number that wakes clients and its services, except the service that
-/// only recorders need.
+/// The initial files of a daemon: its lock, its directory, the number that wakes clients and its
+/// services, except the service for recorders.
 ///
-/// Files of its clients, of a dead predecessor and of unknown programs come and go in the same directory, and do not count.
+/// Files of clients, of a dead predecessor and of unknown programs in the same directory do not
+/// count.
 #[derive(Debug)]
 pub struct Presence(Vec<(PathBuf, Option<Identity>)>);
 
 impl Presence {
-    /// The files of the daemon that holds `lock`, whose services are open.
+    /// Records the files of the daemon that holds `lock`, whose services are open.
     #[must_use]
     pub fn of(lock: &InstanceLock) -> Self {
         let instance = lock.instance();
@@ -26,9 +27,9 @@ impl Presence {
         Self(files.map(|path| (path.clone(), identity(&path).ok())).collect())
     }
 
-    /// The first of them that was removed, or is another file now. A file that the system cannot look at just now, for lack of
-    /// memory or of permission, is not lost: that is no reason to stop a robot. Seven system calls, which do not block on a file
-    /// system in memory.
+    /// Returns the first file that was removed or replaced. A file that the system cannot check,
+    /// for lack of memory or permission, does not count: that is no reason to stop a robot. Seven
+    /// system calls, which do not block on a file system in memory.
     #[must_use]
     pub fn lost(&self) -> Option<&Path> {
         let lost = self.0.iter().find(|(path, was)| match identity(path) {
@@ -78,7 +79,7 @@ mod tests {
         }
     }
 
-    /// A client that ends and the files of the dead, which are removed now and then, are no loss.
+    /// A client that ends, or the removal of the files of dead processes, is no loss.
     #[test]
     fn other_changes_in_directory_are_no_loss() {
         let place = tempfile::tempdir_in("/tmp").unwrap();
@@ -94,7 +95,7 @@ mod tests {
         assert_eq!(presence.lost(), None);
     }
 
-    /// A client removes the services that it is the last to have; it finds them by their names.
+    /// The last client of a service removes it, and finds it by name.
     #[test]
     fn leaving_client_removes_no_file_of_successor() {
         for is_damaged in [false, true] {
@@ -107,7 +108,7 @@ mod tests {
             if is_damaged {
                 crate::service::files(&instance).iter().for_each(|path| fs::write(path, "").unwrap());
             } else {
-                // The next daemon was killed while it opened the services.
+                // As if the next daemon was killed while it opened the services.
                 std::mem::forget(lock.opening());
             }
             drop(lock);

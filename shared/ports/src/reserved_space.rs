@@ -1,5 +1,6 @@
-//! Reserved space on the disk for the shared memory. Its files are sparse: on a full disk, a process that touches a page without
-//! space is killed (`SIGBUS`). So a daemon reserves the space before it moves anything.
+//! Reserved space on the disk for the shared memory. Its files are sparse: on a full disk, the
+//! kernel kills a process that accesses a page without space (`SIGBUS`). Therefore a daemon
+//! reserves the space before it moves anything.
 
 use nix::errno::Errno;
 use nix::fcntl::{OFlag, open, posix_fallocate};
@@ -9,13 +10,14 @@ use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
-/// The files of a daemon without clients take 8 MB; the rest is for the connections of some clients.
+/// The files of a daemon without clients take 8 MB; the rest is for the connections of some
+/// clients.
 const BYTES: i64 = 20 << 20;
 
-/// Checks that `directory` has space for the services: takes it and gives it back.
+/// Checks that `directory` has space for the services, by a temporary reservation.
 ///
 /// # Errors
-/// `ENOSPC`; what else the kernel refused.
+/// `ENOSPC`; other errors of the kernel.
 pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
     let path = directory.join("space");
     let flags = OFlag::O_CREAT | OFlag::O_TRUNC | OFlag::O_RDWR | OFlag::O_CLOEXEC | OFlag::O_NOFOLLOW;
@@ -25,10 +27,11 @@ pub(crate) fn check(directory: &Path) -> Result<(), Errno> {
     checked
 }
 
-/// Reserves the space of every file below `directory`, up to its length. A directory that was removed meanwhile needs none.
+/// Reserves the space of every file below `directory`, up to its length. A directory that was
+/// removed meanwhile needs none.
 ///
 /// # Errors
-/// As [`check`].
+/// Those of [`check`].
 pub(crate) fn occupy(directory: &Path) -> Result<(), Errno> {
     let entries = match fs::read_dir(directory) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -45,14 +48,15 @@ pub(crate) fn occupy(directory: &Path) -> Result<(), Errno> {
     Ok(())
 }
 
-/// The others must not even be opened: closing a file gives up every lock that this process has on it (`fcntl(2)`), and by
-/// such locks iceoryx2 knows who lives.
+/// Other files must not be opened: closing a file releases every lock of this process on it
+/// (`fcntl(2)`). iceoryx2 detects living processes by such locks.
 fn is_sparse(metadata: &Metadata) -> bool {
     const BLOCK_BYTES: u64 = 512;
     metadata.blocks() * BLOCK_BYTES < metadata.len()
 }
 
-/// Skips a file that was removed meanwhile, is read-only or is a link: this process does not write to it.
+/// Skips a file that was removed meanwhile, is read-only or is a link: this process does not write
+/// to it.
 fn occupy_file(path: &Path, length: u64) -> Result<(), Errno> {
     let mut options = File::options();
     let Ok(file) = options.write(true).custom_flags(OFlag::O_NOFOLLOW.bits()).open(path) else {
@@ -89,7 +93,8 @@ mod tests {
         );
     }
 
-    /// A client that comes and goes while a daemon starts makes and removes directories.
+    /// A client that connects and disconnects while a daemon starts creates and removes
+    /// directories.
     #[test]
     fn a_directory_that_goes_meanwhile_is_no_obstacle() {
         let place = tempfile::tempdir_in("/tmp").unwrap();

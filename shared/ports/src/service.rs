@@ -1,4 +1,4 @@
-//! The five iceoryx2 services of an instance, with every limit of theirs.
+//! The five iceoryx2 services of an instance, with all their limits.
 //!
 //! | service | pattern | daemon | client |
 //! |---|---|---|---|
@@ -6,10 +6,10 @@
 //! | `motord/<instance>/record` | publish-subscribe | publishes each cycle while a recorder is connected | reads every one |
 //! | `motord/<instance>/setpoint` | publish-subscribe | reads the newest of each owner | publishes |
 //! | `motord/<instance>/cycle` | event | notifies after each state | for other programs: clients sleep on a [number in a file](crate::ClientPorts::sleep) |
-//! | `motord/<instance>/admin` | request-response | answers | asks |
+//! | `motord/<instance>/admin` | request-response | answers | requests |
 //!
-//! Everything is a file below the instance's directory, nothing is in `/dev/shm`: who may enter the directory may
-//! connect, nobody else.
+//! Everything is a file below the instance's directory, nothing is in `/dev/shm`. All users who may
+//! enter the directory may connect; no others may.
 
 use crate::iceoryx::{Payload, PortLock};
 use crate::instance::Instance;
@@ -46,19 +46,20 @@ use std::fmt::Debug;
 use std::os::unix::ffi::OsStrExt;
 use std::path::PathBuf;
 
-/// Most processes of one instance: each client may send requests, the daemon is one, and the dead keep their place
-/// until the next cleaning.
+/// Limit on the processes of one instance: the daemon, and each client that may send requests. Dead
+/// processes keep their slot until the next cleanup.
 const NODES_MAX: usize = ADMINS_MAX + 8;
 
-/// States that a subscriber may keep: the newest is enough for a controller.
+/// States buffered for a subscriber: a controller needs only the newest.
 const STATE_BUFFER: usize = 2;
 
-/// iceoryx2 with files instead of POSIX shared memory: the latter has no directory, hence no group that guards it. A lock
-/// around each port lets threads share a client; it is uncontended in the daemon, where one thread uses every port.
+/// iceoryx2 with files instead of POSIX shared memory, which has no directory whose group could
+/// restrict access. A lock around each port lets threads share a client. It is uncontended in the
+/// daemon, where one thread uses every port.
 #[derive(Debug, Clone)]
 pub struct FileService {}
 
-/// The kind of service that daemon and clients share. Both must be built with the same one.
+/// The service type of daemon and clients. Both must be built with the same one.
 pub type Service = FileService;
 
 impl iceoryx2::service::Service for FileService {
@@ -86,7 +87,7 @@ impl iceoryx2::service::Service for FileService {
 
 impl iceoryx2::service::internal::ServiceInternal<FileService> for FileService {}
 
-/// One of the five services, or what all of them need.
+/// One of the five services, or their common part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
     /// The registration of each process.
@@ -104,7 +105,7 @@ pub enum Part {
 }
 
 impl Part {
-    /// The last word of its service name.
+    /// Returns the last word of its service name.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -118,13 +119,13 @@ impl Part {
     }
 }
 
-/// Why a process cannot use a service.
+/// The reason why a process cannot use a service.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Obstacle {
-    /// It does not exist.
+    /// The service does not exist.
     #[error("it does not exist: no daemon runs here")]
     Missing,
-    /// The other side has another layout or another version of iceoryx2.
+    /// The other side uses another layout or another version of iceoryx2.
     #[error(
         "daemon and client have different versions of it: install the same version of both, and restart both"
     )]
@@ -132,13 +133,13 @@ pub enum Obstacle {
     /// Its files may not be opened.
     #[error("no permission for its files: join the group that owns the runtime directory")]
     Permission,
-    /// Every place is taken.
-    #[error("all {most} places are taken: end a process that uses it")]
+    /// Every slot is in use.
+    #[error("all {most} slots are in use: end a process that uses one")]
     Full {
-        /// How many there are.
+        /// The number of slots.
         most: usize,
     },
-    /// The disk that its files are on is full.
+    /// The disk of its files is full.
     #[error("no space for its files: free 32 MiB in the file system of the runtime directory")]
     NoSpace,
     /// Its files cannot be used, or the memory ran out.
@@ -148,24 +149,24 @@ pub enum Obstacle {
     Damaged,
 }
 
-/// A service that cannot be used, and why.
+/// A service that cannot be used, and the reason.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("service {}: {obstacle}", part.name())]
 pub struct ServiceError {
-    /// Which.
+    /// The service.
     pub part: Part,
-    /// Why.
+    /// The reason.
     pub obstacle: Obstacle,
 }
 
 impl Part {
-    /// An error of iceoryx2, as one of this part.
+    /// Converts an error of iceoryx2 to one of this part.
     pub(crate) fn failed<E: Into<Obstacle>>(self) -> impl Fn(E) -> ServiceError {
         move |error| ServiceError { part: self, obstacle: error.into() }
     }
 }
 
-/// Which obstacle an error of iceoryx2 is. Everything that is not listed means damage.
+/// The obstacles for the errors of iceoryx2. Every error that is not listed means damage.
 macro_rules! obstacles {
     ($($error:path { $($variant:ident $(($inner:ident))? => $obstacle:expr,)* })+) => {
         $(impl From<$error> for Obstacle {
@@ -272,7 +273,7 @@ impl From<Errno> for Obstacle {
     }
 }
 
-/// Errors that always mean damage: nothing of theirs is left for a user to decide.
+/// Errors that always mean damage.
 macro_rules! damages {
     ($($error:path,)+) => {
         $(impl From<$error> for Obstacle {
@@ -295,11 +296,11 @@ damages! {
     RequestSendError,
 }
 
-/// Registers this process, and leaves its signals alone. iceoryx2 stays silent, also in a program that was built with a
-/// logger of its own, unless `IOX2_LOG_LEVEL` asks for messages: what concerns the user comes back as an error.
+/// Registers this process without signal handlers. iceoryx2 logs nothing unless `IOX2_LOG_LEVEL` is
+/// set, even in a program with another logger: errors are returned.
 ///
-/// Only the daemon `cleans` up after the dead: a process that is killed while it does leaves a dead one that nobody can clean any
-/// more.
+/// Only the daemon `cleans` up after dead processes: no process can clean up after one that is
+/// killed during its cleanup.
 pub(crate) fn node(instance: &Instance, cleans: bool) -> Result<Node<Service>, ServiceError> {
     set_log_level_from_env_or(LogLevel::Fatal);
     let mut config = config(instance);
@@ -329,7 +330,7 @@ fn builder(
     node.service_builder(&service_name(instance, part))
 }
 
-/// That of the table above; from the second round on its number follows.
+/// Returns the name in the table above; from the second round on with its number.
 fn service_name(instance: &Instance, part: Part) -> ServiceName {
     let mut name = format!("motord/{}/{}", instance.name(), part.name());
     match instance.round() {
@@ -339,8 +340,8 @@ fn service_name(instance: &Instance, part: Part) -> ServiceName {
     ServiceName::new(&name).expect("an instance name makes a short service name")
 }
 
-/// The files by which clients find the services of `instance`, except the service of recorders. They stay the same while a
-/// daemon or a client has the services.
+/// Returns the files by which clients find the services of `instance`, except the service for
+/// recorders. They stay the same while a daemon or a client uses the services.
 pub(crate) fn files(instance: &Instance) -> [PathBuf; 4] {
     let config = config(instance);
     let suffix = &config.global.service.static_config_storage_suffix;
@@ -374,8 +375,8 @@ pub(crate) fn state(
         .max_nodes(NODES_MAX)
 }
 
-/// A service beside the states: each of its few subscribers has room for a quarter of a second of cycles, which the many watchers do
-/// not need.
+/// The service for recorders. Its few subscribers have buffers for a quarter of a second of cycles,
+/// which the many watchers do not need.
 pub(crate) fn record(
     node: &Node<Service>,
     instance: &Instance,
@@ -438,7 +439,8 @@ pub(crate) fn admin(
         .max_nodes(NODES_MAX)
 }
 
-/// The layout that the other side of `part` uses, for the report of a mismatch. `None` when it cannot be found out.
+/// Returns the layout on the other side of `part`, for the report of a mismatch. `None` when
+/// unknown.
 #[must_use]
 pub fn layout(instance: &Instance, part: Part) -> Option<String> {
     let pattern = match part {

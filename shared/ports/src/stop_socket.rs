@@ -1,10 +1,13 @@
-//! The socket of a daemon for emergency stops: a way that needs no file, no place and no memory that others could use up.
+//! The socket of a daemon for emergency stops: it needs no file, no slot and no memory that other
+//! processes could exhaust.
 //!
-//! It is an abstract Unix socket (unix(7)) of the kind `SOCK_SEQPACKET`, called `motord-stop:<instance>:<runtime directory>`. An
-//! asker connects, sends [`REQUEST`], and gets one of the replies. Connecting alone asks for nothing. Like every abstract
-//! socket it is there for the processes of one network namespace.
+//! It is an abstract Unix socket (unix(7)) of the type `SOCK_SEQPACKET`, called
+//! `motord-stop:<instance>:<runtime directory>`. A requester connects, sends [`REQUEST`], and
+//! receives one of the replies. A connection without a request has no effect. Abstract sockets
+//! exist per network namespace.
 //!
-//! Anybody may take a free name, so an asker believes only a process of a user who could answer in the runtime directory, too.
+//! Any process may take a free name. Therefore a requester trusts only users who could also answer
+//! in the runtime directory.
 
 use crate::instance::Instance;
 use nix::errno::Errno;
@@ -23,9 +26,9 @@ use std::time::{Duration, Instant};
 
 /// The request for an emergency stop.
 pub const REQUEST: &[u8] = b"motord emergency stop 1";
-/// The reply once the commands that damp the motors are on their way.
+/// The reply once the commands that damp the motors are sent.
 pub const CONFIRMED: &[u8] = b"confirmed";
-/// The reply when no cycle carried the stop out in time. The next cycle, if one comes, still carries it out.
+/// The reply when no cycle executed the stop in time. The next cycle, if any, still executes it.
 pub const NO_CYCLE: &[u8] = b"no cycle";
 /// The reply to a process that may not enter the runtime directory.
 pub const NOT_PERMITTED: &[u8] = b"not permitted";
@@ -37,39 +40,39 @@ const PREFIX: &[u8] = b"motord-stop:";
 /// Pause between two attempts to reach a daemon that has too many connections.
 const RETRY: Duration = Duration::from_millis(1);
 
-/// Why an emergency stop was not confirmed through the socket.
+/// The reason why an emergency stop was not confirmed through the socket.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StopError {
     /// No process listens.
     #[error("no motord listens in this network namespace")]
     NotRunning,
-    /// A process of another user listens in the place of the daemon.
-    #[error("process {pid} of user {uid} listens in the place of motord")]
+    /// A process of another user listens instead of the daemon.
+    #[error("process {pid} of user {uid} listens instead of motord")]
     NotTrusted {
         /// Its process id.
         pid: i32,
         /// Its user.
         uid: u32,
     },
-    /// The daemon does not let this user stop the robot.
+    /// The daemon rejects requests of this user.
     #[error("this user may not enter motord's runtime directory")]
     NotPermitted,
-    /// The daemon is there, and its cycle did not carry the stop out.
+    /// The daemon answers, but its cycle did not execute the stop.
     #[error("motord's cycle does not run")]
     NoCycle,
     /// The daemon did not answer in time.
     #[error("motord does not answer")]
     NoReply,
-    /// The system refused a socket.
-    #[error("the system refused a socket: {0}")]
+    /// The system returned an error for the socket.
+    #[error("cannot create or use a socket: {0}")]
     System(Errno),
 }
 
-/// The address of an instance's socket.
+/// Returns the address of an instance's socket.
 ///
 /// # Errors
-/// `ENAMETOOLONG` when the real path of the runtime directory is much longer than the one that the instance was given.
+/// `ENAMETOOLONG` when the real path of the runtime directory is much longer than the given one.
 pub fn address(instance: &Instance) -> Result<UnixAddr, Errno> {
     let runtime = instance.runtime();
     let real = fs::canonicalize(runtime).or_else(|_| std::path::absolute(runtime));
@@ -78,10 +81,10 @@ pub fn address(instance: &Instance) -> Result<UnixAddr, Errno> {
     UnixAddr::new_abstract(&name)
 }
 
-/// A socket of this kind, not connected yet.
+/// Creates a socket of this type, not connected yet.
 ///
 /// # Errors
-/// Of the system.
+/// Those of the system.
 pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
     socket(AddressFamily::Unix, SockType::SeqPacket, SockFlag::SOCK_CLOEXEC | flags, None)
 }
@@ -90,12 +93,14 @@ pub fn open(flags: SockFlag) -> Result<OwnedFd, Errno> {
 #[derive(Debug)]
 pub struct AskedStop {
     socket: OwnedFd,
-    /// Whether the process that listens may be the daemon; an error when its confirmation must not be believed.
+    /// Result of the check of the listening process. After an error its confirmation must not be
+    /// trusted.
     daemon: Result<(), StopError>,
 }
 
 impl AskedStop {
-    /// Asks the daemon of `instance` to damp and stop every motor. Waits at most `patience` until it is heard.
+    /// Requests the daemon of `instance` to damp and stop every motor. Waits at most `patience`
+    /// until the request is sent.
     ///
     /// # Errors
     /// [`StopError::NotRunning`], [`StopError::NoReply`], [`StopError::System`].
@@ -104,7 +109,8 @@ impl AskedStop {
         let end = Instant::now() + patience;
         loop {
             match Self::try_send(instance, &address, end) {
-                // A daemon with too many callers drops the first that have not asked yet: this process may be among them.
+                // A daemon with too many callers drops the first ones without a request: this
+                // process may be affected.
                 Err(Errno::EPIPE | Errno::ECONNRESET | Errno::EAGAIN | Errno::EINTR)
                     if Instant::now() < end =>
                 {
@@ -129,7 +135,7 @@ impl AskedStop {
     /// Waits for the confirmation, at most `patience`.
     ///
     /// # Errors
-    /// [`StopError::NoReply`] when it may still come; every other one is the last word.
+    /// [`StopError::NoReply`] when the confirmation may still arrive; every other error is final.
     pub fn confirm(&self, patience: Duration) -> Result<(), StopError> {
         let end = Instant::now() + patience;
         let mut reply = [0; MESSAGE_BYTES_MAX];
@@ -155,7 +161,7 @@ fn connected(address: &UnixAddr, end: Instant) -> Result<OwnedFd, Errno> {
     Ok(socket)
 }
 
-/// No call on `socket` waits beyond `end`, or longer than a millisecond after it.
+/// Limits each call on `socket` to `end` plus at most a millisecond.
 fn wait_at_most(socket: &OwnedFd, end: Instant) -> Result<(), Errno> {
     let left = end.saturating_duration_since(Instant::now()).max(RETRY);
     let left = TimeVal::new(left.as_secs() as i64, i64::from(left.subsec_micros()));
@@ -163,8 +169,8 @@ fn wait_at_most(socket: &OwnedFd, end: Instant) -> Result<(), Errno> {
     setsockopt(socket, sockopt::ReceiveTimeout, &left)
 }
 
-/// Whether the process that listens can be the daemon: of root, of this user, or of a user to whom the runtime directory or the
-/// instance's lock belongs.
+/// Checks that the listening process can be the daemon: a process of root, of this user, or of the
+/// owner of the runtime directory or of the instance's lock.
 fn judge(instance: &Instance, peer: UnixCredentials) -> Result<(), StopError> {
     let lock = instance.runtime().join(format!("{}.lock", instance.name()));
     let owner_of = |path: &Path| fs::symlink_metadata(path).ok().map(|found| found.uid());
@@ -189,9 +195,10 @@ pub struct RunningInstance {
     pub uid: u32,
 }
 
-/// The daemons that listen for emergency stops, sorted. Asks nothing of them. Anybody may take a free name: an entry proves no
-/// daemon. Its words need no quotes in a shell: an instance has an instance's name, and a directory with other characters than
-/// letters, digits and `/._+-` is left out.
+/// Returns the daemons that listen for emergency stops, sorted. Sends no request. Any process may
+/// take a free name: an entry does not prove a daemon. The values need no quotes in a shell. An
+/// instance has a valid name, and directories with characters other than letters, digits and
+/// `/._+-` are omitted.
 #[must_use]
 pub fn running() -> Vec<RunningInstance> {
     let table = fs::read("/proc/net/unix").unwrap_or_default();
@@ -201,7 +208,7 @@ pub fn running() -> Vec<RunningInstance> {
     running
 }
 
-/// The daemon in a line of `/proc/net/unix`, if it is one that listens.
+/// Returns the daemon in a line of `/proc/net/unix`, if the line shows a listening one.
 fn listener(line: &[u8]) -> Option<RunningInstance> {
     let start = line.windows(PREFIX.len()).position(|part| part == PREFIX)?;
     let name = line[start..].strip_prefix(PREFIX)?;
