@@ -1,4 +1,4 @@
-//! Why a frame could not be made or understood.
+//! Reasons for which a frame cannot be encoded or decoded.
 
 use core::fmt;
 
@@ -29,10 +29,10 @@ impl fmt::Display for Quantity {
     }
 }
 
-/// Why a command cannot be put into bytes.
+/// Reason for which a command cannot be encoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EncodeError {
-    /// NaN or infinity: the wire has no code for either, and any code in its place would move the motor.
+    /// NaN or infinity. The wire has no code for either, and any other code would move the motor.
     NotFinite {
         /// The first quantity that is not finite.
         field: Quantity,
@@ -49,16 +49,16 @@ impl fmt::Display for EncodeError {
 
 impl core::error::Error for EncodeError {}
 
-/// Why bytes have no meaning.
+/// Reason for which bytes cannot be decoded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DecodeError {
-    /// No frame of this kind has so many bytes.
+    /// The number of bytes is not one that frames of this kind have.
     Length {
-        /// The fewest bytes such a frame has.
+        /// Fewest bytes of such a frame.
         least: usize,
-        /// The most bytes such a frame has.
+        /// Most bytes of such a frame.
         most: usize,
-        /// The bytes this frame has.
+        /// Number of bytes of this frame.
         received: usize,
     },
     /// A native frame whose first byte is not in Table 4 of the GIM document.

@@ -1,13 +1,14 @@
-//! The faults of a motor, in words that all vendors share.
+//! The faults of a motor, in terms that all vendors share.
 //!
-//! Every vendor numbers its faults in its own way. A [`Profile`](crate::Profile) maps them to the words of this table, so
-//! that a client needs no vendor's document. The lowest byte is SteadyWin's own numbering, GIM document Table 9, which
-//! the words began with.
+//! Each vendor numbers its faults differently. A [`Profile`](crate::Profile) maps them to the bits
+//! of this table, so that a client needs no vendor's document. The lowest byte equals SteadyWin's
+//! numbering, GIM document Table 9.
 
-/// The faults that a motor reports, as bits of [`FAULTS`]. Zero is no fault.
+/// The faults that a motor reports, as bits of [`FAULTS`]. Zero means no fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Faults(
-    /// As clients receive it. The highest byte is a number, see [`unrecognised`](Self::unrecognised).
+    /// The value that clients receive. The highest byte is a number, see
+    /// [`unrecognised`](Self::unrecognised).
     pub u32,
 );
 
@@ -16,7 +17,7 @@ pub struct Faults(
 pub struct Fault {
     /// Its bit in [`Faults`].
     pub bit: u32,
-    /// A short name, fit for a key.
+    /// A short name, usable as a key.
     pub name: &'static str,
     /// Its meaning, as a sentence.
     pub sentence: &'static str,
@@ -26,7 +27,7 @@ const fn fault(faults: Faults, name: &'static str, sentence: &'static str) -> Fa
     Fault { bit: faults.0, name, sentence }
 }
 
-/// Every fault that has a word.
+/// All named faults.
 pub const FAULTS: [Fault; 16] = [
     fault(
         Faults::FOC_FREQUENCY,
@@ -73,77 +74,78 @@ pub const FAULTS: [Fault; 16] = [
 impl Faults {
     /// No fault.
     pub const NONE: Self = Self(0);
-    /// The current loop could not keep its rate. [`FAULTS`] has a sentence for each named fault.
+    /// The current loop could not keep its rate. [`FAULTS`] describes each named fault in a
+    /// sentence.
     pub const FOC_FREQUENCY: Self = Self(0x01);
-    /// The bus voltage is above the driver's threshold: damping feeds energy back into it.
+    /// The bus voltage is above the driver's threshold. Damping feeds energy back into the bus.
     pub const OVER_VOLTAGE: Self = Self(0x02);
     /// The bus voltage is below the driver's threshold.
     pub const UNDER_VOLTAGE: Self = Self(0x04);
     /// The motor or its driver is too hot.
     pub const OVER_TEMPERATURE: Self = Self(0x08);
-    /// It could not be started.
+    /// The motor could not be started.
     pub const START_FAILURE: Self = Self(0x10);
-    /// SteadyWin's 0x20, which no document names.
+    /// SteadyWin's 0x20, which the documents do not define.
     pub(crate) const UNNAMED: Self = Self(0x20);
-    /// Too much current, in any phase.
+    /// Overcurrent in any phase.
     pub const OVER_CURRENT: Self = Self(0x40);
-    /// The driver's software.
+    /// The driver's software met a condition that it could not handle.
     pub const SOFTWARE: Self = Self(0x80);
     /// The driver's transistors are too hot.
     pub const DRIVER_OVER_TEMPERATURE: Self = Self(0x100);
     /// The winding is too hot.
     pub const MOTOR_OVER_TEMPERATURE: Self = Self(0x200);
-    /// No command came for longer than the driver's own timeout.
+    /// The driver received no command for longer than its timeout.
     pub const HOST_SILENT: Self = Self(0x400);
-    /// Too much torque for too long.
+    /// Overload or stall for too long.
     pub const OVERLOAD: Self = Self(0x800);
-    /// The gate driver.
+    /// The gate driver reports a fault.
     pub const DRIVER_CHIP: Self = Self(0x1000);
-    /// The encoder.
+    /// The encoder is not calibrated, or does not work.
     pub const ENCODER: Self = Self(0x2000);
     /// The driver does not recognise its hardware.
     pub const HARDWARE: Self = Self(0x4000);
-    /// The position at the start.
+    /// The driver could not find the motor's position at its start.
     pub const POSITION: Self = Self(0x8000);
-    /// A fault without a word; its vendor's number is in the highest byte.
+    /// A fault without a bit of its own. The vendor's number is in the highest byte.
     pub const UNRECOGNISED: Self = Self(0x0080_0000);
 
-    /// A fault with the vendor's number `code` that the vendor's document does not name.
+    /// Returns the fault for the vendor's number `code`, which the vendor's document does not name.
     #[must_use]
     pub const fn of_unknown_code(code: u8) -> Self {
         Self(Self::UNRECOGNISED.0 | (code as u32) << 24)
     }
 
-    /// The vendor's number of the fault without a word, if there is one.
+    /// Returns the vendor's number of an unrecognised fault, if there is one.
     #[must_use]
     pub const fn unrecognised(self) -> Option<u8> {
         if self.has(Self::UNRECOGNISED) { Some((self.0 >> 24) as u8) } else { None }
     }
 
-    /// The motor reports no fault.
+    /// Returns `true` when the motor reports no fault.
     #[must_use]
     pub const fn is_none(self) -> bool {
         self.0 == 0
     }
 
-    /// At least one fault of `other` is among these.
+    /// Returns `true` when at least one fault of `other` is in this set.
     #[must_use]
     pub const fn has(self, other: Self) -> bool {
         self.0 & other.0 != 0
     }
 
-    /// These and those of `other`.
+    /// Returns the union of this set and `other`.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
     }
 
-    /// The faults with a name, lowest bit first.
+    /// Returns the named faults, lowest bit first.
     pub fn named(self) -> impl Iterator<Item = &'static Fault> {
         FAULTS.iter().filter(move |fault| self.0 & fault.bit != 0)
     }
 
-    /// The bits that no word stands for, and the vendor's number in the highest byte.
+    /// Returns the bits without a name, and the vendor's number in the highest byte.
     #[must_use]
     pub fn unknown(self) -> u32 {
         self.named().fold(self.0, |rest, fault| rest & !fault.bit)
@@ -152,16 +154,16 @@ impl Faults {
 
 /// The fault number of a SteadyWin motor, read as bits. Source: GIM document Table 9, MIT document 1.2.
 ///
-/// Both documents call it a number, but its values are powers of two, and 0x20 is missing among them: it is taken as a
-/// bit mask, and the bit without a name is kept.
+/// Both documents call it a number. Its values are powers of two without 0x20, so it is decoded as
+/// a bit mask. The bit without a name is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct FaultBits(
-    /// As received.
+    /// The byte as received.
     pub u8,
 );
 
 impl FaultBits {
-    /// The same faults in our words, whose lowest byte is this numbering.
+    /// Returns the same faults as [`Faults`], whose lowest byte has this numbering.
     #[must_use]
     pub const fn faults(self) -> Faults {
         Faults(self.0 as u32)

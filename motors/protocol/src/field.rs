@@ -1,21 +1,22 @@
 //! A quantity on the wire: an unsigned code of 12 or 16 bits that spans a range of real values.
 //!
-//! A value is clamped to the range and takes the nearest code. The vendor's formulas give no rounding; nearest is the
-//! only choice that survives a round trip (truncation loses 5 016 of the 65 536 position codes). None of the symmetric
-//! ranges has a code for zero: it falls half way between two, and the upper one is taken.
+//! A value is clamped to the range and takes the nearest code. The vendor's formulas specify no
+//! rounding. Only rounding to the nearest code survives a round trip: truncation loses 5 016 of the
+//! 65 536 position codes. None of the symmetric ranges has a code for zero: zero lies half way
+//! between two codes, and the encoder takes the upper one.
 
-/// How one quantity is coded. Source: MIT document 1.1 and 1.2, GIM document 3.2.7.
+/// Encoding of one quantity. Source: MIT document 1.1 and 1.2, GIM document 3.2.7.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Field {
     /// The largest code.
     largest: u16,
     min: f64,
     max: f64,
-    /// The codes of one unit of the quantity.
+    /// Codes per unit of the quantity.
     codes: f64,
     /// The size of one code.
     step: f64,
-    /// Where zero lies between the codes: exactly half way where the range is symmetric.
+    /// Position of zero between the codes: exactly half way where the range is symmetric.
     zero: f64,
     /// The largest code, as a number.
     code_max: f64,
@@ -25,11 +26,12 @@ pub struct Field {
     top: f64,
 }
 
-/// In codes. Rounding errors make a value in codes at most 2⁻³⁵ too low: without this, the exact middle could take the lower code.
+/// In codes. Rounding errors make a value in codes at most 2⁻³⁵ too low. Without this term, the
+/// exact middle could take the lower code.
 const TIE: f64 = 1.0 / (1_u64 << 30) as f64;
 
 impl Field {
-    /// `bits` (at most 16) for the values `min` to `max`.
+    /// Returns a field of `bits` (at most 16) for the values `min` to `max`.
     pub(crate) const fn new(bits: u32, min: f64, max: f64) -> Self {
         Self::up_to(largest(bits), min, max)
     }
@@ -41,38 +43,39 @@ impl Field {
         Self { largest, min, max, codes, step, zero, code_max, base: zero + 0.5 + TIE, top: code_max + 0.5 }
     }
 
-    /// `bits` (at most 16) for the values `-max` to `max`.
+    /// Returns a field of `bits` (at most 16) for the values `-max` to `max`.
     pub(crate) const fn symmetric(bits: u32, max: f64) -> Self {
         Self::new(bits, -max, max)
     }
 
-    /// The value of code 0, in the unit of the quantity.
+    /// Returns the value of code 0, in the unit of the quantity.
     #[must_use]
     pub const fn min(&self) -> f64 {
         self.min
     }
 
-    /// The value of the largest code, in the unit of the quantity.
+    /// Returns the value of the largest code, in the unit of the quantity.
     #[must_use]
     pub const fn max(&self) -> f64 {
         self.max
     }
 
-    /// The largest code: 4095 or 65535.
+    /// Returns the largest code: 4095 or 65535.
     #[must_use]
     pub const fn code_max(&self) -> u16 {
         self.largest
     }
 
-    /// The size of one code, in the unit of the quantity.
+    /// Returns the size of one code, in the unit of the quantity.
     #[must_use]
     pub const fn step(&self) -> f64 {
         self.step
     }
 
-    /// Where `value` lies between the codes, after clamping: 0.0 to [`code_max`](Self::code_max), before rounding.
+    /// Returns the position of `value` between the codes, after clamping and before rounding: 0.0
+    /// to [`code_max`](Self::code_max). `None` for NaN and infinity.
     ///
-    /// For an error-feedback quantiser, which carries what rounding takes away. `None` for NaN and infinity.
+    /// For an error-feedback quantiser, which adds the rounding error to its next value.
     #[must_use]
     #[inline]
     pub fn quantise(&self, value: f64) -> Option<f64> {
@@ -80,18 +83,19 @@ impl Field {
             return None;
         }
         let code = value * self.codes + self.zero;
-        // Comparisons of this form are one instruction each; nothing here is NaN.
+        // Each of these comparisons compiles to one instruction. No value here is NaN.
         let code = if code > 0.0 { code } else { 0.0 };
         Some(if code < self.code_max { code } else { self.code_max })
     }
 
-    /// The nearest code, after clamping; of two equally near codes the upper. `None` for NaN and infinity.
+    /// Returns the nearest code, after clamping; of two equally near codes, the upper one. `None`
+    /// for NaN and infinity.
     #[must_use]
     pub fn encode(&self, value: f64) -> Option<u16> {
         value.is_finite().then(|| self.encode_finite(value))
     }
 
-    /// As [`encode`](Self::encode), of a value that is finite.
+    /// Like [`encode`](Self::encode), for a finite value.
     #[inline]
     pub(crate) fn encode_finite(&self, value: f64) -> u16 {
         let place = value * self.codes + self.base;
@@ -100,28 +104,28 @@ impl Field {
         place as u16
     }
 
-    /// The value of `code`. A code wider than the field counts as the largest.
+    /// Returns the value of `code`. A code wider than the field counts as the largest code.
     #[must_use]
     #[inline]
     pub fn decode(&self, code: u16) -> f64 {
         self.decode_within(code.min(self.largest))
     }
 
-    /// As [`decode`](Self::decode), of a code that is no wider than the field.
+    /// Like [`decode`](Self::decode), for a code that is no wider than the field.
     #[inline]
     pub(crate) fn decode_within(&self, code: u16) -> f64 {
         (f64::from(code) - self.zero) * self.step
     }
 
-    /// The same codes for values `factors` times as large.
+    /// Returns a field with the same codes for values multiplied by `factors`.
     pub(crate) fn scaled(self, factors: [f64; 2]) -> Self {
         let [a, b] = factors;
         Self::up_to(self.largest, self.min * a * b, self.max * a * b)
     }
 }
 
-/// Puts `codes` of these widths, in bits, side by side, the first in the most significant bits. A code wider than its
-/// field saturates: it never reaches into its neighbour.
+/// Packs `codes` of these widths, in bits, side by side, the first in the most significant bits. A
+/// code wider than its field saturates: it never changes the bits of another code.
 #[inline(always)]
 pub(crate) fn pack<const N: usize>(widths: [u32; N], codes: [u16; N]) -> u64 {
     let mut word = 0;
@@ -131,7 +135,7 @@ pub(crate) fn pack<const N: usize>(widths: [u32; N], codes: [u16; N]) -> u64 {
     word
 }
 
-/// Takes apart what [`pack`] put together.
+/// Unpacks the codes that [`pack`] packed.
 #[inline(always)]
 pub(crate) fn unpack<const N: usize>(widths: [u32; N], mut word: u64) -> [u16; N] {
     let mut codes = [0; N];

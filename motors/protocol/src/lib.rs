@@ -1,25 +1,27 @@
-//! The motors' protocols: vendor bytes to meaning, and back.
+//! The motors' protocols: encoding and decoding of frames.
 //!
-//! Three documents of SteadyWin are covered, both directions of each; other vendors' motors that speak MIT are
-//! [`profile`]s. The sources named in these pages are
+//! The crate covers three documents of SteadyWin, in both directions. Motors of other vendors that
+//! speak MIT are described by a [`profile`]. Sources named in these pages:
 //! - *MIT document*: "SteadyWin MIT interface, in brief" (Chinese only);
-//! - *GIM document*: "SteadyWin motor driver protocol specification", version 2.2, English and Chinese. Where the two
-//!   disagree, the Chinese original is followed.
+//! - *GIM document*: "SteadyWin motor driver protocol specification", version 2.2, English and
+//!   Chinese. Where the two disagree, this crate follows the Chinese original.
 //!
-//! They apply to SteadyWin's SDC101, SDC102 and SDC103 drivers. Other drivers sold under the GIM name speak other protocols with
-//! the same leading bytes, so a motor's protocol is declared, never guessed from what it answers.
+//! They apply to SteadyWin's SDC101, SDC102 and SDC103 drivers. Other drivers sold under the GIM
+//! name speak other protocols with the same leading bytes. A motor's protocol is therefore
+//! declared, never inferred from its replies.
 //!
-//! - [`mit`]: impedance control over CAN, 8 bytes there and 6 to 8 back.
-//! - [`profile`]: what differs from vendor to vendor in it, as data.
-//! - [`gim`]: the native commands over CAN, 8 bytes both ways.
-//! - [`field`] and [`scale`]: how a quantity becomes a code, and what the codes of a motor are worth.
+//! - [`mit`]: impedance control over CAN, with requests of 8 bytes and replies of 6 to 8.
+//! - [`profile`]: the differences between vendors, as data.
+//! - [`gim`]: the native commands over CAN, 8 bytes in both directions.
+//! - [`field`] and [`scale`]: the codes of a quantity, and the ranges of a motor's codes.
 //! - [`state`]: the codes of position, velocity and torque that every protocol reports.
-//! - [`fault`]: faults in words that all vendors share.
-//! - [`model`]: what the vendors say of each motor.
+//! - [`fault`]: faults in terms that all vendors share.
+//! - [`model`]: the vendors' data of each motor.
 //!
-//! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad; others are named where they occur. Everything is on the motor
-//! side: signs and offsets of joints are not known here. Nothing in this crate allocates, blocks, reads a clock or
-//! panics, whatever the bytes; loops are bounded by the eight bytes of a frame or by a table's length.
+//! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad. Other units are named where they occur. All
+//! values are on the motor side: this crate does not apply signs and offsets of joints. No function
+//! allocates, blocks, reads a clock or panics, whatever the bytes. Loops are bounded by the eight
+//! bytes of a frame or by a table's length.
 
 #![no_std]
 #![forbid(unsafe_code)]

@@ -1,10 +1,13 @@
-//! The vendors' data of each motor. They are defaults: a configuration must be able to override every one.
+//! The vendors' data of each motor. They are defaults: a configuration must be able to override
+//! every value.
 //!
-//! Source of the GIM series: the SteadyWin selection table (steadywin-motor.com), the winding named by its voltage; other windings and
-//! drivers of the same name differ by up to a factor of two. The rotor's torque constant is not in it: it is estimated
-//! as peak torque / peak current / gear ratio, because the published constants are taken at the output shaft, and some
-//! of them contradict the rest of their row. Before torques are trusted, compare with what the motor holds
-//! ([`ConfigurationItem::TORQUE_CONSTANT`](crate::gim::ConfigurationItem::TORQUE_CONSTANT) and `GEAR_RATIO`).
+//! Source of the GIM series: the SteadyWin selection table (steadywin-motor.com), the winding named
+//! by its voltage. Other windings and drivers of the same name differ by up to a factor of two. The
+//! table lacks the rotor's torque constant. It is estimated as peak torque / peak current / gear
+//! ratio. The published constants are those of the output shaft, and some of them contradict the
+//! rest of their row. Before you rely on torques, compare with the stored values of the motor
+//! ([`ConfigurationItem::TORQUE_CONSTANT`](crate::gim::ConfigurationItem::TORQUE_CONSTANT) and
+//! `GEAR_RATIO`).
 
 use crate::scale::{ScaleError, Scales};
 
@@ -17,9 +20,9 @@ pub struct Model {
     pub gear_ratio: f32,
     /// Torque constant of the rotor, N·m/A.
     pub torque_constant: f32,
-    /// Torque it can hold for good, N·m.
+    /// Highest continuous torque, N·m.
     pub rated_torque: f32,
-    /// Torque it can give for a moment, N·m.
+    /// Highest short-time torque, N·m.
     pub peak_torque: f32,
     /// Current at rated torque, A.
     pub rated_current: f32,
@@ -31,17 +34,17 @@ pub struct Model {
     pub phase_resistance: f32,
     /// Pairs of poles of the rotor.
     pub pole_pairs: u8,
-    /// Voltage that the torques and velocities are for, V.
+    /// Voltage at which the torques and velocities apply, V.
     pub rated_voltage: f32,
-    /// The values of the largest codes of position, rad, velocity, rad/s, and torque, N·m; `None` where the torque code
-    /// is SteadyWin's current.
+    /// Values of the largest codes of position, rad, velocity, rad/s, and torque, N·m; `None` where
+    /// the torque code is SteadyWin's current.
     pub ends: Option<[f64; 3]>,
 }
 
 /// The constants that a SteadyWin motor stores (GIM document, table 7).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveConstants {
-    /// Of the rotor, N·m/A (ConfID 0x03).
+    /// Torque constant of the rotor, N·m/A (ConfID 0x03).
     pub torque_constant: f64,
     /// Rotor turns per turn of the output shaft (ConfID 0x11).
     pub gear_ratio: f64,
@@ -103,27 +106,28 @@ pub const MODELS: [Model; 19] = [
 ];
 
 impl Model {
-    /// The same with codes that end at these values: position, rad, velocity, rad/s, torque, N·m.
+    /// Returns the model with codes that end at these values: position, rad, velocity, rad/s,
+    /// torque, N·m.
     #[must_use]
     pub const fn with_ends(self, position: f64, velocity: f64, torque: f64) -> Self {
         Self { ends: Some([position, velocity, torque]), ..self }
     }
 
-    /// The scales by the model's own constants.
+    /// Returns the scales by the model's own constants.
     ///
     /// # Errors
     ///
-    /// Never for a known model: a test holds them to it.
+    /// Never for a known model, which a test verifies.
     pub fn scales(&self) -> Result<Scales, ScaleError> {
         self.scales_with(self.torque_constant.into(), self.gear_ratio.into())
     }
 
-    /// The scales of such a motor with this rotor torque constant, N·m/A, and gear ratio. Both count only where the torque
-    /// code is a current.
+    /// Returns the scales of such a motor with this rotor torque constant, N·m/A, and gear ratio.
+    /// They have an effect only where the torque code is a current.
     ///
     /// # Errors
     ///
-    /// When the torque code is a current, and the constants give no scale: see [`Scales::by_current`].
+    /// When the torque code is a current and the constants are invalid: see [`Scales::by_current`].
     pub fn scales_with(&self, torque_constant: f64, gear_ratio: f64) -> Result<Scales, ScaleError> {
         match self.ends {
             Some([position, velocity, torque]) => Ok(Scales::fixed(position, velocity, torque)),

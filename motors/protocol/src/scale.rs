@@ -1,10 +1,12 @@
-//! The scales of the codes of one motor: the ranges of position, velocity, stiffness, damping and torque.
+//! The scales of the codes of one motor: the ranges of position, velocity, stiffness, damping and
+//! torque.
 //!
-//! SteadyWin's 12-bit torque code carries the q-axis current, ±225 A; the documents' formulas turn it into torque at the
-//! output shaft by the torque constant and the gear ratio (MIT document 1.1 and 1.2, GIM document 3.2.7). The torque
-//! constant is that of the **rotor**: the one the driver holds as configuration float 0x03. Data sheets often print the
-//! constant at the output shaft, which is larger by the gear ratio; used here it would make every torque wrong by that
-//! factor. Other vendors fix the ranges by model, or keep them in registers.
+//! SteadyWin's 12-bit torque code is the q-axis current, ±225 A. The documents' formulas convert it
+//! to torque at the output shaft (MIT document 1.1 and 1.2, GIM document 3.2.7). They use the
+//! torque constant and the gear ratio. The torque constant is that of the **rotor**, which the
+//! driver stores as configuration float 0x03. Data sheets often print the constant at the output
+//! shaft, which is larger by the gear ratio. With it, every torque would be wrong by that factor.
+//! Other vendors fix the ranges by model, or store them in registers.
 
 use core::fmt;
 
@@ -14,36 +16,38 @@ use crate::field::Field;
 const POSITION: Field = Field::symmetric(16, 12.5);
 /// Velocity of a SteadyWin motor's output shaft, rad/s, 12 bits.
 const VELOCITY: Field = Field::symmetric(12, 65.0);
-/// Stiffness, N·m/rad, 12 bits; the same for all vendors known here.
+/// Stiffness, N·m/rad, 12 bits; the same for all supported vendors.
 const KP: Field = Field::new(12, 0.0, 500.0);
-/// Damping, N·m·s/rad, 12 bits; the same for all vendors known here.
+/// Damping, N·m·s/rad, 12 bits; the same for all supported vendors.
 const KD: Field = Field::new(12, 0.0, 5.0);
-/// The range of the current behind a SteadyWin torque code, A.
+/// Range of the current that a SteadyWin torque code stands for, A.
 const CURRENT: Field = Field::symmetric(12, 225.0);
 
-/// How one motor's quantities are coded, in both directions. Most of the torque's range may lie far above what the motor
-/// can do, so it is no limit.
+/// Encoding of one motor's quantities, in both directions. The range of the torque may far exceed
+/// the motor's ability, so it is not a limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
-    /// Of the output shaft, rad, 16 bits.
+    /// Position of the output shaft, rad, 16 bits.
     pub position: Field,
-    /// Of the output shaft, rad/s, 12 bits.
+    /// Velocity of the output shaft, rad/s, 12 bits.
     pub velocity: Field,
     /// Stiffness, N·m/rad, 12 bits.
     pub kp: Field,
     /// Damping, N·m·s/rad, 12 bits.
     pub kd: Field,
-    /// At the output shaft, N·m, 12 bits.
+    /// Torque at the output shaft, N·m, 12 bits.
     pub torque: Field,
 }
 
 impl Scales {
-    /// The scales of a SteadyWin motor, from the rotor's torque constant (N·m/A) and the gear ratio (rotor turns per turn of
-    /// the output shaft): the torque codes span ±225 A times both.
+    /// Returns the scales of a SteadyWin motor, from the rotor's torque constant (N·m/A) and the
+    /// gear ratio (rotor turns per turn of the output shaft). The torque codes span ±225 A times
+    /// both.
     ///
     /// # Errors
     ///
-    /// When one of them is not a positive finite number, or the full scale is too large or too small for a single-precision float.
+    /// When one of them is not a positive finite number, or the full scale is too large or too
+    /// small for a single-precision float.
     pub fn by_current(
         torque_constant: impl Into<f64>,
         gear_ratio: impl Into<f64>,
@@ -62,11 +66,11 @@ impl Scales {
         Ok(Self { torque, ..Self::fixed(POSITION.max(), VELOCITY.max(), CURRENT.max()) })
     }
 
-    /// Of a SteadyWin motor whose constants are not known: torques are fractions of the full scale.
+    /// Scales of a SteadyWin motor with unknown constants: torques are fractions of the full scale.
     pub const WITHOUT_CONSTANTS: Self = Self::fixed(12.5, 65.0, 1.0);
 
-    /// From the values of the largest codes: position, rad, velocity, rad/s, and torque, N·m, all above zero. The
-    /// smallest codes are their negatives.
+    /// Returns scales with these values of the largest codes: position, rad, velocity, rad/s, and
+    /// torque, N·m, all above zero. The smallest codes stand for their negatives.
     #[must_use]
     pub const fn fixed(position: f64, velocity: f64, torque: f64) -> Self {
         Self {
@@ -78,7 +82,8 @@ impl Scales {
         }
     }
 
-    /// The torque of the largest code, N·m at the output shaft; the smallest is its negative.
+    /// Returns the torque of the largest code, N·m at the output shaft. The smallest code stands
+    /// for its negative.
     #[must_use]
     pub const fn full_scale(&self) -> f32 {
         self.torque.max() as f32
@@ -89,7 +94,7 @@ fn is_positive(value: f64) -> bool {
     value.is_finite() && value > 0.0
 }
 
-/// Why there is no torque scale.
+/// Reason for which there is no torque scale.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ScaleError {
     /// The torque constant is not a positive finite number.

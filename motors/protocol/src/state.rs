@@ -1,9 +1,9 @@
-//! The codes of position, velocity and torque that every reply with a state has.
+//! The codes of position, velocity and torque, which every reply with a state contains.
 
 use crate::field::{self, TWELVE_BITS};
 use crate::scale::Scales;
 
-/// Position, velocity and torque as the wire has them. Source: MIT document 1.2, GIM document 3.2.7.
+/// Position, velocity and torque as codes. Source: MIT document 1.2, GIM document 3.2.7.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct StateCodes {
     /// 16 bits, see [`Scales::position`].
@@ -18,7 +18,8 @@ pub struct StateCodes {
 const WIDTHS: [u32; 3] = [16, 12, 12];
 
 impl StateCodes {
-    /// Position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with these scales.
+    /// Returns position, rad, velocity, rad/s, and torque, N·m, at the output shaft of a motor with
+    /// these scales.
     #[must_use]
     #[inline]
     pub fn scaled(self, scales: &Scales) -> [f32; 3] {
@@ -30,14 +31,14 @@ impl StateCodes {
         values.map(|value| value as f32)
     }
 
-    /// The five bytes, big endian, as an MIT reply has them.
+    /// Returns the five bytes, big endian, in the layout of an MIT reply.
     pub(crate) fn pack(self) -> [u8; 5] {
         let word = field::pack(WIDTHS, [self.position, self.velocity, self.torque]);
         let [_, _, _, bytes @ ..] = word.to_be_bytes();
         bytes
     }
 
-    /// From the five bytes of [`pack`](Self::pack).
+    /// Reads the five bytes of [`pack`](Self::pack).
     #[inline]
     pub(crate) fn unpack(bytes: [u8; 5]) -> Self {
         let [a, b, c, d, e] = bytes;

@@ -1,6 +1,7 @@
-//! Frames worked out from the vendor documents, held against the codec in both directions.
+//! Compares the codec with frames derived from the vendor documents, in both directions.
 //!
-//! The vectors know nothing of this crate. Their torques are for 0.1 N·m/A and a gear ratio of 8.
+//! The vectors were derived without this crate. Their torques are for 0.1 N·m/A and a gear ratio of
+//! 8.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -13,7 +14,7 @@ use serde_json::{Map, Value, json};
 struct Vector {
     name: String,
     bytes: Vec<u8>,
-    /// The bytes that our encoder sends instead, where the bytes of the vector are forbidden.
+    /// Bytes that this encoder sends where the bytes of the vector are forbidden.
     encoded_as: Vec<u8>,
     decoded: Value,
 }
@@ -45,7 +46,8 @@ fn scales() -> Scales {
     Scales::by_current(0.1, 8.0).unwrap()
 }
 
-/// Every key we tell must be in the vector with this value; what else the vector has is commentary.
+/// Every key that the codec returns must be in the vector with this value. Further keys of the
+/// vector are commentary.
 fn assert_agrees(vector: &Vector, decoded: &Value) {
     let expected: Map<_, _> = vector.decoded.as_object().unwrap().clone();
     for (key, value) in decoded.as_object().unwrap() {
@@ -90,7 +92,7 @@ fn physical_requests_take_the_nearest_codes() {
     let mut held = 0;
     for vector in vectors("mit", "to_motor") {
         let request = &vector.decoded["request"];
-        // A truncating driver sends other codes than ours for the same request.
+        // A truncating driver sends other codes for the same request.
         if request.is_null() || vector.name.ends_with("_trunc") {
             continue;
         }
@@ -142,7 +144,7 @@ fn mit_replies_round_trip_as_requested() {
     }
 }
 
-/// The name the vectors give a command: that of the table, in snake case.
+/// Returns the name of a command in the vectors: that of the table, in snake case.
 fn kind(code: gim::CommandCode) -> String {
     let mut name = String::new();
     for letter in format!("{code:?}").chars() {
@@ -243,7 +245,7 @@ fn gim_replies_round_trip_as_documented() {
     }
 }
 
-/// The header is held against the vectors where it is read, in `motord-bus`.
+/// The tests of `motord-bus` compare the header with the vectors.
 #[test]
 fn serial_payloads_are_read_as_documented() {
     const HEADER: usize = 4;

@@ -1,8 +1,9 @@
-//! Golden frames of every profile, worked out by hand from the source that the last column names, held against the codec
-//! in both directions.
+//! Compares the codec with golden frames of every profile, in both directions. The last column
+//! names their source.
 //!
-//! One file per profile, `golden/NAME.csv`. To a motor: the bytes of a command with these values. From a motor: the
-//! values that these bytes mean. Values are physical; temperatures and faults are separated by spaces.
+//! Each profile has a file `golden/NAME.csv`. To a motor: the bytes of a command with these values.
+//! From a motor: the values of these bytes. Values are physical. Temperatures and faults are
+//! separated by spaces.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test that cannot set itself up has failed")]
 

@@ -1,4 +1,4 @@
-//! Properties that hold for every value and every byte, tried on many.
+//! Properties that hold for every value and every byte, tested by random inputs.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -12,7 +12,8 @@ fn scales() -> Scales {
     Scales::by_current(0.125_f32, 8.0_f32).unwrap()
 }
 
-/// Every float, and often one that matters: within a range, at its ends, zero, subnormal, absurd or not finite.
+/// Returns any float, often a boundary case: within a range, at its ends, zero, subnormal, very
+/// large or not finite.
 fn value() -> impl Strategy<Value = f32> {
     let edges = [
         0.0,
@@ -50,7 +51,7 @@ prop_compose! {
     }
 }
 
-/// Bytes as a wire gives them: any, and often those that begin or spell something.
+/// Returns any bytes, often a prefix of a frame or a whole one.
 fn payload() -> impl Strategy<Value = Vec<u8>> {
     let byte = prop_oneof![
         any::<u8>(),

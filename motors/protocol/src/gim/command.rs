@@ -32,7 +32,7 @@ pub enum CommandCode {
 }
 
 impl CommandCode {
-    /// All of them, in ascending order.
+    /// All command codes, in ascending order.
     pub const ALL: [Self; 19] = [
         Self::ResetConfiguration,
         Self::RefreshConfiguration,
@@ -55,7 +55,7 @@ impl CommandCode {
         Self::UpdateFirmware,
     ];
 
-    /// The command's name in Table 4, in lower case.
+    /// Returns the command's name in Table 4, in lower case.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -81,7 +81,7 @@ impl CommandCode {
         }
     }
 
-    /// The code with this value.
+    /// Returns the code with this value.
     ///
     /// # Errors
     ///
@@ -95,7 +95,7 @@ impl CommandCode {
 /// A type of calibration. The shaft turns while it runs. Source: GIM document Table 11.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Calibration(
-    /// The CaliType byte, as received: the table has only two.
+    /// The CaliType byte, as received. The table lists only two values.
     pub u8,
 );
 
@@ -109,7 +109,7 @@ impl Calibration {
 /// A command of the native protocol.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
-    /// Give every configuration item its default (3.2.1).
+    /// Reset every configuration item to its default (3.2.1).
     ResetConfiguration,
     /// Apply all modified configuration items (3.2.2).
     RefreshConfiguration,
@@ -130,26 +130,26 @@ pub enum Command {
     TorqueControl {
         /// Torque at the output shaft, N·m.
         torque: Finite,
-        /// For how long.
+        /// Execution time.
         duration: ExecutionTime,
     },
     /// Hold a speed (3.2.8).
     SpeedControl {
         /// Speed of the output shaft, rpm.
         speed_rpm: Finite,
-        /// For how long.
+        /// Execution time.
         duration: ExecutionTime,
     },
     /// Go to a position (3.2.9).
     PositionControl {
         /// Position of the output shaft over any number of turns, rad.
         position: Finite,
-        /// For how long.
+        /// Execution time.
         duration: ExecutionTime,
     },
-    /// Listed, but not supported by any driver (3.2.10): only for tools that show it.
+    /// Listed, but not supported by any driver (3.2.10). Only for tools that display it.
     PtsControl,
-    /// Break off the control command that is being executed (3.2.11).
+    /// Abort the control command that is being executed (3.2.11).
     StopControl,
     /// Write a parameter (3.2.12).
     ModifyParameter {
@@ -163,25 +163,25 @@ pub enum Command {
         /// The ParaID byte, see [`PARAMETERS`](crate::gim::PARAMETERS).
         para_id: u8,
     },
-    /// Ask for the firmware's version (3.2.14).
+    /// Read the firmware's version (3.2.14).
     GetVersion,
-    /// Ask for the fault number (3.2.15).
+    /// Read the fault number (3.2.15).
     GetFault,
-    /// Forget the fault (3.2.16).
+    /// Clear the fault (3.2.16).
     AcknowledgeFault,
-    /// Ask for a measurement (3.2.17).
+    /// Read a measurement (3.2.17).
     RetrieveIndicator {
         /// The IndID byte, see [`INDICATORS`](crate::gim::INDICATORS).
         ind_id: u8,
     },
     /// Calibrate: the shaft turns (3.2.18).
     Calibration(Calibration),
-    /// Leave the bus and wait for new firmware; there is no reply (3.2.19).
+    /// Leave the bus and wait for new firmware. The motor sends no reply (3.2.19).
     UpdateFirmware,
 }
 
 impl Command {
-    /// The byte the frame begins with.
+    /// Returns the first byte of the frame.
     #[must_use]
     pub const fn code(&self) -> CommandCode {
         match self {
@@ -207,8 +207,8 @@ impl Command {
         }
     }
 
-    /// The frame's bytes, free bytes zero. Only for a motor known to be in native mode: see
-    /// [`encode_mit_safe`](Self::encode_mit_safe).
+    /// Returns the frame's bytes, with zeros in the free bytes. Only for a motor known to be in
+    /// native mode: see [`encode_mit_safe`](Self::encode_mit_safe).
     ///
     /// Real-time: does not allocate or block; takes constant time.
     #[must_use]
@@ -216,8 +216,9 @@ impl Command {
         self.encode_over([0; 8])
     }
 
-    /// The frame's bytes, free bytes such that a motor in MIT mode takes the frame as a control frame without stiffness,
-    /// damping and torque. `None` when the command's own values leave no room for that.
+    /// Returns the frame's bytes. A motor in MIT mode reads them as a control frame without
+    /// stiffness, damping and torque. `None` when the command's own values leave too few free bytes
+    /// for that.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     #[must_use]
@@ -228,7 +229,7 @@ impl Command {
         ([kp, kd, torque] == [neutral.kp, neutral.kd, neutral.torque]).then_some(bytes)
     }
 
-    /// The frame's bytes, with `filler` showing through where they are free.
+    /// Returns the frame's bytes, with the bytes of `filler` where the command leaves them free.
     #[must_use]
     pub fn encode_over(&self, filler: [u8; 8]) -> [u8; 8] {
         let [_, b, c, d, e, f, g, h] = filler;
@@ -259,10 +260,12 @@ impl Command {
     }
 }
 
-/// The values of unused bytes with which a motor in MIT mode reads kp 0, kd 0 and the middle torque code.
+/// Values of the free bytes for which a motor in MIT mode reads kp 0, kd 0 and the middle torque
+/// code.
 const MIT_NEUTRAL: [u8; 8] = [0x00, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00];
 
-/// Decodes a command as a motor in native mode does. For tools, tests and logs: a host only sends commands.
+/// Decodes a command as a motor in native mode does. For tools, tests and logs; the host only sends
+/// commands.
 ///
 /// # Errors
 ///

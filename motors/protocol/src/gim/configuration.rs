@@ -1,46 +1,49 @@
 //! The stored configuration of a motor. Source: GIM document Tables 6 and 7 and section 3.2.3.
 //!
-//! No scale is documented for the gains, nor a unit for the baud rate: those are read before they are written.
+//! The gains have no documented scale, and the baud rate has no documented unit. A host reads them
+//! before it writes them.
 
 use crate::gim::value::ValueType::{self, Float, Integer};
 
-/// Which item: integers and floats are numbered separately.
+/// Key of an item. Integers and floats are numbered separately.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ConfigurationKey {
-    /// The ConfType byte, see [`ValueType`]. Kept as received, so that a reply that refuses an unknown type can be decoded.
+    /// The ConfType byte, see [`ValueType`]. Kept as received, so that a reply that refuses an
+    /// unknown type can be decoded.
     pub conf_type: u8,
     /// The ConfID byte.
     pub conf_id: u8,
 }
 
 impl ConfigurationKey {
-    /// The key of item `conf_id` of this type.
+    /// Returns the key of item `conf_id` of this type.
     #[must_use]
     pub const fn new(value_type: ValueType, conf_id: u8) -> Self {
         Self { conf_type: value_type as u8, conf_id }
     }
 
-    /// The row of Table 7, if there is one.
+    /// Returns the row of Table 7, if there is one.
     #[must_use]
     pub fn item(self) -> Option<&'static ConfigurationItem> {
         CONFIGURATION.iter().find(|item| item.key() == self)
     }
 
-    /// The item is a position within one turn, see [`single_turn_position`].
+    /// Returns `true` when the item is a position within one turn, see [`single_turn_position`].
     #[must_use]
     pub fn is_position(self) -> bool {
         matches!(self, ConfigurationItem::ZERO_POSITION | ConfigurationItem::POWER_OFF_POSITION)
     }
 }
 
-/// The position of the output shaft within one turn, rad, 0 to 2π, that a zero or power-off position stands for. Sixteen
-/// bits in a field of 32 whose sign is not documented: the others are ignored.
+/// Returns the position of the output shaft within one turn, rad, 0 to 2π, of a zero or power-off
+/// position. The value has sixteen bits in a field of 32. The meaning of the upper bits is not
+/// documented; they are ignored.
 #[must_use]
 pub fn single_turn_position(value: i32) -> f64 {
     f64::from(value & 0xFFFF) * core::f64::consts::TAU / 65536.0
 }
 
-/// Whether an item can be written.
+/// Access to an item.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Access {
     /// Read and write.
@@ -49,12 +52,12 @@ pub enum Access {
     ReadOnly,
 }
 
-/// When a written item takes effect.
+/// Time at which a written item takes effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Effective {
-    /// At once.
+    /// Immediately.
     Immediately,
-    /// When the motor has been powered off and on.
+    /// After the motor has been powered off and on.
     AfterReboot,
 }
 
@@ -65,13 +68,13 @@ pub struct ConfigurationItem {
     pub value_type: ValueType,
     /// The ConfID byte.
     pub conf_id: u8,
-    /// A short name, fit for a key.
+    /// A short name, usable as a key.
     pub name: &'static str,
-    /// The unit; empty for plain numbers and where the document gives none.
+    /// The unit. Empty for plain numbers and where the document gives none.
     pub unit: &'static str,
-    /// Whether it can be written.
+    /// Access to the item.
     pub access: Access,
-    /// When writing it takes effect.
+    /// Time at which a written value takes effect.
     pub effective: Effective,
 }
 
@@ -86,31 +89,32 @@ const fn item(
 }
 
 impl ConfigurationItem {
-    /// The items that decide what a torque and an angle are, by name: the rotor's torque constant, the gear ratio and the pairs of
-    /// poles.
+    /// Names of the items that determine torque and angle: the rotor's torque constant, the gear
+    /// ratio and the number of pole pairs.
     pub const CONSTANTS: [&str; 3] = ["torque-constant", "gear-ratio", "pole-pairs"];
     /// The motor's CAN id.
     pub const CAN_ID: ConfigurationKey = ConfigurationKey::new(Integer, 0x12);
-    /// The id its replies bear.
+    /// The arbitration id of the motor's replies.
     pub const HOST_ID: ConfigurationKey = ConfigurationKey::new(Integer, 0x13);
     /// The position that is zero, see [`single_turn_position`].
     pub const ZERO_POSITION: ConfigurationKey = ConfigurationKey::new(Integer, 0x14);
     /// The position at the last power-off, see [`single_turn_position`].
     pub const POWER_OFF_POSITION: ConfigurationKey = ConfigurationKey::new(Integer, 0x15);
-    /// 0 for the native protocol over CAN, 1 for MIT. Over CAN there is no way back from MIT.
+    /// 0 for the native protocol over CAN, 1 for MIT. Over CAN, a motor in MIT mode cannot be set
+    /// back to native mode.
     pub const PROTOCOL: ConfigurationKey = ConfigurationKey::new(Integer, 0x1C);
     /// Rotor turns per turn of the output shaft. An integer: other ratios cannot be stored.
     pub const GEAR_RATIO: ConfigurationKey = ConfigurationKey::new(Integer, 0x11);
     /// The rotor's torque constant, N·m/A.
     pub const TORQUE_CONSTANT: ConfigurationKey = ConfigurationKey::new(Float, 0x03);
 
-    /// The item's key.
+    /// Returns the item's key.
     #[must_use]
     pub const fn key(&self) -> ConfigurationKey {
         ConfigurationKey::new(self.value_type, self.conf_id)
     }
 
-    /// The row with this name, if there is one.
+    /// Returns the row with this name, if there is one.
     #[must_use]
     pub fn by_name(name: &str) -> Option<&'static Self> {
         CONFIGURATION.iter().find(|item| item.name == name)
@@ -125,7 +129,7 @@ impl ConfigurationItem {
     }
 }
 
-/// Table 7. Resistance and inductance are from phase to phase, as the Chinese edition says.
+/// Table 7. Resistance and inductance are from phase to phase, as the Chinese edition specifies.
 pub const CONFIGURATION: [ConfigurationItem; 30] = [
     item(Integer, 0x00, "pole-pairs", ""),
     item(Integer, 0x01, "rated-current", "A"),

@@ -5,7 +5,7 @@
 pub struct Indicator {
     /// The IndID byte.
     pub id: u8,
-    /// A short name, fit for a key.
+    /// A short name, usable as a key.
     pub name: &'static str,
     /// The unit of its value.
     pub unit: &'static str,
@@ -15,7 +15,7 @@ const fn indicator(id: u8, name: &'static str, unit: &'static str) -> Indicator 
     Indicator { id, name, unit }
 }
 
-/// Table 10. It gives no unit for the temperatures; °C is what the replies to control commands have.
+/// Table 10. The table gives no unit for the temperatures. The replies to control commands use °C.
 pub const INDICATORS: [Indicator; 22] = [
     indicator(0x00, "bus-voltage", "V"),
     indicator(0x01, "board-temperature", "°C"),
@@ -41,22 +41,22 @@ pub const INDICATORS: [Indicator; 22] = [
     indicator(0x15, "output-power", "W"),
 ];
 
-/// One rad/s, rpm.
+/// One rad/s in rpm.
 pub const RPM: f32 = 60.0 / core::f32::consts::TAU;
 
 impl Indicator {
-    /// The position of the output shaft, rad: the id.
+    /// Id of the position of the output shaft, rad.
     pub const SHAFT_ANGLE: u8 = 0x13;
-    /// The speed of the output shaft, rpm: the id.
+    /// Id of the speed of the output shaft, rpm.
     pub const SHAFT_SPEED: u8 = 0x14;
 
-    /// The row with this id, if there is one.
+    /// Returns the row with this id, if there is one.
     #[must_use]
     pub fn by_id(id: u8) -> Option<&'static Self> {
         INDICATORS.iter().find(|indicator| indicator.id == id)
     }
 
-    /// The row with this name, if there is one.
+    /// Returns the row with this name, if there is one.
     #[must_use]
     pub fn by_name(name: &str) -> Option<&'static Self> {
         INDICATORS.iter().find(|indicator| indicator.name == name)

@@ -1,14 +1,15 @@
 //! The parameters of the running control loops. Source: GIM document Table 8.
 //!
-//! All can be read and written, effective at once, lost at power-off. They are unsigned integers of 32 bits without a
-//! documented scale: a gain is changed relative to what was read, never set from a physical value.
+//! All parameters can be read and written, take effect immediately, and are lost at power-off. They
+//! are unsigned 32-bit integers without a documented scale. A host changes a gain relative to the
+//! value that it has read.
 
 /// A row of Table 8.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parameter {
     /// The ParaID byte.
     pub id: u8,
-    /// A short name, fit for a key.
+    /// A short name, usable as a key.
     pub name: &'static str,
 }
 
@@ -30,13 +31,13 @@ pub const PARAMETERS: [Parameter; 9] = [
 ];
 
 impl Parameter {
-    /// The row with this id, if there is one.
+    /// Returns the row with this id, if there is one.
     #[must_use]
     pub fn by_id(id: u8) -> Option<&'static Self> {
         PARAMETERS.iter().find(|parameter| parameter.id == id)
     }
 
-    /// The row with this name, if there is one.
+    /// Returns the row with this name, if there is one.
     #[must_use]
     pub fn by_name(name: &str) -> Option<&'static Self> {
         PARAMETERS.iter().find(|parameter| parameter.name == name)

@@ -1,6 +1,7 @@
 //! Motor to host. Source: GIM document 3.2.1 to 3.2.18.
 //!
-//! The result byte has index 1, but index 2 where the reply repeats one number of the request, and 3 where it repeats two.
+//! The result byte has index 1. It has index 2 where the reply repeats one number of the request,
+//! and 3 where it repeats two.
 
 use crate::error::DecodeError;
 use crate::fault::FaultBits;
@@ -11,106 +12,107 @@ use crate::gim::value::{Finite, Value};
 use crate::scale::Scales;
 use crate::state::StateCodes;
 
-/// Whether a calibration is open: its reply is printed with the command byte of an indicator (3.2.18).
+/// Kind of the open request. The reply to a calibration is printed with the command byte of an
+/// indicator (3.2.18).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Pending {
     /// A calibration: 0xB4 is its reply.
     Calibration,
-    /// Anything else, or nothing: 0xB4 is an indicator.
+    /// Any other request, or none: 0xB4 is an indicator.
     Other,
 }
 
-/// A motor's answer.
+/// A motor's reply.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// To a command whose reply tells only how it went.
+    /// Reply to a command that returns only a result.
     Done {
         /// The command.
         command: CommandCode,
-        /// How it went.
+        /// The result.
         outcome: Outcome<()>,
     },
-    /// To torque, speed and position control.
+    /// Reply to torque, speed and position control.
     State {
-        /// Which of the three.
+        /// The command.
         command: CommandCode,
         /// The motion.
         outcome: Outcome<State>,
     },
-    /// To modify configuration.
+    /// Reply to modify configuration.
     ConfigurationModified {
         /// The item.
         key: ConfigurationKey,
-        /// How it went.
+        /// The result.
         outcome: Outcome<()>,
     },
-    /// To retrieve configuration.
+    /// Reply to retrieve configuration.
     Configuration {
         /// The item.
         key: ConfigurationKey,
         /// Its value.
         outcome: Outcome<Value>,
     },
-    /// To modify parameter.
+    /// Reply to modify parameter.
     ParameterModified {
         /// The ParaID byte.
         para_id: u8,
-        /// How it went.
+        /// The result.
         outcome: Outcome<()>,
     },
-    /// To retrieve parameter.
+    /// Reply to retrieve parameter.
     Parameter {
         /// The ParaID byte.
         para_id: u8,
         /// Its value.
         outcome: Outcome<u32>,
     },
-    /// To get version.
+    /// Reply to get version.
     Version(Outcome<u32>),
-    /// To get fault.
+    /// Reply to get fault.
     Fault(Outcome<FaultBits>),
-    /// To retrieve indicator.
+    /// Reply to retrieve indicator.
     Indicator {
         /// The IndID byte.
         ind_id: u8,
         /// Its value, in the unit of Table 10.
         outcome: Outcome<Finite>,
     },
-    /// To calibration.
+    /// Reply to calibration.
     Calibrated {
         /// The type of the calibration.
         calibration: Calibration,
-        /// How it went.
+        /// The result.
         outcome: Outcome<()>,
-        /// The command byte the reply came with: calibration's own, or an indicator's as printed.
+        /// The command byte of the reply: that of calibration, or that of an indicator as printed.
         echo: CommandCode,
     },
-    /// To a command that is not in Table 4. The result is taken to be where most replies have it.
+    /// Reply to a command that is not in Table 4. The result is read from its most common index.
     Unknown {
         /// The first byte.
         command: u8,
-        /// How it went.
+        /// The result.
         outcome: Outcome<()>,
     },
 }
 
-/// The motion a motor tells.
+/// The motion that a motor reports.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// The higher one of motor and driver board, °C.
+    /// The higher of the temperatures of motor and driver board, °C.
     pub temperature_celsius: i8,
     /// Position of the output shaft, rad, -12.5 to 12.5.
     pub position: f32,
     /// Velocity of the output shaft, rad/s, -65 to 65.
     pub velocity: f32,
-    /// Torque at the output shaft, N·m, as the scale reads the motor's q-axis current.
+    /// Torque at the output shaft, N·m, computed by the scale from the motor's q-axis current.
     pub torque: f32,
-    /// The same three as the wire had them.
+    /// The codes of position, velocity and torque, as received.
     pub codes: StateCodes,
 }
 
 impl State {
-    /// The state that these codes tell.
+    /// Returns the state that these codes stand for.
     #[must_use]
     pub fn new(temperature_celsius: i8, codes: StateCodes, scales: &Scales) -> Self {
         let [position, velocity, torque] = codes.scaled(scales);
@@ -130,7 +132,8 @@ impl State {
     }
 }
 
-/// Decodes a reply. `pending` decides the meaning of the command byte 0xB4, which begins two kinds of reply.
+/// Decodes a reply. `pending` determines the meaning of the command byte 0xB4, which begins two
+/// kinds of reply.
 ///
 /// Real-time: does not allocate or block; takes constant time.
 ///
@@ -173,7 +176,8 @@ pub fn decode_reply(payload: &[u8], pending: Pending, scales: &Scales) -> Result
     })
 }
 
-/// Reads the value only of a reply that tells success: in any other it is not meant to be one.
+/// Reads the value only of a reply that reports success. In other replies these bytes have no
+/// meaning.
 fn checked<T>(res: u8, value: impl FnOnce() -> Result<T, DecodeError>) -> Result<Outcome<T>, DecodeError> {
     match Refusal::check(res) {
         Ok(()) => value().map(Ok),
@@ -186,9 +190,10 @@ fn res<T>(outcome: Outcome<T>) -> u8 {
     outcome.err().map_or(0, Refusal::code)
 }
 
-/// Whether the payload `reply` can answer the payload `request`, judged by the bytes that a reply repeats: the command, and the
-/// numbers of 3.2.3, 3.2.4, 3.2.12, 3.2.13, 3.2.17 and 3.2.18. For a serial line, where nothing else tells noise from a
-/// reply; [`Reply::answers`] judges the meaning.
+/// Returns `true` when the payload `reply` can answer the payload `request`. Compares the bytes
+/// that a reply repeats: the command, and the numbers of 3.2.3, 3.2.4, 3.2.12, 3.2.13, 3.2.17 and
+/// 3.2.18. For a serial line, where no other property distinguishes a reply from noise.
+/// [`Reply::answers`] compares decoded values.
 ///
 /// Real-time: does not allocate or block; takes constant time.
 #[must_use]
@@ -209,7 +214,8 @@ pub fn repeats(request: &[u8], reply: &[u8]) -> bool {
 }
 
 impl Reply {
-    /// The reply can be the answer to `command`: the command byte and the numbers in it are repeated.
+    /// Returns `true` when the reply can answer `command`: it repeats the command byte and the
+    /// numbers.
     #[must_use]
     pub fn answers(&self, command: &Command) -> bool {
         match (*self, *command) {
@@ -228,7 +234,7 @@ impl Reply {
         }
     }
 
-    /// The byte the frame begins with.
+    /// Returns the first byte of the frame.
     #[must_use]
     pub const fn code(&self) -> u8 {
         let command = match self {
@@ -246,7 +252,7 @@ impl Reply {
         command as u8
     }
 
-    /// The result byte of the reply, 0 for success.
+    /// Returns the result byte of the reply, 0 for success.
     #[must_use]
     pub fn res(&self) -> u8 {
         match *self {
@@ -264,8 +270,8 @@ impl Reply {
         }
     }
 
-    /// The reply's bytes, with `filler` showing through where they mean nothing. For tools and tests: a host only
-    /// receives replies.
+    /// Returns the reply's bytes, with the bytes of `filler` where they have no meaning. For tools
+    /// and tests; the host only receives replies.
     #[must_use]
     pub fn encode_over(&self, filler: [u8; 8]) -> [u8; 8] {
         let [_, _, c, d, e, f, g, h] = filler;
@@ -290,7 +296,7 @@ impl Reply {
         }
     }
 
-    /// The value in the last four bytes, of the replies that have one there.
+    /// Returns the value in the last four bytes, for the replies that have one there.
     fn data(&self) -> Option<[u8; 4]> {
         match *self {
             Self::Configuration { outcome: Ok(value), .. } => Some(value.to_bytes()),
@@ -311,7 +317,8 @@ mod tests {
         Scales::by_current(0.1, 8.0).unwrap()
     }
 
-    /// How many numbers of each request its reply repeats: 3.2.3, 3.2.4, 3.2.12, 3.2.13, 3.2.17, 3.2.18.
+    /// Number of values of each request that its reply repeats: 3.2.3, 3.2.4, 3.2.12, 3.2.13,
+    /// 3.2.17, 3.2.18.
     #[test]
     fn reply_repeats_command_and_documented_numbers() {
         for code in 0..=u8::MAX {

@@ -1,14 +1,15 @@
-//! How a command went. Source: GIM document Table 5.
+//! The results of commands. Source: GIM document Table 5.
 
 use core::fmt;
 
 /// The result of a command, or the reason why the motor refused it.
 pub type Outcome<T> = Result<T, Refusal>;
 
-/// Why a motor refused a command: every RES byte but 0, which is success.
+/// Reason for which a motor refused a command: every RES byte except 0, which is success.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Refusal {
-    /// 0x01: failure, without a reason. Also what a motor may answer while it has a fault, or before it was started.
+    /// 0x01: failure, without a reason. A motor may also send it while it has a fault, or before it
+    /// was started.
     Failure,
     /// 0x02: unknown command.
     UnknownCommand,
@@ -24,7 +25,7 @@ pub enum Refusal {
     DataFormat,
     /// 0x0B: the register can only be written.
     WriteOnly,
-    /// A byte that Table 5 does not have, as received; never 0.
+    /// A byte that Table 5 does not list, as received; never 0.
     Unlisted(u8),
 }
 
@@ -33,7 +34,7 @@ impl Refusal {
     ///
     /// # Errors
     ///
-    /// The refusal, when it is not 0.
+    /// The refusal, when the byte is not 0.
     pub const fn check(res: u8) -> Outcome<()> {
         Err(match res {
             0x00 => return Ok(()),
@@ -49,7 +50,7 @@ impl Refusal {
         })
     }
 
-    /// The RES byte.
+    /// Returns the RES byte.
     #[must_use]
     pub const fn code(self) -> u8 {
         match self {

@@ -1,4 +1,4 @@
-//! The values of native frames, as types that hold only what a frame can say.
+//! The values of native frames. Each type holds only values that a frame can represent.
 
 use crate::error::DecodeError;
 
@@ -7,13 +7,13 @@ use crate::error::DecodeError;
 pub struct Finite(f32);
 
 impl Finite {
-    /// `None` for NaN and infinity.
+    /// Returns the value, or `None` for NaN and infinity.
     #[must_use]
     pub const fn new(value: f32) -> Option<Self> {
         if value.is_finite() { Some(Self(value)) } else { None }
     }
 
-    /// The number.
+    /// Returns the number.
     #[must_use]
     pub const fn get(self) -> f32 {
         self.0
@@ -29,24 +29,24 @@ impl Finite {
     }
 }
 
-/// How long a control command is executed: 24 bits of milliseconds. What 0 means, and what happens at the end, is not
-/// documented. Source: GIM document 3.2.7.
+/// Execution time of a control command: 24 bits of milliseconds. The meaning of 0, and the motor's
+/// behaviour at the end, are not documented. Source: GIM document 3.2.7.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct ExecutionTime {
     millis: u32,
 }
 
 impl ExecutionTime {
-    /// The longest, 4 h 39 min.
+    /// Longest time, 4 h 39 min.
     pub const MAX: Self = Self { millis: 0x00FF_FFFF };
 
-    /// `None` above [`MAX`](Self::MAX).
+    /// Returns the time, or `None` above [`MAX`](Self::MAX).
     #[must_use]
     pub const fn from_millis(millis: u32) -> Option<Self> {
         if millis <= Self::MAX.millis { Some(Self { millis }) } else { None }
     }
 
-    /// Milliseconds, 0 to 16 777 215.
+    /// Returns milliseconds, 0 to 16 777 215.
     #[must_use]
     pub const fn as_millis(self) -> u32 {
         self.millis
@@ -62,7 +62,7 @@ impl ExecutionTime {
     }
 }
 
-/// Whether a configuration value is an integer or a float. Source: GIM document Table 6.
+/// Type of a configuration value. Source: GIM document Table 6.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum ValueType {
@@ -73,7 +73,7 @@ pub enum ValueType {
 }
 
 impl ValueType {
-    /// From the ConfType byte; `None` if Table 6 does not have it.
+    /// Returns the type of a ConfType byte; `None` when Table 6 does not list it.
     #[must_use]
     pub const fn from_byte(byte: u8) -> Option<Self> {
         match byte {
@@ -94,7 +94,7 @@ pub enum Value {
 }
 
 impl Value {
-    /// Which of the two it is.
+    /// Returns the type of the value.
     #[must_use]
     pub const fn value_type(self) -> ValueType {
         match self {
@@ -103,7 +103,7 @@ impl Value {
         }
     }
 
-    /// The number. Both types fit a double exactly.
+    /// Returns the number. A double represents both types exactly.
     #[must_use]
     pub fn as_f64(self) -> f64 {
         match self {

@@ -4,7 +4,8 @@ use crate::error::{DecodeError, EncodeError, Quantity};
 use crate::field::{self, TWELVE_BITS};
 use crate::scale::Scales;
 
-/// The control frame, bits from the most significant on: position, velocity, kp, kd, torque. Eight bytes.
+/// The control frame, from the most significant bit: position, velocity, kp, kd, torque. Eight
+/// bytes.
 const WIDTHS: [u32; 5] = [16, 12, 12, 12, 12];
 
 const FAULT: u8 = 0xFB;
@@ -12,12 +13,12 @@ const START: u8 = 0xFC;
 const STOP: u8 = 0xFD;
 const SET_ZERO: u8 = 0xFE;
 
-/// The F_CMD byte that clears a fault; any other asks for it.
+/// The F_CMD byte that clears a fault. Any other value requests the fault number.
 const F_CMD_CLEAR: u8 = 0xFF;
 const F_CMD_GET: u8 = 0x00;
 
-/// An impedance setpoint: the motor makes kp·(position - p) + kd·(velocity - v) + torque, with its own position p and
-/// velocity v.
+/// An impedance setpoint. The motor produces kp·(position - p) + kd·(velocity - v) + torque, with
+/// its own position p and velocity v.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Impedance {
     /// Position of the output shaft, rad, within the motor's scale.
@@ -33,13 +34,14 @@ pub struct Impedance {
 }
 
 impl Impedance {
-    /// The sum of all values but the torque, finite exactly when they are: in double precision, single-precision values cannot overflow.
+    /// Returns the sum of all values except the torque, which is finite exactly when they are. In
+    /// double precision, single-precision values cannot overflow.
     #[inline]
     fn sum(&self) -> f64 {
         f64::from(self.position) + f64::from(self.velocity) + f64::from(self.kp) + f64::from(self.kd)
     }
 
-    /// The first value that is NaN or infinite; the torque when none of the others is.
+    /// Returns the first value that is NaN or infinite; the torque when none of the others is.
     #[cold]
     fn first_not_finite(&self) -> Quantity {
         match self {
@@ -52,26 +54,26 @@ impl Impedance {
     }
 }
 
-/// A command of the MIT protocol, by meaning.
+/// A command of the MIT protocol, decoded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
-    /// Answer with the fault number.
+    /// Read the fault number.
     GetFault,
-    /// Forget the fault.
+    /// Clear the fault.
     ClearFault,
     /// Enter the running state.
     Start,
-    /// Leave the running state. The motor answers with its state.
+    /// Leave the running state. The motor replies with its state.
     Stop,
     /// Make the present position zero.
     SetZero,
-    /// Act as this impedance.
+    /// Follow this impedance setpoint.
     Control(Impedance),
 }
 
 impl Command {
-    /// The frame's bytes. Values beyond their range are clamped and take the nearest code; a control frame never
-    /// becomes a special frame or all zeros ([`ControlCodes::pack`]).
+    /// Returns the frame's bytes. Values beyond their range are clamped and take the nearest code.
+    /// A control frame never becomes a special frame or all zeros ([`ControlCodes::pack`]).
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///
@@ -91,11 +93,12 @@ impl Command {
     }
 }
 
-/// Decodes a command as a motor with these scales does. For tools, tests and logs: a host only sends commands.
+/// Decodes a command as a motor with these scales does. For tools, tests and logs; the host only
+/// sends commands.
 ///
 /// # Errors
 ///
-/// When there are not exactly 8 bytes. Every 8 bytes are a command.
+/// When there are not exactly 8 bytes. Any 8 bytes are a valid command.
 pub fn decode_command(bytes: &[u8], scales: &Scales) -> Result<Command, DecodeError> {
     Ok(match CommandCodes::decode(bytes)? {
         CommandCodes::GetFault { .. } => Command::GetFault,
@@ -107,12 +110,12 @@ pub fn decode_command(bytes: &[u8], scales: &Scales) -> Result<Command, DecodeEr
     })
 }
 
-/// A command as the wire has it, before the scales give it a meaning.
+/// A command as codes, without scales.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CommandCodes {
     /// Six 0xFF, then `f_cmd`, then 0xFB.
     GetFault {
-        /// Any byte but 0xFF, which would clear the fault.
+        /// Any byte except 0xFF, which would clear the fault.
         f_cmd: u8,
     },
     /// Seven 0xFF, then 0xFB.
@@ -128,7 +131,7 @@ pub enum CommandCodes {
 }
 
 impl CommandCodes {
-    /// The frame's bytes.
+    /// Returns the frame's bytes.
     #[must_use]
     pub fn encode(self) -> [u8; 8] {
         let special = |f_cmd, last| [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, f_cmd, last];
@@ -180,7 +183,7 @@ pub struct ControlCodes {
 }
 
 impl ControlCodes {
-    /// The nearest codes, after clamping.
+    /// Returns the nearest codes, after clamping.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///
@@ -196,13 +199,13 @@ impl ControlCodes {
         Ok(Self::nearest_of_finite(impedance, scales.torque.encode_finite(torque) & TWELVE_BITS, scales))
     }
 
-    /// The nearest codes, after clamping, with a torque code that was chosen elsewhere.
+    /// Returns the nearest codes, after clamping, with the torque code that the caller passes.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///
     /// # Errors
     ///
-    /// When another value than the torque is NaN or infinite.
+    /// When a value other than the torque is NaN or infinite.
     #[inline]
     pub fn nearest_with_torque(
         impedance: &Impedance,
@@ -215,8 +218,9 @@ impl ControlCodes {
         Ok(Self::nearest_of_finite(impedance, torque, scales))
     }
 
-    /// The nearest codes of finite values, with this torque code. The masks change nothing: a field of 12 bits has no wider code.
-    /// They tell the compiler that `pack` has nothing to saturate.
+    /// Returns the nearest codes of finite values, with this torque code. The masks change nothing,
+    /// because a field of 12 bits has no wider code. They let the compiler remove the saturation
+    /// from `pack`.
     #[inline]
     fn nearest_of_finite(impedance: &Impedance, torque: u16, scales: &Scales) -> Self {
         let Impedance { position, velocity, kp, kd, .. } = *impedance;
@@ -229,7 +233,7 @@ impl ControlCodes {
         }
     }
 
-    /// The setpoint that a motor with these scales reads from the codes.
+    /// Returns the setpoint that a motor with these scales reads from the codes.
     #[must_use]
     pub fn scaled(&self, scales: &Scales) -> Impedance {
         Impedance {
@@ -241,9 +245,9 @@ impl ControlCodes {
         }
     }
 
-    /// The frame's bytes, moved by one code where they would be something else than a control frame:
-    /// - six leading 0xFF begin every special frame: kp goes one code lower (0.12 N·m/rad);
-    /// - all zeros come from an empty buffer more often than from a decision: position goes one code higher (0.4 mrad).
+    /// Returns the frame's bytes, changed by one code where they would not be a control frame:
+    /// - Six leading 0xFF begin every special frame: kp is lowered by one code (0.12 N·m/rad).
+    /// - All zeros usually come from an empty buffer: position is raised by one code (0.4 mrad).
     ///
     /// A code wider than its field saturates.
     ///
@@ -262,13 +266,13 @@ impl ControlCodes {
         word.to_be_bytes()
     }
 
-    /// The frame as a number, without a guard.
+    /// Returns the frame as a number, without these changes.
     #[inline]
     fn word(self) -> u64 {
         field::pack(WIDTHS, [self.position, self.velocity, self.kp, self.kd, self.torque])
     }
 
-    /// The codes in a frame, whatever else the frame may be.
+    /// Returns the codes in a frame, without a check for special frames.
     #[must_use]
     pub fn unpack(bytes: [u8; 8]) -> Self {
         let [position, velocity, kp, kd, torque] = field::unpack(WIDTHS, u64::from_be_bytes(bytes));

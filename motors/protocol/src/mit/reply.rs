@@ -3,10 +3,11 @@
 use crate::fault::Faults;
 use crate::state::StateCodes;
 
-/// The content that the open request asks for. The same bytes can be a state or a fault: the request decides.
+/// Content that the open request asks for. The same bytes can be a state or a fault; the request
+/// determines which.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Asked {
-    /// Start, stop, set zero or control: all are answered with the state.
+    /// Start, stop, set zero or control: the motor replies with the state.
     State,
     /// Get fault.
     Fault,
@@ -14,21 +15,21 @@ pub enum Asked {
     Clear,
 }
 
-/// A motor's answer.
+/// A motor's reply.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// Its motion, and what else its vendor puts beside.
+    /// The motion, and the vendor's further values.
     State(State),
-    /// Its faults.
+    /// The faults.
     Fault {
         /// The motor's CAN id.
         id: u8,
         /// The fault number as received.
         number: u32,
-        /// The same in our words.
+        /// The same faults, in terms that all vendors share.
         faults: Faults,
     },
-    /// It was asked to forget its fault. Whether it did, only the next report of its faults tells.
+    /// Acknowledges a request to clear the fault. Only the next report of faults shows the result.
     Cleared {
         /// The motor's CAN id.
         id: u8,
@@ -36,7 +37,7 @@ pub enum Reply {
 }
 
 impl Reply {
-    /// The id of the motor that answers, as far as the reply's first byte holds it.
+    /// Returns the id of the replying motor, as far as the reply's first byte holds it.
     #[must_use]
     pub const fn id(&self) -> u8 {
         match self {
@@ -56,16 +57,16 @@ pub struct State {
     pub velocity: f32,
     /// Torque at the output shaft, N·m.
     pub torque: f32,
-    /// The same three as the wire had them.
+    /// The codes of position, velocity and torque, as received.
     pub codes: StateCodes,
-    /// In the order of the profile's temperatures, °C; `None` where the profile has none.
+    /// Temperatures in the order of the profile, °C; `None` where the profile has none.
     pub temperatures: [Option<f32>; 2],
     /// The status code of the first byte, where the profile has one.
     pub status: Option<u8>,
 }
 
 impl State {
-    /// The hottest of its temperatures, °C, if it reports one.
+    /// Returns the highest of its temperatures, °C, if it reports one.
     #[must_use]
     pub fn hottest(&self) -> Option<f32> {
         let [first, second] = self.temperatures;

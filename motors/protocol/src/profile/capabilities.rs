@@ -1,10 +1,10 @@
-//! The abilities of a motor that decisions and the plan of its bus depend on.
+//! Abilities of a motor that the daemon's decisions and the plan of its bus depend on.
 
 use super::Profile;
 use crate::gim::INDICATORS;
 use crate::scale::Scales;
 
-/// The protocol that a motor is set to.
+/// Protocol that a motor is configured for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorProtocol {
     /// MIT over CAN.
@@ -14,7 +14,7 @@ pub enum MotorProtocol {
 }
 
 impl MotorProtocol {
-    /// Its name in configurations and on command lines.
+    /// Returns its name in configurations and on command lines.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -27,12 +27,15 @@ impl MotorProtocol {
 /// The abilities of a motor, independent of its vendor and its protocol.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Capabilities {
-    /// The motor computes stiffness, damping and torque itself, and accepts only setpoints in impedance mode. Otherwise
-    /// it also accepts torque, speed and position setpoints, and the cycle converts an impedance to a torque.
+    /// The motor computes stiffness, damping and torque itself, and accepts only setpoints in
+    /// impedance mode. Otherwise it also accepts torque, speed and position setpoints, and the
+    /// cycle converts an impedance to a torque.
     pub impedance: bool,
-    /// The motor reports positions within ± this value, motor side, rad. `None`: its positions have no end.
+    /// The motor reports positions within ± this value, motor side, rad. `None`: the positions are
+    /// unbounded.
     pub position_end: Option<f32>,
-    /// The motor clamps the speeds that it reports to ± this value, rad/s. `None`: its speeds have no end.
+    /// The motor clamps the speeds that it reports to ± this value, rad/s. `None`: the speeds are
+    /// unbounded.
     pub velocity_end: Option<f32>,
     /// The motor answers a question for its faults. Otherwise every state contains them.
     pub answers_fault_question: bool,

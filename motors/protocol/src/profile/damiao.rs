@@ -1,11 +1,16 @@
-//! Damiao's DM-J motors. Sources, none of them confirmed on hardware: DM_CAN.py (the vendor's Python sample), motorbridge
-//! (`motor_vendors/damiao`), openarm_can (`dm_motor_control.cpp`), and the Seeed wiki's table of the series.
+//! Damiao's DM-J motors. None of the sources is confirmed on hardware: DM_CAN.py (the vendor's
+//! Python sample), motorbridge (`motor_vendors/damiao`), openarm_can (`dm_motor_control.cpp`), and
+//! the Seeed wiki's table of the series.
 //!
-//! - A control frame goes to the motor's id; the same motor hears other modes at 0x100, 0x200 and 0x300 + id, and register
-//!   access at 0x7FF. The first byte of a reply is the error code and the lower four bits of the id, so the largest id
-//!   here is 15: four bits hold it whole. Replies bear MST_ID, which is 0 from the factory: give every motor its own, 0x10 + id.
-//! - There is no question for the fault. SteadyWin's (six bytes 0xFF, 0x00, 0xFB) is a control frame to these motors.
-//! - PMAX, VMAX and TMAX are registers (21 to 23): a motor that was set otherwise needs its own numbers.
+//! - A control frame has the motor's id. The motor also receives other modes at 0x100, 0x200 and
+//!   0x300 + id, and register access at 0x7FF.
+//! - The first byte of a reply is the error code and the lower four bits of the id. The largest id
+//!   here is therefore 15. Replies have the id MST_ID, which is 0 by default: set it to 0x10 + id
+//!   on each motor.
+//! - The motors have no request for faults. They read SteadyWin's (six bytes 0xFF, 0x00, 0xFB) as a
+//!   control frame.
+//! - PMAX, VMAX and TMAX are registers (21 to 23). If you changed them, configure the same values
+//!   in motord.
 
 use super::{FaultReport, Ids, Profile, ReplyLayout, Status, Temperature};
 use crate::fault::Faults;
@@ -42,7 +47,8 @@ pub const DAMIAO: Profile = Profile {
     models: &MODELS,
 };
 
-/// The 24 V windings. Mechanics by the Seeed wiki, whose torque constant is the output's; ends by DM_CAN.py.
+/// The 24 V windings. Mechanics from the Seeed wiki, whose torque constant is that of the output;
+/// ends from DM_CAN.py.
 const MODELS: [Model; 6] = [
     model("DM-J4310-2EC", 10.0, 0.0945, [3.0, 7.0], [3.7, 7.2], 20.9, 0.85, 14, 24.0)
         .with_ends(12.5, 30.0, 10.0),

@@ -1,4 +1,4 @@
-//! Replies to meaning, and back, as a profile lays them out.
+//! Decoding and encoding of replies by a profile.
 
 use super::{FaultReply, FaultReport, Profile, Temperature};
 use crate::error::DecodeError;
@@ -7,7 +7,7 @@ use crate::mit::{Asked, Reply, State};
 use crate::scale::Scales;
 use crate::state::StateCodes;
 
-/// The status of a reply that has none.
+/// Status of a reply without one.
 const NO_STATUS: u8 = 0;
 
 impl Profile {
@@ -17,7 +17,7 @@ impl Profile {
     ///
     /// # Errors
     ///
-    /// When no such answer has so many bytes.
+    /// When the number of bytes is not that of such a reply.
     pub fn decode(&self, payload: &[u8], asked: Asked, scales: &Scales) -> Result<Reply, DecodeError> {
         let id = payload.first().map_or(0, |first| first & self.reply.id_mask);
         match (asked, &self.faults) {
@@ -36,7 +36,7 @@ impl Profile {
         }
     }
 
-    /// `payload` is as long as a reply with a state.
+    /// Returns `true` when the length of `payload` is that of a reply with a state.
     #[must_use]
     #[inline]
     pub fn fits_state(&self, payload: &[u8]) -> bool {
@@ -44,13 +44,13 @@ impl Profile {
         (least..=most).contains(&payload.len())
     }
 
-    /// The state in `payload`, whatever was asked.
+    /// Returns the state in `payload`, whatever the request was.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     ///
     /// # Errors
     ///
-    /// When no state has so many bytes.
+    /// When the number of bytes is not that of a state.
     #[inline(always)]
     pub fn decode_state(&self, payload: &[u8], scales: &Scales) -> Result<State, DecodeError> {
         must_fit(payload, &self.reply.lengths)?;
@@ -71,7 +71,7 @@ impl Profile {
         Ok(State { id, position, velocity, torque, codes, temperatures, status })
     }
 
-    /// The faults that `state` reports; `None` where states report none.
+    /// Returns the faults that `state` reports; `None` where states report none.
     #[must_use]
     #[inline]
     pub fn faults_of(&self, state: &State) -> Option<Faults> {
@@ -81,8 +81,9 @@ impl Profile {
         }
     }
 
-    /// Whether the motor is enabled, by the status of `state`; `None` where states have no status. A status that is in no document
-    /// counts as enabled, because the motor may be on.
+    /// Returns `true` when the status of `state` reports the motor as enabled; `None` where states
+    /// have no status. A status that no document lists counts as enabled, because the motor may be
+    /// on.
     #[must_use]
     #[inline]
     pub fn is_on(&self, state: &State) -> Option<bool> {
@@ -92,8 +93,8 @@ impl Profile {
         }
     }
 
-    /// The first bytes of `reply`, as many as its layout knows, with `filler` showing through where they mean nothing.
-    /// For tools and tests: a host only receives replies.
+    /// Returns the first bytes of `reply`, as many as its layout has, with the bytes of `filler`
+    /// where they have no meaning. For tools and tests; the host only receives replies.
     #[must_use]
     pub fn encode_over(&self, reply: &Reply, filler: [u8; 8]) -> ([u8; 8], usize) {
         let mut bytes = filler;
@@ -116,7 +117,7 @@ impl Profile {
         (bytes, known)
     }
 
-    /// How many bytes the documents give to `reply`.
+    /// Returns the documented number of bytes of `reply`.
     #[must_use]
     pub fn known_bytes(&self, reply: &Reply) -> usize {
         match (reply, &self.faults) {
@@ -127,7 +128,7 @@ impl Profile {
 }
 
 impl Temperature {
-    /// The temperature, °C; `None` when `payload` ends before it.
+    /// Returns the temperature, °C; `None` when `payload` ends before it.
     fn read(&self, payload: &[u8]) -> Option<f32> {
         let bytes = payload.get(self.at..self.at + self.bytes)?;
         let code = bytes.iter().fold(0_u16, |code, byte| code << 8 | u16::from(*byte));
@@ -135,14 +136,14 @@ impl Temperature {
     }
 
     fn write(&self, celsius: Option<f32>, bytes: &mut [u8; 8]) {
-        // The cast saturates, and turns NaN into 0.
+        // The cast saturates, and converts NaN to 0.
         let code = (celsius.unwrap_or_default() * self.per_celsius + 0.5) as u16;
         let code = if self.bytes == 1 { code.min(0xFF) << 8 } else { code };
         bytes[self.at..self.at + self.bytes].copy_from_slice(&code.to_be_bytes()[..self.bytes]);
     }
 }
 
-/// The little-endian number of `bytes` bytes behind the first.
+/// Returns the little-endian number of `bytes` bytes after the first byte.
 fn number(payload: &[u8], bytes: usize) -> u32 {
     payload.iter().skip(1).take(bytes).rev().fold(0, |number, byte| number << 8 | u32::from(*byte))
 }
@@ -210,7 +211,7 @@ mod tests {
         }
     }
 
-    /// Damiao's codes 2 to 7 and 15 are in no document.
+    /// Damiao's codes 2 to 7 and 15 are not documented.
     #[test]
     fn undocumented_status_does_not_mean_off() {
         let is_on = |profile: &Profile, code: u8| {
@@ -228,7 +229,7 @@ mod tests {
     #[test]
     fn moving_state_is_never_a_fault_report() {
         for profile in PROFILES {
-            // Every state but those whose velocity and torque are both at their most negative ends.
+            // Every state except those with both velocity and torque at their most negative ends.
             for velocity in 0x020..=0xFFF {
                 let codes = StateCodes { position: 0, velocity, torque: 0 };
                 let [a, b, c, d, e] = codes.pack();

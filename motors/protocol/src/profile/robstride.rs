@@ -1,13 +1,18 @@
-//! RobStride's motors in MIT mode. Sources, none of them confirmed on hardware: the vendor's SampleProgram
-//! (`RS/Robstride01.cpp`), and notes that quote the RS00 manual of 2026-01-12 (sections "MIT protocol").
+//! RobStride's motors in MIT mode. None of the sources is confirmed on hardware: the vendor's
+//! SampleProgram (`RS/Robstride01.cpp`), and notes that quote the RS00 manual of 2026-01-12
+//! (sections "MIT protocol").
 //!
-//! - Motors leave the factory with another protocol, of 29-bit ids: MIT is chosen once, by the vendor's tool.
-//! - A command goes to the motor's id, 1 to 127; position and speed mode hear 0x100 and 0x200 + id. Replies bear the master id
-//!   of eight bits, which is the same for all motors from the factory: give every motor its own, 0x40 + id.
-//! - Six bytes 0xFF begin commands that change mode (…FC), protocol (…FD), the motor's id (…FA) and the master id (FD …), where
-//!   the seventh byte is no 0xFF: no control frame may begin with six 0xFF, and the stop frame has seven.
-//! - A clear is answered with a state, a question for the fault with the id and 32 little-endian bits. The sample takes a reply
-//!   for a fault report when its last bytes are zero.
+//! - By default the motors use another protocol, with 29-bit ids. Select MIT once, with the
+//!   vendor's tool.
+//! - A command has the motor's id, 1 to 127. The motor receives position and speed mode at 0x100
+//!   and 0x200 + id.
+//! - Replies have the master id of eight bits, which is the same for all motors by default. Set it
+//!   to 0x40 + id on each motor.
+//! - Six bytes 0xFF begin the commands that change mode (…FC), protocol (…FD), the motor's id (…FA)
+//!   and the master id (FD …). In the last two, the seventh byte is not 0xFF. Therefore no control
+//!   frame may begin with six 0xFF, and the stop frame has seven.
+//! - The motor replies to a clear with a state. It replies to a fault request with the id and 32
+//!   little-endian bits. The sample treats a reply as a fault report when its last bytes are zero.
 
 use super::{FaultReply, FaultReport, Ids, Profile, ReplyLayout, Temperature};
 use crate::fault::Faults;
@@ -27,7 +32,8 @@ pub const ROBSTRIDE: Profile = Profile {
     faults: FaultReport::Asked(FaultReply {
         bytes: 4,
         lengths: [5, 8],
-        // No fault above bit 16 is known, and the sample's report has nothing behind its number. No hardware confirms it.
+        // No fault above bit 16 is documented, and the sample's report ends with its number. Not
+        // confirmed on hardware.
         zeros: [0, 0, 0, 0xFE, 0xFF, 0xFF, 0xFF, 0xFF],
         words: &[
             (1 << 0, Faults::OVER_TEMPERATURE),
@@ -46,8 +52,9 @@ pub const ROBSTRIDE: Profile = Profile {
     models: &MODELS,
 };
 
-/// RS00 by its manual. The velocity and torque codes of RS01 are the sample's; its mechanics are not from a source that was
-/// read, and its position code is taken to be that of RS00. The phase resistance is not published: 0.
+/// RS00 from its manual. The velocity and torque codes of RS01 are those of the sample. Its
+/// mechanics are not from a source that was read, and its position code is assumed to equal that of
+/// RS00. The phase resistance is not published: 0.
 const MODELS: [Model; 2] = [
     model("RS00", 10.0, 0.105, [5.0, 14.0], [4.7, 15.5], 33.0, 0.0, 14, 48.0).with_ends(12.57, 33.0, 14.0),
     model("RS01", 7.75, 0.111, [6.0, 17.0], [7.0, 23.0], 33.0, 0.0, 14, 36.0).with_ends(12.57, 44.0, 17.0),

@@ -9,10 +9,10 @@ pub const STEADYWIN: Profile = Profile {
     name: "steadywin",
     motors: "SteadyWin GIM with an SDC101, SDC102 or SDC103 driver",
     speaks_gim: true,
-    // A byte names the motor in a reply, and 0xFF begins every special frame.
+    // A reply identifies the motor by one byte, and 0xFF begins every special frame.
     ids: Ids { largest: 0xFE, largest_reply: 0x7FF, reply_offset: 0x100, also_hears: &[] },
     reply: ReplyLayout {
-        // The document's replies have 6 bytes; relatives append up to two of their own.
+        // Documented replies have 6 bytes. Relatives append up to two bytes.
         lengths: [6, 8],
         id_mask: 0xFF,
         temperatures: &[],
@@ -20,7 +20,8 @@ pub const STEADYWIN: Profile = Profile {
     faults: FaultReport::Asked(FaultReply {
         bytes: 1,
         lengths: [6, 8],
-        // The document calls these bytes meaningless: the vendor's drivers leave them zero, but no document promises it.
+        // The document gives these bytes no meaning. The vendor's drivers send zero, which no
+        // document guarantees.
         zeros: [0, 0, 0, 0xFF, 0xFF, 0xFF, 0, 0],
         words: &[
             (0x01, Faults::FOC_FREQUENCY),
