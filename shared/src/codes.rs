@@ -16,25 +16,25 @@ macro_rules! codes {
         }
 
         impl $type {
-            /// Every code, by rising number.
+            /// All codes, in ascending order of their numbers.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)+];
 
-            /// The names of the codes, by rising number.
+            /// The names of the codes, in ascending order of their numbers.
             pub const NAMES: &'static [&'static str] = &[$($name,)+];
 
-            /// The number in the messages.
+            /// Returns the number in the messages.
             #[must_use]
             pub const fn code(self) -> u32 {
                 self as u32
             }
 
-            /// The kebab-case name, as in JSON and on the command line.
+            /// Returns the kebab-case name, as in JSON and on the command line.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)+ }
             }
 
-            /// A sentence for people.
+            /// Returns a sentence for people.
             #[must_use]
             pub const fn sentence(self) -> &'static str {
                 match self { $(Self::$variant => $sentence,)+ }
@@ -116,7 +116,8 @@ codes! {
 }
 
 impl Cause {
-    /// The next step of a person after a stop for this cause, as a sentence without its full stop. A reset comes after it.
+    /// Returns the next step of a person after a stop for this cause, as a sentence without its
+    /// full stop. A reset follows it.
     #[must_use]
     pub const fn advice(self) -> &'static str {
         match self {
@@ -176,7 +177,7 @@ codes! {
 }
 
 impl Fault {
-    /// The bit of this fault in `JointState::fault`.
+    /// Returns the bit of this fault in `JointState::fault`.
     #[must_use]
     pub const fn bit(self) -> u32 {
         1 << self.code()
@@ -237,7 +238,8 @@ codes! {
 }
 
 impl Operation {
-    /// Range of the argument, both ends included, in the unit that the operation's sentence says; `None` when it takes none.
+    /// Returns the range of the argument, both ends included, in the unit that the operation's
+    /// sentence names; `None` without an argument.
     #[must_use]
     pub const fn argument(self) -> Option<RangeInclusive<f64>> {
         match self {
@@ -276,7 +278,7 @@ pub enum Detail {
 }
 
 impl Refusal {
-    /// The meaning of `AdminReply::detail` with this refusal.
+    /// Returns the meaning of `AdminReply::detail` with this refusal.
     #[must_use]
     pub const fn detail(self) -> Detail {
         match self {
@@ -307,8 +309,9 @@ impl Refusal {
         }
     }
 
-    /// Whether the same request may be granted later although nobody removes a latched cause, a fault or a mistake: power
-    /// comes, a bus works again, an owner leaves, the daemon's successor starts.
+    /// Returns `true` if the same request may be granted later without a reset, a cleared fault or a
+    /// corrected mistake. For example, power returns, a bus works again, an owner leaves, or the
+    /// daemon's successor starts.
     #[must_use]
     pub const fn is_transient(self) -> bool {
         match self {
@@ -357,7 +360,7 @@ codes! {
 }
 
 impl Rejection {
-    /// How many reasons there are.
+    /// Number of reasons.
     pub const COUNT: usize = Self::ALL.len();
 }
 
@@ -390,7 +393,7 @@ codes! {
 }
 
 impl Indicator {
-    /// The unit of its value.
+    /// Returns the unit of its value.
     #[must_use]
     pub const fn unit(self) -> &'static str {
         match self {
@@ -442,7 +445,7 @@ codes! {
 }
 
 impl Limit {
-    /// The bit of this limit in `JointState::limits`.
+    /// Returns the bit of this limit in `JointState::limits`.
     #[must_use]
     pub const fn bit(self) -> u32 {
         1 << self.code()

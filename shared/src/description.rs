@@ -1,5 +1,5 @@
-//! The description of the robot and the telemetry of the daemon, as text. It is JSON in the answer to an administrative
-//! request, so that fields can be added without a new layout.
+//! The description of the robot and the telemetry of the daemon, as text. Answers to administrative
+//! requests contain it as JSON, so fields can be added without a new layout.
 
 use core::time::Duration;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub struct RobotDescription {
     pub boot_id: u64,
     /// Cycles per second.
     pub rate_hz: f64,
-    /// A group's owner must send setpoints at least this often. In JSON a number, s.
+    /// Maximum interval between setpoints of a group's owner. In JSON a number, s.
     #[serde(with = "seconds")]
     pub setpoint_timeout: Duration,
     /// Joints.
@@ -29,13 +29,14 @@ pub struct RobotDescription {
     pub buses: Vec<String>,
     /// CAN interface or serial device of each bus, in the order of `buses`; empty for a simulated bus.
     pub devices: Vec<String>,
-    /// Half the longest time of a command and its reply, s, in the order of `buses`: a frame takes at most so long on average.
-    /// It includes stuffing bits and, on a serial bus, the time until the motor answers. 0 for a CAN bus without motors.
+    /// Half the longest time of a command and its reply, s, in the order of `buses`: the highest
+    /// mean time of a frame. It includes stuffing bits and, on a serial bus, the time until the
+    /// motor answers. 0 for a CAN bus without motors.
     pub frame_times: Vec<f64>,
 }
 
 impl RobotDescription {
-    /// Time from tick to tick; zero where no rate is described.
+    /// Returns the time from tick to tick; zero without a rate.
     #[must_use]
     pub fn period(&self) -> Duration {
         Duration::try_from_secs_f64(1.0 / self.rate_hz).unwrap_or_default()
@@ -54,19 +55,19 @@ pub struct JointDescription {
     pub protocol: String,
     /// The model of its motor.
     pub model: String,
-    /// Its position, rad, where its motor is at zero: `offset-rad` of the configuration.
+    /// Position of the joint, rad, at the zero of its motor: `offset-rad` of the configuration.
     pub zero: f32,
-    /// The bounds of its setpoints. In JSON they stand beside the names.
+    /// The bounds of its setpoints. In JSON they are on the same level as the names.
     #[serde(flatten)]
     pub limits: JointLimits,
 }
 
 impl JointDescription {
-    /// Says for people that the joint stands at `position`, rad, outside its limits.
+    /// Returns a sentence about the joint at `position`, rad, outside its limits.
     #[must_use]
     pub fn outside(&self, position: f32) -> String {
         let [lower, upper] = self.limits.position;
-        // No zero with a sign.
+        // Avoids a negative zero.
         let position = (position * 100.0).round() / 100.0 + 0.0;
         format!("{} is at {position:.2} rad, outside {lower:.2} to {upper:.2}", self.name)
     }
@@ -89,14 +90,14 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
-    /// Returns true when `position`, rad, is within the limits of setpoints.
+    /// Returns `true` if `position`, rad, is within the limits of setpoints.
     #[must_use]
     pub fn allow(&self, position: f32) -> bool {
         let [lower, upper] = self.position;
         (lower..=upper).contains(&position)
     }
 
-    /// The position, rad, that is nearest to `position` within the limits.
+    /// Returns the position within the limits, rad, that is nearest to `position`.
     #[must_use]
     pub fn clamp_position(&self, position: f32) -> f32 {
         let [lower, upper] = self.position;
@@ -114,34 +115,35 @@ pub struct GroupDescription {
     pub joints: Vec<usize>,
 }
 
-/// Counters and latencies since the daemon started, or since the last reset of them.
+/// Counters and latencies since the daemon started, or since their last reset.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Telemetry {
-    /// How often an operator began everything here anew.
+    /// Number of resets by operators.
     pub resets: u64,
-    /// Cycles that were run.
+    /// Executed cycles.
     pub cycles: u64,
-    /// Ticks that were missed.
+    /// Missed ticks.
     pub overruns: u64,
     /// From the first cycle to the last, s.
     pub seconds: f64,
-    /// Replies that did not come in their turn, over all motors that were online.
+    /// Replies that did not arrive in their turn, over all motors that were online.
     pub missed_replies: u64,
-    /// Cycles that polled for the last replies, but stopped before all of them had come.
+    /// Cycles that polled for the last replies, but stopped before all of them had arrived.
     pub polled_in_vain: u64,
     /// Reads of a bus by polling, each a system call.
     pub polled_reads: u64,
-    /// Records that telemetry could not keep up with.
+    /// Records dropped because telemetry was too slow.
     pub dropped_records: u64,
-    /// From a tick to the beginning of its cycle. A missed tick counts, too: until the beginning of the cycle after it.
+    /// From a tick to the beginning of its cycle. A missed tick counts with the beginning of the
+    /// next cycle.
     pub wake_latency_us: Percentiles,
     /// From the beginning of a cycle until the kernel, or the simulation, has all of its frames.
     pub transmit_us: Percentiles,
     /// From a command to its reply, all motors.
     pub reply_latency_us: Percentiles,
-    /// From the sending of a setpoint to the cycle that used it. A missed tick counts, too: the setpoint of the cycle before it
-    /// was in use, and was older.
+    /// From the sending of a setpoint to the cycle that used it. A missed tick counts with the
+    /// setpoint of the previous cycle, which is older.
     pub setpoint_age_us: Percentiles,
     /// From the beginning of a cycle to the publication of its states.
     pub cycle_us: Percentiles,
@@ -149,10 +151,10 @@ pub struct Telemetry {
     pub publication_us: Percentiles,
     /// From the publication of states by the cycle until all clients that wait for them are woken.
     pub delivery_us: Percentiles,
-    /// How long the cycles polled for their last replies, of those that did (`busy-poll-us`).
+    /// Duration of polling for the last replies, over the cycles that polled (`busy-poll-us`).
     pub polled_us: Percentiles,
-    /// From the publication of states to the beginning of the cycle that first used the setpoint that answers them, all
-    /// groups. Answers to states of more than 64 cycles ago are left out.
+    /// From the publication of states to the cycle that first used their answer, all groups.
+    /// Answers to states of more than 64 cycles ago are omitted.
     pub control_latency_us: Percentiles,
     /// Reply latency by joint, in the order of the description.
     pub joints: Vec<Percentiles>,
@@ -166,20 +168,20 @@ pub struct Telemetry {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ControlLatency {
-    /// As [`Telemetry::control_latency_us`].
+    /// See [`Telemetry::control_latency_us`].
     pub control_latency_us: Percentiles,
-    /// How many setpoints were first used so many cycles after the states that they answer: 1, 2, 3, and so on; the last
-    /// number counts all that took longer. Ticks that were missed count as cycles.
+    /// Number of setpoints first used 1, 2, 3, … cycles after the states that they answer. The last
+    /// number counts all longer ones. Missed ticks count as cycles.
     pub cycles: Vec<u64>,
 }
 
-/// Some of the latency histograms: as many as fit into one answer.
+/// Part of the latency histograms: those that fit into one answer.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Histograms {
-    /// As [`Telemetry::resets`].
+    /// See [`Telemetry::resets`].
     pub resets: u64,
-    /// Number of the histogram after these; `None` when these are the last.
+    /// Number of the next histogram; `None` after the last.
     pub next: Option<u32>,
     /// In the order of their numbers.
     pub histograms: Vec<EncodedHistogram>,
@@ -189,15 +191,15 @@ pub struct Histograms {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct EncodedHistogram {
-    /// The member of [`Telemetry`] without its unit, such as `wake_latency`. That of one joint or group ends with its name:
-    /// `reply_latency/fl-hip`.
+    /// The member of [`Telemetry`] without its unit, such as `wake_latency`. A histogram of one
+    /// joint or group ends with its name: `reply_latency/fl-hip`.
     pub name: String,
     /// Values in ns, in HdrHistogram's "V2 with DEFLATE", in base64.
     pub encoded: String,
 }
 
-/// The owner of a group and the beginnings of its phase and stop. Up to 50 ms old: `GroupState` tells whether the group has
-/// an owner and a latched cause now.
+/// The owner of a group and the beginnings of its phase and stop, up to 50 ms old. `GroupState`
+/// contains the current owner and latched cause.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct GroupHistory {
@@ -211,13 +213,14 @@ pub struct GroupHistory {
     pub stopped_by: Option<Process>,
 }
 
-/// A process, as it named itself.
+/// A process, as it identified itself.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Process {
     /// Its id.
     pub pid: u32,
-    /// The first 15 bytes of its program's name, any characters; empty when the kernel did not report it.
+    /// The first 15 bytes of its program's name, any characters; empty if the kernel did not report
+    /// it.
     pub program: String,
 }
 
@@ -225,20 +228,21 @@ pub struct Process {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Percentiles {
-    /// How many values.
+    /// Number of values.
     pub count: u64,
-    /// Half are below.
+    /// Median.
     pub p50: f64,
-    /// 99 % are below.
+    /// 99 % quantile.
     pub p99: f64,
-    /// 99.9 % are below.
+    /// 99.9 % quantile.
     pub p99_9: f64,
-    /// The largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl Percentiles {
-    /// Percentiles of `count` values with the maximum `max_ns`, ns. `at_quantile` returns the value at a share from 0 to 1.
+    /// Returns the percentiles of `count` values with the maximum `max_ns`, ns. `at_quantile`
+    /// returns the value at a share from 0 to 1.
     #[must_use]
     pub fn of(count: u64, max_ns: u64, at_quantile: impl Fn(f64) -> u64) -> Self {
         let microseconds = |nanos: u64| nanos as f64 / 1000.0;

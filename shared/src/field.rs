@@ -42,12 +42,12 @@ pub enum Kind {
     Flag(u32),
     /// `f32` values of a command: position, velocity, kp, kd, torque.
     Command,
-    /// `u32` without a meaning that keeps the layout free of padding.
+    /// `u32` without a meaning that replaces padding in the layout.
     Reserved,
 }
 
 impl Kind {
-    /// Element type and number of elements in the message.
+    /// Returns the element type and the number of elements in the message.
     #[must_use]
     pub const fn memory(self) -> (&'static str, usize) {
         match self {
@@ -64,7 +64,7 @@ impl Kind {
         }
     }
 
-    /// Type in Protobuf.
+    /// Returns the type in Protobuf.
     #[must_use]
     pub const fn proto(self) -> &'static str {
         match self {

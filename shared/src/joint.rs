@@ -4,13 +4,14 @@ use crate::codes::{Fault, Limit, MotorMode};
 use crate::field::{Field, Kind};
 use crate::plain::plain;
 
-/// Name and version of the message with the states of all joints. Each change of the table or of the meaning of a field raises the
-/// version, here and in [`RECORD_TYPE`].
+/// Name and version of the message with the states of all joints. Each change of the table or of
+/// the meaning of a field raises the version, here and in [`RECORD_TYPE`].
 pub(crate) const STATE_TYPE: &str = "motord.State.v5";
 /// Name and version of the message for recorders, which contains the state.
 pub(crate) const RECORD_TYPE: &str = "motord.CycleRecord.v1";
 
-/// [`JointState::flags`]: position, velocity and torque were received since the states before were published.
+/// [`JointState::flags`]: position, velocity and torque were received since the previous states
+/// were published.
 pub const JOINT_FRESH: u32 = 1 << 0;
 /// [`JointState::flags`]: position, velocity and torque have been received at least once since the motor came online.
 pub const JOINT_VALID: u32 = 1 << 1;
@@ -31,12 +32,14 @@ plain! {
     }
 }
 
-/// Calls the macro `$with` with the table of a joint's state. Tokens after its name come before the table.
+/// Calls the macro `$with` with the table of a joint's state. Tokens after its name precede the
+/// table.
 ///
-/// The rows stand in the order of the memory. A row has the name in the message, its type, its [`Kind`] in brackets, and where the
-/// field appears: `view` is the name in the client library, `json` the key in JSON, `proto` the name and number in recordings.
-/// `measured` quantities are `f32`, have the same name everywhere, and are plotted. `flags` are bits of the field `flags`.
-/// Numbers of `proto` are never used again. A key in JSON ends with its unit.
+/// The rows have the order of the memory. A row has the name in the message, its type, its [`Kind`]
+/// in brackets, and where the field appears. `view` is the name in the client library, `json` the
+/// key in JSON, `proto` the name and number in recordings. `measured` quantities are `f32`, have
+/// the same name everywhere, and are plotted. `flags` are bits of the field `flags`. Numbers of
+/// `proto` are never reused. A key in JSON ends with its unit.
 #[macro_export]
 macro_rules! joint_state {
     ($with:ident $($first:tt)*) => {
@@ -69,15 +72,15 @@ macro_rules! joint_state {
                 missed: u32, [Count], view missed, json missed, proto missed = 13;
                 /// Time from the last command to its reply; 0 before the first.
                 reply_latency_ns: u32, [Latency], unit "ns", view reply_latency, json reply_latency_us, proto reply_latency_ns = 16;
-                /// Replies that came after their turn was over.
+                /// Replies that arrived after the end of their turn.
                 late: u32, [Count], view late, json late, proto late = 14;
-                /// States that the joint cannot have had. None of them was used.
+                /// Physically impossible states; none of them was used.
                 implausible: u32, [Count], view implausible, json implausible, proto implausible = 15;
-                /// When the last reply arrived, on `CLOCK_MONOTONIC`; 0 before the first.
+                /// Time of the last reply, on `CLOCK_MONOTONIC`; 0 before the first.
                 receive_ns: u64, [Time], unit "ns", view receive_ns, proto receive_ns = 17;
             }
             flags {
-                /// Position, velocity and torque were received since the states before were published.
+                /// Position, velocity and torque were received since the previous states were published.
                 fresh: JOINT_FRESH, proto 11;
                 /// Position, velocity and torque were received at least once since the motor came online.
                 valid: JOINT_VALID, json valid;
@@ -166,7 +169,7 @@ joint_state!(define);
 mod tests {
     use super::*;
 
-    /// A change of this list is a change of the layout: raise [`STATE_TYPE`] and [`RECORD_TYPE`].
+    /// A change of this list changes the layout: raise [`STATE_TYPE`] and [`RECORD_TYPE`].
     #[test]
     fn layout_of_a_joint_matches_its_version() {
         let layout = [

@@ -12,17 +12,17 @@ use std::num::NonZeroU64;
 /// | 31..8 | epoch: number of the claim since the daemon started, from 1 |
 /// | 7..0 | index of the group + 1; 0 in no lease |
 ///
-/// So no two leases are equal, and a lease from before a restart is valid for no group of the new daemon. The messages hold
-/// it as a plain number, where 0 means that there is none.
+/// Therefore all leases differ, and a restarted daemon accepts no earlier lease. The messages
+/// contain it as a number, where 0 means no lease.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Lease(NonZeroU64);
 
 impl Lease {
-    /// Largest epoch: the daemon grants no more leases after it.
+    /// Largest epoch. The daemon grants no lease after it.
     pub const EPOCH_MAX: u32 = (1 << 24) - 1;
 
-    /// The lease of the claim number `epoch` on `group`. `None` when the epoch is above [`EPOCH_MAX`](Self::EPOCH_MAX), or
-    /// the index of the group is not below [`GROUPS_MAX`].
+    /// Returns the lease of the claim number `epoch` on `group`. `None` when the epoch is above
+    /// [`EPOCH_MAX`](Self::EPOCH_MAX), or the index of the group is not below [`GROUPS_MAX`].
     #[must_use]
     pub const fn new(boot_id: u64, epoch: u32, group: usize) -> Option<Self> {
         if epoch > Self::EPOCH_MAX || group >= GROUPS_MAX {
@@ -31,7 +31,7 @@ impl Lease {
         Self::from_raw((boot_id << 32) | ((epoch as u64) << 8) | (group as u64 + 1))
     }
 
-    /// The lease that a message holds. `None` for 0, and for a number that names no possible group.
+    /// Returns the lease in a message. `None` for 0, and for a number with an impossible group.
     #[must_use]
     pub const fn from_raw(raw: u64) -> Option<Self> {
         match NonZeroU64::new(raw) {
@@ -40,25 +40,25 @@ impl Lease {
         }
     }
 
-    /// The number in the messages; never 0.
+    /// Returns the number in the messages; never 0.
     #[must_use]
     pub const fn raw(self) -> u64 {
         self.0.get()
     }
 
-    /// Low 32 bits of the boot id of the daemon that granted it.
+    /// Returns the low 32 bits of the boot id of the daemon that granted it.
     #[must_use]
     pub const fn boot_id(self) -> u32 {
         (self.raw() >> 32) as u32
     }
 
-    /// Number of the claim since the daemon started.
+    /// Returns the number of the claim since the daemon started.
     #[must_use]
     pub const fn epoch(self) -> u32 {
         (self.raw() >> 8) as u32 & Self::EPOCH_MAX
     }
 
-    /// Index of the group, below [`GROUPS_MAX`]. The robot may have fewer groups.
+    /// Returns the index of the group, below [`GROUPS_MAX`]. The robot may have fewer groups.
     #[must_use]
     pub const fn group(self) -> usize {
         (self.raw() & 0xFF) as usize - 1
@@ -75,7 +75,7 @@ impl fmt::Display for Lease {
 mod tests {
     use super::*;
 
-    /// Numbers worked out by hand from the table of the layout.
+    /// Numbers calculated by hand from the table of the layout.
     #[test]
     fn lease_holds_boot_epoch_and_group_bits() {
         for (boot_id, epoch, group, raw) in [

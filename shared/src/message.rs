@@ -1,7 +1,7 @@
 //! The shared-memory layouts.
 //!
-//! Joints, groups and buses stand in the order of the configuration; entries past the count are zero. A message's
-//! type name carries its version, and a client whose layout differs cannot open the service.
+//! Joints, groups and buses have the order of the configuration; unused entries are zero. A
+//! message's type name contains its version. A client with another layout cannot open the service.
 
 use crate::codes::{Operation, Refusal, Rejection};
 use crate::limits::{
@@ -21,12 +21,12 @@ pub const FLAG_OVERRUN: u32 = 1 << 2;
 /// `StateMessage::flags`: the daemon is shutting down.
 pub const FLAG_SHUTDOWN: u32 = 1 << 3;
 
-/// `StateMessage::flags`: the configuration's file is no longer the one that the daemon read at its start.
+/// `StateMessage::flags`: the configuration file has changed since the daemon read it.
 pub const FLAG_CONFIG_CHANGED: u32 = 1 << 4;
 
 /// A group index that means every group.
 pub const ALL_GROUPS: u32 = u32::MAX;
-/// A joint index that means none in particular.
+/// A joint index that names no joint.
 pub const NO_JOINT: u32 = u32::MAX;
 
 plain! {
@@ -47,13 +47,14 @@ plain! {
         pub phase: u32,
         /// `Cause` code that is latched; 0 for none.
         pub cause: u32,
-        /// Index of the joint that gave the cause; `u32::MAX` when it was none in particular.
+        /// Index of the joint that caused the stop; `u32::MAX` without one.
         pub cause_joint: u32,
         /// Id of the process that requested the stop; 0 for none or an unknown one.
         pub cause_pid: u32,
         /// Setpoint messages accepted, modulo 2³².
         pub accepted: u32,
-        /// Accepted messages that came too late for the first cycle after the one that they answer, modulo 2³².
+        /// Accepted messages that missed the first cycle after the one that they answer, modulo
+        /// 2³².
         pub late: u32,
         /// Setpoint messages rejected, by `Rejection` code, modulo 2³².
         pub rejected: [u32; Rejection::COUNT],
@@ -65,7 +66,8 @@ plain! {
     pub struct JointIndicators {
         /// Index of the joint.
         pub joint: u32,
-        /// By `Indicator` code, in the unit of [`Indicator::unit`](crate::Indicator::unit), motor side; NaN where it is not known.
+        /// Values by `Indicator` code, in the unit of [`Indicator::unit`](crate::Indicator::unit),
+        /// motor side; NaN where unknown.
         pub values: [f32; INDICATORS_MAX],
     }
 }
@@ -78,12 +80,13 @@ plain! {
         pub condition: u32,
         /// Frames that the bus accepted.
         pub sent: u32,
-        /// Frames that it did not accept.
+        /// Frames that the bus did not accept.
         pub dropped: u32,
         /// Frames received, of any kind.
         pub received: u32,
-        /// Frames of any kind whose id or first byte belongs to no motor of this bus. On a CAN interface the kernel keeps most of
-        /// them from the cycle: those are counted off the real-time thread, some 50 ms late.
+        /// Frames of any kind whose id or first byte belongs to no motor of this bus. The kernel
+        /// filters most of them on a CAN interface. The daemon counts the filtered frames outside
+        /// the real-time thread, some 50 ms late.
         pub unexpected_id: u32,
         /// Replies without a request, including second answers to one request.
         pub duplicate: u32,
@@ -97,19 +100,19 @@ plain! {
 }
 
 plain! {
-    /// Everything that is known after a cycle.
+    /// The daemon's whole state after a cycle.
     pub struct StateMessage {
         /// Random, fixed for the life of a daemon: it changes exactly when the daemon restarts.
         pub boot_id: u64,
-        /// Cycle number, from 1; it counts the ticks, so that missed ones leave a gap.
+        /// Cycle number, from 1. It counts ticks: missed ticks leave a gap.
         pub cycle: u64,
-        /// When the cycle should have begun, ns of `CLOCK_MONOTONIC`.
+        /// Scheduled start of the cycle, ns of `CLOCK_MONOTONIC`.
         pub tick_ns: u64,
-        /// How much later it began, ns.
+        /// Delay of the start, ns.
         pub wake_latency_ns: u64,
         /// When the states were complete, ns of `CLOCK_MONOTONIC`.
         pub publish_ns: u64,
-        /// Ticks that were missed, since the start.
+        /// Ticks missed since the start.
         pub overruns: u64,
         /// `FLAG_*`.
         pub flags: u32,
@@ -139,8 +142,8 @@ impl Message for StateMessage {
 }
 
 impl StateMessage {
-    /// Copies the entries that are in use in `other`, and clears those that were in use here only. Of the 8 kB of a message a
-    /// robot of 12 joints uses one fifth; nothing else is read.
+    /// Copies the used entries of `other`, and clears those used only here. A robot of 12 joints
+    /// uses one fifth of the 8 kB of a message; nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
         let Self { joints, groups, buses, indicators, .. } = self;
         replace(joints, self.joint_count, &other.joints, other.joint_count);
@@ -161,8 +164,8 @@ impl StateMessage {
         self.reserved = other.reserved;
     }
 
-    /// Writes to most of the cache lines in use, so that this processor holds them before a message is [copied](Self::copy_from) into
-    /// them. The values are lost.
+    /// Writes to most of the used cache lines, so that this processor's cache holds them before a
+    /// message is [copied](Self::copy_from). Discards the values.
     pub fn fetch(&mut self) {
         let used = (self.joint_count as usize).min(JOINTS_MAX);
         // A line has 64 bytes and a joint 80: two writes to each joint reach every line.
@@ -173,32 +176,33 @@ impl StateMessage {
             (0, 0, 0, BusState::default());
     }
 
-    /// The joints in use. A hostile count is cut to the array.
+    /// Returns the joints in use. A hostile count is limited to the array.
     #[must_use]
     pub fn joints(&self) -> &[JointState] {
         &self.joints[..(self.joint_count as usize).min(JOINTS_MAX)]
     }
 
-    /// The groups in use.
+    /// Returns the groups in use.
     #[must_use]
     pub fn groups(&self) -> &[GroupState] {
         &self.groups[..(self.group_count as usize).min(GROUPS_MAX)]
     }
 
-    /// The buses in use.
+    /// Returns the buses in use.
     #[must_use]
     pub fn buses(&self) -> &[BusState] {
         &self.buses[..(self.bus_count as usize).min(BUSES_MAX)]
     }
 
-    /// The joints with indicators in use.
+    /// Returns the joints with indicators in use.
     #[must_use]
     pub fn indicators(&self) -> &[JointIndicators] {
         &self.indicators[..(self.indicator_count as usize).min(INDICATOR_JOINTS_MAX)]
     }
 }
 
-/// Puts the first `count` of `new` in the place of the first `used`. A hostile count is cut to the array.
+/// Replaces the first `used` by the first `count` of `new`. A hostile count is limited to the
+/// array.
 fn replace<T: Copy + Default, const N: usize>(old: &mut [T; N], used: u32, new: &[T; N], count: u32) {
     let [used, count] = [used, count].map(|count| (count as usize).min(N));
     old[..count].copy_from_slice(&new[..count]);
@@ -226,9 +230,9 @@ plain! {
 plain! {
     /// One frame of setpoints for a whole group.
     pub struct SetpointMessage {
-        /// The [`Lease`](crate::Lease) that a claim was answered with.
+        /// The [`Lease`](crate::Lease) in the answer to the claim.
         pub lease: u64,
-        /// Must rise with every message of a lease; the first is 1 or more.
+        /// Must increase with every message of a lease; the first is 1 or more.
         pub sequence: u64,
         /// When it was sent, ns of `CLOCK_MONOTONIC`.
         pub time_ns: u64,
@@ -248,9 +252,10 @@ impl Message for SetpointMessage {
 }
 
 impl SetpointMessage {
-    /// Copies the entries that are in use in `other`, and clears those that were in use here only. Nothing else is read.
+    /// Copies the used entries of `other`, and clears those used only here. Nothing else is read.
     pub fn copy_from(&mut self, other: &Self) {
-        // The sender may change the count meanwhile, so it is read once: entries past it are zero in this copy.
+        // The sender may change the count meanwhile, so it is read once: entries past it are zero
+        // in this copy.
         let joint_count = other.joint_count;
         replace(&mut self.joints, self.joint_count, &other.joints, joint_count);
         self.lease = other.lease;
@@ -263,13 +268,13 @@ impl SetpointMessage {
 }
 
 plain! {
-    /// A cycle as recorders get it: its state, and the setpoints that it used.
+    /// A cycle for recorders: its state and the setpoints that it used.
     pub struct CycleRecord {
-        /// Counts the records of a daemon, from 1: a gap is what this recorder was too slow for.
+        /// Number of the record of a daemon, from 1. A gap means that this recorder was too slow.
         pub sequence: u64,
-        /// The joints that `setpoints` has a setpoint of, as bits.
+        /// Bits of the joints with a setpoint in `setpoints`.
         pub known: u64,
-        /// Everything that is known after the cycle.
+        /// The daemon's whole state after the cycle.
         pub state: StateMessage,
         /// Joints, in the order of the configuration: the setpoint in use as its owner sent it, before all limits.
         pub setpoints: [JointSetpoint; JOINTS_MAX],
@@ -281,14 +286,14 @@ impl Message for CycleRecord {
 }
 
 impl CycleRecord {
-    /// The setpoint of the joint with this index that the cycle used; `None` while there is none.
+    /// Returns the setpoint of the joint with this index that the cycle used, if any.
     #[must_use]
     pub fn setpoint(&self, joint: usize) -> Option<&JointSetpoint> {
         let is_known = joint < JOINTS_MAX && self.known & (1 << joint) != 0;
         self.setpoints.get(joint).filter(|_| is_known)
     }
 
-    /// Sets it.
+    /// Sets the setpoint of a joint.
     pub fn set_setpoint(&mut self, joint: usize, setpoint: JointSetpoint) {
         if let Some(place) = self.setpoints.get_mut(joint) {
             *place = setpoint;
@@ -300,7 +305,7 @@ impl CycleRecord {
 plain! {
     /// An administrative request.
     pub struct AdminRequest {
-        /// The [`Lease`](crate::Lease) of the asking owner; 0 when an operator or a watcher asks.
+        /// The [`Lease`](crate::Lease) of the owner; 0 in a request of an operator or a watcher.
         pub lease: u64,
         /// `Operation` code.
         pub operation: u32,
@@ -308,11 +313,13 @@ plain! {
         pub group: u32,
         /// Joint index.
         pub joint: u32,
-        /// Process id of the requester. Refusals on its account report it to other processes.
+        /// Process id of the requester. Refusals report it to other requesters when this process is
+        /// the reason.
         pub pid: u32,
-        /// The namespace that the process id belongs to: the inode of `/proc/self/ns/pid`; 0 when it is unknown.
+        /// The namespace of the process id: the inode of `/proc/self/ns/pid`; 0 when unknown.
         pub pid_namespace: u64,
-        /// Argument, in the range of [`Operation::argument`]; 0 with an operation that takes none. An emergency stop ignores it.
+        /// Argument, in the range of [`Operation::argument`]; 0 for an operation without one. An
+        /// emergency stop ignores it.
         pub argument: f64,
     }
 }
@@ -325,8 +332,9 @@ impl AdminRequest {
     /// Returns the requested operation.
     ///
     /// # Errors
-    /// The refusal and its detail: [`Refusal::UnknownOperation`], or [`Refusal::Malformed`] when the argument is not in the
-    /// range of the operation. An emergency stop is never refused for its argument.
+    /// The refusal and its detail: [`Refusal::UnknownOperation`], or [`Refusal::Malformed`] for an
+    /// argument outside the range of the operation. An emergency stop is never refused for its
+    /// argument.
     pub fn operation(&self) -> Result<Operation, (Refusal, u32)> {
         let unknown = |_| (Refusal::UnknownOperation, self.operation);
         let operation = Operation::try_from(self.operation).map_err(unknown)?;
@@ -344,7 +352,7 @@ plain! {
     pub struct AdminReply {
         /// The [`Lease`](crate::Lease) that was granted; 0 otherwise.
         pub lease: u64,
-        /// 0 for success, else a `Refusal` code.
+        /// 0 for success, otherwise a `Refusal` code.
         pub refusal: u32,
         /// The detail of the refusal: see [`Refusal::detail`](crate::Refusal::detail). A joint index may be [`NO_JOINT`].
         pub detail: u32,
@@ -352,7 +360,8 @@ plain! {
 }
 
 plain! {
-    /// An answer. It has a fixed size because iceoryx2 takes the length of a slice from the other process unchecked.
+    /// An answer. It has a fixed size because iceoryx2 does not check the length of a slice from
+    /// another process.
     #[derive(Eq)]
     pub struct AdminAnswer {
         /// Its head.
@@ -371,7 +380,7 @@ impl Message for AdminAnswer {
 }
 
 impl AdminAnswer {
-    /// The text in use. A hostile length is cut to the array.
+    /// Returns the text in use. A hostile length is limited to the array.
     #[must_use]
     pub fn text(&self) -> &[u8] {
         &self.text[..(self.length as usize).min(ANSWER_BYTES_MAX)]
@@ -404,7 +413,8 @@ const _: () = {
 mod tests {
     use super::*;
 
-    /// A message with these counts of joints, groups, buses and joints with indicators, and every entry filled.
+    /// Creates a message with these counts of joints, groups, buses and joints with indicators, and
+    /// every entry filled.
     fn full(counts: [u32; 4]) -> StateMessage {
         let [joint_count, group_count, bus_count, indicator_count] = counts;
         let [tick_ns, wake_latency_ns, publish_ns, overruns] = [3, 4, 5, 6];
