@@ -1,4 +1,4 @@
-//! Makes the messages of a recording, and the schema that each file carries, from `proto/`.
+//! Generates the messages of a recording, and the schema in each file, from `proto/`.
 
 use prost::Message;
 use std::env;

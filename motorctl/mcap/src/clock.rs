@@ -2,7 +2,8 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Where the zero of `CLOCK_MONOTONIC` is in Unix time. It stays the same for a file: a clock that is set meanwhile bends no curve.
+/// Unix time at the zero of `CLOCK_MONOTONIC`. It is constant for a file: setting the clock
+/// meanwhile does not distort curves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Origin {
     /// Unix time at the zero of `CLOCK_MONOTONIC`, ns.
@@ -10,14 +11,14 @@ pub struct Origin {
 }
 
 impl Origin {
-    /// As it is now, where `CLOCK_MONOTONIC` shows `now_ns`.
+    /// Returns the current origin, where `CLOCK_MONOTONIC` shows `now_ns`.
     #[must_use]
     pub fn now(now_ns: u64) -> Self {
         let unix = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self { unix_ns: u64::try_from(unix.as_nanos()).unwrap_or(u64::MAX).saturating_sub(now_ns) }
     }
 
-    /// Unix time, ns, where `CLOCK_MONOTONIC` shows `time_ns`.
+    /// Returns the Unix time, ns, where `CLOCK_MONOTONIC` shows `time_ns`.
     pub(crate) fn unix(self, time_ns: u64) -> u64 {
         self.unix_ns.saturating_add(time_ns)
     }

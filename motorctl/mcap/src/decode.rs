@@ -1,5 +1,5 @@
-//! The messages of a cycle, from Protobuf to those of shared memory. A file may hold anything: a word that is no code becomes a
-//! number that is none.
+//! Decodes the messages of a cycle from Protobuf to those of shared memory. A file may contain
+//! anything: an unknown code name becomes an invalid number.
 
 use crate::motord;
 use motord_shared::description::RobotDescription;
@@ -13,10 +13,10 @@ use motord_shared::{
     Phase, SetpointMode, StateMessage,
 };
 
-/// Stands for a word that this version does not know.
+/// Number for a code name that this version does not know.
 const UNKNOWN: u32 = u32::MAX;
 
-/// Reads the word of a code. A number stands for itself.
+/// Decodes the name of a code. A number represents itself.
 macro_rules! code {
     ($type:ident, $word:expr) => {{
         let word: &str = $word;
@@ -25,7 +25,7 @@ macro_rules! code {
     }};
 }
 
-/// Reads the value of a row's kind.
+/// Decodes the value of a row's kind.
 macro_rules! decoded {
     ([Optional], $value:expr) => {
         $value.unwrap_or(f32::NAN)
@@ -44,7 +44,7 @@ macro_rules! decoded {
     };
 }
 
-/// The bits of a flag that is set.
+/// Returns the bits of a flag that is set.
 macro_rules! flag {
     ($number:literal, $is_set:expr, $bits:expr) => {
         if $is_set { $bits } else { 0 }
@@ -66,7 +66,7 @@ macro_rules! define {
                 $($($name: decoded!($kind, joint.$proto),)?)+
                 ..JointState::default()
             };
-            // The quantities of a joint that was never heard are absent.
+            // The quantities of a joint without a reply are absent.
             state.flags = if joint.position.is_some() { JOINT_VALID } else { 0 };
             $($(state.flags |= flag!($flag_number, joint.$flag, $bits);)?)+
             (state, joint.setpoint.as_ref().map(setpoint))
@@ -122,7 +122,7 @@ pub(crate) fn bus(bus: &motord::Bus) -> BusState {
     }
 }
 
-/// Writes what concerns the cycle as a whole into `state`.
+/// Writes the fields of the whole cycle into `state`.
 pub(crate) fn cycle(cycle: &motord::Cycle, state: &mut StateMessage) {
     let flags = [
         (cycle.emergency_stop, FLAG_EMERGENCY_STOP),

@@ -1,4 +1,4 @@
-//! The messages of a cycle, from shared memory to Protobuf.
+//! Encodes the messages of a cycle from shared memory to Protobuf.
 
 use crate::motord;
 use motord_shared::description::RobotDescription;
@@ -11,12 +11,12 @@ use motord_shared::{
     JointSetpoint, JointState, MotorMode, Phase, SetpointMode, StateMessage,
 };
 
-/// The name of a code; a number that is none stands for itself.
+/// Returns the name of a code; an invalid number represents itself.
 fn name<T: TryFrom<u32> + ToString>(code: u32) -> String {
     T::try_from(code).map_or_else(|_| code.to_string(), |known| known.to_string())
 }
 
-/// The value of a row's kind in Protobuf.
+/// Returns the value of a row's kind in Protobuf.
 macro_rules! encoded {
     ([Optional], $value:expr) => {
         Some($value).filter(|value| value.is_finite())
@@ -35,7 +35,7 @@ macro_rules! encoded {
     };
 }
 
-/// Whether a flag is set; a flag without a number is not in the message.
+/// Returns `true` if a flag is set. A flag without a number is not in the message.
 macro_rules! flag {
     ($number:literal, $flags:expr, $bits:expr) => {
         $flags & $bits != 0

@@ -1,28 +1,28 @@
-//! The changes from cycle to cycle, as sentences.
+//! Changes from cycle to cycle, as sentences.
 //!
-//! The states tell: what begins and ends between two cycles that were recorded is not seen.
+//! Events that begin and end between two recorded cycles are not detected.
 
 use motord_shared::description::RobotDescription;
 use motord_shared::message::{FLAG_EMERGENCY_STOP, FLAG_SHUTDOWN};
 use motord_shared::{BusCondition, Cause, Fault, GroupState, JointState, MotorMode, Phase, StateMessage};
 
-/// How much an event matters.
+/// The severity of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     /// Every change of a motor's mode.
     Debug,
-    /// Phases, owners and resets of a group, a fault that is gone, a daemon that shuts down.
+    /// Phases, owners and resets of a group, a cleared fault, a shutdown of the daemon.
     Info,
-    /// Missed ticks, a bus that has changed.
+    /// Missed ticks, a changed bus condition.
     Warning,
-    /// A stop, a fault: somebody must look.
+    /// A stop or a fault: a person must inspect the robot.
     Error,
 }
 
 /// A change.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
-    /// How much it matters.
+    /// The severity.
     pub level: Level,
     /// The joint, group or bus; empty for the whole robot.
     pub subject: String,
@@ -30,14 +30,14 @@ pub struct Event {
     pub text: String,
 }
 
-/// Compares each state with the one before.
+/// Compares each state with the previous one.
 #[derive(Debug, Default)]
 pub struct Events {
     before: Option<Box<StateMessage>>,
 }
 
 impl Events {
-    /// The changes since the state before. Nothing for the first.
+    /// Returns the changes since the previous state; none for the first.
     pub fn of(&mut self, state: &StateMessage, robot: &RobotDescription) -> Vec<Event> {
         let mut events = Vec::new();
         match &mut self.before {

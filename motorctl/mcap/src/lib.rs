@@ -1,7 +1,7 @@
 //! Recordings of cycles: every state, setpoint, applied command and event, as MCAP files.
 //!
 //! - [`Writer`] writes a file, [`Reader`] reads it.
-//! - [`Events`] finds what has changed from cycle to cycle, [`Stops`] the safe stops.
+//! - [`Events`] detects changes from cycle to cycle, [`Stops`] the safe stops.
 //! - [`Memory`] keeps the last seconds.
 //!
 //! The format is [MCAP](https://mcap.dev) with Protobuf messages, compressed by zstd. Each file carries the schemas,
@@ -35,13 +35,13 @@ pub use reader::{ReadError, Reader};
 pub use stops::Stops;
 pub use writer::{Counts, Writer};
 
-/// The messages, as `build.rs` makes them of `proto/`.
+/// The messages, as `build.rs` generates them from `proto/`.
 #[allow(unreachable_pub, reason = "prost makes it")]
 mod motord {
     include!(concat!(env!("OUT_DIR"), "/motord.rs"));
 }
 
-/// Foxglove's messages, made in the same way.
+/// Foxglove's messages, generated in the same way.
 #[allow(unreachable_pub, reason = "prost makes it")]
 mod foxglove {
     include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));

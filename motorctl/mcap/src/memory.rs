@@ -12,19 +12,19 @@ use std::time::Duration;
 /// Length of a part, ns.
 const PART_NS: u64 = 1_000_000_000;
 
-/// A whole file of a second, and the tick that it begins with.
+/// A complete file of a second, and the tick of its first cycle.
 #[derive(Debug, Clone)]
 struct Second {
     from_ns: u64,
     bytes: Arc<Vec<u8>>,
 }
 
-/// The last seconds of a robot, compressed. The oldest second goes when there are too many.
+/// The last seconds of a robot, compressed. The oldest second is dropped when the limit is reached.
 pub struct Memory {
     robot: RobotDescription,
     origin: Origin,
     parts: VecDeque<Second>,
-    /// The part that is being written, and the tick that it begins with.
+    /// The unfinished part, and the tick of its first cycle.
     current: Option<(u64, Writer<Vec<u8>>)>,
     parts_max: usize,
     bytes_max: usize,
@@ -39,17 +39,18 @@ pub struct Remembered {
 }
 
 impl Memory {
-    /// Keeps the last `time` of `robot`, and up to a second more; less where that takes more than `bytes_max` bytes.
+    /// Creates a memory for the last `time` of `robot`, and up to a second more. It holds less if
+    /// that takes more than `bytes_max` bytes.
     #[must_use]
     pub fn new(robot: &RobotDescription, origin: Origin, time: Duration, bytes_max: usize) -> Self {
         let parts_max = usize::try_from(time.as_secs()).unwrap_or(usize::MAX).saturating_add(1);
         Self { robot: robot.clone(), origin, parts: VecDeque::new(), current: None, parts_max, bytes_max }
     }
 
-    /// Takes in a cycle.
+    /// Stores a cycle.
     ///
     /// # Errors
-    /// When it cannot be encoded.
+    /// The cycle cannot be encoded.
     pub fn take(&mut self, record: &CycleRecord) -> io::Result<()> {
         let tick_ns = record.state.tick_ns;
         if self.current.as_ref().is_some_and(|(from_ns, _)| tick_ns.saturating_sub(*from_ns) >= PART_NS) {
@@ -64,10 +65,10 @@ impl Memory {
         Ok(())
     }
 
-    /// All that is remembered now. It stays as it is when the memory goes on.
+    /// Returns the current content. Later cycles do not change it.
     ///
     /// # Errors
-    /// As of [`take`](Self::take).
+    /// Those of [`take`](Self::take).
     pub fn remembered(&mut self) -> io::Result<Remembered> {
         self.end_part()?;
         let Self { robot, origin, parts, .. } = self;
@@ -89,10 +90,10 @@ impl Memory {
 }
 
 impl Remembered {
-    /// Writes it as one file. Returns the number of its cycles.
+    /// Writes the content as one file. Returns the number of its cycles.
     ///
     /// # Errors
-    /// When `out` cannot be written.
+    /// `out` cannot be written.
     pub fn write(&self, out: impl Write) -> io::Result<u64> {
         let from_ns = self.parts.first().map_or(0, |part| part.from_ns);
         let mut writer = Writer::new(out, &self.robot, self.origin, from_ns)?;

@@ -1,4 +1,5 @@
-//! Reads a file. It may be another program's, damaged, or cut off where its recorder was killed.
+//! Reads a file. It may come from another program, be damaged, or end where its recorder was
+//! killed.
 
 use crate::{decode, motord};
 use mcap::McapError;
@@ -11,21 +12,22 @@ use prost::Message;
 use std::collections::HashMap;
 use std::io::Read;
 
-/// The longest message of a file, bytes. Ours have a kilobyte, the description of the robot some more.
+/// Limit on the bytes of a message. Messages of motord have a kilobyte, the description of the
+/// robot some more.
 const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
-/// Why a file cannot be read.
+/// The reason why a file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// It is no MCAP file, or is damaged at its beginning.
-    #[error("it is no MCAP file that can be read: {0}")]
+    /// The file is no MCAP file, or is damaged at its beginning.
+    #[error("it is no readable MCAP file: {0}")]
     Mcap(#[from] McapError),
-    /// It is an MCAP file of something else.
+    /// The file is an MCAP file of another program.
     #[error("it does not begin with the description of a robot: `motorctl record` has not written it")]
     NoRobot,
 }
 
-/// The part of the robot that a topic is of.
+/// The part of the robot that a topic describes.
 #[derive(Debug, Clone, Copy)]
 enum Topic {
     Joint(usize),
@@ -35,7 +37,7 @@ enum Topic {
     Cycle,
 }
 
-/// A file that is being read, cycle by cycle.
+/// An open file, read cycle by cycle.
 pub struct Reader<R: Read> {
     messages: MessageReader<R>,
     robot: RobotDescription,
@@ -45,10 +47,10 @@ pub struct Reader<R: Read> {
 }
 
 impl<R: Read> Reader<R> {
-    /// Begins to read.
+    /// Opens a recording.
     ///
     /// # Errors
-    /// When it is no recording.
+    /// The file is no recording.
     pub fn new(file: R) -> Result<Self, ReadError> {
         let options = LinearReaderOptions::default()
             .with_skip_end_magic(true)
@@ -72,13 +74,14 @@ impl<R: Read> Reader<R> {
         Ok(Self { messages, topics: topics(&robot), robot, record, damage: None })
     }
 
-    /// The robot.
+    /// Returns the robot.
     #[must_use]
     pub fn robot(&self) -> &RobotDescription {
         &self.robot
     }
 
-    /// The next cycle; `None` at the end of the file, or where it is damaged. A cycle that is not whole is left out.
+    /// Returns the next cycle; `None` at the end of the file, or where it is damaged. Skips
+    /// incomplete cycles.
     pub fn next_cycle(&mut self) -> Option<&CycleRecord> {
         self.record.known = 0;
         while self.damage.is_none() {
@@ -99,14 +102,14 @@ impl<R: Read> Reader<R> {
         None
     }
 
-    /// Why the file ended before its end; `None` when it did not, or was not read to its end yet. A recorder that was killed
-    /// leaves such a file.
+    /// Returns the reason why the file ended early. `None` for a complete file, or before its end
+    /// was read. A killed recorder leaves such a file.
     #[must_use]
     pub fn damage(&self) -> Option<&str> {
         self.damage.as_deref()
     }
 
-    /// Takes in a message. Returns whether its cycle is whole.
+    /// Stores a message. Returns `true` if its cycle is complete.
     fn take(&mut self, topic: Topic, data: &[u8]) -> Result<bool, prost::DecodeError> {
         let CycleRecord { state, sequence, .. } = &mut *self.record;
         match topic {

@@ -14,21 +14,21 @@ use prost::Message;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-/// Uncompressed size of a part of the file that is compressed as one, bytes.
+/// Uncompressed size of a part of the file that is compressed as a unit, bytes.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// The cycles of a recording, by their fate.
+/// The cycles of a recording, by outcome.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
-    /// In the file.
+    /// Cycles in the file.
     pub recorded: u64,
-    /// Ticks that the daemon missed meanwhile: there was no cycle.
+    /// Ticks that the daemon missed meanwhile: they have no cycle.
     pub missed_ticks: u64,
-    /// The daemon's ipc thread was too slow to hand them out.
+    /// Cycles that the daemon's ipc thread was too slow to publish.
     pub unpublished: u64,
-    /// The recorder was too slow to take them out of shared memory.
+    /// Cycles that the recorder was too slow to take out of shared memory.
     pub lost: u64,
-    /// The disk was too slow for them.
+    /// Cycles that the disk was too slow for.
     pub dropped: u64,
 }
 
@@ -43,25 +43,25 @@ struct Channels {
     events: u16,
 }
 
-/// A file that is being written. It is whole up to the last [`flush`](Self::flush), and has its index after
-/// [`finish`](Self::finish).
+/// A file that is being written. It is readable up to the last [`flush`](Self::flush), and has its
+/// index after [`finish`](Self::finish).
 pub struct Writer<W: Write> {
     out: mcap::Writer<NoSeek<W>>,
     robot: RobotDescription,
     origin: Origin,
     channels: Channels,
     events: Events,
-    /// By joint, as they were written last.
+    /// The last written values, by joint.
     indicators: Vec<[f32; INDICATORS_MAX]>,
     buffer: Vec<u8>,
 }
 
 impl<W: Write> Writer<W> {
-    /// Begins a file of `robot` at `from_ns`, ns of `CLOCK_MONOTONIC`. `out` gets one large write for each part of the file, besides
-    /// small ones: give it a buffer.
+    /// Starts a file of `robot` at `from_ns`, ns of `CLOCK_MONOTONIC`. `out` receives one large
+    /// write for each part of the file and small ones: use a buffer.
     ///
     /// # Errors
-    /// When `out` cannot be written.
+    /// `out` cannot be written.
     pub fn new(out: W, robot: &RobotDescription, origin: Origin, from_ns: u64) -> io::Result<Self> {
         let options = WriteOptions::new()
             .library(concat!("motord ", env!("CARGO_PKG_VERSION")))
@@ -91,10 +91,10 @@ impl<W: Write> Writer<W> {
         self.out.write_to_known_channel(&header, &text)
     }
 
-    /// Writes a cycle. It is in the file after the next [`flush`](Self::flush), or earlier.
+    /// Writes a cycle. The file contains it after the next [`flush`](Self::flush), or earlier.
     ///
     /// # Errors
-    /// When the file cannot be written: it ends before this part.
+    /// The file cannot be written: it ends before this part.
     pub fn write(&mut self, record: &CycleRecord) -> io::Result<()> {
         self.write_record(record).map_err(of_mcap)
     }
@@ -140,10 +140,10 @@ impl<W: Write> Writer<W> {
         put(channels.cycle, &encode::cycle(record))
     }
 
-    /// Ends the present part of the file, so that it can be read even if nothing follows.
+    /// Ends the current part of the file, so that it can be read without further parts.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// The file cannot be written.
     pub fn flush(&mut self) -> io::Result<()> {
         self.out.flush().map_err(of_mcap)
     }
@@ -151,7 +151,7 @@ impl<W: Write> Writer<W> {
     /// Ends the file, with these counts in its metadata.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// The file cannot be written.
     pub fn finish(mut self, counts: &Counts) -> io::Result<W> {
         let RobotDescription { instance, version, rate_hz, boot_id, .. } = &self.robot;
         let metadata = [
@@ -233,7 +233,7 @@ fn log(event: &Event, unix_ns: u64) -> foxglove::Log {
     }
 }
 
-/// All that can go wrong is the writing.
+/// Converts an error of writing, the only possible one.
 fn of_mcap(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,

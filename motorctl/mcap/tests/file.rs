@@ -1,4 +1,5 @@
-//! A file that was written is read as it was; a damaged one is read up to its damage, and never makes the reader panic.
+//! A file is read as it was written. A damaged one is read up to its damage, without a panic of the
+//! reader.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -22,7 +23,7 @@ fn robot() -> RobotDescription {
     }
 }
 
-/// A cycle in which everything that a file keeps differs from zero.
+/// Creates a cycle in which every recorded value differs from zero.
 fn record(cycle: u64) -> CycleRecord {
     let mut record = CycleRecord { sequence: cycle + 5, ..CycleRecord::default() };
     let state = &mut record.state;
@@ -74,13 +75,13 @@ fn written(finish: bool) -> Vec<u8> {
     if finish {
         writer.finish(&Counts { recorded: CYCLES, ..Counts::default() }).unwrap();
     } else {
-        // To drop it would end the file.
+        // A drop would end the file.
         std::mem::forget(writer);
     }
     bytes
 }
 
-/// The cycles that can be read, and whether the file was damaged.
+/// Returns the readable cycles, and `true` for a damaged file.
 fn read(bytes: &[u8]) -> Result<(Vec<u64>, bool), ReadError> {
     let mut reader = Reader::new(bytes)?;
     let mut cycles = Vec::new();
@@ -155,7 +156,7 @@ fn a_file_of_another_program_is_refused() {
     assert!(matches!(read(&bytes.into_inner()), Err(ReadError::NoRobot)));
 }
 
-/// The file of a memory of two seconds after six.
+/// Returns the file of a memory of two seconds after six.
 fn remembered(bytes_max: usize) -> Vec<u8> {
     let mut memory = Memory::new(&robot(), Origin::default(), Duration::from_secs(2), bytes_max);
     (1..=6000).for_each(|cycle| memory.take(&record(cycle)).unwrap());

@@ -7,7 +7,7 @@ const COLUMNS: usize = 100;
 
 const SCHEMA: &str = include_str!("../proto/motord.proto");
 
-/// The field as a comment and a declaration.
+/// Returns the field as a comment and a declaration.
 fn declared(field: &Field, (name, number): (&str, u32)) -> String {
     let unit = if field.unit.is_empty() { String::new() } else { format!(" Unit: {}.", field.unit) };
     let absence = match field.kind {
@@ -29,7 +29,7 @@ fn declared(field: &Field, (name, number): (&str, u32)) -> String {
     format!("{text}\n  {} {name} = {number};\n", field.kind.proto())
 }
 
-/// The message of a joint in the schema.
+/// Returns the message of a joint in the schema.
 fn committed() -> &'static str {
     let begin = SCHEMA.find("message Joint {").expect("the schema has a joint");
     let length = SCHEMA[begin..].find("}\n").expect("a message ends") + 2;

@@ -1,4 +1,5 @@
-//! The thread that writes, and the bounded memory before it. Whoever records never waits for the disk.
+//! The writing thread, and the bounded queue before it. The recording thread never waits for the
+//! disk.
 
 use motord_client::{CycleRecord, RobotDescription};
 use motord_mcap::{Counts, Origin, Writer};
@@ -8,14 +9,14 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 
-/// Cycles that wait for the disk at most: 4 s at 1 kHz, 40 MB.
+/// Limit on the cycles in the queue: 4 s at 1 kHz, 40 MB.
 const WAITING_MAX: usize = 4096;
-/// The disk gets writes of this size, bytes, where a part of the file is not longer.
+/// Size of a write to the disk, bytes, unless a part of the file is longer.
 const WRITE_BYTES: usize = 256 << 10;
-/// The file is whole after each time of this length.
+/// Interval of flushes, after each of which the file is readable.
 const FLUSH_NS: u64 = 1_000_000_000;
 
-/// Where a recording goes to. `sync` waits until it is on the disk.
+/// The destination of a recording. `sync` waits until it is on the disk.
 pub(crate) trait Output: Write + Send + 'static {
     fn sync(&mut self) -> io::Result<()> {
         Ok(())
@@ -30,33 +31,33 @@ impl Output for std::fs::File {
 
 impl Output for io::Stdout {}
 
-/// The state of the writing thread, for the reading one.
+/// The state of the writing thread, for the recording thread.
 #[derive(Debug, Default)]
 struct Progress {
-    /// Cycles that are safely in the file.
+    /// Cycles flushed to the file.
     recorded: AtomicU64,
-    /// Bytes that were written.
+    /// Bytes written.
     bytes: AtomicU64,
-    /// The thread has ended.
+    /// `true` once the thread has ended.
     has_ended: AtomicBool,
 }
 
-/// The end of the memory that takes cycles.
+/// The input of the queue.
 pub(crate) struct Disk {
     sender: Option<SyncSender<Box<CycleRecord>>>,
     thread: Option<JoinHandle<io::Result<()>>>,
     progress: Arc<Progress>,
     finish: SyncSender<Counts>,
-    /// Cycles that were handed over, or should have been.
+    /// Cycles passed to the queue, also dropped ones.
     taken: u64,
     max_bytes: u64,
 }
 
 impl Disk {
-    /// Begins a file of `robot` in `out`, which is full at `max_bytes`.
+    /// Starts a file of `robot` in `out`, which is full at `max_bytes`.
     ///
     /// # Errors
-    /// When there is no thread to be had.
+    /// The thread cannot be created.
     pub(crate) fn begin(
         out: impl Output,
         robot: &RobotDescription,
@@ -76,7 +77,7 @@ impl Disk {
         Ok(Self { sender: Some(sender), thread: Some(thread), progress, finish, taken: 0, max_bytes })
     }
 
-    /// Hands a cycle over; drops it when too many wait. Never blocks.
+    /// Queues a cycle; drops it when the queue is full. Never blocks.
     pub(crate) fn take(&mut self, record: &CycleRecord) {
         self.taken += 1;
         let Some(sender) = &self.sender else { return };
@@ -85,7 +86,7 @@ impl Disk {
         }
     }
 
-    /// The file is as long as it may be, or the disk took no more.
+    /// Returns `true` if the file has reached its limit, or the disk failed.
     pub(crate) fn is_full(&self) -> bool {
         self.has_ended() || self.bytes() >= self.max_bytes
     }
@@ -94,19 +95,20 @@ impl Disk {
         self.progress.has_ended.load(Ordering::Acquire)
     }
 
-    /// Bytes of the file up to now.
+    /// Returns the size of the file, bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.progress.bytes.load(Ordering::Relaxed)
     }
 
-    /// Cycles that are safely in the file, and those that are not: dropped, once the file has ended.
+    /// Returns the cycles flushed to the file, and the other ones: dropped, once the file has
+    /// ended.
     pub(crate) fn counts(&self) -> (u64, u64) {
         let recorded = self.progress.recorded.load(Ordering::Relaxed);
         (recorded, self.taken.saturating_sub(recorded))
     }
 
-    /// Lets the thread write what waits, and end the file with `counts`, of which it sets `recorded` and `dropped`. Ask for the end by
-    /// [`has_ended`](Self::has_ended).
+    /// Lets the thread write the queue, and end the file with `counts`, of which it sets `recorded`
+    /// and `dropped`. [`has_ended`](Self::has_ended) reports the end.
     pub(crate) fn finish(&mut self, counts: Counts) {
         let _ended = self.finish.try_send(Counts { dropped: self.taken, ..counts });
         self.sender = None;
@@ -115,14 +117,14 @@ impl Disk {
     /// Waits for the thread.
     ///
     /// # Errors
-    /// Why the file could not be written to its end.
+    /// The reason why the file could not be completed.
     pub(crate) fn join(&mut self) -> io::Result<()> {
         let ended = self.thread.take().map(JoinHandle::join);
         ended.unwrap_or(Ok(Ok(()))).unwrap_or_else(|_| Err(io::Error::other("the writing thread panicked")))
     }
 }
 
-/// The body of the thread.
+/// Runs the thread.
 fn write(
     out: impl Output,
     robot: &RobotDescription,
@@ -179,7 +181,7 @@ mod tests {
     use std::sync::Mutex;
     use std::time::Duration;
 
-    /// A disk with so much space, which takes so long for each write.
+    /// A disk with this space, and this duration of each write.
     #[derive(Clone, Default)]
     struct Space {
         bytes: Arc<Mutex<Vec<u8>>>,

@@ -1,4 +1,4 @@
-//! Why a command failed.
+//! Reasons why a command fails.
 
 use motord_client::Error;
 use motord_mcap::ReadError;
@@ -6,21 +6,21 @@ use motord_terminal::exit_status;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Why a command failed.
+/// The reason why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderFailure {
-    /// The daemon cannot be reached, or has gone. A file that was begun is whole.
+    /// The daemon cannot be reached, or has ended. A started file is complete.
     #[error(transparent)]
     Client(#[from] Error),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(#[from] io::Error),
-    /// A file cannot be written. What was written of a recording before can be read.
+    /// A file cannot be written. The written part of a recording can be read.
     #[error("cannot write {}: {error}", path.display())]
     Unwritable {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error.
         error: io::Error,
     },
     /// A file cannot be opened.
@@ -28,7 +28,7 @@ pub enum RecorderFailure {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The error.
         error: io::Error,
     },
     /// A file is no recording.
@@ -36,7 +36,7 @@ pub enum RecorderFailure {
     Malformed {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The error.
         error: ReadError,
     },
     /// The robot of a recording has no such joint.
@@ -44,10 +44,10 @@ pub enum RecorderFailure {
     NoJoint {
         /// The joint.
         joint: String,
-        /// Those that it has.
+        /// The joints of the recording.
         known: String,
     },
-    /// Nothing can be drawn.
+    /// The recording contains nothing to draw.
     #[error(
         "there is nothing to draw: no cycle of the recording has a position of these joints in this time"
     )]
@@ -62,7 +62,7 @@ impl RecorderFailure {
         Self::Unwritable { path: path.to_owned(), error }
     }
 
-    /// The exit status.
+    /// Returns the exit status.
     #[must_use]
     pub fn status(&self) -> u8 {
         match self {

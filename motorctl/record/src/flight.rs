@@ -12,9 +12,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use time::OffsetDateTime;
 
-/// Between two looks for a daemon that is away.
+/// Interval of the checks for an unavailable daemon.
 const ABSENCE: Duration = Duration::from_millis(500);
-/// The disk gets writes of this size, bytes.
+/// Size of a write to the disk, bytes.
 const WRITE_BYTES: usize = 256 << 10;
 
 /// The arguments of the command.
@@ -22,16 +22,16 @@ const WRITE_BYTES: usize = 256 << 10;
 pub struct FlightArguments {
     /// The directory of the files. It must exist.
     directory: PathBuf,
-    /// Seconds before a stop that its file holds, 1 to 600.
+    /// Seconds before a stop in its file, 1 to 600.
     #[arg(long, value_name = "S", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=600))]
     seconds: u64,
-    /// Seconds after a stop that its file holds, 0 to 60.
+    /// Seconds after a stop in its file, 0 to 60.
     #[arg(long, value_name = "S", default_value_t = 2.0, value_parser = parse_after)]
     after: f64,
-    /// Most files of the instance in the directory: the oldest is removed for one more.
+    /// Limit on the files of the instance in the directory: the oldest is removed for a new one.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     files: u64,
-    /// Most MB (10⁶ bytes) of the memory, and about that of a file.
+    /// Limit on the memory, MB (10⁶ bytes), and roughly on the size of a file.
     #[arg(long, value_name = "MB", default_value_t = 64, value_parser = clap::value_parser!(u64).range(1..=10_000))]
     max_size: u64,
 }
@@ -40,11 +40,13 @@ fn parse_after(text: &str) -> Result<f64, String> {
     within(text, 0.0, 60.0)
 }
 
-/// Remembers, and writes after each stop, until a signal comes. The daemon may come and go.
+/// Remembers cycles, and writes them after each stop, until a signal arrives. Continues with the
+/// next daemon after a restart.
 ///
 /// # Errors
 ///
-/// When there is no such directory, or this user may not record. A file that cannot be written is reported, and ends nothing.
+/// The directory does not exist, or this user may not record. A file that cannot be written is
+/// reported, and ends nothing.
 pub fn run(instance: &str, arguments: &FlightArguments) -> Result<(), RecorderFailure> {
     let interrupt = Interrupt::register();
     let directory = &arguments.directory;
@@ -68,7 +70,7 @@ pub fn run(instance: &str, arguments: &FlightArguments) -> Result<(), RecorderFa
     Ok(())
 }
 
-/// A daemon that is followed.
+/// The recording of one run of a daemon.
 struct Flight {
     records: Records,
     memory: Memory,
@@ -97,7 +99,7 @@ impl Flight {
         Ok(Self { records, memory, stops, stop: None, after_ns })
     }
 
-    /// Takes in every cycle until the daemon is gone or a signal comes.
+    /// Records every cycle until the daemon ends or a signal arrives.
     fn follow(mut self, files: &mut Files, interrupt: &Interrupt) {
         let mut record = Box::<CycleRecord>::default();
         while !interrupt.came() {
@@ -118,7 +120,8 @@ impl Flight {
 
     fn take(&mut self, record: &CycleRecord, files: &mut Files) {
         let tick_ns = record.state.tick_ns;
-        // Cycles that cannot be encoded are missing in the file: the numbers of the other cycles show the gap.
+        // Cycles that cannot be encoded are missing in the file: the numbers of the other cycles
+        // show the gap.
         let _encoded = self.memory.take(record);
         if let Some(cause) = self.stops.of(record) {
             self.stop.get_or_insert((cause.to_string(), tick_ns.saturating_add(self.after_ns)));
@@ -129,7 +132,7 @@ impl Flight {
     }
 }
 
-/// The thread that writes: whoever remembers never waits for the disk.
+/// The writing thread: the recording thread never waits for the disk.
 struct Files {
     place: Place,
     under_way: Option<JoinHandle<()>>,
@@ -138,7 +141,7 @@ struct Files {
 impl Files {
     fn write(&mut self, remembered: io::Result<Remembered>, why: String) {
         if self.under_way.as_ref().is_some_and(|thread| !thread.is_finished()) {
-            eprintln!("motorctl: {why} is not written: the disk has not taken the file before it");
+            eprintln!("motorctl: {why} is not written: the disk is still writing the previous file");
             return;
         }
         let place = self.place.clone();
@@ -156,7 +159,7 @@ impl Files {
         }
     }
 
-    /// Waits for the disk; a second signal leaves behind one that hangs.
+    /// Waits for the disk; a second signal ends the wait.
     fn wait(&self, interrupt: &Interrupt) {
         let _the_first = interrupt.came_again();
         while self.under_way.as_ref().is_some_and(|thread| !thread.is_finished()) && !interrupt.came_again() {
@@ -165,7 +168,7 @@ impl Files {
     }
 }
 
-/// Where the files go to.
+/// The destination of the files.
 #[derive(Debug, Clone)]
 struct Place {
     directory: PathBuf,
@@ -182,7 +185,8 @@ impl Place {
         }
     }
 
-    /// Writes a file under another name, and renames it once it is whole. Then removes the oldest files.
+    /// Writes a file under a temporary name, and renames it once it is complete. Then removes the
+    /// oldest files.
     fn write(&self, remembered: &Remembered, why: &str) -> io::Result<(PathBuf, u64)> {
         let unfinished = self.directory.join(format!("{}.unfinished", self.instance));
         let path = self.directory.join(self.name(OffsetDateTime::now_utc(), why));
@@ -211,7 +215,8 @@ impl Place {
         format!("{}-{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z-{why}.mcap", self.instance)
     }
 
-    /// Another instance's files stay, also where its name begins with that of this one.
+    /// Returns `true` for a file of this instance. The name of another instance may begin with the
+    /// name of this one.
     fn is_ours(&self, name: &str) -> bool {
         let rest = name.strip_prefix(&self.instance).and_then(|rest| rest.strip_prefix('-'));
         let form = rest.and_then(|rest| rest.split_once("Z-")).map(|(time, _)| time.as_bytes());
@@ -225,7 +230,8 @@ impl Place {
         name.ends_with(".mcap") && form.is_some_and(is_time)
     }
 
-    /// Removes the oldest files of the instance until at most `files_max` are left. The names sort by time.
+    /// Removes the oldest files of the instance until at most `files_max` are left. The names sort
+    /// by time.
     fn remove_oldest(&self) {
         let Ok(entries) = fs::read_dir(&self.directory) else { return };
         let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());

@@ -1,7 +1,8 @@
-//! The commands `motorctl record`, `motorctl flight` and `motorctl plot`, and the reading of recordings for `motorctl replay`.
+//! The commands `motorctl record`, `motorctl flight` and `motorctl plot`, and the reader of
+//! recordings for `motorctl replay`.
 //!
-//! Recording is a process of its own: the daemon hands out each cycle without waiting for anybody, and whatever the disk does is
-//! counted here.
+//! A separate process records. The daemon publishes each cycle without waiting, and the recorder
+//! counts the cycles lost by delays of the disk.
 //!
 //! ```text
 //! daemon ── shared memory, half a second ──▶ reading thread ── memory, some seconds ──▶ writing thread ──▶ disk

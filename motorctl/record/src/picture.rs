@@ -11,9 +11,9 @@ use std::ops::Range;
 
 /// The size of a panel.
 const PANEL: (u32, u32) = (480, 260);
-/// As many steps as a curve has at most: more than a panel has pixels.
+/// Limit on the steps of a curve: more than a panel has pixels.
 const STEPS_MAX: usize = 1024;
-/// Of the palette of Okabe and Ito, which most people with a colour vision deficiency can tell apart.
+/// From the palette of Okabe and Ito, for people with a colour vision deficiency.
 const COLOURS: [RGBColor; 3] = [RGBColor(230, 159, 0), RGBColor(0, 158, 115), RGBColor(0, 114, 178)];
 
 /// The lowest and the highest value of some cycles, at the time of the first of them.
@@ -24,15 +24,15 @@ struct Step {
     high: f32,
 }
 
-/// A curve. Each of its steps keeps the lowest and the highest value, so that no peak is lost. When there are too many steps, each
-/// pair of them becomes one.
+/// A curve. Each step keeps the lowest and the highest value, so no peak is lost. When the limit is
+/// reached, pairs of steps are merged.
 #[derive(Debug)]
 pub(crate) struct Curve {
     name: &'static str,
     steps: Vec<Step>,
-    /// Values of a step.
+    /// Values per step.
     length: u32,
-    /// Values that the last step has.
+    /// Values in the last step.
     filled: u32,
 }
 
@@ -41,7 +41,7 @@ impl Curve {
         Self { name, steps: Vec::with_capacity(STEPS_MAX), length: 1, filled: 1 }
     }
 
-    /// Takes in the value at a time, s. One that is not there leaves no gap.
+    /// Adds the value at a time, s. A missing value leaves no gap.
     pub(crate) fn take(&mut self, time: f64, value: Option<f32>) {
         let Some(value) = value.filter(|value| value.is_finite()) else { return };
         match self.steps.last_mut() {
@@ -97,7 +97,7 @@ impl Panel {
         self.curves.iter().flat_map(Curve::points)
     }
 
-    /// With some air above and below.
+    /// Returns the range of values, with a margin.
     fn values(&self) -> Range<f64> {
         let (low, high) = extremes(self.points().map(|(_, value)| value)).unwrap_or((0.0, 1.0));
         let air = ((high - low) * 0.05).max(1e-3);
@@ -112,11 +112,11 @@ fn extremes(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     })
 }
 
-/// The panels as an SVG.
+/// Draws the panels as an SVG.
 ///
 /// # Errors
 ///
-/// Why not.
+/// The error of the drawing library.
 pub(crate) fn draw(rows: &[Vec<Panel>]) -> Result<String, String> {
     let times = rows.iter().flatten().flat_map(Panel::points).map(|(time, _)| time);
     let (begin, end) = extremes(times).unwrap_or((0.0, 1.0));

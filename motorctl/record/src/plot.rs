@@ -1,4 +1,4 @@
-//! `motorctl plot`: joints of a recording as a picture.
+//! `motorctl plot`: draws joints of a recording.
 
 use crate::failure::RecorderFailure;
 use crate::picture::{self, Curve, Panel};
@@ -13,16 +13,16 @@ use std::path::PathBuf;
 pub struct PlotArguments {
     /// The recording.
     file: PathBuf,
-    /// Names of joints, each a row of the picture.
+    /// Names of joints; each is a row of the picture.
     #[arg(value_name = "JOINT", required = true, num_args = 1..=16)]
     joints: Vec<String>,
     /// The picture; `-` is the standard output.
     #[arg(long, value_name = "FILE", default_value = "-")]
     svg: PathBuf,
-    /// Begin so many seconds after the first cycle.
+    /// Start at this time after the first cycle, s.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = parse_time)]
     from: f64,
-    /// End so many seconds after the first cycle. The default is the end of the recording.
+    /// End at this time after the first cycle, s. The default is the end of the recording.
     #[arg(long, value_name = "S", value_parser = parse_time)]
     to: Option<f64>,
 }
@@ -31,11 +31,11 @@ fn parse_time(text: &str) -> Result<f64, String> {
     within(text, 0.0, 1e6)
 }
 
-/// Draws what the arguments say.
+/// Draws the picture.
 ///
 /// # Errors
 ///
-/// When the recording cannot be read or has no such joint, or the picture cannot be written.
+/// The recording cannot be read or lacks a joint, or the picture cannot be written.
 pub fn run(arguments: &PlotArguments) -> Result<(), RecorderFailure> {
     let mut recording = Recording::open(&arguments.file)?;
     let joints = indices(recording.robot(), &arguments.joints)?;
@@ -78,7 +78,8 @@ fn indices(robot: &RobotDescription, names: &[String]) -> Result<Vec<usize>, Rec
     names.iter().map(|name| index(name).ok_or_else(|| unknown(name))).collect()
 }
 
-/// A panel for each measured quantity of a joint: the setpoint, the applied command and the reported value.
+/// Creates a panel for each measured quantity of a joint: the setpoint, the applied command and the
+/// reported value.
 fn panels(joint: &str) -> Vec<Panel> {
     let fields = JointState::FIELDS.iter().filter(|field| field.kind == Kind::Measured);
     let panel = |field: &Field| Panel {

@@ -1,4 +1,4 @@
-//! `motorctl record`: every cycle of a daemon as a file.
+//! `motorctl record`: writes every cycle of a daemon to a file.
 
 use crate::disk::{Disk, Output};
 use crate::failure::RecorderFailure;
@@ -11,10 +11,10 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// The shared memory holds 50 ms at 10 kHz: it is emptied far more often than that.
+/// Pause between two reads of the shared memory, which holds 50 ms at 10 kHz.
 pub(crate) const PAUSE: Duration = Duration::from_millis(5);
 
-/// How long the first state may take.
+/// Longest time to wait for the first state.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 
 /// The arguments of the command.
@@ -22,10 +22,10 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(1);
 pub struct RecordArguments {
     /// The file, which must not exist yet; `-` is the standard output.
     file: PathBuf,
-    /// End after so many seconds, at most 86400. Without it the recording ends with Ctrl-C.
+    /// End after this many seconds, at most 86400. Without it the recording ends with Ctrl-C.
     #[arg(long, value_name = "S", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// End when the file has so many MB (10⁶ bytes). It becomes a few MB longer.
+    /// End at this size of the file, MB (10⁶ bytes). The file becomes a few MB longer.
     #[arg(long, value_name = "MB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     max_size: Option<u64>,
     /// Print the result as one JSON object.
@@ -47,15 +47,16 @@ struct RecordReport {
     last_cycle: u64,
     seconds: f64,
     bytes: u64,
-    /// Ticks without a cycle: the daemon was too late for them.
+    /// Ticks that the daemon missed: they have no cycle.
     missed_ticks: u64,
-    /// Cycles that the daemon could not hand out in time.
+    /// Cycles that the daemon was too slow to publish.
     unpublished: u64,
-    /// Cycles that the recorder did not take out of shared memory in time.
+    /// Cycles that the recorder was too slow to take out of shared memory.
     lost: u64,
-    /// Cycles that the disk was too slow for, or that it did not take.
+    /// Cycles that the disk was too slow for, or did not accept.
     dropped: u64,
-    /// Why the recording ended: `interrupted`, `seconds`, `max-size`, `disk` or `daemon`.
+    /// The reason for the end of the recording: `interrupted`, `seconds`, `max-size`, `disk` or
+    /// `daemon`.
     ended: &'static str,
 }
 
@@ -63,11 +64,13 @@ struct RecordReport {
 ///
 /// # Errors
 ///
-/// When no daemon answers or it goes away, the file exists or cannot be written. A file that was begun can be read.
+/// The daemon does not answer or ends; the file exists or cannot be written. A started file can be
+/// read.
 pub fn run(instance: &str, arguments: &RecordArguments) -> Result<(), RecorderFailure> {
     let interrupt = Interrupt::register();
     let client = Client::connect(instance)?;
-    // The place of a recorder is taken before the file is created: where none is free, no file is left behind.
+    // The slot of a recorder is taken before the file is created: without a free slot, no file
+    // remains.
     let records = client.records()?;
     let path = &arguments.file;
     match path.as_os_str() == "-" {
@@ -90,7 +93,7 @@ fn record(
     let mut ended = session.take_all(interrupt);
     session.disk.finish(session.counts());
     let _the_first = interrupt.came_again();
-    // A second Ctrl-C leaves behind a disk that hangs.
+    // A second Ctrl-C ends the wait for the disk.
     while !session.disk.has_ended() && !interrupt.came_again() {
         std::thread::sleep(PAUSE);
     }
@@ -106,12 +109,12 @@ fn record(
     if let End::Daemon(error) = ended { Err(error.into()) } else { Ok(()) }
 }
 
-/// The zero of `CLOCK_MONOTONIC`, as `begun` and the clocks show it now.
+/// Returns the zero of `CLOCK_MONOTONIC`, from `begun` and the current clocks.
 pub(crate) fn origin(begun: &State) -> Origin {
     Origin::now(begun.publish_ns().saturating_add(nanos(begun.age())))
 }
 
-/// Why a recording ended.
+/// The reason for the end of a recording.
 enum End {
     Interrupted,
     Seconds,
@@ -132,7 +135,7 @@ impl End {
     }
 }
 
-/// A recording under way.
+/// A running recording.
 struct Session {
     records: Records,
     disk: Disk,
@@ -155,7 +158,7 @@ impl Session {
         Ok(Self { records, disk, tally: Tally::default(), ends })
     }
 
-    /// Takes every cycle until something ends it.
+    /// Records every cycle until a condition ends it.
     fn take_all(&mut self, interrupt: &Interrupt) -> End {
         let mut record = Box::<CycleRecord>::default();
         loop {
@@ -214,14 +217,14 @@ impl Session {
     }
 }
 
-/// Counts by the numbers of the cycles.
+/// Counts from the numbers of the cycles.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tally {
     /// Number and tick of the first cycle.
     first: Option<(u64, u64)>,
     /// Number, tick and overruns of the last one.
     last: Option<(u64, u64, u64)>,
-    /// Numbers that were left out.
+    /// Missing numbers.
     gap: u64,
     missed_ticks: u64,
 }
@@ -243,7 +246,7 @@ fn nanos(time: Duration) -> u64 {
 }
 
 impl RecordReport {
-    /// On standard output, unless the recording went there.
+    /// Prints to standard output, unless the recording was written there.
     fn print(&self, arguments: &RecordArguments) -> io::Result<()> {
         let mut text = Vec::new();
         match arguments.json {

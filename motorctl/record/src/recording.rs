@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// A file that is being read.
+/// An open file.
 pub struct Recording {
     path: PathBuf,
     reader: Reader<BufReader<File>>,
@@ -18,7 +18,7 @@ impl Recording {
     ///
     /// # Errors
     ///
-    /// When it cannot be opened, or is no recording.
+    /// The file cannot be opened, or is no recording.
     pub fn open(path: &Path) -> Result<Self, RecorderFailure> {
         let file =
             File::open(path).map_err(|error| RecorderFailure::Unreadable { path: path.to_owned(), error })?;
@@ -27,24 +27,25 @@ impl Recording {
         Ok(Self { path: path.to_owned(), reader })
     }
 
-    /// The file.
+    /// Returns the path of the file.
     #[must_use]
     pub fn name(&self) -> String {
         self.path.display().to_string()
     }
 
-    /// The robot.
+    /// Returns the robot.
     #[must_use]
     pub fn robot(&self) -> &RobotDescription {
         self.reader.robot()
     }
 
-    /// The next cycle; `None` at the end of the file, or where it is damaged.
+    /// Returns the next cycle; `None` at the end of the file, or where it is damaged.
     pub fn next_cycle(&mut self) -> Option<&CycleRecord> {
         self.reader.next_cycle()
     }
 
-    /// Why the file ended before its end; `None` when it did not, or was not read to its end yet.
+    /// Returns the reason why the file ended early. `None` for a complete file, or before its end
+    /// was read.
     #[must_use]
     pub fn damage(&self) -> Option<&str> {
         self.reader.damage()
