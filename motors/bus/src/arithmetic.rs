@@ -1,4 +1,4 @@
-//! Lengths of frames in bits, and the part of a cycle that a bus needs.
+//! Lengths of frames in bits, and the share of a cycle that a bus needs.
 //!
 //! Bits of a frame, without stuff bits and with the interframe space:
 //!
@@ -11,9 +11,9 @@
 //! | CRC delimiter | 1 | 1, at the data bit rate |
 //! | ACK to interframe space | 12 | 12 |
 //!
-//! A stuff bit follows at most 5 equal bits, and at most every 4 bits after that. In a classic frame, the bits up to the CRC
-//! are stuffed. In a CAN FD frame, the bits up to the payload are. There the first fixed stuff bit takes the place of a stuff
-//! bit behind the payload.
+//! A stuff bit follows at most 5 equal bits, and at most every 4 bits after that. A classic frame
+//! stuffs the bits up to the CRC, a CAN FD frame those up to the payload. In CAN FD, the first
+//! fixed stuff bit replaces a stuff bit after the payload.
 //!
 //! Sources: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted, revisited and
 //! revised" (2007); ISO 11898-1:2015, 10.4.2 and 10.5.
@@ -29,7 +29,8 @@ pub enum IdWidth {
     Extended,
 }
 
-/// Bits of a classic frame from the DLC to the end, without the payload, that are and are not subject to stuffing.
+/// Bits of a classic frame from the DLC to the end, without the payload: those that are stuffed,
+/// and those that are not.
 const CLASSIC_END: (u32, u32) = (4 + 15, 13);
 /// Bits of any frame from the ACK slot to the end of the interframe space.
 const END: u32 = 12;
@@ -40,14 +41,15 @@ pub const fn unstuffed_bits(width: IdWidth, bytes: u32) -> u32 {
     stuffable_bits(width, bytes) + CLASSIC_END.1
 }
 
-/// Bits of the same frame with the most stuff bits that are possible.
+/// Bits of the same frame with the largest possible number of stuff bits.
 #[must_use]
 pub const fn worst_case_bits(width: IdWidth, bytes: u32) -> u32 {
     unstuffed_bits(width, bytes) + (stuffable_bits(width, bytes) - 1) / 4
 }
 
-/// Expected bits of the same frame, with ¾ of the possible stuff bits. Frames of a motor at rest, which
-/// have long runs of equal bits, have at most 17 of 24; those of a motor that moves have fewer.
+/// Expected bits of the same frame, with ¾ of the possible stuff bits. Frames of a motor at rest
+/// have long runs of equal bits, and at most 17 of 24 stuff bits. Those of a moving motor have
+/// fewer.
 #[must_use]
 pub const fn expected_bits(width: IdWidth, bytes: u32) -> u32 {
     unstuffed_bits(width, bytes) + (worst_case_bits(width, bytes) - unstuffed_bits(width, bytes)) * 3 / 4
@@ -71,14 +73,16 @@ pub struct FdBits {
 }
 
 impl FdBits {
-    /// A frame with `bytes` of payload, with the fixed stuff bits of its CRC only.
+    /// Returns the bits of a frame with `bytes` of payload, with only the fixed stuff bits of its
+    /// CRC.
     #[must_use]
     pub const fn unstuffed(width: IdWidth, bytes: u32) -> Self {
         let crc = if bytes <= 16 { 4 + 17 + 6 } else { 4 + 21 + 7 };
         Self { nominal: Self::header(width) + END, data: Self::content(bytes) + crc + 1 }
     }
 
-    /// The same frame with the most stuff bits that are possible, as many as possible of them at the nominal bit rate.
+    /// Returns the bits of the same frame with the largest possible number of stuff bits,
+    /// preferably at the nominal bit rate.
     #[must_use]
     pub const fn worst_case(width: IdWidth, bytes: u32) -> Self {
         let Self { nominal, data } = Self::unstuffed(width, bytes);
@@ -88,7 +92,8 @@ impl FdBits {
         Self { nominal: nominal + in_header, data: data + stuff_bits - in_header }
     }
 
-    /// The time of the frame, rounded up to a nanosecond. A frame that does not switch has one bit rate for both.
+    /// Returns the time of the frame, rounded up to a nanosecond. A frame without BRS has one bit
+    /// rate for both parts.
     #[must_use]
     pub const fn wire_time(self, bitrate: u32, data_bitrate: u32) -> Duration {
         wire_time(self.nominal, bitrate).saturating_add(wire_time(self.data, data_bitrate))
@@ -118,13 +123,13 @@ pub struct Transaction {
 }
 
 impl Transaction {
-    /// Bits on a CAN bus without stuff bits.
+    /// Returns the bits on a CAN bus without stuff bits.
     #[must_use]
     pub const fn unstuffed_bits(self) -> u32 {
         unstuffed_bits(IdWidth::Standard, self.command) + unstuffed_bits(IdWidth::Standard, self.reply)
     }
 
-    /// Bits on a CAN bus with the most stuff bits.
+    /// Returns the bits on a CAN bus with the most stuff bits.
     #[must_use]
     pub const fn worst_case_bits(self) -> u32 {
         worst_case_bits(IdWidth::Standard, self.command) + worst_case_bits(IdWidth::Standard, self.reply)
@@ -135,13 +140,13 @@ impl Transaction {
 /// Source: GIM document, tables 1 and 3.
 pub const SERIAL_FRAME_BITS: u32 = (4 + 8) * 10;
 
-/// The time that `bits` take at `bitrate` bit/s, rounded up to a nanosecond.
+/// Returns the time that `bits` take at `bitrate` bit/s, rounded up to a nanosecond.
 #[must_use]
 pub const fn wire_time(bits: u32, bitrate: u32) -> Duration {
     Duration::from_nanos((bits as u64 * 1_000_000_000).div_ceil(bitrate as u64))
 }
 
-/// The fraction of a bus that `bits` per cycle occupy: 1.0 is a bus without a gap.
+/// Returns the fraction of a bus that `bits` per cycle occupy. 1.0 is a bus without a gap.
 #[must_use]
 pub fn utilisation(bits: u32, rate_hz: f64, bitrate: u32) -> f64 {
     f64::from(bits) * rate_hz / f64::from(bitrate)
@@ -151,7 +156,7 @@ pub fn utilisation(bits: u32, rate_hz: f64, bitrate: u32) -> f64 {
 mod tests {
     use super::*;
 
-    /// As with a motor in MIT mode.
+    /// The lengths of a motor in MIT mode.
     const SHORT_REPLY: Transaction = Transaction { command: 8, reply: 6 };
     const LONG_REPLY: Transaction = Transaction { command: 8, reply: 8 };
 

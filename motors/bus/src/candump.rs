@@ -13,15 +13,15 @@ const CLASS_MASK: u32 = 0x1FFF_FFFF;
 /// One line of a log: a frame, its time and its interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LogLine<'a> {
-    /// Time of the frame, since 1970 or since the zero that `candump -t` chose.
+    /// Time of the frame, since 1970 or since the zero point of `candump -t`.
     pub at: Duration,
-    /// Its interface.
+    /// The interface of the frame.
     pub interface: &'a str,
     /// The frame.
     pub content: Content,
 }
 
-/// Why a line is not a line of such a log.
+/// Reason for which a line is not a line of such a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum InvalidLine {
     /// Time, interface or frame is missing.
@@ -39,11 +39,11 @@ pub enum InvalidLine {
 }
 
 impl<'a> LogLine<'a> {
-    /// Reads a line, with or without a direction mark (`R`, `T`) at its end.
+    /// Parses a line, with or without a direction mark (`R`, `T`) at its end.
     ///
     /// # Errors
     ///
-    /// The first mistake in the line. An unsupported frame is [`Content::Unsupported`], not an error.
+    /// The first error in the line. An unsupported frame is [`Content::Unsupported`], not an error.
     pub fn parse(line: &'a str) -> Result<Self, InvalidLine> {
         let mut words = line.split_ascii_whitespace();
         let mut word = || words.next().ok_or(InvalidLine::Shape);
@@ -52,7 +52,7 @@ impl<'a> LogLine<'a> {
     }
 }
 
-/// Reads a data frame as a log has it, `101#0180008008001E00`. `None` for any other text.
+/// Parses a data frame in the format of a log, `101#0180008008001E00`. `None` for any other text.
 #[must_use]
 pub fn frame(text: &str) -> Option<Frame> {
     match content(text) {
@@ -61,7 +61,8 @@ pub fn frame(text: &str) -> Option<Frame> {
     }
 }
 
-/// A frame as a line of a log, without its end. Parts of a microsecond are cut off, as `candump` has none.
+/// Formats a frame as a line of a log, without its end. Truncates the time to microseconds, as
+/// `candump` does.
 #[must_use]
 pub fn line<'a>(at: Duration, interface: &'a str, frame: &'a Frame) -> impl core::fmt::Display + 'a {
     core::fmt::from_fn(move |f| write!(f, "({}.{:06}) {interface} {frame}", at.as_secs(), at.subsec_micros()))
@@ -77,8 +78,8 @@ fn time(word: &str) -> Option<Duration> {
     Some(Duration::new(seconds.parse().ok()?, fraction.parse::<u32>().ok()? * scale))
 }
 
-/// Reads an id and what follows its `#`. There, R begins a remote frame, a second # the flags of CAN FD, and `_` a
-/// raw DLC.
+/// Parses an id and the text after its `#`. There, R begins a remote frame, a second # the flags of
+/// CAN FD, and `_` a raw DLC.
 fn content(text: &str) -> Result<Content, InvalidLine> {
     let (id, data) = text.split_once('#').ok_or(InvalidLine::Shape)?;
     let word = hexadecimal(id).ok_or(InvalidLine::Id)?;
@@ -104,8 +105,8 @@ fn content(text: &str) -> Result<Content, InvalidLine> {
     Ok(frame.map_or(Content::Unsupported(Unsupported::Length), Content::Frame))
 }
 
-/// The format of a frame, and the text of its payload. The digit behind `##` holds BRS, ESI and further flags, which have no
-/// meaning here.
+/// Returns the format of a frame, and the text of its payload. The digit after `##` holds BRS, ESI
+/// and further flags, which are ignored.
 fn format(data: &str) -> Result<(Format, &str), InvalidLine> {
     let Some(flagged) = data.strip_prefix('#') else { return Ok((Format::Classic, data)) };
     let (digit, payload) = flagged.split_at_checked(1).ok_or(InvalidLine::Data)?;
@@ -123,7 +124,7 @@ fn error(class: u32, payload: &[u8]) -> Content {
     Content::Error(ErrorFrame { class, data })
 }
 
-/// The bytes in `digits`; `None` when they are more than the longest frame holds.
+/// Returns the bytes in `digits`; `None` when they exceed the longest frame.
 fn unhex<'b>(digits: &str, bytes: &'b mut [u8; Frame::LEN_MAX]) -> Result<Option<&'b [u8]>, InvalidLine> {
     if !digits.len().is_multiple_of(2) || !digits.bytes().all(|digit| digit.is_ascii_hexdigit()) {
         return Err(InvalidLine::Data);
@@ -136,7 +137,7 @@ fn unhex<'b>(digits: &str, bytes: &'b mut [u8; Frame::LEN_MAX]) -> Result<Option
     Ok(Some(data))
 }
 
-/// Unlike `from_str_radix`, takes no sign.
+/// Unlike `from_str_radix`, accepts no sign.
 fn hexadecimal(digits: &str) -> Option<u32> {
     let all_digits = digits.bytes().all(|digit| digit.is_ascii_hexdigit());
     all_digits.then(|| u32::from_str_radix(digits, 16).ok()).flatten()

@@ -12,9 +12,10 @@ pub fn monotonic() -> Instant {
     Instant::from_nanos(read(ClockId::Monotonic))
 }
 
-/// The present time, and the time for which the computer was suspended since it was started: `CLOCK_MONOTONIC` stands still
-/// meanwhile, `CLOCK_BOOTTIME` goes on. Never overestimates: a delay between the two readings makes it less. Neither
-/// allocates nor blocks; on most machines it is no system call (vDSO).
+/// Returns the present time, and the total time for which the computer was suspended since it was
+/// started. `CLOCK_MONOTONIC` stops during suspension, and `CLOCK_BOOTTIME` continues. Never
+/// overestimates: a delay between the two readings reduces the result. Neither allocates nor
+/// blocks; on most machines it is no system call (vDSO).
 #[must_use]
 pub fn monotonic_and_suspended() -> (Instant, Duration) {
     let since_start = read(ClockId::Boottime);
@@ -22,12 +23,12 @@ pub fn monotonic_and_suspended() -> (Instant, Duration) {
     (now, Duration::from_nanos(since_start.saturating_sub(now.as_nanos())))
 }
 
-/// Sleeps until `instant`, or returns at once when it has passed. A signal ends the sleep early: a caller that needs
-/// the instant reads the clock. Does not allocate; one system call.
+/// Sleeps until `instant`, or returns immediately when it has passed. A signal ends the sleep
+/// early, so a caller that needs the instant reads the clock. Does not allocate; one system call.
 pub fn sleep_until(instant: Instant) {
     let nanos = instant.as_nanos();
     let request = Timespec { tv_sec: (nanos / 1_000_000_000) as i64, tv_nsec: (nanos % 1_000_000_000) as _ };
-    // The only error that a valid time on this clock can give is EINTR, which is an early return.
+    // With a valid time on this clock, the only possible error is EINTR, which is an early return.
     let _early = clock_nanosleep_absolute(ClockId::Monotonic, &request);
 }
 
@@ -39,9 +40,9 @@ fn read(clock: ClockId) -> u64 {
 
 /// The difference of `CLOCK_REALTIME` from `CLOCK_MONOTONIC`.
 ///
-/// The kernel stamps received frames in `CLOCK_REALTIME` only. NTP slews both clocks alike, so their difference is
-/// constant until somebody sets the time. It is measured once a second, and at once when a stamp is impossible. Between
-/// two measurements no clock is read.
+/// The kernel stamps received frames in `CLOCK_REALTIME` only. NTP slews both clocks alike, so
+/// their difference is constant until a process sets the time. It is measured once a second, and
+/// immediately when a stamp is impossible. Between two measurements no clock is read.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RealtimeOffset {
     /// Realtime minus monotonic, in ns.
@@ -60,7 +61,8 @@ impl RealtimeOffset {
             let width = after.saturating_sub(before);
             (width, realtime.wrapping_sub(before + width / 2) as i64, after)
         };
-        // A reading that was interrupted is wide; three in a row are not all interrupted.
+        // A reading that was interrupted is wide. Three consecutive readings are not all
+        // interrupted.
         let (_, offset, measured) = [sandwich(), sandwich(), sandwich()]
             .into_iter()
             .min_by_key(|&(width, ..)| width)
@@ -68,11 +70,12 @@ impl RealtimeOffset {
         Self { offset, measured: Instant::from_nanos(measured) }
     }
 
-    /// The instant of a stamp that was taken between `earliest` and `now`. The result always lies between them. Neither allocates nor
-    /// blocks; reads the clocks at most once for every `now`.
+    /// Returns the instant of a stamp that was taken between `earliest` and `now`. The result
+    /// always lies between them. Neither allocates nor blocks; reads the clocks at most once per
+    /// value of `now`.
     #[inline]
     pub(crate) fn monotonic(&mut self, stamp: RealtimeStamp, earliest: Instant, now: Instant) -> Instant {
-        // A stamp that is smaller than the offset wraps around to an instant far beyond `now`.
+        // A stamp below the offset wraps around to an instant far beyond `now`.
         let at = Instant::from_nanos(stamp.0.wrapping_sub(self.offset.cast_unsigned()));
         if at >= earliest && at <= now {
             return at;
@@ -83,7 +86,8 @@ impl RealtimeOffset {
         self.apply(stamp).max(earliest).min(now)
     }
 
-    /// Measures again when the last measurement is a second old at `now`. Neither allocates nor blocks; reads the clocks.
+    /// Measures again when the last measurement is a second old at `now`. Neither allocates nor
+    /// blocks; reads the clocks.
     #[inline]
     pub(crate) fn refresh(&mut self, now: Instant) {
         if now >= self.measured + Self::REMEASURE {
@@ -165,7 +169,7 @@ mod tests {
         let suspended = || monotonic_and_suspended().1;
         let before = suspended();
         for _ in 0..10_000 {
-            assert!(suspended() < before + Duration::from_millis(100), "as long as nobody suspends it");
+            assert!(suspended() < before + Duration::from_millis(100), "while the computer is not suspended");
         }
     }
 

@@ -1,8 +1,9 @@
 //! The properties that every [`Bus`] must have, as tests that any implementation can run.
 //!
-//! An implementation brings a [`Fixture`]: its bus, and the other end of the wire. [`conformance!`](crate::conformance!)
-//! makes one test per property in its list. A property that an implementation cannot show is left out of the list. No property
-//! passes silently: a fixture that cannot do a step of a property fails it.
+//! An implementation provides a [`Fixture`]: its bus, and the other end of the wire.
+//! [`conformance!`](crate::conformance!) creates one test per property in its list. Leave out a
+//! property that the implementation cannot support. A fixture that cannot do a step of a property
+//! fails the test.
 //!
 //! The bus under test expects [`HOST_IDS`] and nothing else.
 
@@ -10,7 +11,7 @@ use crate::frame::{Arrival, Content, ControllerState, ErrorFrame, Frame, FrameId
 use crate::time::{Duration, Instant};
 use crate::{Bus, Readiness, Refusal, Sent, wait};
 
-/// The ids the bus under test receives.
+/// Ids that the bus under test receives.
 pub const HOST_IDS: [FrameId; 3] = [id(0x101), id(0x102), id(0x103)];
 
 const fn id(raw: u16) -> FrameId {
@@ -22,28 +23,29 @@ pub trait Fixture {
     /// The bus under test.
     fn bus(&mut self) -> &mut dyn Bus;
 
-    /// The present time on the clock of this bus.
+    /// Returns the present time on the clock of this bus.
     fn now(&self) -> Instant;
 
-    /// Lets time pass: sleeps, or moves the simulated clock.
+    /// Lets time pass: sleeps, or advances the simulated clock.
     fn pass(&mut self, time: Duration);
 
-    /// Puts something on the wire as another node would. `false` when this wire cannot carry it.
+    /// Sends something from another node. `false` when this wire cannot carry it.
     fn inject(&mut self, stimulus: Stimulus) -> bool;
 
-    /// The frames that the other nodes received since the last call, oldest first.
+    /// Returns the frames that the other nodes received since the last call, oldest first.
     fn heard(&mut self) -> Vec<Frame>;
 
-    /// Puts the interface into `condition`. `false` when that cannot be done here.
+    /// Puts the interface into `condition`. `false` when the fixture does not support it.
     fn set(&mut self, condition: Condition) -> bool;
 
-    /// The number of allocations of the calling thread, from a counting allocator. `None` without one.
+    /// Returns the number of allocations of the calling thread, from a counting allocator. `None`
+    /// without one.
     fn allocations(&self) -> Option<u64> {
         None
     }
 }
 
-/// A thing that another node puts on the wire.
+/// A frame or report that another node sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stimulus {
     /// A data frame.
@@ -61,17 +63,17 @@ pub enum Stimulus {
 /// The condition of an interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Condition {
-    /// It works.
+    /// Working.
     Up,
-    /// It is up, but nothing leaves: the queue fills.
+    /// Up, but nothing is sent: the queue fills.
     Stalled,
-    /// It is down.
+    /// Down.
     Down,
-    /// The adapter was pulled out.
+    /// Unplugged.
     Gone,
 }
 
-/// Makes a test of each property named, for the fixture that `$new` makes.
+/// Creates a test of each named property, for the fixture that `$new` returns.
 ///
 /// ```text
 /// motord_bus::conformance! {
@@ -98,7 +100,7 @@ macro_rules! conformance {
     };
 }
 
-/// Long enough for anything on the wire to arrive, on a loaded machine and a slow emulation.
+/// Long enough for everything on the wire to arrive, on a loaded machine and a slow emulation.
 const SETTLED: Duration = Duration::from_millis(50);
 /// Much longer than a call that does not block, even when its thread is preempted.
 const BLOCKED: Duration = Duration::from_millis(500);
@@ -165,7 +167,7 @@ pub fn arrivals_keep_the_order_of_the_wire(fixture: &mut dyn Fixture) {
     assert_eq!(contents(&receive(fixture)), [], "frames are received once");
 }
 
-/// Payloads of every length arrive as long as they were.
+/// Payloads of every length arrive with their length.
 pub fn every_length_arrives_as_it_was_sent(fixture: &mut dyn Fixture) {
     for len in 0..=8 {
         let frame = Frame::new(HOST_IDS[0], &[0xA5; 8][..len]).expect("at most eight bytes");
@@ -175,14 +177,14 @@ pub fn every_length_arrives_as_it_was_sent(fixture: &mut dyn Fixture) {
     }
 }
 
-/// Frames of this bus reach others, never itself.
+/// Frames of this bus reach other nodes, and never the bus itself.
 pub fn own_frames_are_not_received(fixture: &mut dyn Fixture) {
     assert_eq!(send(fixture, &frames(3)), Sent::all(3));
     fixture.pass(SETTLED);
     assert_eq!(contents(&receive(fixture)), []);
 }
 
-/// An id beside an expected one does not arrive.
+/// An id next to an expected one does not arrive.
 pub fn only_expected_ids_arrive(fixture: &mut dyn Fixture) {
     for raw in [0x000, 0x001, 0x100, 0x104, 0x301, 0x7FF] {
         inject(fixture, Stimulus::Frame(numbered(id(raw), raw)));
@@ -193,7 +195,8 @@ pub fn only_expected_ids_arrive(fixture: &mut dyn Fixture) {
     assert_eq!(contents(&receive(fixture)), [Content::Frame(expected)]);
 }
 
-/// An extended frame and a remote request with the number of an expected id are not taken for the frame.
+/// An extended frame and a remote request with the number of an expected id do not arrive as that
+/// frame.
 pub fn unsupported_frames_never_arrive_as_frames(fixture: &mut dyn Fixture) {
     inject(fixture, Stimulus::Extended(HOST_IDS[0]));
     inject(fixture, Stimulus::Remote(HOST_IDS[0]));
@@ -202,7 +205,7 @@ pub fn unsupported_frames_never_arrive_as_frames(fixture: &mut dyn Fixture) {
     assert_eq!(frame, None);
 }
 
-/// A CAN FD frame with an expected id is not taken for a classic one.
+/// A CAN FD frame with an expected id does not arrive as a classic one.
 pub fn an_fd_frame_never_arrives_as_a_frame(fixture: &mut dyn Fixture) {
     inject(fixture, Stimulus::Fd(HOST_IDS[0]));
     fixture.pass(SETTLED);
@@ -210,7 +213,8 @@ pub fn an_fd_frame_never_arrives_as_a_frame(fixture: &mut dyn Fixture) {
     assert_eq!(frame, None);
 }
 
-/// A report of the controller arrives as a report, whatever the filters are, and in order with the frames.
+/// A report of the controller arrives as a report, whatever the filters are, and in order with the
+/// frames.
 pub fn error_reports_arrive_as_reports(fixture: &mut dyn Fixture) {
     let passive = ErrorFrame { class: ErrorFrame::CONTROLLER, data: [0, 0x20, 0, 0, 0, 0, 0, 0] };
     let bus_off = ErrorFrame { class: ErrorFrame::BUS_OFF, data: [0; 8] };
@@ -231,7 +235,8 @@ pub fn error_reports_arrive_as_reports(fixture: &mut dyn Fixture) {
     assert_eq!(arrived.get(2), Some(&Content::Frame(frame)));
 }
 
-/// One call fills at most one inbox. The rest comes with the next calls, and nothing comes twice.
+/// One call fills at most one inbox. The following calls return the rest, and no frame arrives
+/// twice.
 pub fn a_flood_fills_an_inbox_and_no_more(fixture: &mut dyn Fixture) {
     const FLOOD: u16 = 100;
     for frame in frames(FLOOD) {
@@ -258,7 +263,7 @@ pub fn a_flood_fills_an_inbox_and_no_more(fixture: &mut dyn Fixture) {
     assert_eq!(rest[0].arrivals().len(), Inbox::CAPACITY);
 }
 
-/// Receive stamps never run backwards, and are never later than the `now` of their call.
+/// Receive stamps never decrease, and are never later than the `now` of their call.
 pub fn stamps_run_forwards_and_never_into_the_future(fixture: &mut dyn Fixture) {
     let mut latest = fixture.now();
     for round in 0..20 {
@@ -276,7 +281,7 @@ pub fn stamps_run_forwards_and_never_into_the_future(fixture: &mut dyn Fixture) 
     }
 }
 
-/// A stamp is the time of arrival, not of reading.
+/// A stamp is the time of arrival, not the time of reading.
 pub fn a_stamp_is_the_time_of_arrival(fixture: &mut dyn Fixture) {
     let _nothing = receive(fixture);
     inject(fixture, Stimulus::Frame(numbered(HOST_IDS[0], 0)));
@@ -287,7 +292,7 @@ pub fn a_stamp_is_the_time_of_arrival(fixture: &mut dyn Fixture) {
     assert!(at <= arrived_by, "stamped {:?} late", at.since(arrived_by));
 }
 
-/// A time by which something has arrived. Waits for it for about 5 s, then panics.
+/// Returns a time by which something has arrived. Waits for at most about 5 s, then panics.
 fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
     for _ in 0..1000 {
         let now = fixture.now();
@@ -305,7 +310,7 @@ fn await_arrival(fixture: &mut dyn Fixture) -> Instant {
     panic!("nothing arrived");
 }
 
-/// The readiness is true: not ready before a frame, ready after it.
+/// The bus is not ready before a frame arrives, and ready after it.
 pub fn readiness_announces_an_arrival(fixture: &mut dyn Fixture) {
     let ready = |fixture: &mut dyn Fixture, patience| {
         let now = fixture.now();
@@ -324,7 +329,7 @@ pub fn readiness_announces_an_arrival(fixture: &mut dyn Fixture) {
     assert!(!ready(fixture, Duration::from_millis(2)));
 }
 
-/// A bus on which nothing leaves refuses instead of blocking, and never sends refused frames later.
+/// A bus that cannot send refuses instead of blocking, and never sends refused frames later.
 pub fn a_stalled_bus_refuses_at_once_and_forgets(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Stalled);
     let mut accepted = Vec::new();
@@ -365,7 +370,7 @@ pub fn bus_that_is_down_reports_and_recovers(fixture: &mut dyn Fixture) {
     assert_eq!(contents(&receive(fixture)), [Content::Frame(frame)]);
 }
 
-/// A bus that was pulled out refuses with that reason, each time.
+/// An unplugged bus refuses with that reason, each time.
 pub fn a_bus_that_is_gone_says_so(fixture: &mut dyn Fixture) {
     set(fixture, Condition::Gone);
     fixture.pass(SETTLED);
@@ -376,7 +381,7 @@ pub fn a_bus_that_is_gone_says_so(fixture: &mut dyn Fixture) {
     }
 }
 
-/// More frames than a bus can ever take at once are refused from some frame on, without a panic.
+/// A batch larger than any bus can accept is refused from some frame on, without a panic.
 pub fn an_absurd_batch_is_cut(fixture: &mut dyn Fixture) {
     let sent = send(fixture, &frames(2000));
     assert!(sent.accepted < 2000);

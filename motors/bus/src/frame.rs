@@ -6,7 +6,7 @@ use crate::time::Instant;
 use core::cmp::Ordering;
 use core::fmt;
 
-/// An arbitration id of 11 bits (standard) or 29 bits (extended). Ids are ordered by arbitration: the least one wins the bus.
+/// An arbitration id of 11 bits (standard) or 29 bits (extended). The lowest id wins the bus.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct FrameId(u32);
 
@@ -26,43 +26,43 @@ impl FrameId {
     const EXTENDED: u32 = 0x8000_0000;
     const RAW: u32 = 0x1FFF_FFFF;
 
-    /// A standard id. `None` when `raw` has more than 11 bits.
+    /// Returns a standard id. `None` when `raw` has more than 11 bits.
     #[must_use]
     pub const fn new(raw: u16) -> Option<Self> {
         let raw = raw as u32;
         if raw <= Self::MAX.0 { Some(Self(raw)) } else { None }
     }
 
-    /// An extended id. `None` when `raw` has more than 29 bits.
+    /// Returns an extended id. `None` when `raw` has more than 29 bits.
     #[must_use]
     pub const fn extended(raw: u32) -> Option<Self> {
         if raw <= Self::RAW { Some(Self(Self::EXTENDED | raw)) } else { None }
     }
 
-    /// The id as a number, up to 0x7FF or 0x1FFF_FFFF.
+    /// Returns the id as a number, up to 0x7FF or 0x1FFF_FFFF.
     #[must_use]
     pub const fn raw(self) -> u32 {
         self.0 & Self::RAW
     }
 
-    /// The id has 29 bits.
+    /// Returns `true` when the id has 29 bits.
     #[must_use]
     pub const fn is_extended(self) -> bool {
         self.0 & Self::EXTENDED != 0
     }
 
-    /// The id of a motor: a standard id of at most 8 bits.
+    /// Returns the id of a motor: a standard id of at most 8 bits.
     #[must_use]
     pub fn byte(self) -> Option<u8> {
         u8::try_from(self.0).ok()
     }
 
-    /// The id with the kernel's flag for extended ids.
+    /// Returns the id with the kernel's flag for extended ids.
     pub(crate) const fn word(self) -> u32 {
         self.0
     }
 
-    /// The bits in the order of arbitration: the 11 upper ones, IDE, the 18 lower ones.
+    /// Returns the bits in the order of arbitration: the 11 upper ones, IDE, the 18 lower ones.
     const fn arbitration(self) -> u32 {
         let raw = self.raw();
         if self.is_extended() { (raw >> 18) << 19 | 1 << 18 | raw & 0x3_FFFF } else { raw << 19 }
@@ -82,7 +82,7 @@ impl PartialOrd for FrameId {
 }
 
 impl fmt::Display for FrameId {
-    /// As `candump` prints it: three hexadecimal digits, or eight of an extended id.
+    /// Writes the format of `candump`: three hexadecimal digits, or eight for an extended id.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_extended() { write!(f, "{:08X}", self.raw()) } else { write!(f, "{:03X}", self.raw()) }
     }
@@ -114,7 +114,8 @@ impl Format {
     /// CAN FD with the payload at the data bit rate.
     pub const FD_BRS: Self = Self::Fd { switches_rate: true, error_passive: false };
 
-    /// A frame of this format can have `len` bytes: a DLC of CAN FD has no code for most lengths above 8.
+    /// Returns `true` when a frame of this format can have `len` bytes. CAN FD has no DLC for most
+    /// lengths above 8.
     #[must_use]
     pub const fn fits(self, len: usize) -> bool {
         match self {
@@ -126,14 +127,15 @@ impl Format {
 
 /// A data frame: an id of either width, 0 to 64 bytes, and the flags of CAN FD.
 ///
-/// A frame takes 72 bytes. Code that runs in every cycle writes a frame where it will be read ([`set`](Self::set)) and
-/// passes references. Only the bytes of the payload are written.
+/// A frame takes 72 bytes. Code that runs in every cycle writes a frame where it will be read
+/// ([`set`](Self::set)), and passes references. Only the bytes of the payload are written.
 #[derive(Clone, Copy)]
 pub struct Frame {
     id: FrameId,
     format: Format,
     len: u8,
-    /// Those behind `len` have no meaning, except that the first eight of a classic frame are zero there.
+    /// Bytes after `len` have no meaning, except that the first eight of a classic frame are zero
+    /// there.
     data: [u8; Frame::LEN_MAX],
 }
 
@@ -146,13 +148,14 @@ impl Frame {
     pub const EMPTY: Self =
         Self { id: FrameId(0), format: Format::Classic, len: 0, data: [0; Self::LEN_MAX] };
 
-    /// A classic frame. `None` when `payload` is longer than 8 bytes.
+    /// Returns a classic frame. `None` when `payload` is longer than 8 bytes.
     #[must_use]
     pub fn new(id: FrameId, payload: &[u8]) -> Option<Self> {
         Self::with_format(id, Format::Classic, payload)
     }
 
-    /// A frame of any format. `None` when a frame of this format cannot have the length of `payload`.
+    /// Returns a frame of any format. `None` when a frame of this format cannot have the length of
+    /// `payload`.
     #[must_use]
     pub fn with_format(id: FrameId, format: Format, payload: &[u8]) -> Option<Self> {
         if !format.fits(payload.len()) {
@@ -163,7 +166,7 @@ impl Frame {
         Some(frame)
     }
 
-    /// A classic frame with a payload of known length, at most 8 bytes.
+    /// Returns a classic frame with a payload of known length, at most 8 bytes.
     #[must_use]
     #[inline]
     pub fn classic<const N: usize>(id: FrameId, payload: [u8; N]) -> Self {
@@ -181,8 +184,8 @@ impl Frame {
         self.set_padded(id, N as u8, data);
     }
 
-    /// Makes this a classic frame with the first `len` bytes of `data`, as a controller delivers it. Returns `false`, and
-    /// changes nothing, when `len` is more than 8.
+    /// Makes this a classic frame with the first `len` bytes of `data`. Returns `false`, and changes
+    /// nothing, when `len` is more than 8.
     #[must_use]
     #[inline]
     pub(crate) fn set_cut(&mut self, id: FrameId, len: u8, data: [u8; Self::CLASSIC_LEN_MAX]) -> bool {
@@ -203,34 +206,34 @@ impl Frame {
         }
     }
 
-    /// The bytes of a classic frame, and zeros up to the eighth.
+    /// Returns the bytes of a classic frame, and zeros up to the eighth byte.
     #[inline]
     pub(crate) fn padded(&self) -> [u8; Self::CLASSIC_LEN_MAX] {
         self.data.first_chunk().copied().unwrap_or_default()
     }
 
-    /// The arbitration id.
+    /// Returns the arbitration id.
     #[must_use]
     #[inline]
     pub const fn id(&self) -> FrameId {
         self.id
     }
 
-    /// The format.
+    /// Returns the format.
     #[must_use]
     #[inline]
     pub const fn format(&self) -> Format {
         self.format
     }
 
-    /// A classic frame, not one of CAN FD.
+    /// Returns `true` for a classic frame, and `false` for one of CAN FD.
     #[must_use]
     #[inline]
     pub const fn is_classic(&self) -> bool {
         matches!(self.format, Format::Classic)
     }
 
-    /// The bytes: as many as the DLC says.
+    /// Returns the bytes of the payload.
     #[must_use]
     #[inline]
     pub fn payload(&self) -> &[u8] {
@@ -247,7 +250,8 @@ impl PartialEq for Frame {
 impl Eq for Frame {}
 
 impl fmt::Display for Frame {
-    /// As `candump -L` prints it: `101#0180008008001E00`, or `101##1` and up to 64 bytes, with the flags of CAN FD.
+    /// Writes the format of `candump -L`: `101#0180008008001E00`, or `101##1` and up to 64 bytes,
+    /// with the flags of CAN FD.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.format {
             Format::Classic => write!(f, "{}#", self.id)?,
@@ -268,21 +272,21 @@ impl fmt::Debug for Frame {
 /// A frame or a report from a bus, with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Arrival {
-    /// When the frame was complete: the kernel's receive stamp, or the simulation's end of frame.
+    /// Time of completion: the kernel's receive stamp, or the simulation's end of frame.
     pub at: Instant,
     /// The frame or the report.
     pub content: Content,
 }
 
-/// A frame or a report from a bus. Only [`Content::Frame`] ever reaches a motor decoder.
+/// A frame or a report from a bus. Motor decoders receive only [`Content::Frame`].
 ///
-/// A serial line names the receiver only: on a serial bus the id is that of the motor whose request is answered.
+/// A serial frame names only its receiver. On a serial bus the id is that of the motor whose
+/// request is answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Content {
     /// A data frame that the bus supports.
     Frame(Frame),
-    /// The motor with this id could not read its request, and will not answer it: an ACK frame on a serial line (GIM document,
-    /// table 3).
+    /// ACK frame on a serial line: this motor could not read its request (GIM document, table 3).
     Refused(FrameId),
     /// A frame of a kind that motord does not support.
     Unsupported(Unsupported),
@@ -299,9 +303,10 @@ pub enum Unsupported {
     Remote,
     /// CAN FD.
     Fd,
-    /// A length no classic frame has, or a raw DLC of 9 to 15.
+    /// A length that no classic frame has, or a raw DLC of 9 to 15.
     Length,
-    /// Bytes on a serial line that are part of no reply to the open request. Reported once for those of one read.
+    /// Bytes on a serial line that are part of no reply to the open request. Reported at most once
+    /// per read.
     Unmatched,
 }
 
@@ -317,13 +322,13 @@ pub struct ErrorFrame {
 /// The state of a controller (fault confinement of ISO 11898-1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ControllerState {
-    /// Takes part in full.
+    /// Takes full part in the traffic.
     Active,
     /// An error counter passed 96.
     Warning,
     /// An error counter passed 127: the controller may no longer destroy the frames of others with error flags.
     Passive,
-    /// The transmit error counter passed 255: it has left the bus.
+    /// The transmit error counter passed 255: the controller has left the bus.
     Off,
 }
 
@@ -336,7 +341,7 @@ impl ErrorFrame {
     pub const CONTROLLER: u32 = 0x004;
     /// `CAN_ERR_PROT`: protocol violations, details in bytes 2 and 3.
     pub const PROTOCOL: u32 = 0x008;
-    /// `CAN_ERR_ACK`: nobody acknowledged.
+    /// `CAN_ERR_ACK`: no node acknowledged.
     pub const NO_ACKNOWLEDGE: u32 = 0x020;
     /// `CAN_ERR_BUSOFF`.
     pub const BUS_OFF: u32 = 0x040;
@@ -350,7 +355,7 @@ impl ErrorFrame {
     const PASSIVE: u8 = 0x10 | 0x20;
     const ACTIVE: u8 = 0x40;
 
-    /// The state this report announces, if it announces one.
+    /// Returns the state that this report announces, if it announces one.
     #[must_use]
     pub fn state(&self) -> Option<ControllerState> {
         let controller = if self.class & Self::CONTROLLER == 0 { 0 } else { self.data[1] };
@@ -367,43 +372,43 @@ impl ErrorFrame {
         }
     }
 
-    /// The controller lost received frames.
+    /// Returns `true` when the controller lost received frames.
     #[must_use]
     pub fn receive_overflow(&self) -> bool {
         self.class & Self::CONTROLLER != 0 && self.data[1] & Self::RX_OVERFLOW != 0
     }
 }
 
-/// The place where [`Bus::receive`](crate::Bus::receive) puts arrivals. Its size is fixed, so
+/// Buffer into which [`Bus::receive`](crate::Bus::receive) puts arrivals. Its size is fixed, so
 /// that a flood of frames cannot use up the time of the cycle.
 #[derive(Debug, Clone)]
 pub struct Inbox {
     arrivals: [Arrival; Inbox::CAPACITY],
     len: usize,
-    /// The inbox is full when it holds so many arrivals.
+    /// The inbox is full when it holds this number of arrivals.
     space: usize,
     /// Frames that the kernel dropped before they could be read (`SO_RXQ_OVFL`), since the last [`clear`](Self::clear).
     pub lost: u32,
 }
 
 impl Inbox {
-    /// The most arrivals one call can deliver.
+    /// Most arrivals that one call can deliver.
     pub const CAPACITY: usize = 64;
 
-    /// An empty inbox.
+    /// Returns an empty inbox.
     #[must_use]
     pub const fn new() -> Self {
         let nothing = Arrival { at: Instant::ZERO, content: Content::Frame(Frame::EMPTY) };
         Self { arrivals: [nothing; Self::CAPACITY], len: 0, space: Self::CAPACITY, lost: 0 }
     }
 
-    /// Forgets everything. There is space for [`CAPACITY`](Self::CAPACITY) arrivals then.
+    /// Removes all arrivals, and makes space for [`CAPACITY`](Self::CAPACITY) arrivals.
     #[inline]
     pub fn clear(&mut self) {
         self.clear_for(Self::CAPACITY);
     }
 
-    /// Forgets everything. Then there is space for `arrivals`, but never for more than [`CAPACITY`](Self::CAPACITY).
+    /// Removes all arrivals, and makes space for `arrivals`, at most [`CAPACITY`](Self::CAPACITY).
     #[inline]
     pub fn clear_for(&mut self, arrivals: usize) {
         self.len = 0;
@@ -411,7 +416,7 @@ impl Inbox {
         self.lost = 0;
     }
 
-    /// Adds an arrival, or gives it back.
+    /// Adds an arrival.
     ///
     /// # Errors
     ///
@@ -426,8 +431,8 @@ impl Inbox {
         Ok(())
     }
 
-    /// Adds the frame that `write` makes of an old one, without a copy. Returns `false` when the inbox is full, or `write`
-    /// returns `false`.
+    /// Lets `write` overwrite an old frame as the next arrival, without a copy. Returns `false`
+    /// when the inbox is full or `write` returns `false`.
     #[must_use]
     #[inline]
     pub fn push_frame(&mut self, at: Instant, write: impl FnOnce(&mut Frame) -> bool) -> bool {
@@ -445,14 +450,14 @@ impl Inbox {
         is_written
     }
 
-    /// The number of arrivals that still fit.
+    /// Returns the number of arrivals that still fit.
     #[must_use]
     #[inline]
     pub fn free(&self) -> usize {
         self.space.saturating_sub(self.len)
     }
 
-    /// The arrivals, oldest first.
+    /// Returns the arrivals, oldest first.
     #[must_use]
     #[inline]
     pub fn arrivals(&self) -> &[Arrival] {
@@ -492,7 +497,8 @@ mod tests {
 
         #[test]
         fn ids_are_ordered_by_arbitration(one in any_id(), other in any_id()) {
-            // Bit by bit as on the wire: 11 bits, then a standard frame sends RTR 0, an extended one SRR 1.
+            // Bit by bit as on the wire: 11 bits, then RTR 0 of a standard frame, or SRR 1 of an
+            // extended one.
             let wire = |id: FrameId| match id.is_extended() {
                 false => (id.raw(), 0, 0),
                 true => (id.raw() >> 18, 1, id.raw() & 0x3_FFFF),

@@ -1,9 +1,14 @@
 //! `sendmmsg` and `recvmmsg`, and requests to serial ports. All `unsafe` of this crate is in this file.
 //!
-//! The safe wrappers of nix 0.31 do not serve: it has none for these requests to serial ports, its `MultiHeaders` cannot be sent to
-//! another thread, and its `recvmmsg` does not restore the length of the control buffers that the call before has shortened, so
-//! receive stamps would be cut off. The C library's own `sendmmsg` and `recvmmsg` are cancellation points of a thread, which takes
-//! more instructions than the rest of the call, so this file makes these two system calls itself.
+//! The safe wrappers of nix 0.31 are not sufficient:
+//! - nix has none for these requests to serial ports.
+//! - Its `MultiHeaders` cannot be sent to another thread.
+//! - Its `recvmmsg` does not restore the length of the control buffers after a call has shortened
+//!   it, so receive stamps would be cut off.
+//!
+//! The C library's `sendmmsg` and `recvmmsg` are cancellation points of a thread. The cancellation
+//! takes more instructions than the rest of the call, so this file makes these two system calls
+//! directly.
 
 use core::cell::Cell;
 use core::ptr;
@@ -20,7 +25,7 @@ pub(crate) const CLASSIC_BYTES: usize = size_of::<libc::can_frame>();
 const CONTROL_BYTES: usize = (16 + 16) + (16 + 8);
 const WORD: usize = size_of::<u64>();
 
-/// The error of the kernel behind an error of the standard library.
+/// Returns the kernel's error code of an error of the standard library.
 pub(crate) fn errno(error: &io::Error) -> Errno {
     Errno::from_raw(error.raw_os_error().unwrap_or(libc::EIO))
 }
@@ -29,26 +34,29 @@ pub(crate) fn errno(error: &io::Error) -> Errno {
 type Frame = [u64; FRAME_BYTES / WORD];
 type Control = [u64; CONTROL_BYTES / WORD];
 
-/// Message headers for the kernel, with the memory that they point to. Built once, used for every call.
+/// Message headers for the kernel, with the memory that they point to. Built once, used for every
+/// call.
 ///
-/// The memory is [`Cell`]s: the kernel writes to it through the pointers in the headers, we read it by value. No
-/// `Vec` here ever grows, so nothing moves when the batch does.
+/// The memory consists of [`Cell`]s. The kernel writes to it through the pointers in the headers,
+/// and this code reads it by value. No `Vec` here ever grows, so no memory moves when the batch
+/// does.
 pub(crate) struct Batch {
     frames: Vec<Cell<Frame>>,
     controls: Vec<Cell<Control>>,
     /// Only the kernel reads them.
     _vectors: Vec<libc::iovec>,
     headers: Vec<libc::mmsghdr>,
-    /// How many headers the kernel has written to since they were made ready to receive.
+    /// Number of headers that the kernel has written to since they were prepared to receive.
     used: usize,
 }
 
-// SAFETY: the pointers that make `Batch` not `Send` point into the heap blocks of its own `Vec`s. They go where the
-// batch goes, and nothing else has them.
+// SAFETY: the pointers that make `Batch` not `Send` point into the heap blocks of its own `Vec`s.
+// They move with the batch, and no other code has them.
 unsafe impl Send for Batch {}
 
 impl Batch {
-    /// A batch of up to `capacity` messages, of exactly `frame_bytes` bytes to send or of at most as many to receive.
+    /// Returns a batch of up to `capacity` messages. To send, each has exactly `frame_bytes` bytes;
+    /// to receive, at most as many.
     pub(crate) fn new(capacity: usize, frame_bytes: usize) -> Self {
         let frames = vec![Cell::new(Frame::default()); capacity];
         let controls = vec![Cell::new(Control::default()); capacity];
@@ -65,7 +73,7 @@ impl Batch {
         self.headers.len()
     }
 
-    /// The bytes of message `index` for the next [`send`](Self::send).
+    /// Returns the bytes of message `index` for the next [`send`](Self::send).
     #[inline]
     pub(crate) fn put(&mut self, index: usize, frame: [u8; CLASSIC_BYTES]) {
         let (words, _) = frame.as_chunks();
@@ -73,12 +81,14 @@ impl Batch {
         places.iter().zip(words).for_each(|(place, word)| place.set(u64::from_ne_bytes(*word)));
     }
 
-    /// Sends the first `count` messages, and returns how many the kernel took. Never blocks; one system call.
+    /// Sends the first `count` messages, and returns how many the kernel took. Never blocks; one
+    /// system call.
     pub(crate) fn send(&mut self, socket: BorrowedFd<'_>, count: usize) -> Result<usize, Errno> {
         let count = count.min(self.capacity());
-        // SAFETY: `headers` holds at least `count` headers. Each points to one initialised iovec and that to
-        // `iov_len` initialised bytes of `frames`, all alive and unmoved as long as `self`; there are no control bytes,
-        // as their length is 0. The kernel writes `msg_len` only, in memory that is borrowed mutably here.
+        // SAFETY: `headers` holds at least `count` headers. Each points to one initialised iovec,
+        // and that to `iov_len` initialised bytes of `frames`, all alive and unmoved during the
+        // life of `self`. There are no control bytes: their length is 0. The kernel writes only
+        // `msg_len`, in memory that is borrowed mutably here.
         let sent = unsafe {
             libc::syscall(
                 libc::SYS_sendmmsg,
@@ -91,16 +101,18 @@ impl Batch {
         Errno::result(sent).map(|sent| sent as usize)
     }
 
-    /// Receives up to `limit` messages, and returns how many came. Never blocks; one system call.
+    /// Receives up to `limit` messages, and returns how many arrived. Never blocks; one system
+    /// call.
     pub(crate) fn receive(&mut self, socket: BorrowedFd<'_>, limit: usize) -> Result<usize, Errno> {
         let limit = limit.min(self.capacity());
         for header in self.headers.iter_mut().take(self.used) {
             header.msg_hdr.msg_controllen = CONTROL_BYTES;
         }
-        // SAFETY: `headers` holds at least `limit` headers. Each points to one iovec, that to `iov_len` bytes of a
-        // cell in `frames`, and to at most the `CONTROL_BYTES` of a cell in `controls`: alive and unmoved as long as `self`,
-        // writable behind a shared reference because they are cells, and no reference into a cell exists.
-        // Any bytes are valid for both types. No timeout is passed.
+        // SAFETY: `headers` holds at least `limit` headers. Each points to one iovec, which points
+        // to `iov_len` bytes of a cell in `frames`. Each also points to at most the `CONTROL_BYTES`
+        // of a cell in `controls`. These are alive and unmoved during the life of `self`, and
+        // writable behind a shared reference because they are cells. No reference into a cell
+        // exists. Any bytes are valid for both types. No timeout is passed.
         let received = unsafe {
             libc::syscall(
                 libc::SYS_recvmmsg,
@@ -117,7 +129,8 @@ impl Batch {
         received
     }
 
-    /// The first `count` messages of the last [`receive`](Self::receive); `count` must be at most the number it returned.
+    /// Returns the first `count` messages of the last [`receive`](Self::receive). `count` must be
+    /// at most the number that it returned.
     #[inline]
     pub(crate) fn messages(&self, count: usize) -> impl Iterator<Item = Message<'_>> {
         let memory = self.frames.iter().zip(&self.controls);
@@ -154,12 +167,12 @@ pub(crate) struct Message<'a> {
 }
 
 impl<'a> Message<'a> {
-    /// How many bytes the frame has.
+    /// Returns the number of bytes of the frame.
     pub(crate) const fn frame_bytes(&self) -> usize {
         self.frame_bytes
     }
 
-    /// The first bytes of the frame; all that a classic frame has.
+    /// Returns the first bytes of the frame, which are all bytes of a classic frame.
     #[inline]
     pub(crate) fn classic(&self) -> [u8; CLASSIC_BYTES] {
         let [first, second, ..] = self.frame;
@@ -169,21 +182,21 @@ impl<'a> Message<'a> {
         bytes
     }
 
-    /// The control messages, one after another.
+    /// Returns the control messages, one after another.
     pub(crate) const fn control(&self) -> &'a [Cell<u64>] {
         self.control
     }
 }
 
-/// How many bytes that were written to a serial port have not left it (`TIOCOUTQ`). Always 0 for a pseudo terminal. Never
-/// blocks; one system call.
+/// Returns the number of bytes written to a serial port that have not left it (`TIOCOUTQ`). Always
+/// 0 for a pseudo terminal. Never blocks; one system call.
 ///
 /// # Errors
 ///
-/// Those of the driver; `EIO` of an unplugged adapter.
+/// Those of the driver; `EIO` for an unplugged adapter.
 pub(crate) fn unsent(port: BorrowedFd<'_>) -> Result<usize, Errno> {
     let mut bytes: libc::c_int = 0;
-    // SAFETY: `TIOCOUTQ` writes one int to the address given, which is that of a live one.
+    // SAFETY: `TIOCOUTQ` writes one int to the given address, which is that of a live int.
     let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCOUTQ, &raw mut bytes) };
     Errno::result(result).map(|_| usize::try_from(bytes).unwrap_or(0))
 }
@@ -215,21 +228,24 @@ struct SerialStruct {
 /// `ASYNC_LOW_LATENCY` of `linux/tty_flags.h`.
 const LOW_LATENCY: i32 = 1 << 13;
 
-/// Asks the driver to deliver bytes at once (`ASYNC_LOW_LATENCY`); an FTDI adapter else waits up to 16 ms for more of them.
+/// Requests the driver to deliver bytes without delay (`ASYNC_LOW_LATENCY`). Otherwise an FTDI
+/// adapter waits up to 16 ms for more bytes.
 ///
 /// # Errors
 ///
-/// `ENOTTY` of a driver that has no such mode.
+/// `ENOTTY` when the driver has no such mode.
 pub(crate) fn set_low_latency(port: BorrowedFd<'_>) -> Result<(), Errno> {
     let mut serial = SerialStruct::default();
-    // SAFETY: `TIOCGSERIAL` writes one `serial_struct` to the address given, which is that of a live one.
+    // SAFETY: `TIOCGSERIAL` writes one `serial_struct` to the given address, which is that of a
+    // live one.
     let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCGSERIAL, &raw mut serial) };
     Errno::result(result)?;
     if serial.flags & LOW_LATENCY != 0 {
         return Ok(());
     }
     serial.flags |= LOW_LATENCY;
-    // SAFETY: `TIOCSSERIAL` reads one `serial_struct` from the address given, which is that of a live one.
+    // SAFETY: `TIOCSSERIAL` reads one `serial_struct` from the given address, which is that of a
+    // live one.
     let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TIOCSSERIAL, &raw const serial) };
     Errno::result(result).map(drop)
 }

@@ -1,9 +1,11 @@
-//! Times that are learned from what happened: how late a thread is woken, when replies come, and when polling is of no use.
+//! Estimates from observations: the lateness of wake-ups, the time of replies, and the use of
+//! polling.
 
 use crate::time::{Duration, Instant, nanos};
 
-/// The lateness that a thread should expect of its next wake-up, so that it can sleep shorter by as much. It settles above
-/// the mean lateness: of two equally large deviations, the later wake-up counts four times as much. Neither allocates nor blocks.
+/// Expected lateness of a thread's next wake-up, by which the thread shortens its sleep. The
+/// estimate settles above the mean: of two equally large deviations, the later wake-up has four
+/// times the weight. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Lateness {
     /// ns.
@@ -11,31 +13,32 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// A later wake-up moves the expectation by 1/`RISE` of the difference, an earlier one by 1/`FALL`.
+    /// A later wake-up changes the expectation by 1/`RISE` of the difference, an earlier one by
+    /// 1/`FALL`.
     const RISE: u64 = 16;
     const FALL: u64 = 64;
-    /// A later wake-up counts as this, ns: against a stall, a shorter sleep does not help.
+    /// Upper limit of a wake-up's lateness, ns: a shorter sleep does not help against a stall.
     const MAX: u64 = 100_000;
 
-    /// The thread slept until `due`, and was awake at `now`.
+    /// Records that the thread slept until `due`, and was awake at `now`.
     pub fn observe(&mut self, due: Instant, now: Instant) {
         let late = now.as_nanos().saturating_sub(due.as_nanos()).min(Self::MAX);
         let Self { expected } = *self;
         self.expected = match late > expected {
             true => expected + (late - expected) / Self::RISE,
-            // Rounded up, so that it reaches zero on a computer that is never late.
+            // Rounded up, so that the expectation reaches zero on a computer that is never late.
             false => expected - (expected - late).div_ceil(Self::FALL),
         };
     }
 
-    /// Zero before the first sleep, and never above 100 µs.
+    /// Returns the expected lateness: zero before the first sleep, and never above 100 µs.
     #[must_use]
     pub const fn expected(self) -> Duration {
         Duration::from_nanos(self.expected)
     }
 }
 
-/// Time from the sending of frames to the last reply to them. Neither allocates nor blocks.
+/// Time from sending frames to the last reply to them. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy)]
 pub struct ReplyTime {
     /// ns.
@@ -49,13 +52,14 @@ impl ReplyTime {
     const SLOW: u64 = 32;
     const FAST: u64 = 4;
 
-    /// Until the first reply was observed, `time` is both the latest and the earliest time.
+    /// Returns an estimate for which `time` is both the latest and the earliest time until the
+    /// first reply is observed.
     #[must_use]
     pub const fn new(time: Duration) -> Self {
         Self { latest: nanos(time), earliest: nanos(time) }
     }
 
-    /// The last reply took this `time`.
+    /// Records that the last reply took `time`.
     pub fn observe(&mut self, time: Duration) {
         let (Self { latest, earliest }, time) = (*self, nanos(time));
         self.latest = if time > latest { time } else { latest - (latest - time) / Self::SLOW };
@@ -65,21 +69,24 @@ impl ReplyTime {
         };
     }
 
-    /// The time by which the last reply has mostly come. It follows a longer time at once, and a shorter one slowly.
+    /// Returns the time by which the last reply has usually arrived. It follows a longer time fast,
+    /// and a shorter one slowly.
     #[must_use]
     pub const fn latest(self) -> Duration {
         Duration::from_nanos(self.latest)
     }
 
-    /// The time before which the last reply seldom comes. It follows a longer time slowly, and a shorter one fast.
+    /// Returns the time before which the last reply rarely arrives. It follows a longer time
+    /// slowly, and a shorter one fast.
     #[must_use]
     pub const fn earliest(self) -> Duration {
         Duration::from_nanos(self.earliest)
     }
 }
 
-/// Attempts that may be in vain, such as polling for the reply of a motor that is off: after two in a row the next
-/// attempt is left out, after each further one about twice as many, up to 63. Neither allocates nor blocks.
+/// Limits attempts that may fail, such as polling for the reply of a motor that is off. After two
+/// consecutive failures the next attempt is skipped. Each further failure about doubles the number
+/// of skipped attempts, up to 63. Neither allocates nor blocks.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Backoff {
     in_vain: u32,
@@ -87,10 +94,10 @@ pub struct Backoff {
 }
 
 impl Backoff {
-    /// The most attempts in vain that are counted.
+    /// Most failures that are counted.
     const IN_VAIN_MAX: u32 = 7;
 
-    /// Whether to make the next attempt.
+    /// Returns `true` when the caller should make the next attempt.
     #[must_use]
     pub const fn attempts(&mut self) -> bool {
         let attempts = self.left_out == 0;
@@ -98,7 +105,7 @@ impl Backoff {
         attempts
     }
 
-    /// An attempt was made.
+    /// Records the result of an attempt.
     pub fn observe(&mut self, in_vain: bool) {
         self.in_vain = if in_vain { (self.in_vain + 1).min(Self::IN_VAIN_MAX) } else { 0 };
         self.left_out = (1 << self.in_vain.saturating_sub(1)) - 1;
@@ -112,7 +119,7 @@ mod tests {
     #[test]
     fn last_reply_falls_between_earliest_and_latest() {
         let mut reply = ReplyTime::new(Duration::from_micros(100));
-        // Between 600 and 650 µs, all alike often.
+        // Between 600 and 650 µs, uniformly distributed.
         let times = || (0..2000_u64).map(|place| Duration::from_micros(600 + place * 23 % 51));
         times().for_each(|time| reply.observe(time));
         let (mut early, mut late) = (0, 0);
@@ -162,7 +169,7 @@ mod tests {
 
     #[test]
     fn learned_time_covers_most_wakeups_and_forgets_stalls() {
-        // Between 10 and 20 µs, all alike often.
+        // Between 10 and 20 µs, uniformly distributed.
         let wake_ups = || (0..1000).map(|place| 10 + place * 7 % 11);
         let learned = after(wake_ups());
         assert!((Duration::from_micros(15)..Duration::from_micros(20)).contains(&learned), "{learned:?}");

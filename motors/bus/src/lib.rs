@@ -1,16 +1,16 @@
 //! Buses: CAN frames and their times, SocketCAN, and the arithmetic of bus load.
 //!
-//! A [`Bus`] sends frames and delivers arrivals with their times. It never blocks, and after it was opened it never
-//! allocates. It does not wait either: it says when a read is worth while ([`Readiness`]), and its owner waits for all buses
-//! in one system call.
+//! A [`Bus`] sends frames and delivers arrivals with their times. It never blocks, and after it was
+//! opened it never allocates. It does not wait: it reports when a read is useful ([`Readiness`]),
+//! and its owner waits for all buses in one system call.
 //!
-//! - [`time`]: instants and durations, as values that are passed in.
-//! - [`frame`]: frames of CAN and CAN FD, and a controller's report on itself.
-//! - [`arithmetic`]: how many bits a frame takes, and how much of a cycle a bus needs.
+//! - [`time`]: instants and durations, as values.
+//! - [`frame`]: frames of CAN and CAN FD, and a controller's reports on itself.
+//! - [`arithmetic`]: the bits of a frame, and the share of a cycle that a bus needs.
 //! - [`candump`]: the logs of CAN traffic.
 //! - [`serial`]: RS485 and RS232.
 //!
-//! The feature `linux`, on by default, adds all that makes system calls:
+//! The feature `linux`, on by default, adds everything that makes system calls:
 //!
 //! - `socketcan`: the CAN interfaces of Linux. `serial::SerialBus`: its serial ports.
 //! - `wait` and `clock`: sleeping until something arrives, and the time.
@@ -49,47 +49,49 @@ pub use wait::{Monotonic, wait};
 
 /// One bus: a CAN interface, a serial port, or a simulation of them.
 ///
-/// Every method is called from the real-time thread: none allocates, blocks, or runs an unbounded loop.
+/// The real-time thread calls every method: none allocates, blocks, or runs an unbounded loop.
 pub trait Bus: Send {
-    /// Sends `frames` in this order. At most one system call; a serial line takes one more after a request that was not
-    /// answered. Frames that are not accepted are dropped, never kept for
+    /// Sends `frames` in this order. At most one system call; a serial line makes a second one
+    /// after a request without a reply. Frames that are not accepted are dropped, never kept for
     /// later: a late torque is worse than none.
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent;
 
-    /// Adds the arrivals until `now` to `inbox`, oldest first, until none is left or the inbox is full. At most one
-    /// system call.
+    /// Adds the arrivals until `now` to `inbox`, oldest first, until none is left or the inbox is
+    /// full. At most one system call.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox);
 
-    /// When the next [`receive`](Self::receive) has something.
+    /// Returns the event at which the next [`receive`](Self::receive) returns something.
     fn readiness(&self) -> Readiness<'_>;
 }
 
 /// The outcome of [`Bus::send`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sent {
-    /// The number of frames that were accepted: the first ones.
+    /// Number of frames that were accepted: the first ones.
     pub accepted: usize,
-    /// Why the others were not accepted. `None` exactly when all were.
+    /// Reason for which the others were not accepted. `None` exactly when all were.
     pub refusal: Option<Refusal>,
 }
 
 impl Sent {
-    /// All `count` frames were accepted.
+    /// Returns the outcome in which all `count` frames were accepted.
     #[must_use]
     pub const fn all(count: usize) -> Self {
         Self { accepted: count, refusal: None }
     }
 }
 
-/// Why a bus did not take a frame.
+/// Reason for which a bus did not accept a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// The transmit queue is full (`ENOBUFS`, `EAGAIN`): nobody on the bus acknowledges, or it is overloaded.
+    /// The transmit queue is full (`ENOBUFS`, `EAGAIN`): no node on the bus acknowledges, or the
+    /// bus is overloaded.
     Full,
     /// The interface is down (`ENETDOWN`).
     Down,
-    /// The interface is gone (`ENODEV`, `ENXIO`, `EIO` of an unplugged adapter). Only opening it again helps.
+    /// The interface is gone (`ENODEV`, `ENXIO`, `EIO` of an unplugged adapter). Open it again to
+    /// recover.
     Gone,
-    /// Anything else, by its `errno`.
+    /// Any other error, by its `errno`.
     Error(i32),
 }

@@ -1,7 +1,8 @@
 //! One daemon per bus: two would command the same motors.
 //!
-//! A lock is a listening Unix socket with an abstract name: there is no file that somebody could delete or replace, and the name
-//! disappears with its process. Such names belong to a network namespace, as CAN interfaces do.
+//! A lock is a listening Unix socket with an abstract name. There is no file that another process
+//! could delete or replace, and the name disappears with its process. Such names belong to a
+//! network namespace, as CAN interfaces do.
 
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::path::Path;
@@ -13,28 +14,29 @@ use nix::sys::socket::{
 
 use crate::socketcan::InterfaceName;
 
-/// The most bytes of a device's path in the name of its lock, which may have 107 bytes. Of a longer path, only the end is used.
+/// Most bytes of a device's path in the name of its lock, which may have 107 bytes. Only the end of
+/// a longer path is used.
 const NAME_BYTES_MAX: usize = 64;
 
-/// Exclusive use of a CAN interface or a serial device among the processes of a network namespace. Released when dropped, and
-/// by the kernel when the process ends in any way.
+/// Exclusive use of a CAN interface or a serial device among the processes of a network namespace.
+/// Released when dropped, and by the kernel when the process ends for any reason.
 #[derive(Debug)]
 pub struct BusLock {
     _socket: OwnedFd,
 }
 
-/// Why a bus could not be locked.
+/// Reason for which a bus could not be locked.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LockError {
-    /// Another process has it.
+    /// Another process holds the lock.
     #[error("{bus} is in use by {holder}; stop that process first")]
     Held {
         /// The interface or the device.
         bus: String,
-        /// The process that has it.
+        /// The process that holds the lock.
         holder: Holder,
     },
-    /// The kernel refuses a socket.
+    /// The kernel returned an error for the socket.
     #[error("lock of {bus}: {errno}")]
     System {
         /// The interface or the device.
@@ -44,7 +46,8 @@ pub enum LockError {
     },
 }
 
-/// The process that has a bus; `None` when it is in another process namespace, or just takes the lock.
+/// The process that holds a bus. `None` when it is in another process namespace, or is just taking
+/// the lock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Holder(pub Option<u32>);
 
@@ -58,11 +61,12 @@ impl core::fmt::Display for Holder {
 }
 
 impl BusLock {
-    /// Locks `interface`. Whoever may use its network namespace may do so.
+    /// Locks `interface`. Every process in its network namespace may do so.
     ///
     /// # Errors
     ///
-    /// [`LockError::Held`] with the holder; [`LockError::System`] when the kernel gives no socket.
+    /// [`LockError::Held`] with the holder; [`LockError::System`] when the kernel provides no
+    /// socket.
     pub fn interface(interface: InterfaceName) -> Result<Self, LockError> {
         Self::acquire(interface.as_str(), &name_of_interface(interface.as_str()))
     }
@@ -76,15 +80,15 @@ impl BusLock {
         Self::acquire(device, &name_of_device(device))
     }
 
-    /// Who has the CAN interface `interface`; `None` when nobody has. Neither blocks nor waits for the holder; three system
-    /// calls.
+    /// Returns the holder of the CAN interface `interface`; `None` when it is free. Neither blocks
+    /// nor waits for the holder; three system calls.
     #[must_use]
     pub fn holder_of_interface(interface: &str) -> Option<Holder> {
         holder(&UnixAddr::new_abstract(&name_of_interface(interface)).ok()?)
     }
 
-    /// Who has the serial port `device`; `None` when nobody has. As [`holder_of_interface`](Self::holder_of_interface), and
-    /// it looks the path up.
+    /// Returns the holder of the serial port `device`; `None` when it is free. Like
+    /// [`holder_of_interface`](Self::holder_of_interface), and it resolves the path.
     #[must_use]
     pub fn holder_of_device(device: &str) -> Option<Holder> {
         holder(&UnixAddr::new_abstract(&name_of_device(device)).ok()?)
@@ -102,7 +106,7 @@ impl BusLock {
             }
             Err(errno) => return Err(failed(errno)),
         }
-        // Whoever connects learns who listens.
+        // Each side of a connection sees the other's credentials.
         listen(&socket, Backlog::MAXCONN).map_err(failed)?;
         Ok(Self { _socket: socket })
     }
@@ -124,7 +128,8 @@ fn open() -> nix::Result<OwnedFd> {
     socket(AddressFamily::Unix, SockType::Stream, flags, None)
 }
 
-/// The process that listens at `address`. The kernel keeps its credentials, so that it need not accept connections.
+/// Returns the process that listens at `address`. The kernel stores its credentials, so it need not
+/// accept connections.
 fn holder(address: &UnixAddr) -> Option<Holder> {
     let socket = open().ok()?;
     match connect(socket.as_raw_fd(), address) {
@@ -142,7 +147,7 @@ fn holder(address: &UnixAddr) -> Option<Holder> {
 mod tests {
     use super::*;
 
-    /// A name that no other test has, nor any interface.
+    /// Returns a name that no other test and no interface uses.
     fn interface(place: u32) -> InterfaceName {
         format!("t{}-{place}", std::process::id()).parse().unwrap()
     }

@@ -1,4 +1,4 @@
-//! Time as a value. This module reads no clock; `clock` does, behind the feature `linux`.
+//! Time as a value. This module reads no clock; `clock` does, with the feature `linux`.
 
 use core::fmt;
 use core::ops::{Add, Sub};
@@ -7,8 +7,8 @@ pub use core::time::Duration;
 
 const NANOS_PER_SECOND: u64 = 1_000_000_000;
 
-/// A reading of `CLOCK_MONOTONIC`, in nanoseconds. Arithmetic saturates: a clock that runs backwards by a bug or an
-/// injected fault yields a zero duration, never a panic.
+/// A reading of `CLOCK_MONOTONIC`, in nanoseconds. Arithmetic saturates: a clock that runs
+/// backwards because of a bug or an injected fault yields a zero duration, never a panic.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Instant(u64);
 
@@ -18,30 +18,30 @@ impl Instant {
     /// Later than every instant that can be read.
     pub const FAR_FUTURE: Self = Self(u64::MAX);
 
-    /// From nanoseconds of `CLOCK_MONOTONIC`.
+    /// Returns the instant of these nanoseconds of `CLOCK_MONOTONIC`.
     #[must_use]
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos)
     }
 
-    /// Nanoseconds of `CLOCK_MONOTONIC`.
+    /// Returns nanoseconds of `CLOCK_MONOTONIC`.
     #[must_use]
     pub const fn as_nanos(self) -> u64 {
         self.0
     }
 
-    /// The time from `earlier` to `self`; zero when `earlier` is later.
+    /// Returns the time from `earlier` to `self`; zero when `earlier` is later.
     #[must_use]
     #[inline]
     pub const fn since(self, earlier: Self) -> Duration {
         match self.0.saturating_sub(earlier.0) {
-            // Without the division that a longer time takes.
+            // Avoids the division that a longer time needs.
             nanos @ ..NANOS_PER_SECOND => Duration::new(0, nanos as u32),
             nanos => Duration::from_nanos(nanos),
         }
     }
 
-    /// The time from `earlier` to `self`, s; zero when `earlier` is later.
+    /// Returns the time from `earlier` to `self`, s; zero when `earlier` is later.
     #[must_use]
     #[inline]
     pub const fn seconds_since(self, earlier: Self) -> f32 {
@@ -49,7 +49,7 @@ impl Instant {
     }
 }
 
-/// A duration's nanoseconds, saturated to 584 years.
+/// Returns a duration's nanoseconds, saturated to 584 years.
 #[must_use]
 #[inline]
 pub const fn nanos(duration: Duration) -> u64 {

@@ -5,12 +5,12 @@ use crate::time::{Duration, Instant};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Virtual time: it moves when the cycle sleeps or waits, and not else. Clones show the same time.
+/// Virtual time, which advances only when the cycle sleeps or waits. Clones share the time.
 #[derive(Debug, Clone, Default)]
 pub struct VirtualClock(Arc<AtomicU64>);
 
 impl VirtualClock {
-    /// A clock that shows `start`.
+    /// Returns a clock that shows `start`.
     #[must_use]
     pub fn new(start: Instant) -> Self {
         Self(Arc::new(AtomicU64::new(start.as_nanos())))

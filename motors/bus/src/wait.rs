@@ -1,4 +1,4 @@
-//! Waiting for all buses at once.
+//! Waiting for all buses in one call.
 
 use nix::poll::{PollFd, PollFlags, ppoll};
 
@@ -8,9 +8,9 @@ use crate::{Clock, Readiness, Ready, clock};
 
 /// Sleeps until a bus is ready, at most until `until`. `now` is the present time.
 ///
-/// A signal ends the sleep early with no bus ready: a caller that needs `until` reads the clock. A descriptor with an
-/// error is ready, because only receiving takes the error away. Does not allocate; one system call (`ppoll`, or
-/// `clock_nanosleep` when no bus has a descriptor).
+/// A signal ends the sleep early with no bus ready, so a caller that needs `until` reads the clock.
+/// A descriptor with an error is ready, because only receiving clears the error. Does not allocate;
+/// one system call (`ppoll`, or `clock_nanosleep` when no bus has a descriptor).
 #[must_use]
 pub fn wait(readiness: &[Readiness<'_>], now: Instant, until: Instant) -> Ready {
     let readiness = &readiness[..readiness.len().min(MAX_BUSES)];
@@ -23,7 +23,7 @@ pub fn wait(readiness: &[Readiness<'_>], now: Instant, until: Instant) -> Ready 
         clock::sleep_until(wake);
         return ready(readiness, wake, &[]);
     };
-    // `PollFd` has no value for an empty place.
+    // `PollFd` has no value for an empty slot.
     let mut count = 1;
     let mut polled: [PollFd<'_>; MAX_BUSES] = core::array::from_fn(|_| first.clone());
     for (place, descriptor) in polled[count..].iter_mut().zip(descriptors) {
@@ -45,12 +45,13 @@ fn descriptor<'a>(readiness: &Readiness<'a>) -> Option<PollFd<'a>> {
     }
 }
 
-/// Which buses are ready when `reached` has certainly passed. `polled` are the descriptors among `readiness`, in order.
+/// Returns the buses that are ready when `reached` has certainly passed. `polled` are the
+/// descriptors among `readiness`, in order.
 fn ready(readiness: &[Readiness<'_>], reached: Instant, polled: &[PollFd<'_>]) -> Ready {
     let mut polled = polled.iter();
     Ready::of(readiness.iter().map(|readiness| match *readiness {
         Readiness::At(instant) => instant <= reached,
-        // `None` means an event that nix has no name for: the bus counts as ready.
+        // `None` means an event that nix cannot name: the bus counts as ready.
         Readiness::Readable(_) => polled.next().is_some_and(|polled| polled.any() != Some(false)),
         Readiness::Never => false,
     }))
@@ -123,7 +124,8 @@ mod tests {
         assert!(clock::monotonic() >= now + SOON);
     }
 
-    /// An unplugged adapter gives `POLLERR`, a closed serial line `POLLHUP`: both are reported unasked.
+    /// An unplugged adapter returns `POLLERR`, a closed serial line `POLLHUP`. `poll` reports both
+    /// without a request.
     #[test]
     fn disconnected_bus_is_always_ready() {
         let (near, far) = UnixStream::pair().unwrap();

@@ -1,4 +1,4 @@
-//! Frames on a serial line, worked out from the vendor's document, held against the framing in both directions.
+//! Compares the framing with frames derived from the vendor's document, in both directions.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 

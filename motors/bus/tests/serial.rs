@@ -21,14 +21,15 @@ use std::os::fd::OwnedFd;
 
 const TIMEOUT: Duration = Duration::from_millis(20);
 const HOST: u8 = 0x40;
-/// Bytes that a terminal would act on: interrupt, end of file, carriage return, line feed, XON, XOFF, erase, and 0xFF.
+/// Bytes that a terminal would act on: interrupt, end of file, carriage return, line feed, XON,
+/// XOFF, erase, and 0xFF.
 const CONTROL_BYTES: [u8; 8] = [0x03, 0x04, 0x0D, 0x0A, 0x11, 0x13, 0x7F, 0xFF];
 
-/// The end of the line where the motors are.
+/// The end of the line with the motors.
 struct Motors {
     end: File,
     device: String,
-    /// Keeps the terminal alive while nobody else has it open.
+    /// Keeps the terminal alive while no other descriptor is open.
     own: Option<OwnedFd>,
 }
 
@@ -83,7 +84,7 @@ fn ask(bus: &mut SerialBus, id: u8) -> Sent {
     bus.send(clock::monotonic(), &[frame(id, [0xB1, 0, 0, 0, 0, 0, 0, 0])])
 }
 
-/// The arrivals of one read, once something has come or 50 ms have passed.
+/// Returns the arrivals of one read, as soon as something has arrived or 50 ms have passed.
 fn received(bus: &mut SerialBus) -> Vec<Content> {
     let now = clock::monotonic();
     let _something = wait(&[bus.readiness()], now, now + Duration::from_millis(50));
@@ -240,7 +241,7 @@ fn files_that_are_no_ports_are_refused() {
     assert!(open("/dev/null").to_string().starts_with("/dev/null"));
 }
 
-/// A line whose motors can be pulled out.
+/// A line whose motors can be disconnected.
 struct Pty {
     motors: Option<Motors>,
     bus: SerialBus,

@@ -20,31 +20,34 @@ pub struct SerialBus<S = Port> {
     port: S,
     line: Line,
     buffer: [u8; READ_BYTES],
-    /// The adapter was unplugged, or took only a part of a frame, which the next bytes would complete.
+    /// The adapter was unplugged, or took only part of a frame, which the next bytes would
+    /// complete.
     is_gone: bool,
 }
 
 impl SerialBus {
-    /// Opens and configures the port. Off the real-time thread: it allocates, and takes milliseconds. After
-    /// [`Refusal::Gone`], close it and open it again.
+    /// Opens and configures the port. Not for the real-time thread: it allocates, and takes
+    /// milliseconds. After [`Refusal::Gone`], close it and open it again.
     ///
     /// # Errors
     ///
-    /// Why the port cannot be used.
+    /// The reason for which the port cannot be used.
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
         Ok(Self::over(Port::open(&settings.device, settings.baud, Use::Exclusive)?, settings))
     }
 }
 
 impl<S: ByteStream> SerialBus<S> {
-    /// A bus over any byte stream `port`, such as one of a test on virtual time. Allocates.
+    /// Returns a bus over any byte stream `port`, such as that of a test on virtual time.
+    /// Allocates.
     #[must_use]
     pub fn over(port: S, settings: &Settings) -> Self {
         Self { port, line: Line::new(settings), buffer: [0; READ_BYTES], is_gone: false }
     }
 
-    /// Sends a request, if the line is free. One system call, and one more after a request that was not answered: its bytes may
-    /// wait for an adapter that takes none, and another frame behind them would be late.
+    /// Sends a request, if the line is free. Makes one system call, and a second one after a
+    /// request without a reply. The bytes of that request may still wait for an adapter, and a
+    /// frame behind them would be late.
     fn ask(&mut self, now: Instant, frame: &Frame) -> Result<(), Refusal> {
         if self.is_gone {
             return Err(Refusal::Gone);
@@ -63,8 +66,8 @@ impl<S: ByteStream> SerialBus<S> {
 }
 
 impl<S: ByteStream> Bus for SerialBus<S> {
-    /// Sends the first frame at most, and refuses the others with [`Refusal::Full`]. One system call, or two after a request
-    /// that was not answered.
+    /// Sends at most the first frame, and refuses the others with [`Refusal::Full`]. One system
+    /// call, or two after a request without a reply.
     fn send(&mut self, now: Instant, frames: &[Frame]) -> Sent {
         let Some(frame) = frames.first() else { return Sent::all(0) };
         let asked = self.ask(now, frame);
@@ -75,7 +78,8 @@ impl<S: ByteStream> Bus for SerialBus<S> {
         }
     }
 
-    /// One `read`. The kernel does not stamp the bytes of a serial port: an arrival bears the time of the read.
+    /// One `read`. The kernel does not stamp the bytes of a serial port: an arrival has the time of
+    /// the read.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
         if self.is_gone || inbox.free() < ARRIVALS {
             return;
@@ -105,16 +109,18 @@ impl<S: ByteStream> Bus for SerialBus<S> {
     }
 }
 
-/// Sends to the motors of a line beside the process that owns it, and reads nothing: for the stop of motors whose daemon has died.
+/// Sends to the motors of a line in parallel to the process that owns it, and reads nothing. For
+/// the stop of motors whose daemon has died.
 #[derive(Debug)]
 pub struct SerialSender(Port);
 
 impl SerialSender {
-    /// Opens the port as its owner does, but neither locks it nor discards waiting bytes. Allocates, and takes milliseconds.
+    /// Opens the port as its owner does, but neither locks it nor discards waiting bytes.
+    /// Allocates, and takes milliseconds.
     ///
     /// # Errors
     ///
-    /// Why the port cannot be used.
+    /// The reason for which the port cannot be used.
     pub fn open(device: &str, baud: u32) -> Result<Self, OpenError> {
         Port::open(device, baud, Use::Shared).map(Self)
     }
@@ -123,7 +129,8 @@ impl SerialSender {
     ///
     /// # Errors
     ///
-    /// Why it was not sent. After [`Refusal::Gone`], close the port and open it again.
+    /// The reason for which it was not sent. After [`Refusal::Gone`], close the port and open it
+    /// again.
     pub fn send(&self, frame: &Frame) -> Result<(), Refusal> {
         let request = frame.id().byte().and_then(|id| Request::new(Address { id, host_id: None }, frame));
         let request = request.ok_or(Refusal::Error(libc::EINVAL))?;
@@ -133,16 +140,16 @@ impl SerialSender {
         write(&self.0, &request)
     }
 
-    /// Whether the adapter was unplugged. As long as this port stays open, an adapter that is plugged in again gets another device name.
-    /// Never blocks; one system call.
+    /// Returns `true` when the adapter was unplugged. While this port stays open, an adapter that
+    /// is plugged in again gets another device name. Never blocks; one system call.
     #[must_use]
     pub fn is_gone(&self) -> bool {
         self.0.is_gone()
     }
 }
 
-/// Writes a whole request. When the port takes only a part, the next bytes would complete it: the refusal is [`Refusal::Gone`],
-/// because the port has to be opened again.
+/// Writes a whole request. When the port takes only part of it, the next bytes would complete it.
+/// The refusal is then [`Refusal::Gone`], because the port has to be opened again.
 fn write(port: &impl ByteStream, request: &Request) -> Result<(), Refusal> {
     match port.write(request.bytes()) {
         Ok(count) if count == request.bytes().len() => Ok(()),

@@ -2,15 +2,19 @@
 //!
 //! | byte | meaning |
 //! |---|---|
-//! | 0 | receiver: the motor's id in a command, the host's in a reply, so a reply does not say who sent it |
+//!  0 | receiver: the motor's id in a command, the host's in a reply, which therefore does not
+//! identify its sender |
 //! | 1 | type: 0 normal, 1 ACK |
 //! | 2 | length of the payload: 8 in a normal frame |
-//! | 3 | XOR of the three before |
+//!  3 | XOR of the three bytes before |
 //!
-//! Source: GIM document Table 3, version 2.2. Readings:
-//! - An ACK frame comes only when a request could not be read. Its payload is not documented: 0 to 8 bytes are accepted.
-//! - The payload has no checksum. A damaged one is noticed, if at all, because it does not answer what was asked.
-//! - There is no start byte and no gap between frames. [`Decoder`] finds the next frame by sliding one byte at a time.
+//! Source: GIM document Table 3, version 2.2. Interpretation:
+//! - A motor sends an ACK frame only when it could not read a request. The payload is not
+//!   documented: 0 to 8 bytes are accepted.
+//! - The payload has no checksum. A damaged one is detected only when it does not match the
+//!   request.
+//! - There is no start byte and no gap between frames. [`Decoder`] finds the next frame by sliding
+//!   one byte at a time.
 
 use core::fmt;
 
@@ -27,9 +31,9 @@ const TYPE_ACK: u8 = 1;
 /// The type of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum FrameType {
-    /// It carries a command or a reply.
+    /// A command or a reply.
     Normal,
-    /// It says that a request could not be read.
+    /// Reports that a request could not be read.
     Ack,
 }
 
@@ -43,38 +47,38 @@ pub struct SerialFrame {
 }
 
 impl SerialFrame {
-    /// A command or a reply for `receiver`.
+    /// Returns a command or a reply for `receiver`.
     #[must_use]
     pub const fn normal(receiver: u8, payload: [u8; PAYLOAD_LEN]) -> Self {
         Self { receiver, frame_type: FrameType::Normal, len: PAYLOAD_LEN as u8, payload }
     }
 
-    /// An ACK for `receiver`; `None` when the payload has more than 8 bytes.
+    /// Returns an ACK for `receiver`; `None` when the payload has more than 8 bytes.
     #[must_use]
     pub fn ack(receiver: u8, payload: &[u8]) -> Option<Self> {
         Header { receiver, frame_type: FrameType::Ack, len: u8::try_from(payload.len()).ok()? }
             .with_payload(payload)
     }
 
-    /// Who is to read it.
+    /// Returns the receiver.
     #[must_use]
     pub const fn receiver(&self) -> u8 {
         self.receiver
     }
 
-    /// Its type.
+    /// Returns the type.
     #[must_use]
     pub const fn frame_type(&self) -> FrameType {
         self.frame_type
     }
 
-    /// Its payload: 8 bytes, or up to 8 of an ACK.
+    /// Returns the payload: 8 bytes, or up to 8 of an ACK.
     #[must_use]
     pub fn payload(&self) -> &[u8] {
         &self.payload[..usize::from(self.len)]
     }
 
-    /// The four bytes of the header.
+    /// Returns the four bytes of the header.
     #[must_use]
     pub const fn header(&self) -> [u8; HEADER_LEN] {
         let frame_type = match self.frame_type {
@@ -84,7 +88,7 @@ impl SerialFrame {
         [self.receiver, frame_type, self.len, self.receiver ^ frame_type ^ self.len]
     }
 
-    /// Writes the frame to the start of `buffer` and returns what was written.
+    /// Writes the frame to the start of `buffer` and returns the written bytes.
     ///
     /// Real-time: does not allocate or block; takes constant time.
     pub fn write<'a>(&self, buffer: &'a mut [u8; FRAME_LEN_MAX]) -> &'a [u8] {
@@ -93,11 +97,11 @@ impl SerialFrame {
         &buffer[..HEADER_LEN + usize::from(self.len)]
     }
 
-    /// Reads `bytes` as exactly one frame.
+    /// Decodes `bytes` as exactly one frame.
     ///
     /// # Errors
     ///
-    /// When the header is damaged or there are more or fewer bytes than it says.
+    /// When the header is damaged, or the number of bytes differs from that in the header.
     pub fn decode(bytes: &[u8]) -> Result<Self, FrameError> {
         let (header, payload) = bytes
             .split_first_chunk()
@@ -108,7 +112,7 @@ impl SerialFrame {
     }
 }
 
-/// A header whose checksum fits.
+/// A header with a valid checksum.
 #[derive(Debug, Clone, Copy)]
 struct Header {
     receiver: u8,
@@ -144,19 +148,19 @@ impl Header {
     }
 }
 
-/// Why bytes are not a frame.
+/// Reason for which bytes are not a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameError {
-    /// There are fewer bytes than a header has, or not as many as the header says.
+    /// The bytes are fewer than a header, or their number differs from that in the header.
     Length {
-        /// Bytes of the frame, or of a header when there is not even one.
+        /// Bytes of the frame, or of a header when it is incomplete.
         expected: usize,
-        /// Bytes there are.
+        /// Bytes received.
         received: usize,
     },
     /// The header's last byte is not the XOR of the others.
     Checksum {
-        /// Their XOR.
+        /// XOR of the others.
         expected: u8,
         /// The last byte.
         received: u8,
@@ -166,7 +170,7 @@ pub enum FrameError {
         /// The type byte.
         received: u8,
     },
-    /// A normal frame that does not carry 8 bytes, or an ACK that carries more.
+    /// A normal frame without 8 bytes of payload, or an ACK with more than 8.
     PayloadLength {
         /// The length byte.
         received: u8,
@@ -197,10 +201,11 @@ impl fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
-/// Finds frames in a stream of bytes of which some are lost, damaged, not ours or glued together.
+/// Finds frames in a stream of bytes, of which some may be lost, damaged, for other receivers or
+/// without a gap.
 ///
-/// The caller says which frame it waits for. What looks like a frame but is not that one is given up one byte at a time,
-/// so that no earlier bytes can hide the frame that is waited for.
+/// The caller decides which frame it accepts. When the bytes look like another frame, the decoder
+/// drops one byte at a time, so that no earlier bytes can hide the expected frame.
 #[derive(Debug, Clone, Default)]
 pub struct Decoder {
     buffer: [u8; FRAME_LEN_MAX],
@@ -209,26 +214,27 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// With nothing received.
+    /// Returns a decoder that has received nothing.
     #[must_use]
     pub const fn new() -> Self {
         Self { buffer: [0; FRAME_LEN_MAX], len: 0, skipped: 0 }
     }
 
-    /// Forgets what was received of a frame, as before a new request. Returns how many bytes that were.
+    /// Discards the bytes of an incomplete frame, as before a new request. Returns their number.
     pub fn reset(&mut self) -> usize {
         let forgotten = self.len;
         self.skip(forgotten);
         forgotten
     }
 
-    /// How many bytes were part of no accepted frame, since the start; wraps around.
+    /// Returns the number of bytes that were part of no accepted frame since the start; wraps
+    /// around.
     #[must_use]
     pub const fn skipped(&self) -> u32 {
         self.skipped
     }
 
-    /// Takes the next byte, and returns the frame that it completes and that `accept` says is waited for.
+    /// Takes the next byte, and returns the frame that it completes and that `accept` accepts.
     ///
     /// Real-time: does not allocate or block; tries at most 12 positions.
     pub fn push(&mut self, byte: u8, accept: impl Fn(&SerialFrame) -> bool) -> Option<SerialFrame> {
@@ -262,17 +268,17 @@ impl Decoder {
         self.remove(count);
     }
 
-    /// Drops the oldest `count` bytes; the others move to the front. At least one byte is free then: a full buffer
-    /// always holds a whole frame.
+    /// Removes the oldest `count` bytes and moves the others to the front. Afterwards at least one
+    /// byte is free: a full buffer always holds a whole frame.
     fn remove(&mut self, count: usize) {
         self.buffer.copy_within(count..self.len, 0);
         self.len -= count;
     }
 }
 
-/// The beginning of the buffer, as far as it can be judged.
+/// State of the beginning of the buffer.
 enum Front {
-    /// Too few to tell.
+    /// Too few bytes to decide.
     Unfinished,
     /// No header.
     Damaged,

@@ -1,16 +1,22 @@
-//! The state of a line: the open request, and which of the bytes that arrive answer it. Pure: no port, no clock.
+//! The state of a line: the open request, and which of the bytes that arrive reply to it. Pure: no
+//! port, no clock.
 //!
-//! A line carries one request at a time. A reply names its receiver only, so the request tells whose reply it is.
+//! A line carries one request at a time. A reply names only its receiver, so the request determines
+//! its sender.
 //!
-//! - *Echo*: an adapter may return the bytes that it sends. They are dropped when they are the first to come after sending.
-//!   On a line that has returned a whole request, a frame for the motor itself is a damaged echo, never a reply.
-//! - *Late replies*: where motors share a host id, a late reply to a request that was given up looks like the reply of the motor
-//!   asked next. The first such frame is dropped, and one turn is left out: a second frame proves that the first was late, and is
-//!   the reply. Without a second one the motor that was given up counts as silent, and costs its neighbours nothing more until it
-//!   replies again. A turn is left out at most once in a round, so that a motor that is always late does not take another's turns
-//!   for long. A reply that is two turns late is not detected: only a host id for each motor helps.
-//! - *ACK frames* refuse the request, unless a reply follows in the same read: four bytes are found in noise more easily than
-//!   twelve.
+//! - *Echo*: an adapter may return the bytes that it sends. They are dropped when they are the
+//!   first bytes after sending. On a line that has returned a whole request, a frame for the motor
+//!   itself is a damaged echo, never a reply.
+//! - *Late replies*: where motors share a host id, a late reply to an abandoned request looks like
+//!   the reply of the next motor. The line drops the first such frame and skips one turn. A second
+//!   frame proves that the first was late, and is the reply. Without a second one, the motor of the
+//!   abandoned request counts as silent. It then costs its neighbours nothing until it replies
+//!   again.
+//! - The line skips at most one turn per round, so that a motor that is always late does not keep
+//!   delaying another's turn. A reply that is two turns late is not detected: only a host id for
+//!   each motor helps.
+//! - *ACK frames* refuse the request, unless a reply follows in the same read. Noise contains four
+//!   valid bytes more often than twelve.
 
 use core::cell::Cell;
 
@@ -19,7 +25,7 @@ use super::{Address, Answers, Settings};
 use crate::frame::{Content, Frame, FrameId, Unsupported};
 use crate::time::{Duration, Instant};
 
-/// A reply that is later than this never comes.
+/// A reply that is later than this never arrives.
 const LATEST_REPLY: Duration = Duration::from_millis(50);
 
 /// A request as it is on the line.
@@ -40,12 +46,13 @@ impl Request {
         Some(Self { address, frame, bytes })
     }
 
-    /// The bytes to send.
+    /// Returns the bytes to send.
     pub(super) const fn bytes(&self) -> &[u8; FRAME_LEN_MAX] {
         &self.bytes
     }
 
-    /// Whether a frame for `receiver` may be a reply, on a line that has returned a request or not.
+    /// Returns `true` when a frame for `receiver` may be a reply. `has_echo`: the line has returned
+    /// a request.
     fn may_go_to(&self, receiver: u8, has_echo: bool) -> bool {
         let Address { id, host_id } = self.address;
         match host_id {
@@ -59,13 +66,13 @@ impl Request {
 /// The reply to a request.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reply {
-    /// The motor that was asked.
+    /// The motor that received the request.
     id: u8,
     payload: [u8; PAYLOAD_LEN],
 }
 
 impl Reply {
-    /// Writes the reply as a frame with the id of the motor that was asked.
+    /// Writes the reply as a frame with the id of the motor that received the request.
     pub(super) fn write(self, frame: &mut Frame) {
         frame.set(FrameId::from(self.id), self.payload);
     }
@@ -76,46 +83,49 @@ impl Reply {
 struct Open {
     request: Request,
     sent_at: Instant,
-    /// How many bytes of its echo have come; `None` once other bytes came, or the whole echo.
+    /// Number of bytes of its echo that have arrived; `None` once other bytes arrived, or the whole
+    /// echo.
     echo: Option<usize>,
-    /// An ACK frame came.
+    /// An ACK frame arrived.
     refused: bool,
 }
 
-/// Whether a frame that answers the open request may be the late reply of the motor with this id, which was asked before.
+/// State of the doubt that the next matching frame is the late reply of the motor with this id,
+/// whose request came before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Doubt {
     None,
     /// The next frame may be late.
     Of(u8),
-    /// Such a frame was dropped, and no turn was left out since.
+    /// Such a frame was dropped, and no turn was skipped since.
     Dropped(u8),
-    /// Such a frame was dropped, and a turn was left out.
+    /// Such a frame was dropped, and a turn was skipped.
     Waited(u8),
 }
 
 /// One line.
 pub(super) struct Line {
-    /// In ascending order of ids.
+    /// Sorted by id.
     addresses: Vec<Address>,
     reply_timeout: Duration,
     answers: Answers,
     decoder: Decoder,
-    /// The last request, until it is answered or refused.
+    /// The last request, until the motor replies to it or refuses it.
     open: Option<Open>,
     doubt: Doubt,
-    /// Requests since a turn was left out.
+    /// Number of requests since a turn was skipped.
     since_left_out: usize,
-    /// By id: the last request to the motor that was given up had no late reply, and it has not replied since.
+    /// By id: the last abandoned request to the motor had no late reply, and the motor has not
+    /// replied since.
     silent: [bool; 256],
     /// An adapter has returned a whole request.
     has_echo: bool,
-    /// Bytes have come since the last read that are part of no reply.
+    /// Bytes that are part of no reply have arrived since the last read.
     unmatched: bool,
 }
 
 impl Line {
-    /// A line on which nothing was asked yet. Allocates.
+    /// Returns a line without requests. Allocates.
     pub(super) fn new(settings: &Settings) -> Self {
         let mut addresses = settings.addresses.clone();
         addresses.sort_by_key(|address| address.id);
@@ -133,12 +143,13 @@ impl Line {
         }
     }
 
-    /// A request is open that has still time for its reply.
+    /// Returns `true` while a request is open and its reply is not overdue.
     pub(super) fn is_busy(&self, now: Instant) -> bool {
         self.open.is_some_and(|open| now.since(open.sent_at) < self.reply_timeout)
     }
 
-    /// Whether a turn must be left out, to tell whose frame was dropped: at most once for each such frame, and once in a round.
+    /// Returns `true` when a turn must be skipped, to find out whose frame was dropped. At most
+    /// once per such frame, and once per round.
     pub(super) fn leaves_out_a_turn(&mut self) -> bool {
         let Doubt::Dropped(earlier) = self.doubt else { return false };
         if self.since_left_out < self.addresses.len() {
@@ -149,12 +160,13 @@ impl Line {
         true
     }
 
-    /// The last request has no answer yet: its bytes may not even have left.
+    /// Returns `true` when the last request has no reply yet. Even its bytes may not have left.
     pub(super) const fn is_unanswered(&self) -> bool {
         self.open.is_some()
     }
 
-    /// The request for `frame`; `None` when it is not a classic one of eight bytes, or its id does not fit into one.
+    /// Returns the request for `frame`; `None` when it is not a classic one of eight bytes, or its
+    /// id does not fit into one byte.
     pub(super) fn request(&self, frame: &Frame) -> Option<Request> {
         let id = frame.id().byte()?;
         let listed = self.addresses.binary_search_by_key(&id, |address| address.id);
@@ -162,7 +174,7 @@ impl Line {
         Request::new(address, frame)
     }
 
-    /// `request` was sent at `now`. One that is still open is given up.
+    /// Records that `request` was sent at `now`. A request that is still open is abandoned.
     pub(super) fn sent(&mut self, request: Request, now: Instant) {
         self.doubt = self.give_up(&request, now);
         self.since_left_out = self.since_left_out.saturating_add(1);
@@ -176,7 +188,8 @@ impl Line {
         if let Doubt::Of(earlier) | Doubt::Waited(earlier) = self.doubt {
             self.silent[usize::from(earlier)] = true;
         }
-        // A turn was left out and no second frame came: the frame that was dropped was the reply to this request.
+        // A turn was skipped and no second frame arrived: the dropped frame was the reply to this
+        // request.
         let has_replied = matches!(self.doubt, Doubt::Waited(_));
         let is_alike = next.address.host_id.is_none_or(|host| request.may_go_to(host, self.has_echo));
         let may_come = now.since(sent_at) < LATEST_REPLY && !self.silent[usize::from(id)];
@@ -238,7 +251,7 @@ impl Line {
         Some(Reply { id, payload: frame.payload().try_into().ok()? })
     }
 
-    /// The open request is over: the motor with this id has replied.
+    /// Closes the open request: the motor with this id has replied.
     fn replied(&mut self, id: u8) {
         if let Doubt::Dropped(earlier) | Doubt::Waited(earlier) = self.doubt {
             self.silent[usize::from(earlier)] = false;
@@ -248,14 +261,14 @@ impl Line {
         self.open = None;
     }
 
-    /// All bytes of a read were taken. Returns the id of the motor that refused its request.
+    /// Ends a read. Returns the id of the motor that refused its request.
     pub(super) fn refusal(&mut self) -> Option<Content> {
         let id = self.open.filter(|open| open.refused)?.request.address.id;
         self.replied(id);
         Some(Content::Refused(FrameId::from(id)))
     }
 
-    /// Whether bytes have come, since this was last asked, that are part of no reply.
+    /// Returns a report when bytes that are part of no reply have arrived since the last call.
     pub(super) fn unmatched(&mut self) -> Option<Content> {
         core::mem::take(&mut self.unmatched).then_some(Content::Unsupported(Unsupported::Unmatched))
     }
@@ -268,7 +281,7 @@ mod tests {
 
     const TIMEOUT: Duration = Duration::from_millis(2);
     const START: Instant = Instant::from_nanos(1_000_000_000);
-    /// A command to stop, and the reply that it is done.
+    /// A command to stop, and the reply that confirms it.
     const STOP: [u8; 8] = [0x92, 0x00, 0x80, 0, 0, 0, 0x08, 0];
     const STOPPED: [u8; 8] = [0x92, 0, 0, 0, 0, 0, 0, 0];
     const VERSION: [u8; 8] = [0xB1, 0, 0, 0, 3, 2, 1, 0];
@@ -278,7 +291,7 @@ mod tests {
         request[0] == reply[0]
     }
 
-    /// Motors 1 and 2 share a host id, motor 3 has one of its own.
+    /// Motors 1 and 2 share a host id, motor 3 has a separate one.
     fn line() -> Line {
         let address = |(id, host_id)| Address { id, host_id: Some(host_id) };
         Line::new(&Settings {
@@ -308,7 +321,7 @@ mod tests {
         bytes(&SerialFrame::ack(receiver, &[]).unwrap())
     }
 
-    /// The arrivals of one read.
+    /// Returns the arrivals of one read.
     fn read(line: &mut Line, bytes: &[u8]) -> Vec<Content> {
         let reply = bytes.iter().filter_map(|byte| line.push(*byte)).last().map(|reply| {
             let mut frame = Frame::EMPTY;
@@ -344,12 +357,16 @@ mod tests {
             assert!(!line.is_unanswered());
         }
         ask(&mut line, 1, 0);
-        assert_eq!(read(&mut line, &reply(1)), [from(1)], "a firmware that names itself");
+        assert_eq!(read(&mut line, &reply(1)), [from(1)], "a firmware that replies with its own id");
         ask(&mut line, 9, 0);
-        assert_eq!(read(&mut line, &reply(0x77)), [from(9)], "a motor that is not listed may name anybody");
+        assert_eq!(
+            read(&mut line, &reply(0x77)),
+            [from(9)],
+            "replies of an unlisted motor may have any receiver"
+        );
     }
 
-    /// Goal: a motor that is one turn late for ever starves none of its neighbours: one that hears nothing keeps its last command.
+    /// Goal: a motor that is always one turn late never keeps a neighbour from receiving commands.
     #[test]
     fn always_late_motor_takes_alternate_turns_only() {
         let mut line = Line::new(&Settings {
@@ -377,12 +394,12 @@ mod tests {
     #[test]
     fn unrequested_frames_and_bytes_are_no_replies() {
         let mut line = line();
-        assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "nothing was asked");
+        assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "no request is open");
         ask(&mut line, 3, 0);
         assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "the host of the other motors");
         assert_eq!(read(&mut line, &bytes(&SerialFrame::normal(0x43, VERSION))), [UNMATCHED]);
         assert_eq!(read(&mut line, &reply(0x43))[0], from(3));
-        assert_eq!(read(&mut line, &reply(0x43)), [UNMATCHED], "it was answered");
+        assert_eq!(read(&mut line, &reply(0x43)), [UNMATCHED], "it was answered before");
     }
 
     #[test]
@@ -392,7 +409,7 @@ mod tests {
         ask(&mut line, 1, 0);
         assert!(line.is_busy(START + Duration::from_micros(1999)));
         assert!(!line.is_busy(START + TIMEOUT));
-        assert_eq!(read(&mut line, &reply(HOST)), [from(1)], "late, but nobody else was asked");
+        assert_eq!(read(&mut line, &reply(HOST)), [from(1)], "late, but no other request was sent");
         assert!(!line.is_busy(START));
     }
 
@@ -449,12 +466,13 @@ mod tests {
         for round in 0..5 {
             ask(&mut line, 1, 10 * round);
             ask(&mut line, 2, 10 * round + 2);
-            assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "motor 1, or motor 2: nobody can tell");
+            assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "sent by motor 1 or by motor 2");
             assert_eq!(read(&mut line, &reply(HOST)), [from(2)], "the other was late");
         }
     }
 
-    /// Each reply comes a turn late, as with an adapter that is slower than its turnaround says.
+    /// Each reply arrives a turn late, as with an adapter that is slower than its configured
+    /// turnaround.
     #[test]
     fn uniformly_late_replies_are_never_confused() {
         let mut line = line();
@@ -487,7 +505,7 @@ mod tests {
         }
         assert_eq!(lost, 1);
         ask(&mut line, 1, 300);
-        assert_eq!(read(&mut line, &reply(HOST)), [from(1)], "it is back");
+        assert_eq!(read(&mut line, &reply(HOST)), [from(1)], "it replies again");
         ask(&mut line, 1, 310);
         ask(&mut line, 2, 312);
         assert_eq!(read(&mut line, &reply(HOST)), [UNMATCHED], "and may be late again");

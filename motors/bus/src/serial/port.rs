@@ -1,9 +1,11 @@
 //! A serial port of Linux: raw bytes, 8N1, at any bit rate.
 //!
-//! - *Exclusive use*: `flock` on the device, which survives a deleted lock file and ends with its holder. `TIOCEXCL` is not
-//!   used: it would keep the dead man's switch out, which has a descriptor of its own.
-//! - *Latency*: the driver delivers bytes at once where it has such a mode.
-//! - *Closing*: the kernel waits up to 30 s for bytes that do not leave. They get 20 ms, then they are thrown away.
+//! - *Exclusive use*: `flock` on the device, which survives a deleted lock file and ends with its
+//!   holder. `TIOCEXCL` is not used: it would exclude the dead man's switch, which has a separate
+//!   descriptor.
+//! - *Latency*: where the driver has such a mode, it delivers bytes without delay.
+//! - *Closing*: the kernel waits up to 30 s for bytes that do not leave. This module discards them
+//!   after 20 ms.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
@@ -22,12 +24,13 @@ use crate::Readiness;
 use crate::kernel::{self, errno};
 use crate::time::Duration;
 
-/// The driver rounds a rate that its clock cannot be divided to. 8N1 tolerates 2 % on each side.
+/// Tolerance of the bit rate: the driver rounds a rate that its clock cannot be divided to. 8N1
+/// tolerates 2 % on each side.
 const BAUD_TOLERANCE: u32 = 50;
-/// The last bytes have this time to leave before a port is closed.
+/// Time for the last bytes to leave before a port is closed.
 const LINGER: Duration = Duration::from_millis(20);
 
-/// Why a port cannot be used.
+/// Reason for which a port cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum OpenError {
     /// No device has this name.
@@ -38,22 +41,22 @@ pub enum OpenError {
         /// The device.
         device: String,
     },
-    /// This user may not use it.
+    /// The user lacks the permission.
     #[error(
-        "{device}: not permitted; add the user to the group of the device (`ls -l {device}`), `dialout` as a rule"
+        "{device}: not permitted; add the user to the group of the device (`ls -l {device}`), usually `dialout`"
     )]
     Permission {
         /// The device.
         device: String,
     },
     /// A file of another kind.
-    #[error("{device} is no serial port")]
+    #[error("{device} is not a serial port")]
     NotSerial {
         /// The device.
         device: String,
     },
     /// Another process has locked the device.
-    #[error("{device} is in use by another process (`fuser {device}` tells which)")]
+    #[error("{device} is in use by another process (`fuser {device}` shows which)")]
     Held {
         /// The device.
         device: String,
@@ -87,21 +90,22 @@ pub struct Port {
     _lock: Option<Flock<File>>,
 }
 
-/// Whether a port is locked.
+/// Use of a port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Use {
-    /// For this process alone, among those that lock. Bytes that wait in either direction are thrown away.
+    /// Exclusive among the processes that lock. Bytes that wait in either direction are discarded.
     Exclusive,
-    /// Beside its owner.
+    /// In parallel to its owner.
     Shared,
 }
 
 impl Port {
-    /// Opens and configures a port. Off the real-time thread: it allocates, and takes milliseconds.
+    /// Opens and configures a port. Not for the real-time thread: it allocates, and takes
+    /// milliseconds.
     ///
     /// # Errors
     ///
-    /// The first thing that is wrong.
+    /// The first error found.
     pub(super) fn open(device: &str, baud: u32, usage: Use) -> Result<Self, OpenError> {
         let failed = |errno| refused(device, errno);
         let file = OpenOptions::new()
@@ -129,7 +133,7 @@ impl Port {
         Ok(Self { file, _lock: lock })
     }
 
-    /// Whether the adapter was unplugged. Never blocks; one system call.
+    /// Returns `true` when the adapter was unplugged. Never blocks; one system call.
     pub(super) fn is_gone(&self) -> bool {
         let mut descriptors = [PollFd::new(self.file.as_fd(), PollFlags::empty())];
         poll(&mut descriptors, PollTimeout::ZERO).is_ok_and(|count| count > 0)
@@ -156,7 +160,7 @@ impl ByteStream for Port {
 }
 
 impl Drop for Port {
-    /// Blocks for 20 ms at most.
+    /// Blocks for at most 20 ms.
     fn drop(&mut self) {
         const TURNS: u32 = 20;
         for _ in 0..TURNS {
@@ -169,12 +173,13 @@ impl Drop for Port {
     }
 }
 
-/// Sets the port up, unless it is as it should be: a change reaches the adapter, and holds up another process's writes meanwhile.
+/// Configures the port, unless its settings are already correct. A change reaches the adapter, and
+/// delays another process's writes meanwhile.
 fn configure(file: &File, current: Termios, baud: u32) -> rustix::io::Result<()> {
     let mut wanted = current.clone();
     wanted.make_raw();
     wanted.control_modes |= ControlModes::CREAD | ControlModes::CLOCAL | ControlModes::CS8;
-    // Without HUPCL the control lines of an adapter do not move when a process closes it.
+    // Without HUPCL the control lines of an adapter do not change when a process closes it.
     wanted.control_modes -=
         ControlModes::CSTOPB | ControlModes::PARENB | ControlModes::CRTSCTS | ControlModes::HUPCL;
     wanted.special_codes[SpecialCodeIndex::VMIN] = 1;

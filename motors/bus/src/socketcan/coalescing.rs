@@ -1,4 +1,4 @@
-//! How many frames an adapter keeps back before it interrupts the processor: `ethtool -c`.
+//! Number of frames, or time, for which an adapter delays its interrupt: `ethtool -c`.
 
 use neli::consts::nl::NlmF;
 use neli::consts::socket::NlFamily;
@@ -15,13 +15,13 @@ use super::InterfaceName;
 type Message = Genlmsghdr<u8, u16>;
 type Attributes = GenlBuffer<u16, Buffer>;
 
-/// Of the kernel's `genetlink.h`: the family that knows the numbers of the others.
+/// From the kernel's `genetlink.h`: the family that resolves the ids of the others.
 const CONTROL: u16 = 16;
 const GET_FAMILY: u8 = 3;
 const FAMILY_ID: u16 = 1;
 const FAMILY_NAME: u16 = 2;
 
-/// Of the kernel's `ethtool_netlink.h`.
+/// From the kernel's `ethtool_netlink.h`.
 const COALESCE_GET: u8 = 19;
 const HEADER: u16 = 1;
 const DEVICE_NAME: u16 = 2;
@@ -30,27 +30,29 @@ const RX_FRAMES: u16 = 3;
 const RX_USECS_IRQ: u16 = 4;
 const RX_FRAMES_IRQ: u16 = 5;
 
-/// How long a driver waits before it delivers received frames; `None` for a setting that it does not have. Each pair means:
-/// so many frames, or so many µs after the first one, whichever comes first. 0 µs or 0 frames is no such bound.
+/// Delay before a driver delivers received frames; `None` for a setting that it does not have. Each
+/// pair sets a number of frames and a time in µs after the first one; the driver delivers at the
+/// first limit. 0 disables a limit.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Coalescing {
     /// `rx-usecs`, µs.
     pub rx_usecs: Option<u32>,
     /// `rx-frames`.
     pub rx_frames: Option<u32>,
-    /// `rx-usecs-irq`, µs: while an interrupt is served.
+    /// `rx-usecs-irq`, µs: applies while an interrupt is served.
     pub rx_usecs_irq: Option<u32>,
-    /// `rx-frames-irq`: while an interrupt is served.
+    /// `rx-frames-irq`: applies while an interrupt is served.
     pub rx_frames_irq: Option<u32>,
 }
 
 impl Coalescing {
-    /// Asks the kernel. `None` where the driver has no such settings. Needs no rights; takes two messages of netlink, off
-    /// the real-time thread.
+    /// Reads the settings from the kernel. `None` where the driver has no such settings. Needs no
+    /// privileges; sends two messages of netlink, not for the real-time thread.
     ///
     /// # Errors
     ///
-    /// The error of the kernel: `ENODEV` for an interface that is not there, `ENOENT` from a kernel without ethtool's netlink.
+    /// The error of the kernel: `ENODEV` for a missing interface, `ENOENT` from a kernel without
+    /// ethtool's netlink.
     pub fn read(interface: InterfaceName) -> Result<Option<Self>, Errno> {
         let socket =
             NlSocketHandle::connect(NlFamily::Generic, None, Groups::empty()).map_err(|_| Errno::EPROTO)?;
@@ -102,14 +104,14 @@ fn ask(
     exchanged().unwrap_or(Err(Errno::EPROTO))
 }
 
-/// One attribute with a text.
+/// Returns one attribute with a text.
 fn text(kind: u16, value: &str) -> Option<Attributes> {
     let kind = AttrTypeBuilder::default().nla_type(kind).build().ok()?;
     let attribute = NlattrBuilder::default().nla_type(kind).nla_payload(value).build().ok()?;
     Some(std::iter::once(attribute).collect())
 }
 
-/// The attributes of a request to ethtool: a header with the interface.
+/// Returns the attributes of a request to ethtool: a header with the interface.
 fn header(interface: InterfaceName) -> Option<Attributes> {
     let kind = AttrTypeBuilder::default().nla_type(HEADER).nla_nested(true).build().ok()?;
     let name = text(DEVICE_NAME, interface.as_str())?;

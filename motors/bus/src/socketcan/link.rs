@@ -1,8 +1,9 @@
-//! The interface below the socket: what it is set to, and setting it.
+//! Reads and changes the settings of the interface below the socket.
 //!
-//! With `CAP_NET_ADMIN`, this module sets the queue length, takes an interface that does not fit down, sets its bit rate and
-//! restart time, and brings it up. Without it, [`OpenError`] says what is wrong and which commands mend it. Nothing is
-//! put back on exit: an interface that stays up lets the dead man's switch and `candump` go on.
+//! With `CAP_NET_ADMIN`, this module sets the queue length. It takes an interface with other
+//! settings down, sets its bit rate and restart time, and brings it up. Without it, [`OpenError`]
+//! reports the error and the commands that correct it. The settings are not restored on exit: the
+//! dead man's switch and `candump` continue to use the interface.
 
 use core::fmt;
 
@@ -22,11 +23,12 @@ use socketcan::{CanCtrlMode, CanInterface, InterfaceCanParams, NlError};
 use super::{InterfaceName, open_socket};
 use crate::frame::ControllerState;
 
-/// The time after which a controller that is bus-off tries again, ms. By default of the kernel it never does.
+/// Time after which a controller that is bus-off restarts, ms. By the kernel's default it never
+/// restarts.
 pub const RESTART_MS: u32 = 100;
 
-/// A clock that is not a multiple of the bit rate gives a slightly different rate. 1/200 is a third of the difference that
-/// CAN tolerates between two nodes (1.58 %, ISO 11898-1).
+/// Tolerance of the bit rate: a clock that is not a multiple of it gives a slightly different rate.
+/// 1/200 is a third of the difference that CAN tolerates between two nodes (1.58 %, ISO 11898-1).
 const BITRATE_TOLERANCE: u32 = 200;
 
 /// The settings of an interface.
@@ -34,39 +36,40 @@ const BITRATE_TOLERANCE: u32 = 200;
 pub struct Link {
     /// Its name.
     pub interface: InterfaceName,
-    /// Its number, a new one each time an adapter is plugged in.
+    /// Its number, which changes each time an adapter is plugged in.
     pub index: u32,
-    /// Whether it is up.
+    /// The interface is up.
     pub up: bool,
-    /// Bit rate in bit/s. `None` on a virtual interface, and before one was set.
+    /// Bit rate in bit/s. `None` on a virtual interface, and before a rate is set.
     pub bitrate: Option<u32>,
-    /// Time from bus-off to the next try in ms; 0 is never. `None` on a virtual interface.
+    /// Time from bus-off to restart, ms; 0 means never. `None` on a virtual interface.
     pub restart_ms: Option<u32>,
-    /// The state that the controller reports. `None` on a virtual interface, or while the controller is stopped.
+    /// State that the controller reports. `None` on a virtual interface, or while the controller is
+    /// stopped.
     pub state: Option<ControllerState>,
-    /// Without a controller: `vcan`, `vxcan`.
+    /// The interface has no controller: `vcan`, `vxcan`.
     pub is_virtual: bool,
-    /// It only listens, so it never acknowledges and never sends.
+    /// Listen-only mode: the interface never acknowledges and never sends.
     pub listen_only: bool,
-    /// It receives its own frames only.
+    /// Loopback mode: the interface receives only its own frames.
     pub loopback: bool,
 }
 
-/// Why an interface cannot be used.
+/// Reason for which an interface cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum OpenError {
     /// No interface has this name.
     #[error(
-        "{0}: there is no such interface; plug the adapter in or load its driver (`ip link` lists what is there)"
+        "{0}: there is no such interface; plug the adapter in or load its driver (`ip link` lists the interfaces)"
     )]
     Missing(InterfaceName),
     /// An interface of another kind, such as Ethernet.
-    #[error("{0} is no CAN interface (`ip -details link show type can` lists those)")]
+    #[error("{0} is not a CAN interface (`ip -details link show type can` lists CAN interfaces)")]
     NotCan(InterfaceName),
     /// The interface is down.
     #[error("{0} is down; as root: {1}", .remedy.interface, .remedy)]
     Down {
-        /// The commands that mend it.
+        /// The commands that correct it.
         remedy: Remedy,
     },
     /// The interface runs at another bit rate than the motors.
@@ -76,23 +79,23 @@ pub enum OpenError {
         expected: u32,
         /// The rate of the interface, bit/s; 0 when none is set.
         received: u32,
-        /// The commands that mend it.
+        /// The commands that correct it.
         remedy: Remedy,
     },
-    /// The interface is set to listen only, or to hear only itself: no motor would hear it.
+    /// The interface is in listen-only or loopback mode: no motor would receive its frames.
     #[error("{0} is in listen-only or loopback mode; as root: {1}", .remedy.interface, .remedy)]
     Deaf {
-        /// The commands that mend it.
+        /// The commands that correct it.
         remedy: Remedy,
     },
-    /// The controller has left the bus and will not come back by itself.
+    /// The controller has left the bus and is not configured to restart.
     #[error("{0} is bus-off and not set to restart; check wiring and bit rate, then as root: {1}", .remedy.interface, .remedy)]
     BusOff {
-        /// The commands that mend it.
+        /// The commands that correct it.
         remedy: Remedy,
     },
-    /// The driver does not take the settings, such as a bit rate that its clock cannot be divided to.
-    #[error("{0}: the driver refused; `dmesg` may tell why: {1}", .remedy.interface, .remedy)]
+    /// The driver rejects the settings, such as a bit rate that its clock cannot be divided to.
+    #[error("{0}: the driver refused; check `dmesg` for the reason: {1}", .remedy.interface, .remedy)]
     Refused {
         /// The commands that were tried.
         remedy: Remedy,
@@ -110,7 +113,7 @@ pub enum OpenError {
 }
 
 impl OpenError {
-    /// The commands that mend it; `None` where no command does.
+    /// Returns the commands that correct it; `None` where no command does.
     #[must_use]
     pub const fn remedy(&self) -> Option<&Remedy> {
         match self {
@@ -135,16 +138,16 @@ pub enum Step {
     Socket,
 }
 
-/// The commands that set an interface up by hand.
+/// The commands that configure an interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Remedy {
     /// The interface.
     pub interface: InterfaceName,
-    /// Its bit rate in bit/s; `None` for a virtual interface, which has none.
+    /// Bit rate in bit/s; `None` for a virtual interface, which has none.
     pub bitrate: Option<u32>,
     /// Length of its transmit queue in frames.
     pub queue_length: u32,
-    /// Whether listen-only and loopback mode have to be switched off.
+    /// Listen-only or loopback mode must be switched off.
     pub deaf: bool,
 }
 
@@ -163,7 +166,7 @@ impl fmt::Display for Remedy {
 }
 
 impl Link {
-    /// Reads the settings of `interface`. Needs no rights.
+    /// Reads the settings of `interface`. Needs no privileges.
     ///
     /// # Errors
     ///
@@ -196,15 +199,16 @@ impl Link {
         }
     }
 
-    /// Makes `interface` ready for `bitrate` (bit/s), with a transmit queue of `queue_length` frames. Off the
-    /// real-time thread: takes milliseconds, and allocates.
+    /// Prepares `interface` for `bitrate` (bit/s), with a transmit queue of `queue_length` frames.
+    /// Not for the real-time thread: takes milliseconds, and allocates.
     ///
     /// # Errors
     ///
-    /// The first fault of the interface that may not or cannot be mended.
+    /// The first error of the interface that may not or cannot be corrected.
     pub fn prepare(interface: InterfaceName, bitrate: u32, queue_length: u32) -> Result<Self, OpenError> {
         let link = Self::read(interface)?;
-        // A process that may set the queue length may set the rest. Where it may not, the send buffer still bounds the queue.
+        // A process that may set the queue length may set the rest. Otherwise the send buffer still
+        // bounds the queue.
         let allowed = set_queue_length(link.index, queue_length);
         let Err(fault) = link.check(bitrate, queue_length) else { return Ok(link) };
         if !allowed {
@@ -216,11 +220,12 @@ impl Link {
         link.check(bitrate, queue_length).map(|()| link)
     }
 
-    /// Whether motors at `bitrate` (bit/s) can be reached through the interface as it is.
+    /// Checks that motors at `bitrate` (bit/s) can be reached through the interface with its
+    /// present settings.
     ///
     /// # Errors
     ///
-    /// The first thing that is wrong.
+    /// The first error found.
     pub fn check(&self, bitrate: u32, queue_length: u32) -> Result<(), OpenError> {
         let remedy = self.remedy(bitrate, queue_length);
         let received = self.bitrate.unwrap_or(0);
@@ -264,7 +269,8 @@ impl Link {
     }
 
     fn parameters(&self, bitrate: u32) -> InterfaceCanParams {
-        // Only set when needed: a driver with a fixed mode refuses settings that leave that mode out.
+        // Set only when needed: a driver with a fixed mode refuses settings that leave that mode
+        // out.
         let hearing = self.is_deaf().then(|| {
             let mut modes = CanCtrlModes::default();
             modes.add(CanCtrlMode::ListenOnly, false);
@@ -299,8 +305,8 @@ fn netlink_errno(error: &socketcan::Error) -> Errno {
     Errno::from_raw(raw.unwrap_or(libc::EPROTO))
 }
 
-/// Sets the transmit queue length, which the socketcan crate does not offer. `false` when the kernel refused, as a rule because
-/// the process lacks `CAP_NET_ADMIN`.
+/// Sets the transmit queue length, which the socketcan crate does not offer. Returns `false` when
+/// the kernel refused, usually because the process lacks `CAP_NET_ADMIN`.
 fn set_queue_length(index: u32, frames: u32) -> bool {
     let acknowledged = || {
         let socket = NlSocketHandle::connect(NlFamily::Route, None, Groups::empty()).ok()?;

@@ -1,18 +1,22 @@
 //! CAN interfaces of Linux (`PF_CAN`, raw protocol; kernel documentation, `networking/can.rst`).
 //!
-//! [`SocketCanBus::open`] configures and allocates; after it, sending is one `sendmmsg` and receiving one `recvmmsg`.
+//! [`SocketCanBus::open`] configures and allocates. Afterwards, sending is one `sendmmsg` and
+//! receiving one `recvmmsg`.
 //!
 //! Choices:
-//! - *Filters*: one exact filter for every expected id, which the kernel looks up in a table. Other frames cost the real-time
-//!   thread nothing; [`UnexpectedIds`] counts them elsewhere.
-//! - *Error reports*: transmit timeout, lost arbitration, controller, no acknowledge, bus-off, restarted. Protocol and bus
-//!   errors are left out: the state of the controller is their sum.
-//! - *Transmit queue*: two cycles of commands, in the send buffer and, where allowed, in the interface's queue. Frames that
-//!   a stalled bus cannot take are refused at once and never sent later.
-//! - *Receive stamps*: software stamps of the kernel, taken before any scheduling, moved to `CLOCK_MONOTONIC`. Hardware
-//!   stamps are not used: they are readings of the controller's own counter, which CAN drivers do not offer as a clock, so
-//!   its drift would be unknown (`docs/adr/0013`).
-//! - *Loopback* stays on, so that `candump` sees what motord sends; own frames are not received.
+//! - *Filters*: one exact filter for every expected id, which the kernel finds in a table. Other
+//!   frames cost the real-time thread nothing; [`UnexpectedIds`] counts them on another socket.
+//! - *Error reports*: transmit timeout, lost arbitration, controller, no acknowledge, bus-off,
+//!   restarted. Protocol and bus errors are not received: the state of the controller sums them up.
+//! - *Transmit queue*: two cycles of commands, in the send buffer and, where permitted, in the
+//!   interface's queue. Frames that a stalled bus cannot take are refused immediately and never
+//!   sent later.
+//! - *Receive stamps*: software stamps of the kernel, taken before any scheduling, converted to
+//!   `CLOCK_MONOTONIC`. Hardware stamps are not used. They are readings of the controller's own
+//!   counter, which CAN drivers do not offer as a clock, so its drift would be unknown
+//!   (`docs/adr/0013`).
+//! - *Loopback* stays on, so that `candump` shows the frames of motord. The bus does not receive
+//!   its own frames.
 
 mod coalescing;
 mod link;
@@ -47,12 +51,13 @@ pub struct Settings {
     pub interface: InterfaceName,
     /// Bit rate in bit/s.
     pub bitrate: u32,
-    /// The ids of the motors' replies, one for each motor. No other data frame is received.
+    /// Ids of the motors' replies, one per motor. The bus receives no other data frame.
     pub host_ids: Vec<FrameId>,
 }
 
 impl Settings {
-    /// Frames that may wait for the wire: the commands of two cycles, each with one poll for a fault.
+    /// Frames that may wait for the wire: the commands of two cycles, each with one poll for a
+    /// fault.
     fn queue_length(&self) -> u32 {
         2 * (self.host_ids.len() as u32 + 1)
     }
@@ -65,7 +70,7 @@ pub struct SocketCanBus {
     outgoing: Batch,
     incoming: Batch,
     realtime: RealtimeOffset,
-    /// Frames that are still to be received arrived at this instant or later.
+    /// Frames that have not been received yet arrived at this instant or later.
     latest: Instant,
     /// The last value of `SO_RXQ_OVFL`.
     dropped: u32,
@@ -79,21 +84,22 @@ const ERROR_FILTER: u32 = ErrorFrame::TX_TIMEOUT
     | ErrorFrame::BUS_OFF
     | ErrorFrame::RESTARTED;
 
-/// With this mask, the kernel finds the filter for one standard id by a table look-up.
+/// With this mask, the kernel finds the filter for one standard id by a table lookup.
 const EXACT: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_SFF_MASK;
 /// The mask of a filter for one extended id.
 const EXACT_EXTENDED: u32 = libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG | libc::CAN_EFF_MASK;
 
-/// The part of a send buffer that a queued frame takes, in bytes: `struct sk_buff` and its data block on 64-bit kernels up to 6.12.
+/// Bytes of the send buffer per queued frame: `struct sk_buff` and its data block on 64-bit kernels
+/// up to 6.12.
 const QUEUED_FRAME_BYTES: u32 = 768;
 
 impl SocketCanBus {
-    /// Sets the interface up as far as allowed, checks it, and opens it. Off the real-time thread: it allocates, and
-    /// takes milliseconds. After [`Refusal::Gone`], open again.
+    /// Configures the interface as far as permitted, checks it, and opens it. Not for the real-time
+    /// thread: it allocates, and takes milliseconds. After [`Refusal::Gone`], open again.
     ///
     /// # Errors
     ///
-    /// The fault of the interface, with its remedy.
+    /// The error of the interface, with the commands that correct it.
     pub fn open(settings: &Settings) -> Result<Self, OpenError> {
         let interface = settings.interface;
         let link = Link::prepare(interface, settings.bitrate, settings.queue_length())?;
@@ -103,12 +109,12 @@ impl SocketCanBus {
         Ok(Self::new(socket, link))
     }
 
-    /// Opens an interface as it is, changes none of its settings, and receives every data frame: for tools that look for
-    /// motors.
+    /// Opens an interface without changing its settings, and receives every data frame: for tools
+    /// that search for motors.
     ///
     /// # Errors
     ///
-    /// The fault of the interface, with its remedy.
+    /// The error of the interface, with the commands that correct it.
     pub fn open_as_is(interface: InterfaceName) -> Result<Self, OpenError> {
         /// Requests that may wait for the wire.
         const QUEUE: u32 = 8;
@@ -132,23 +138,24 @@ impl SocketCanBus {
         }
     }
 
-    /// The settings of the interface when it was opened.
+    /// Returns the settings of the interface when it was opened.
     #[must_use]
     pub fn link(&self) -> &Link {
         &self.link
     }
 
-    /// Receives these ids from now on, instead of those before. Off the real-time thread: it allocates.
+    /// Replaces the received ids. Not for the real-time thread: it allocates.
     ///
     /// # Errors
     ///
-    /// [`OpenError::System`]: the kernel does not take the filters. Those before stay.
+    /// [`OpenError::System`]: the kernel rejects the filters. The previous ones stay.
     pub fn listen(&mut self, host_ids: &[FrameId]) -> Result<(), OpenError> {
         self.socket.set_filters(&exact(host_ids)).map_err(|error| failed(self.link.interface, &error))
     }
 
-    /// Puts `error` on a virtual interface, where every other socket takes it for the controller's own report: for
-    /// simulated motors. A real controller refuses it or sends nonsense.
+    /// Sends `error` on a virtual interface, where every other socket receives it as the
+    /// controller's own report. For simulated motors. A real controller refuses it or sends an
+    /// arbitrary frame.
     pub fn report(&mut self, error: &ErrorFrame) -> Sent {
         self.outgoing.put(0, wire::encode_error(error));
         send_first(&mut self.outgoing, self.socket.as_fd(), 1)
@@ -178,7 +185,7 @@ fn send(outgoing: &mut Batch, socket: BorrowedFd<'_>, frames: &[Frame]) -> Sent 
     Sent { refusal: sent.refusal.or(refused), ..sent }
 }
 
-/// Sends the first `count` frames that were put into a batch.
+/// Sends the first `count` frames of a batch.
 fn send_first(outgoing: &mut Batch, socket: BorrowedFd<'_>, count: usize) -> Sent {
     match outgoing.send(socket, count) {
         Ok(accepted) if accepted == count => Sent::all(accepted),
@@ -187,7 +194,8 @@ fn send_first(outgoing: &mut Batch, socket: BorrowedFd<'_>, count: usize) -> Sen
     }
 }
 
-/// Opens a raw socket, configures it and only then binds it, so that no frame arrives that the filters exclude.
+/// Opens a raw socket, configures it and then binds it, so that no frame arrives that the filters
+/// exclude.
 fn open_socket(
     interface: InterfaceName,
     index: u32,
@@ -225,28 +233,28 @@ fn configure(socket: &CanSocket, filters: &[(u32, u32)], queue_length: u32) -> i
     limit_queue(socket, queue_length)
 }
 
-/// One filter for each id.
+/// Returns one filter for each id.
 fn exact(host_ids: &[FrameId]) -> Vec<(u32, u32)> {
     let mask = |id: &FrameId| if id.is_extended() { EXACT_EXTENDED } else { EXACT };
     host_ids.iter().map(|id| (id.word(), mask(id))).collect()
 }
 
-/// Lets at most `frames` wait for the wire.
+/// Limits the frames that wait for the wire to `frames`.
 fn limit_queue(socket: &CanSocket, frames: u32) -> io::Result<()> {
-    // The kernel doubles what it is given.
+    // The kernel doubles this value.
     let send_buffer = frames.saturating_mul(QUEUED_FRAME_BYTES) / 2;
     socket.as_raw_socket().set_send_buffer_size(send_buffer as usize)
 }
 
 impl Bus for SocketCanBus {
-    /// One `sendmmsg`. When the kernel takes only a part, it does not say why: the refusal is [`Refusal::Full`] then, and
-    /// the next call returns the true reason.
+    /// One `sendmmsg`. When the kernel takes only some frames, it returns no reason. The refusal is
+    /// then [`Refusal::Full`], and the next call returns the true reason.
     fn send(&mut self, _now: Instant, frames: &[Frame]) -> Sent {
         send(&mut self.outgoing, self.socket.as_fd(), frames)
     }
 
-    /// One `recvmmsg`. `now` is the time after the wait of the caller: no arrival is later. An error of the interface is
-    /// not reported here, the next [`send`](Self::send) meets it.
+    /// One `recvmmsg`. `now` is the time after the wait of the caller: no arrival is later. An
+    /// error of the interface is not reported here; the next [`send`](Self::send) returns it.
     fn receive(&mut self, now: Instant, inbox: &mut Inbox) {
         let free = inbox.free();
         if free == 0 {

@@ -3,15 +3,15 @@
 use core::fmt;
 use core::str::FromStr;
 
-/// A name that is safe everywhere: 1 to 15 ASCII letters, digits, `-`, `_` or `.`, neither `.` nor `..`. It can go into a
-/// path, a log line and a shell command as it is.
+/// A name that is safe everywhere: 1 to 15 ASCII letters, digits, `-`, `_` or `.`, neither `.` nor
+/// `..`. It can be used in a path, a log line and a shell command without escaping.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct InterfaceName {
     bytes: [u8; Self::MAX],
     len: u8,
 }
 
-/// The error of a text that is no name of an interface.
+/// The error for a text that is not a name of an interface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("an interface name has 1 to 15 letters, digits, '-', '_' or '.'")]
 pub struct InvalidName;
@@ -20,7 +20,7 @@ impl InterfaceName {
     /// Longest name in bytes (`IFNAMSIZ` without its terminating zero).
     pub const MAX: usize = 15;
 
-    /// The name as text.
+    /// Returns the name as text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         str::from_utf8(&self.bytes[..usize::from(self.len)]).expect("a name is checked to be ASCII")

@@ -11,11 +11,12 @@ use crate::kernel::{Batch, CLASSIC_BYTES};
 use crate::time::Instant;
 use crate::{Bus, Readiness, Sent};
 
-/// Sends on the interface that has a given name. Sending on one that is missing, or was unplugged and plugged in again, is refused
-/// with [`Refusal::Gone`](crate::Refusal::Gone) until the interface is [found](Self::find).
+/// Sends on the interface with a given name. When the interface is missing, or was unplugged and
+/// plugged in again, sending is refused with [`Refusal::Gone`](crate::Refusal::Gone) until the
+/// interface is [found](Self::find).
 ///
-/// It uses the interface as it is, and changes none of its settings. Sending on one that is down is refused with
-/// [`Refusal::Down`](crate::Refusal::Down) until it is up.
+/// The sender changes no settings of the interface. While the interface is down, sending is refused
+/// with [`Refusal::Down`](crate::Refusal::Down).
 pub struct Sender {
     interface: InterfaceName,
     socket: CanSocket,
@@ -23,11 +24,11 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// A sender of up to `frames` at a time. The interface may be missing. Allocates.
+    /// Returns a sender of up to `frames` at a time. The interface may be missing. Allocates.
     ///
     /// # Errors
     ///
-    /// [`OpenError::System`]: the kernel has no CAN, or there are no descriptors left.
+    /// [`OpenError::System`]: the kernel has no CAN, or no descriptors are left.
     pub fn new(interface: InterfaceName, frames: u32) -> Result<Self, OpenError> {
         let socket = raw_socket(interface)?;
         let nothing = socket.set_filters::<(u32, u32)>(&[]);
@@ -35,9 +36,10 @@ impl Sender {
         Ok(Self { interface, socket, outgoing: Batch::new(Inbox::CAPACITY, CLASSIC_BYTES) })
     }
 
-    /// Finds the interface that has the name now. Does not allocate; five system calls. Not for the real-time thread of a
-    /// robot that moves: it blocks, without a bound, while another process configures interfaces, or the kernel does because
-    /// adapters come and go. With `CAP_NET_ADMIN` it also blocks while the kernel looks for a driver of that name
+    /// Finds the interface that has the name now. Does not allocate; five system calls. Not for the
+    /// real-time thread of a moving robot. It blocks, without a bound, while another process
+    /// configures interfaces, or while the kernel does after an adapter was plugged in or out. With
+    /// `CAP_NET_ADMIN` it also blocks while the kernel searches for a driver of that name
     /// (`modprobe`).
     ///
     /// # Errors
@@ -59,7 +61,7 @@ impl Bus for Sender {
         send(&mut self.outgoing, self.socket.as_fd(), frames)
     }
 
-    /// Nothing ever comes.
+    /// Nothing ever arrives.
     fn receive(&mut self, _now: Instant, _inbox: &mut Inbox) {}
 
     fn readiness(&self) -> Readiness<'_> {

@@ -8,9 +8,9 @@ use super::{EXACT, Link, OpenError, open_socket, wire};
 use crate::frame::{FrameId, Inbox};
 use crate::kernel::{Batch, FRAME_BYTES};
 
-/// Counts frames with other ids than the expected ones, on a socket of its own, so that a flood of them costs the
-/// real-time thread nothing. For a housekeeping thread: it reads from time to time, and the kernel counts the frames that
-/// its buffer cannot hold.
+/// Counts frames with other ids than the expected ones, on a separate socket, so that a flood of
+/// them costs the real-time thread nothing. For a housekeeping thread that reads periodically. The
+/// kernel counts the frames that its buffer cannot hold.
 pub struct UnexpectedIds {
     socket: CanSocket,
     batch: Batch,
@@ -38,8 +38,8 @@ impl UnexpectedIds {
         Ok(Self { socket, batch: Batch::new(Inbox::CAPACITY, FRAME_BYTES), read: 0, dropped: 0 })
     }
 
-    /// The number of such frames since opening. Does not block or allocate; at most eight system calls. Frames that
-    /// the kernel dropped are counted with the next frame that arrives.
+    /// Returns the number of such frames since opening. Does not block or allocate; at most eight
+    /// system calls. Frames that the kernel dropped are counted with the next frame that arrives.
     pub fn count(&mut self) -> u64 {
         for _ in 0..Self::BATCHES {
             let count = self.batch.receive(self.socket.as_fd(), self.batch.capacity()).unwrap_or(0);
@@ -57,12 +57,13 @@ impl UnexpectedIds {
     }
 }
 
-/// The most filters that a socket takes (`CAN_RAW_FILTER_MAX`).
+/// Most filters that a socket accepts (`CAN_RAW_FILTER_MAX`).
 const FILTERS_MAX: usize = 512;
 
-/// Filters for everything but data frames with the `expected` ids. A frame matches one filter or none. The kernel applies them
-/// to every frame of the bus, on a virtual interface within the call that sends it, so they must be cheap: it compares each frame
-/// with each filter for several ids, but finds the filter for a single id in a table.
+/// Returns filters for everything except data frames with the `expected` ids. A frame matches one
+/// filter or none. The kernel applies them to every frame of the bus, on a virtual interface within
+/// the call that sends it. They must therefore be cheap. The kernel compares each frame with each
+/// filter for several ids, but finds the filter for a single id in a table.
 fn others(expected: &[FrameId]) -> Vec<(u32, u32)> {
     // No extended frame is supported, so none is expected.
     let expected: Vec<u32> = expected.iter().filter(|id| !id.is_extended()).map(|id| id.raw()).collect();
@@ -71,14 +72,14 @@ fn others(expected: &[FrameId]) -> Vec<(u32, u32)> {
     if block.len() < FILTERS_MAX { block.filters_without(&expected) } else { ranges_without(&expected) }
 }
 
-/// The ids that equal `id` in all bits but those of `varying`.
+/// The ids that equal `id` in all bits except those of `varying`.
 struct Block {
     id: u32,
     varying: u32,
 }
 
 impl Block {
-    /// The least block that has all `expected` ids; all ids where there are none.
+    /// Returns the smallest block that contains all `expected` ids; all ids when there are none.
     fn around(expected: &[u32]) -> Self {
         let Some(&id) = expected.first() else {
             return Self { id: 0, varying: libc::CAN_SFF_MASK };
@@ -91,7 +92,7 @@ impl Block {
         1 << self.varying.count_ones()
     }
 
-    /// One filter for all that is outside, and one for each id inside that is not expected.
+    /// Returns one filter for all ids outside, and one for each unexpected id inside.
     fn filters_without(&self, expected: &[u32]) -> Vec<(u32, u32)> {
         let Self { id, varying } = *self;
         let outside = (id | libc::CAN_INV_FILTER, EXACT & !varying);
@@ -101,8 +102,8 @@ impl Block {
     }
 }
 
-/// Filters for ranges of ids without the `expected` ones. The smallest ranges get one filter for each id, as
-/// long as the socket has enough filters.
+/// Returns filters for ranges of ids without the `expected` ones. The smallest ranges get one
+/// filter for each id, while the socket has enough filters.
 fn ranges_without(expected: &[u32]) -> Vec<(u32, u32)> {
     let mut ranges = Vec::new();
     append_ranges(expected, 0, libc::CAN_SFF_MASK + 1, &mut ranges);
@@ -142,7 +143,7 @@ mod tests {
         raw.iter().map(|id| FrameId::new(*id).unwrap()).collect()
     }
 
-    /// As the kernel does (`can_rcv_filter` of its `net/can/af_can.c`).
+    /// Matches as the kernel does (`can_rcv_filter` of its `net/can/af_can.c`).
     fn meets(frame: u32, (id, mask): (u32, u32)) -> bool {
         let is_inverted = id & libc::CAN_INV_FILTER != 0;
         (frame & mask == id & mask) != is_inverted
@@ -165,7 +166,7 @@ mod tests {
         }
     }
 
-    /// Three motors, their replies, and the kernel's own look-up table for single ids.
+    /// Three motors, their replies, and the kernel's lookup table for single ids.
     #[test]
     fn motor_frame_is_compared_with_one_filter() {
         let filters = others(&ids(&[1, 2, 3, 0x101, 0x102, 0x103]));

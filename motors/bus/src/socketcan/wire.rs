@@ -1,5 +1,5 @@
-//! The kernel's bytes for a frame and for its control messages. The bytes come from outside: no function here panics,
-//! whatever they are.
+//! The kernel's bytes for a frame and for its control messages. The bytes come from outside: no
+//! function here panics, for any bytes.
 //!
 //! Source: `linux/can.h` (`struct can_frame`, `struct canfd_frame`, the flags in the id), `linux/socket.h` (control
 //! messages).
@@ -13,7 +13,7 @@ use core::cell::Cell;
 /// The payload of `struct can_frame`.
 type Data = [u8; Frame::CLASSIC_LEN_MAX];
 
-/// `struct can_frame`, by bytes.
+/// Offsets in `struct can_frame`.
 mod field {
     use core::ops::Range;
     pub(super) const ID: Range<usize> = 0..4;
@@ -23,13 +23,13 @@ mod field {
     pub(super) const DATA: Range<usize> = 8..16;
 }
 
-/// The bytes to send for a classic frame.
+/// Returns the bytes to send for a classic frame.
 #[inline]
 pub(super) fn encode(frame: &Frame) -> [u8; CLASSIC_BYTES] {
     lay_out(frame.id().word(), frame.payload().len() as u8, frame.padded())
 }
 
-/// The bytes with which the kernel would report `error`.
+/// Returns the bytes with which the kernel would report `error`.
 pub(super) fn encode_error(error: &ErrorFrame) -> [u8; CLASSIC_BYTES] {
     lay_out(libc::CAN_ERR_FLAG | error.class & libc::CAN_ERR_MASK, 8, error.data)
 }
@@ -43,7 +43,8 @@ fn lay_out(word: u32, len: u8, data: Data) -> [u8; CLASSIC_BYTES] {
     bytes
 }
 
-/// Adds a received message of `len` bytes, whose first ones are `bytes`. Returns `false` when the inbox is full.
+/// Adds a received message of `len` bytes, which begins with `bytes`. Returns `false` when the
+/// inbox is full.
 #[inline]
 pub(super) fn deliver(at: Instant, len: usize, bytes: [u8; CLASSIC_BYTES], inbox: &mut Inbox) -> bool {
     let is_frame = inbox.push_frame(at, |frame| data_frame(len, &bytes, frame).is_some());
@@ -74,30 +75,31 @@ fn other_content(len: usize, bytes: &[u8; CLASSIC_BYTES]) -> Content {
     }
 }
 
-/// The id with its flags.
+/// Returns the id with its flags.
 #[inline]
 fn word(bytes: &[u8; CLASSIC_BYTES]) -> Option<u32> {
     bytes[field::ID].first_chunk().map(|word| u32::from_ne_bytes(*word))
 }
 
-/// The data that the kernel adds to a frame.
+/// Data that the kernel adds to a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Ancillary {
-    /// When the frame reached the kernel (`SCM_TIMESTAMPNS`).
+    /// Time at which the frame reached the kernel (`SCM_TIMESTAMPNS`).
     pub(super) stamp: Option<RealtimeStamp>,
-    /// How many frames this socket had lost when this one was queued, counted from its opening and wrapping
-    /// (`SO_RXQ_OVFL`). The kernel says nothing as long as there are none.
+    /// Number of frames that this socket had lost when this one was queued, counted from its
+    /// opening and wrapping (`SO_RXQ_OVFL`). The kernel omits it while the number is zero.
     pub(super) dropped: Option<u32>,
 }
 
-/// Level and kind of the control message with the stamp, and its length: a header of two words, and a `timespec`.
+/// Level and kind of the control message with the stamp, and its length: a header of two words, and
+/// a `timespec`.
 const STAMP: (i32, i32) = (libc::SOL_SOCKET, libc::SO_TIMESTAMPNS);
 const STAMP_LEN: u64 = 32;
 
 /// Reads the control messages of one frame. Bounded by the words of the buffer.
 #[inline]
 pub(super) fn ancillary(control: &[Cell<u64>]) -> Ancillary {
-    // As a rule a stamp is all that there is.
+    // Usually the stamp is the only message.
     if let [len, kind, seconds, nanos] = control
         && (len.get(), halves(kind.get())) == (STAMP_LEN, STAMP)
     {
@@ -124,7 +126,7 @@ fn realtime(seconds: &Cell<u64>, nanos: &Cell<u64>) -> RealtimeStamp {
     RealtimeStamp(seconds.get().wrapping_mul(1_000_000_000).wrapping_add(nanos.get()))
 }
 
-/// The first four bytes of a word, and the others.
+/// Returns the first four bytes of a word, and the others.
 #[inline]
 const fn halves(word: u64) -> (i32, i32) {
     let [a, b, c, d, e, f, g, h] = word.to_ne_bytes();
@@ -136,8 +138,8 @@ struct ControlMessage<'a> {
     data: &'a [Cell<u64>],
 }
 
-/// Walks a control buffer: each message is `struct cmsghdr` (length with header, level, type), its data, and padding to
-/// the size of a word.
+/// Iterates over a control buffer. Each message is `struct cmsghdr` (length with header, level,
+/// type), its data, and padding to the size of a word.
 struct ControlMessages<'a>(&'a [Cell<u64>]);
 
 impl<'a> Iterator for ControlMessages<'a> {
@@ -158,13 +160,14 @@ impl<'a> Iterator for ControlMessages<'a> {
 mod tests {
     use super::*;
 
-    /// `struct can_frame` as a little or big endian machine has it: id, length, two of padding, raw DLC, data.
+    /// Returns `struct can_frame` in the byte order of the machine: id, length, two of padding, raw
+    /// DLC, data.
     fn bytes(word: u32, len: u8, raw_dlc: u8) -> [u8; CLASSIC_BYTES] {
         let [a, b, c, d] = word.to_ne_bytes();
         [a, b, c, d, len, 0, 0, raw_dlc, 1, 2, 3, 4, 5, 6, 7, 8]
     }
 
-    /// Of a message of `struct can_frame`.
+    /// Decodes a message of `struct can_frame`.
     fn decode(bytes: [u8; CLASSIC_BYTES]) -> Content {
         decode_of_length(CLASSIC_BYTES, bytes)
     }
@@ -229,7 +232,7 @@ mod tests {
         super::ancillary(&words(control))
     }
 
-    /// Whole words only, as the kernel's buffer has.
+    /// Returns whole words only, as the kernel's buffer has.
     fn words(bytes: &[u8]) -> Vec<Cell<u64>> {
         bytes.as_chunks().0.iter().map(|word| Cell::new(u64::from_ne_bytes(*word))).collect()
     }

@@ -1,4 +1,4 @@
-//! An allocator that counts, to show that the real-time path does not use it.
+//! A counting allocator, to verify that the real-time path does not allocate.
 #![allow(unsafe_code, reason = "an allocator is unsafe by its trait; this one passes everything on")]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -13,21 +13,22 @@ thread_local! {
     static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// How often this thread has allocated.
+/// Returns the number of allocations of this thread.
 pub(crate) fn allocations() -> u64 {
     ALLOCATIONS.get()
 }
 
-// SAFETY: every call goes to `System` with the arguments it came with; counting neither allocates nor unwinds.
+// SAFETY: every call passes its arguments to `System` unchanged; counting neither allocates nor
+// unwinds.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.set(ALLOCATIONS.get() + 1);
-        // SAFETY: the caller's promise about `layout` is passed on.
+        // SAFETY: the caller's guarantee about `layout` is passed on.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: `pointer` came from `System` with this layout, as the caller promises.
+        // SAFETY: `pointer` is from `System` with this layout, as the caller guarantees.
         unsafe { System.dealloc(pointer, layout) }
     }
 }

@@ -1,7 +1,8 @@
 //! The SocketCAN bus on real kernels: virtual interfaces, and two SJA1000 controllers on one bus.
 //!
-//! These tests make and configure interfaces: they need root on a kernel with SocketCAN. `verify/rigs/test-can` boots such
-//! kernels and runs them there; elsewhere they are reported as ignored.
+//! These tests create and configure interfaces: they need root on a kernel with SocketCAN.
+//! `verify/rigs/test-can` boots such kernels and runs them there; elsewhere they are reported as
+//! ignored.
 
 mod counting;
 mod peer;

@@ -1,5 +1,5 @@
-//! Another node on the wire. It builds and reads the kernel's frames by itself, so that it shares no mistake with the
-//! bus under test.
+//! Another node on the wire. It encodes and decodes the kernel's frames independently, so that it
+//! shares no error with the bus under test.
 
 use std::io::{ErrorKind, Read, Write};
 
@@ -86,12 +86,12 @@ pub(crate) fn run(command: &str) -> bool {
     std::process::Command::new(program).args(words).status().is_ok_and(|status| status.success())
 }
 
-/// Holds back every frame that `interface` is given, after `limit` of them.
+/// Delays every frame on `interface`, after `limit` of them.
 pub(crate) fn stall(interface: &str, limit: u32) -> bool {
     run(&format!("tc qdisc replace dev {interface} root netem delay 200s limit {limit}"))
 }
 
-/// Lets frames pass; those held back are gone.
+/// Lets frames pass; the delayed ones are dropped.
 pub(crate) fn unstall(interface: &str) -> bool {
     run(&format!("tc qdisc del dev {interface} root"))
 }

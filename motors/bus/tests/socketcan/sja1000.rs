@@ -1,4 +1,4 @@
-//! On two SJA1000 controllers that share a bus, as `can0` and `can1`.
+//! Tests on two SJA1000 controllers that share a bus, as `can0` and `can1`.
 
 use std::fs;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use crate::counting::allocations;
 use crate::peer::{Peer, run, stall, unstall};
 use crate::{BITRATE, settings};
 
-/// There is one pair, and every test wants it for itself.
+/// Only one pair exists, and every test uses it exclusively.
 static PAIR: Mutex<()> = Mutex::new(());
 
 fn take_pair() -> MutexGuard<'static, ()> {
@@ -33,7 +33,7 @@ struct Sja1000 {
     bus: SocketCanBus,
     peer: Peer,
     stalled: bool,
-    /// The driver's folder and the device's name in it, when the adapter is "unplugged".
+    /// The driver's folder and the device's name in it, while the adapter is "unplugged".
     unbound: Option<(PathBuf, String)>,
     _pair: MutexGuard<'static, ()>,
 }
@@ -110,8 +110,8 @@ impl Fixture for Sja1000 {
     }
 }
 
-// Missing are CAN FD, which these controllers do not know, and injected error reports, which only a virtual interface
-// carries.
+// CAN FD is missing, which these controllers do not support. Injected error reports are missing,
+// which only a virtual interface carries.
 motord_bus::conformance! {
     [ignore = "needs two SJA1000 on one bus and root: run verify/rigs/test-can"]
     mod conforms = Sja1000::new;
@@ -132,7 +132,7 @@ motord_bus::conformance! {
     stamps_run_forwards_and_never_into_the_future,
 }
 
-/// The rights of nobody, until dropped.
+/// Runs without privileges until dropped.
 struct Nobody;
 
 impl Nobody {
@@ -162,7 +162,7 @@ fn permitted_process_brings_controller_up() {
         "two cycles of four frames"
     );
     drop(bus);
-    assert_eq!(Link::read(name("can0")), Ok(link), "nothing is put back");
+    assert_eq!(Link::read(name("can0")), Ok(link), "the settings are not restored");
 }
 
 #[test]

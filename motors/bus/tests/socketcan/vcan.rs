@@ -1,4 +1,4 @@
-//! On virtual interfaces.
+//! Tests on virtual interfaces.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -19,7 +19,7 @@ struct Vcan {
 }
 
 impl Vcan {
-    /// A new interface, which the bus itself brings up.
+    /// Creates an interface, which the bus itself brings up.
     fn new() -> Self {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         let name = format!("vt{}", NEXT.fetch_add(1, Ordering::Relaxed));
@@ -138,7 +138,7 @@ fn frames_the_kernel_had_to_drop_are_counted() {
     }
     let (flooded, lost) = vcan.receive_all();
     assert!(flooded < FLOOD, "the receive buffer is larger than thought: {flooded}");
-    // The kernel tells of a loss with the next frame that it queues.
+    // The kernel reports a loss with the next frame that it queues.
     assert!(vcan.inject(Stimulus::Frame(frame(0x101))));
     let (after, lost_after) = vcan.receive_all();
     assert_eq!((after, flooded + (lost + lost_after) as usize), (1, FLOOD));
@@ -184,8 +184,8 @@ fn reopened_bus_leaks_no_descriptor() {
     assert_eq!(descriptors(), before);
 }
 
-/// Goal: the sender that stops the motors of a dead daemon serves the interface that has the name at that time, and a send
-/// never waits for the search.
+/// Goal: the sender that stops the motors of a dead daemon uses the interface that has the name at
+/// that time. A send never waits for the search.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn sender_finds_the_current_interface_of_name() {
@@ -196,7 +196,7 @@ fn sender_finds_the_current_interface_of_name() {
     let mut sender = Sender::new(interface, 8).unwrap();
     for round in 0..10 {
         let before = allocations();
-        assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}: not looked for");
+        assert_eq!(send(&mut sender).refusal, Some(Refusal::Gone), "round {round}: before the search");
         assert_eq!(sender.find(), Ok(()), "round {round}: new");
         assert_eq!((send(&mut sender), allocations() - before), (Sent::all(2), 0), "round {round}");
         assert_eq!(vcan.heard(), frames);
