@@ -1,4 +1,4 @@
-//! Writing a configuration, item by item.
+//! Writes a configuration, item by item.
 
 use crate::error::Error;
 use crate::link::Wire;
@@ -6,30 +6,30 @@ use crate::native::{Confirmation, Native, same};
 use crate::scan::is_taken;
 use motord_protocol::gim::{Access, CONFIGURATION, ConfigurationItem, Value};
 
-/// An item that is to change.
+/// An item to change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
     /// The item.
     pub item: &'static ConfigurationItem,
-    /// Its value now.
+    /// Its present value.
     pub from: Value,
-    /// Its value afterwards.
+    /// Its new value.
     pub to: Value,
 }
 
-/// A step of an application, told before and after it: for a journal.
+/// A step of an application, reported before and after it, for a journal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
     /// The item is written next.
     Writing(Change),
-    /// The item was written, and is confirmed.
+    /// The item was written and confirmed.
     Written(Change, Confirmation),
     /// The motor stores the items written so far next (GIM document 3.2.2).
     Refreshing,
 }
 
-/// The items of `wanted` that differ from `present`, in the order in which they are written: those that end the conversation
-/// with the motor last. Items that can only be read are left out.
+/// Returns the items of `wanted` that differ from `present`, in the order in which they are
+/// written. Read-only items are left out. Items that may end the connection to the motor are last.
 #[must_use]
 pub fn changes(
     present: &[(&'static ConfigurationItem, Value)],
@@ -50,43 +50,45 @@ pub fn changes(
     changes
 }
 
-/// The place of an item in the order. The items of the link come last: the host id, by which the motor can be told from others;
-/// then its id; then its protocol and its bit rate, which end the conversation over CAN.
+/// Returns the position of an item in the order. The items of the link are last: the host id, which
+/// distinguishes the motor from others, then its id. Protocol and bit rate follow, which end the
+/// connection over CAN.
 fn rank(item: &ConfigurationItem) -> usize {
     const LINK: [&str; 4] = ["host-id", "can-id", "can-protocol", "can-baud-rate"];
     LINK.iter().position(|name| *name == item.name).map_or(0, |place| place + 1)
 }
 
-/// Why a configuration was not written to its end.
+/// Reason for which a configuration was not written completely.
 #[derive(Debug, thiserror::Error)]
 pub enum Failed<E> {
-    /// The motor refused, is silent, or did not keep a value. Nothing was written after it.
+    /// The motor refused, did not reply, or did not keep a value. Nothing was written after it.
     #[error("{source}; {} of {count} items were written before it, none after", .written)]
     Motor {
-        /// Why.
+        /// The error.
         source: Error,
-        /// Items that were written before.
+        /// Number of items written before it.
         written: usize,
-        /// Items that were to be written.
+        /// Number of items to write.
         count: usize,
     },
-    /// The journal could not be written, so the next item was not.
+    /// The journal could not be written, so the next item was not written.
     #[error("the journal cannot be written: {0}")]
     Journal(E),
 }
 
-/// Writes changes.
+/// Changes to write.
 #[derive(Debug, Clone, Copy)]
 pub struct Apply<'c> {
-    /// In this order.
+    /// The changes, in this order.
     pub changes: &'c [Change],
 }
 
-/// Checks that a value can be written at all: with a wrong id, host id or protocol nobody would reach the motor any more.
+/// Checks that a value can be written at all. With a wrong id, host id or protocol, the motor could
+/// not be reached any more.
 ///
 /// # Errors
 ///
-/// The values that the item may have, in words.
+/// The values that the item may have, as a text.
 pub fn check_value(item: &ConfigurationItem, value: Value) -> Result<(), &'static str> {
     let (allowed, expected) = match item.name {
         "can-id" => (1..=0xFE, "can-id is 1 to 254"),
@@ -97,7 +99,8 @@ pub fn check_value(item: &ConfigurationItem, value: Value) -> Result<(), &'stati
     if matches!(value, Value::Integer(value) if allowed.contains(&value)) { Ok(()) } else { Err(expected) }
 }
 
-/// The unit of `can-baud-rate`, bit/s, inferred from the stored number: no document gives it.
+/// Returns the unit of `can-baud-rate`, bit/s, inferred from the stored number. No document
+/// specifies it.
 #[must_use]
 pub fn bitrate_unit(stored: i32) -> Option<u32> {
     match stored {
@@ -109,8 +112,9 @@ pub fn bitrate_unit(stored: i32) -> Option<u32> {
 }
 
 impl Apply<'_> {
-    /// Checks that the changes lose no motor: each value is one that its item may have, no other motor of the bus answers to the
-    /// new id or host id, and the bit rate keeps its unit. Asks on the bus; writes nothing.
+    /// Checks that every motor stays reachable. Each value must be one that its item may have. No
+    /// other motor of the bus may answer to the new id or host id, and the bit rate must keep its
+    /// unit. Sends requests on the bus; writes nothing.
     ///
     /// # Errors
     ///
@@ -126,7 +130,7 @@ impl Apply<'_> {
             && let (Value::Integer(from), Value::Integer(to)) = (change.from, change.to)
             && bitrate_unit(from).is_some_and(|unit| bitrate_unit(to) != Some(unit))
         {
-            return refused("its new bit rate is not in the unit of the present one");
+            return refused("its new bit rate and its present one have different units");
         }
         let new_id = self.integer("can-id");
         let new_host_id = self.integer("host-id").filter(|_| motor.link().wire() == Wire::Can);
@@ -159,7 +163,7 @@ impl Apply<'_> {
         }
     }
 
-    /// Over CAN a motor that changed its protocol cannot be sent its bit rate, and the other way round.
+    /// Over CAN, a motor whose protocol was changed cannot receive its bit rate, and the reverse.
     fn check_wire(&self, motor: &mut Native<'_>) -> Result<(), Error> {
         let has = |name| self.change(name).is_some();
         if motor.link().wire() == Wire::Can && has("can-protocol") && has("can-baud-rate") {
@@ -170,11 +174,13 @@ impl Apply<'_> {
         Ok(())
     }
 
-    /// Writes each change and reads it back. `journal` is told before and after each write; nothing is written after an error.
+    /// Writes each change and reads it back. Calls `journal` before and after each write. Writes
+    /// nothing after an error.
     ///
     /// # Errors
     ///
-    /// The first refusal, with how much was written before it; the first failure of the journal.
+    /// The first refusal, with the number of items written before it; the first failure of the
+    /// journal.
     pub fn run<E>(
         &self,
         motor: &mut Native<'_>,
@@ -188,7 +194,8 @@ impl Apply<'_> {
             journal(Event::Writing(*change)).map_err(Failed::Journal)?;
             let confirmation = motor.set_configuration(change.item, change.to).map_err(failed(written))?;
             journal(Event::Written(*change, confirmation)).map_err(Failed::Journal)?;
-            // The last of those that can be stored together, and each that changes how the motor is reached.
+            // The last of those that can be stored together, and each that changes how the motor is
+            // reached.
             if written + 1 >= plain && confirmation.is_read_back() {
                 Self::refresh(motor, journal)?.map_err(failed(written + 1))?;
             }

@@ -1,15 +1,15 @@
-//! Why a transaction failed.
+//! Errors of transactions.
 
 use motord_bus::FrameId;
 use motord_protocol::gim::{Refusal, Value};
 
-/// Why a transaction failed.
+/// Reason for which a transaction failed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
-    /// No answer came.
+    /// No answer arrived.
     #[error("motor {id} does not answer `{request}`")]
     Silent {
-        /// The id that was asked.
+        /// The id of the request.
         id: u8,
         /// The request, by the document's name.
         request: &'static str,
@@ -21,7 +21,7 @@ pub enum Error {
         id: u8,
         /// The request, by the document's name.
         request: &'static str,
-        /// The vendor's word, and the code.
+        /// The vendor's term, and the code.
         refusal: Refusal,
     },
     /// The motor answered with an ACK frame: the request was damaged on the line (GIM document, Table 3).
@@ -32,10 +32,10 @@ pub enum Error {
         /// The request, by the document's name.
         request: &'static str,
     },
-    /// The bus took no frame.
-    #[error("the bus takes no frame: {}", reason(*.0))]
+    /// The bus accepted no frame.
+    #[error("the bus accepts no frame: {}", reason(*.0))]
     Bus(motord_bus::Refusal),
-    /// A value that was written reads back as another one.
+    /// A written value reads back as another one.
     #[error("motor {id}: {item} reads {read} after {written} was written", written = .written.as_f64(), read = .read.as_f64())]
     NotKept {
         /// The motor.
@@ -44,20 +44,20 @@ pub enum Error {
         item: &'static str,
         /// The value that was written.
         written: Value,
-        /// The value that was read afterwards.
+        /// The value that was read back.
         read: Value,
     },
-    /// A value was sent, and nobody answers where the motor should be now.
-    #[error("motor {id} does not answer after {item} {written} was sent: it may have the old value or the new one; `motorctl scan` shows where it answers", written = .written.as_f64())]
+    /// A value was sent, and no motor answers at the address that the motor should now have.
+    #[error("motor {id} does not answer after {item} {written} was sent: it may have the old or the new value; find it with `motorctl scan`", written = .written.as_f64())]
     Unconfirmed {
-        /// The motor, by the id that it should have now.
+        /// The motor, by the id that it should now have.
         id: u8,
         /// The item's name.
         item: &'static str,
         /// The value that was sent.
         written: Value,
     },
-    /// A parameter that was written reads back as another one.
+    /// A written parameter reads back as another value.
     #[error("motor {id}: parameter {item} reads {read} after {written} was written")]
     ParameterNotKept {
         /// The motor.
@@ -66,18 +66,19 @@ pub enum Error {
         item: u8,
         /// The value that was written.
         written: u32,
-        /// The value that was read afterwards.
+        /// The value that was read back.
         read: u32,
     },
-    /// The bus carries frames that nobody here asked for: another host may be driving its motors.
-    #[error("somebody else uses this bus: frames with id {id} were heard ({count} in total); stop that program first", id = format_args!("{:#05X}", .id.raw()))]
+    /// The bus carries frames that this process did not request: another host may be commanding its
+    /// motors.
+    #[error("another program uses this bus: received frames with id {id} ({count} in total); stop that program first", id = format_args!("{:#05X}", .id.raw()))]
     InUse {
         /// The id of the first of them.
         id: FrameId,
-        /// How many there were.
+        /// Number of such frames.
         count: usize,
     },
-    /// Another motor has the id that this one was to get.
+    /// Another motor already has the new id of this motor.
     #[error("motor {id}: a motor with id {taken} is on this bus already")]
     Taken {
         /// The motor.
@@ -85,15 +86,15 @@ pub enum Error {
         /// The id of the other one.
         taken: u8,
     },
-    /// The protocol of a motor decides what it understands.
+    /// The motor's protocol does not support the command.
     #[error("motor {id}: {reason}")]
     Protocol {
         /// The motor.
         id: u8,
-        /// A sentence with a way out.
+        /// A sentence with a remedy.
         reason: &'static str,
     },
-    /// The caller asked to end.
+    /// The caller cancelled the transaction.
     #[error("interrupted")]
     Interrupted,
 }
@@ -104,7 +105,7 @@ fn reason(refusal: motord_bus::Refusal) -> String {
             "its queue stays full; no motor acknowledges, or the port is blocked".into()
         }
         motord_bus::Refusal::Down => "it is down".into(),
-        motord_bus::Refusal::Gone => "it is gone".into(),
-        motord_bus::Refusal::Error(errno) => format!("error {errno} of the system"),
+        motord_bus::Refusal::Gone => "it is unplugged".into(),
+        motord_bus::Refusal::Error(errno) => format!("system error {errno}"),
     }
 }

@@ -1,17 +1,22 @@
-//! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and any clock.
+//! Commissioning: transactions with motors, one at a time, over any [`Bus`](motord_bus::Bus) and
+//! any clock.
 //!
-//! A [`Link`] sends a request and waits for its answer. [`Native`] and [`Mit`] are the commands of the two protocols with types,
-//! [`scan`] finds the motors of a bus without moving one, [`Apply`] writes a configuration and reads back every item.
+//! A [`Link`] sends a request and waits for its answer. [`Native`] and [`Mit`] are the typed
+//! commands of the two protocols. [`scan`] finds the motors of a bus without moving one. [`Apply`]
+//! writes a configuration and reads back every item.
 //!
 //! Rules of every transaction:
 //! - One request is open. Frames that arrived before it are dropped.
-//! - A native answer repeats the command and the number of the request ([`Reply::answers`](motord_protocol::gim::Reply::answers)),
-//!   and bears the motor's host id where that is known. A frame that equals the request is its echo, never an answer.
-//! - A request is repeated only where repeating does no harm: reads, stops, and storing. Each native retry waits twice as long as before.
-//! - A write is always read back, also when its answer was lost.
-//! - A refusal keeps the vendor's word and number; numbers without a word are kept.
+//! - A native answer repeats the command and the number of the request
+//!   ([`Reply::answers`](motord_protocol::gim::Reply::answers)), and has the motor's host id where
+//!   that is known. A frame that equals the request is its echo, never an answer.
+//! - A request is repeated only where repeating is harmless: reads, stops, and storing. Each native
+//!   retry waits twice as long as the one before.
+//! - A write is always read back, even when its answer was lost.
+//! - A refusal contains the vendor's term and number. Numbers without a term are kept.
 //!
-//! Not for the real-time path: calls block for as long as a motor may take, and allocate.
+//! Not for the real-time path: calls block until the motor answers or the time limit passes, and
+//! allocate.
 //!
 //! ```
 //! use motord_bus::Instant;

@@ -7,9 +7,10 @@ use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal
 /// The kind of wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wire {
-    /// CAN: an answer bears the motor's host id.
+    /// CAN: an answer has the motor's host id.
     Can,
-    /// RS485 or RS232: an answer bears no sender, so the bus gives it the id that was asked.
+    /// RS485 or RS232: an answer does not identify its sender, so the bus gives it the id of the
+    /// request.
     Serial,
 }
 
@@ -24,7 +25,7 @@ pub enum Heard {
     Collision,
 }
 
-/// A bus, its clock, and how long an answer may take.
+/// A bus, its clock, and the time limit of an answer.
 pub struct Link {
     bus: Box<dyn Bus>,
     timer: Box<dyn Timer>,
@@ -33,29 +34,31 @@ pub struct Link {
     inbox: Inbox,
 }
 
-/// A CAN adapter on USB takes a few milliseconds.
+/// Time limit on CAN: a CAN adapter on USB takes a few milliseconds.
 const CAN_PATIENCE: Duration = Duration::from_millis(25);
-/// A serial adapter on USB may wait 16 ms, its latency timer, before it hands over what it received.
+/// Time limit on a serial line: a USB adapter may wait for its latency timer, 16 ms, before it
+/// delivers bytes.
 const SERIAL_PATIENCE: Duration = Duration::from_millis(60);
-/// Between two tries of a bus that is full.
+/// Pause between two attempts to send on a full bus.
 const PAUSE: Duration = Duration::from_millis(1);
-/// Reads that empty a receive buffer before a request.
+/// Most reads that empty a receive buffer before a request.
 const DRAINS_MAX: usize = 64;
 
 impl Link {
-    /// A CAN bus that receives every id, or at least the host ids of the motors that are asked.
+    /// Returns the link of a CAN bus that receives every id, or at least the host ids of the
+    /// requested motors.
     #[must_use]
     pub fn can(bus: impl Bus + 'static, timer: impl Timer + 'static) -> Self {
         Self::over(Box::new(bus), timer, Wire::Can)
     }
 
-    /// A serial bus.
+    /// Returns the link of a serial bus.
     #[must_use]
     pub fn serial(bus: impl Bus + 'static, timer: impl Timer + 'static) -> Self {
         Self::over(Box::new(bus), timer, Wire::Serial)
     }
 
-    /// A bus of this kind.
+    /// Returns the link of a bus of this kind.
     #[must_use]
     pub fn over(bus: Box<dyn Bus>, timer: impl Timer + 'static, wire: Wire) -> Self {
         let patience = match wire {
@@ -65,42 +68,42 @@ impl Link {
         Self { bus, timer: Box::new(timer), wire, patience, inbox: Inbox::new() }
     }
 
-    /// The same with another time for an answer.
+    /// Returns the link with another time limit for an answer.
     #[must_use]
     pub fn with_patience(self, patience: Duration) -> Self {
         Self { patience, ..self }
     }
 
-    /// The bus, for another use.
+    /// Returns the bus, for another use.
     #[must_use]
     pub fn into_bus(self) -> Box<dyn Bus> {
         self.bus
     }
 
-    /// The kind of wire.
+    /// Returns the kind of wire.
     #[must_use]
     pub fn wire(&self) -> Wire {
         self.wire
     }
 
-    /// How long an answer may take.
+    /// Returns the time limit of an answer.
     #[must_use]
     pub fn patience(&self) -> Duration {
         self.patience
     }
 
-    /// The time of the link's clock.
+    /// Returns the time of the link's clock.
     #[must_use]
     pub fn now(&self) -> Instant {
         self.timer.now()
     }
 
-    /// Sends `payload` to motor `id`, and shows every arrival to `read` until it returns something, or `patience` has
-    /// passed. An echo of the request is not shown.
+    /// Sends `payload` to motor `id`. Passes every arrival to `read` until it returns a value, or
+    /// `patience` has passed. An echo of the request is not passed.
     ///
     /// # Errors
     ///
-    /// [`Error::Bus`] when the bus does not take the frame.
+    /// [`Error::Bus`] when the bus does not accept the frame.
     pub fn ask<T>(
         &mut self,
         id: u8,
@@ -117,11 +120,12 @@ impl Link {
         })
     }
 
-    /// Shows every arrival to `read` until it returns something, or `patience` has passed.
+    /// Passes every arrival to `read` until it returns a value, or `patience` has passed.
     ///
     /// # Errors
     ///
-    /// None at present: a bus that is gone stays silent, and the next [`ask`](Self::ask) tells why.
+    /// None at present: an unplugged bus delivers nothing, and the next [`ask`](Self::ask) returns
+    /// the error.
     pub fn hear<T>(
         &mut self,
         patience: Duration,
@@ -150,7 +154,7 @@ impl Link {
         let _silence = self.hear(time, |_| None::<()>);
     }
 
-    /// Drops what has arrived so far.
+    /// Drops the frames that have arrived so far.
     fn drain(&mut self) {
         for _ in 0..DRAINS_MAX {
             self.inbox.clear();
@@ -161,7 +165,8 @@ impl Link {
         }
     }
 
-    /// A bus that is full is tried again: a serial bus refuses while an earlier request may still be answered.
+    /// Retries while the bus is full: a serial bus refuses while an earlier request may still be
+    /// answered.
     fn send(&mut self, frame: &Frame, patience: Duration) -> Result<(), Error> {
         let deadline = self.timer.now() + patience.max(self.patience);
         loop {
@@ -175,7 +180,7 @@ impl Link {
     }
 }
 
-/// The identifier of a command to motor `id`.
+/// Returns the identifier of a command to motor `id`.
 fn id_of(id: u8) -> FrameId {
     FrameId::new(u16::from(id)).unwrap_or(FrameId::MAX)
 }

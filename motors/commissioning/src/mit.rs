@@ -7,9 +7,10 @@ use motord_protocol::mit::{Asked, Command, Impedance, Reply, State};
 use motord_protocol::profile::STEADYWIN;
 use motord_protocol::{Faults, Profile, Scales};
 
-/// Tries of a request that may be repeated.
+/// Attempts for a request that may be repeated.
 const ATTEMPTS: usize = 3;
-/// Relatives of these motors are silent for 1 to 1.5 s after set zero, while they write their flash memory.
+/// Relatives of these motors do not reply for 1 to 1.5 s after set zero, while they write their
+/// flash memory.
 const ZEROING_MAX: Duration = Duration::from_secs(3);
 
 /// A motor in MIT mode, on CAN.
@@ -22,12 +23,12 @@ pub struct Mit<'l> {
 }
 
 impl<'l> Mit<'l> {
-    /// SteadyWin's motor `id` on `link`. Without `host_id` an answer may bear any id.
+    /// Returns SteadyWin's motor `id` on `link`. Without `host_id` an answer may have any id.
     pub fn new(link: &'l mut Link, id: u8, host_id: Option<FrameId>, scales: Scales) -> Self {
         Self { link, id, host_id, profile: &STEADYWIN, scales }
     }
 
-    /// The same motor of another vendor.
+    /// Returns the same motor with another vendor's profile.
     #[must_use]
     pub fn with_profile(self, profile: &'static Profile) -> Self {
         Self { profile, ..self }
@@ -37,23 +38,24 @@ impl<'l> Mit<'l> {
     ///
     /// # Errors
     ///
-    /// [`Error::Silent`] or [`Error::Bus`], as all that follow.
+    /// [`Error::Silent`] or [`Error::Bus`], as for all following methods.
     pub fn stop(&mut self) -> Result<State, Error> {
         self.state("stop", &Command::Stop, ATTEMPTS)
     }
 
-    /// Enters the running state. The caller has sent neutral control frames before: a relative of these motors executes the last
-    /// one that it stored.
+    /// Enters the running state. The caller must have sent neutral control frames before: a
+    /// relative of these motors executes the last one that it stored.
     pub fn start(&mut self) -> Result<State, Error> {
         self.state("start", &Command::Start, 1)
     }
 
-    /// Acts as `impedance` from now on.
+    /// Commands the setpoint `impedance`.
     pub fn control(&mut self, impedance: Impedance) -> Result<State, Error> {
         self.state("dynamic control", &Command::Control(impedance), 1)
     }
 
-    /// Makes the present position zero, and waits until the motor reports again: at zero, as a rule. Only for a stopped motor.
+    /// Makes the present position zero, and waits until the motor reports again, normally at zero.
+    /// Only for a stopped motor.
     pub fn set_zero(&mut self) -> Result<State, Error> {
         let _answer = self.ask(&Command::SetZero, Asked::State)?;
         let deadline = self.link.now() + ZEROING_MAX;
@@ -65,8 +67,8 @@ impl<'l> Mit<'l> {
         }
     }
 
-    /// The faults that the motor reports. Only for motors that are known to understand the question: others take it for a control
-    /// frame of full stiffness.
+    /// Reads the faults of the motor. Only for motors that are known to support the request: others
+    /// read it as a control frame of full stiffness.
     pub fn fault(&mut self) -> Result<Faults, Error> {
         if !self.profile.is_asked_for_faults() {
             let state = self.stop()?;
@@ -80,7 +82,7 @@ impl<'l> Mit<'l> {
         Err(self.silent("get fault"))
     }
 
-    /// Forgets the fault. Only [`fault`](Self::fault) tells whether it is gone.
+    /// Clears the fault. Only [`fault`](Self::fault) reports the result.
     pub fn clear_fault(&mut self) -> Result<(), Error> {
         match self.ask(&Command::ClearFault, Asked::Clear)? {
             Some(_) => Ok(()),

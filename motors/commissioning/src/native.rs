@@ -10,22 +10,25 @@ use motord_protocol::gim::{
 };
 use motord_protocol::{FaultBits, Scales};
 
-/// Values of the bytes that a command leaves free. Two purposes:
-/// - a motor in MIT mode reads kp 0, kd 0 and the middle torque code, where the command's own values allow it;
-/// - no success equals its request: where its reply has the result (byte 1, 2 or 3), the request is not 0.
+/// Values of the bytes that a command leaves free, for two purposes:
+/// - A motor in MIT mode reads kp 0, kd 0 and the middle torque code, where the command's own
+///   values permit it.
+/// - No success equals its request: where its reply has the result (byte 1, 2 or 3), the request is
+///   not 0.
 const FILLER: [u8; 8] = [0x00, 0x5A, 0x80, 0x10, 0x00, 0x00, 0x08, 0x00];
 
-/// Tries of a request that may be repeated.
+/// Attempts for a request that may be repeated.
 const ATTEMPTS: u32 = 3;
-/// The longest calibration. The document gives no time.
+/// Longest calibration. The document specifies no time.
 pub const CALIBRATION_MAX: Duration = Duration::from_secs(60);
-/// Between two reports of progress.
+/// Interval between two reports of progress.
 const PROGRESS: Duration = Duration::from_millis(500);
-/// A motor whose link was just changed may answer a moment later.
+/// Delay after which a motor with a changed link answers again.
 const SETTLE: Duration = Duration::from_millis(100);
 
-/// A motor in native mode. One that is in MIT mode takes most of these frames for control frames without torque; the writes
-/// and the control commands it takes for a torque: make sure of the mode first ([`identify`](crate::identify)).
+/// A motor in native mode. A motor in MIT mode reads most of these frames as control frames without
+/// torque. It reads the writes and the control commands as a torque: verify the mode first
+/// ([`identify`](crate::identify)).
 pub struct Native<'l> {
     link: &'l mut Link,
     id: u8,
@@ -33,62 +36,65 @@ pub struct Native<'l> {
     scales: Scales,
 }
 
-/// Where a motor answers after its configuration was written.
+/// Address of a motor after its configuration was written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NextMotor {
     /// Its id.
     pub id: u8,
-    /// The id its answers bear; `None` when it is not known.
+    /// The id of its answers; `None` when it is not known.
     pub host_id: Option<FrameId>,
 }
 
-/// How a write was confirmed.
+/// The way in which a write was confirmed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Confirmation {
-    /// It reads back as it was written.
+    /// The value reads back as it was written.
     ReadBack(Value),
-    /// The motor answers in MIT now.
+    /// The motor now answers in MIT.
     AnswersInMit,
-    /// The motor has another bit rate than this bus now. Only after the bus was changed, too, it can be read back.
+    /// The motor now has another bit rate than this bus. It can be read back only after the bus was
+    /// changed.
     Unreachable,
 }
 
 impl Confirmation {
-    /// The motor still answers in this protocol, on this bus.
+    /// Returns `true` when the motor still answers in this protocol, on this bus.
     pub(crate) const fn is_read_back(self) -> bool {
         matches!(self, Self::ReadBack(_))
     }
 }
 
 impl<'l> Native<'l> {
-    /// Motor `id` on `link`. Without `host_id` an answer may bear any id.
+    /// Returns motor `id` on `link`. Without `host_id` an answer may have any id.
     pub fn new(link: &'l mut Link, id: u8, host_id: Option<FrameId>) -> Self {
         // Torques are fractions of the full scale until the motor's own scale is known.
         Self { link, id, host_id, scales: Scales::WITHOUT_CONSTANTS }
     }
 
-    /// The bytes of `command`, as every transaction sends them.
+    /// Returns the bytes of `command`, as every transaction sends them.
     #[must_use]
     pub fn request(command: &Command) -> [u8; 8] {
         command.encode_over(FILLER)
     }
 
-    /// The motor's address.
+    /// Returns the motor's address.
     #[must_use]
     pub fn address(&self) -> NextMotor {
         NextMotor { id: self.id, host_id: self.host_id }
     }
 
-    /// The bus.
+    /// Returns the bus.
     pub fn link(&mut self) -> &mut Link {
         self.link
     }
 
-    /// Reads the torque constant and the gear ratio, by which torques in replies are understood from now on. Returns both.
+    /// Reads the torque constant and the gear ratio, and uses them to decode torques from now on.
+    /// Returns both.
     ///
     /// # Errors
     ///
-    /// As [`configuration`](Self::configuration); [`Error::Protocol`] when no torque can have this scale.
+    /// As for [`configuration`](Self::configuration); [`Error::Protocol`] when the values give no
+    /// valid scale.
     pub fn read_scales(&mut self) -> Result<[f64; 2], Error> {
         let constant = self.configuration(ConfigurationItem::TORQUE_CONSTANT)?.as_f64();
         let ratio = self.configuration(ConfigurationItem::GEAR_RATIO)?.as_f64();
@@ -98,11 +104,12 @@ impl<'l> Native<'l> {
         Ok([constant, ratio])
     }
 
-    /// The firmware's version (3.2.14).
+    /// Reads the firmware's version (3.2.14).
     ///
     /// # Errors
     ///
-    /// [`Error::Silent`], [`Error::Refused`], [`Error::NotRead`], [`Error::Bus`], as all that follow.
+    /// [`Error::Silent`], [`Error::Refused`], [`Error::NotRead`], [`Error::Bus`], as for all
+    /// following methods.
     pub fn version(&mut self) -> Result<u32, Error> {
         match self.transact(&Command::GetVersion)? {
             Reply::Version(outcome) => self.checked(&Command::GetVersion, outcome),
@@ -110,7 +117,7 @@ impl<'l> Native<'l> {
         }
     }
 
-    /// The fault number (3.2.15). A motor with a fault answers this.
+    /// Reads the fault number (3.2.15). A motor with a fault answers this request.
     pub fn fault(&mut self) -> Result<FaultBits, Error> {
         match self.transact(&Command::GetFault)? {
             Reply::Fault(outcome) => self.checked(&Command::GetFault, outcome),
@@ -118,7 +125,7 @@ impl<'l> Native<'l> {
         }
     }
 
-    /// Forgets the fault (3.2.16). One whose cause remains comes back.
+    /// Clears the fault (3.2.16). The motor reports it again while its cause remains.
     pub fn acknowledge_fault(&mut self) -> Result<(), Error> {
         self.done(&Command::AcknowledgeFault)
     }
@@ -133,17 +140,19 @@ impl<'l> Native<'l> {
         self.done(&Command::StopMotor)
     }
 
-    /// Breaks off the control command that is being executed (3.2.11).
+    /// Aborts the control command that is being executed (3.2.11).
     pub fn stop_control(&mut self) -> Result<(), Error> {
         self.done(&Command::StopControl)
     }
 
-    /// Applies all modified items (3.2.2). Whether a modified item survives a loss of power without it is in no document.
+    /// Applies all modified items (3.2.2). Without it, a modified item may be lost at power-off: no
+    /// document specifies this.
     pub fn refresh(&mut self) -> Result<(), Error> {
         self.done(&Command::RefreshConfiguration)
     }
 
-    /// Gives every item its default (3.2.1). The motor may have another id, host id, bit rate and protocol then.
+    /// Resets every item to its default (3.2.1). The motor may then have another id, host id, bit
+    /// rate and protocol.
     pub fn reset_configuration(&mut self) -> Result<(), Error> {
         self.done(&Command::ResetConfiguration)
     }
@@ -158,7 +167,7 @@ impl<'l> Native<'l> {
         self.control(&Command::SpeedControl { speed_rpm, duration })
     }
 
-    /// Goes to `position`, rad of the output shaft (3.2.9). Never repeated.
+    /// Moves to `position`, rad of the output shaft (3.2.9). Never repeated.
     pub fn position(&mut self, position: Finite, duration: ExecutionTime) -> Result<State, Error> {
         self.control(&Command::PositionControl { position, duration })
     }
@@ -185,7 +194,7 @@ impl<'l> Native<'l> {
     ///
     /// # Errors
     ///
-    /// As the others; [`Error::ParameterNotKept`].
+    /// As for the others; [`Error::ParameterNotKept`].
     pub fn set_parameter(&mut self, para_id: u8, value: u32) -> Result<(), Error> {
         let command = Command::ModifyParameter { para_id, value };
         match self.transact(&command) {
@@ -208,12 +217,14 @@ impl<'l> Native<'l> {
         }
     }
 
-    /// Writes a configuration item (3.2.3), and makes sure of it: a new id, host id, protocol or bit rate is effective at once, so
-    /// the item is read back where the motor answers now. This handle follows the motor there.
+    /// Writes a configuration item (3.2.3), and confirms it. A new id, host id, protocol or bit
+    /// rate takes effect immediately, so the item is read back at the motor's new address. This
+    /// handle follows the motor there.
     ///
     /// # Errors
     ///
-    /// As the others; [`Error::NotKept`] when it reads back as another value; [`Error::Unconfirmed`] when it cannot be read back.
+    /// As for the others. [`Error::NotKept`] when it reads back as another value;
+    /// [`Error::Unconfirmed`] when it cannot be read back.
     pub fn set_configuration(
         &mut self,
         item: &'static ConfigurationItem,
@@ -222,14 +233,15 @@ impl<'l> Native<'l> {
         let (key, command) = (item.key(), Command::ModifyConfiguration { conf_id: item.conf_id, value });
         let before = self.host_id;
         if key == ConfigurationItem::HOST_ID {
-            // The answer may bear the old id or the new one.
+            // The answer may have the old id or the new one.
             self.host_id = None;
         }
         let reply = self.transact(&command);
         self.host_id = before;
         match reply {
             Ok(Reply::ConfigurationModified { outcome, .. }) => self.checked(&command, outcome)?,
-            // The answer may have been lost, or sent under the new id or rate: reading back decides.
+            // The answer may have been lost, or sent with the new id or rate. Reading back gives
+            // the result.
             Ok(_) | Err(Error::Silent { .. }) => {}
             Err(error) => return Err(error),
         }
@@ -240,12 +252,13 @@ impl<'l> Native<'l> {
         })
     }
 
-    /// As [`set_configuration`](Self::set_configuration), and has the motor store the item. One that answers in MIT afterwards, or
-    /// that this bus does not reach any more, cannot be asked to.
+    /// Like [`set_configuration`](Self::set_configuration), and requests the motor to store the
+    /// item. A motor that now answers in MIT, or is out of reach of this bus, cannot receive that
+    /// request.
     ///
     /// # Errors
     ///
-    /// As the others.
+    /// As for the others.
     pub fn store_configuration(
         &mut self,
         item: &'static ConfigurationItem,
@@ -258,13 +271,14 @@ impl<'l> Native<'l> {
         Ok(confirmation)
     }
 
-    /// Calibrates; the shaft turns (3.2.18). Waits for the answer up to [`CALIBRATION_MAX`]. `progress` is given the time so far,
-    /// and breaks it off by returning `false`. A motor whose answer does not come, or cannot be read, is stopped.
+    /// Calibrates; the shaft turns (3.2.18). Waits for the answer up to [`CALIBRATION_MAX`].
+    /// `progress` receives the elapsed time, and cancels the calibration by returning `false`. When
+    /// the answer does not arrive or cannot be decoded, the motor is stopped.
     ///
     /// # Errors
     ///
-    /// As the others; [`Error::Interrupted`]. [`Error::Silent`] names `stop motor` when the motor did not confirm its stop: the shaft may
-    /// still turn.
+    /// As for the others; [`Error::Interrupted`]. [`Error::Silent`] names `stop motor` when the
+    /// motor did not confirm its stop: the shaft may still turn.
     pub fn calibrate(
         &mut self,
         calibration: Calibration,
@@ -299,7 +313,8 @@ impl<'l> Native<'l> {
         }
     }
 
-    /// Leaves the bus and waits for new firmware (3.2.19). There is no answer: makes sure that the motor is silent.
+    /// Requests the motor to leave the bus and wait for new firmware (3.2.19). The motor sends no
+    /// answer; checks that it no longer replies.
     ///
     /// # Errors
     ///
@@ -316,7 +331,8 @@ impl<'l> Native<'l> {
         }
     }
 
-    /// Whether a motor answers here in native mode, by its own id: a read that changes nothing.
+    /// Returns `true` when a motor answers at this address in native mode, with its own id. The
+    /// read changes nothing.
     ///
     /// # Errors
     ///
@@ -343,7 +359,7 @@ impl<'l> Native<'l> {
         }
     }
 
-    /// The motor is where `key` says now.
+    /// Changes the address to the one after `key` was written.
     fn follow(&mut self, key: ConfigurationKey, value: Value) {
         let Value::Integer(value) = value else { return };
         match key {
@@ -375,8 +391,9 @@ impl<'l> Native<'l> {
         Err(Error::NotKept { id: self.id, item: item.name, written, read })
     }
 
-    /// Sends `command` until an answer comes, up to three times where that does no harm. Each try waits twice as long as the one
-    /// before: a busy computer may hold an answer back. A command that is sent only once waits as long as the second try.
+    /// Sends `command` until an answer arrives, up to three times where repeating is harmless. Each
+    /// attempt waits twice as long as the one before: a busy computer may delay an answer. A
+    /// command that is sent only once waits as long as the second attempt.
     fn transact(&mut self, command: &Command) -> Result<Reply, Error> {
         let attempts = if may_repeat(command) { 0..ATTEMPTS } else { 1..2 };
         let mut failure = self.silent(command);
@@ -395,7 +412,7 @@ impl<'l> Native<'l> {
         self.link.ask(self.id, Self::request(command), patience, reader)
     }
 
-    /// Recognises the answer to `command`.
+    /// Returns a function that recognises the answer to `command`.
     fn reader(&self, command: &Command) -> impl FnMut(Heard) -> Option<Answer> + use<> {
         let (command, scales) = (*command, self.scales);
         let host_id = self.host_id.filter(|_| self.link.wire() == Wire::Can);
@@ -427,8 +444,8 @@ impl<'l> Native<'l> {
     }
 }
 
-/// Whether `reply` can answer `request`, by the command and the numbers that a reply repeats: for a serial bus, which finds
-/// replies among noise by it.
+/// Returns `true` when `reply` can answer `request`, by the command and the repeated numbers. A
+/// serial bus uses it to find replies among noise.
 #[must_use]
 pub fn answers(request: &[u8], reply: &[u8]) -> bool {
     let Ok(command) = decode_command(request) else { return false };
@@ -449,7 +466,8 @@ enum Answer {
     NotRead,
 }
 
-/// Whether `command` may be sent again: reads change nothing, and a second stop or refresh has no further effect.
+/// Returns `true` when `command` may be sent again. Reads change nothing, and a second stop or
+/// refresh has no further effect.
 fn may_repeat(command: &Command) -> bool {
     match command {
         Command::RetrieveConfiguration(_)
@@ -474,7 +492,8 @@ fn may_repeat(command: &Command) -> bool {
     }
 }
 
-/// Whether two values are the same: floats bit by bit, positions within a turn by their lower 16 bits.
+/// Returns `true` when two values are equal: floats bit by bit, positions within a turn by their
+/// lower 16 bits.
 pub(crate) fn same(key: ConfigurationKey, a: Value, b: Value) -> bool {
     match (a, b) {
         (Value::Integer(a), Value::Integer(b)) if key.is_position() => a & 0xFFFF == b & 0xFFFF,
@@ -490,7 +509,8 @@ mod tests {
     use motord_protocol::gim::CommandCode;
     use motord_protocol::mit::ControlCodes;
 
-    /// The result is at 1, but at 2 where a number of the request is repeated, and at 3 where two are (GIM document 3.2).
+    /// The result has index 1. It has index 2 where the reply repeats a number of the request, and
+    /// 3 where it repeats two (GIM document 3.2).
     #[test]
     fn no_success_equals_its_request() {
         for code in CommandCode::ALL {
@@ -499,7 +519,8 @@ mod tests {
             let result = match code as u8 {
                 0x83 | 0x84 => request[3],
                 0xA1 | 0xA2 | 0xB4 | 0xB5 => request[2],
-                // A zero torque has no free byte there: these are told apart by the bytes behind.
+                // A zero torque has no free byte there. The following bytes distinguish these
+                // frames.
                 0x93..=0x95 => continue,
                 _ => request[1],
             };

@@ -1,4 +1,4 @@
-//! The entries of the lock file: what a motor reports about itself.
+//! The entries of the lock file: a motor's reports about itself.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -11,11 +11,11 @@ pub struct ReportedMotor {
     pub name: String,
     /// Name of its bus.
     pub bus: String,
-    /// The id that it answered to.
+    /// The id at which it answered.
     pub id: u8,
-    /// The id that its answers bore; `None` when it cannot be told.
+    /// The id of its answers; `None` when it is not known.
     pub host_id: Option<u32>,
-    /// The protocol that it answered in.
+    /// The protocol of its answer.
     pub protocol: ReportedProtocol,
     /// Version of its firmware; only in native mode.
     pub firmware: Option<u32>,
@@ -34,19 +34,19 @@ pub enum ReportedProtocol {
     OtherMit,
     /// The native protocol.
     Gim,
-    /// None that is known.
+    /// A protocol that is not known.
     Unknown,
 }
 
 impl ReportedProtocol {
-    /// A word for a table.
+    /// Returns a term for a table.
     #[must_use]
     pub const fn word(self) -> &'static str {
         match self {
             Self::Mit => "mit",
             Self::OtherMit => "mit of another vendor or driver",
             Self::Gim => "gim",
-            Self::Unknown => "none that is known",
+            Self::Unknown => "unknown",
         }
     }
 }

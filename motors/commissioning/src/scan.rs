@@ -1,12 +1,16 @@
-//! Finding motors without moving one.
+//! Finds motors without moving one.
 //!
-//! On CAN an id is first asked by an MIT stop frame, seven times 0xFF, then 0xFD: a motor in MIT mode stops and reports its
-//! motion, one in native mode refuses an unknown command, and no other driver that is sold under the same names has a command
-//! of these bytes. Only an id that stayed silent is then asked for its own id, by the native read 0x84, which a motor in MIT mode
-//! takes for a control frame without stiffness, damping and torque. Serial lines are always native.
+//! On CAN, the first request to an id is an MIT stop frame: seven times 0xFF, then 0xFD. A motor in
+//! MIT mode stops and reports its motion. A motor in native mode refuses an unknown command. No
+//! other driver sold under the same names has a command of these bytes. An id without an answer
+//! then receives the native read 0x84 of its own id. A motor in MIT mode reads it as a control
+//! frame without stiffness, damping and torque. Serial lines are always native.
 //!
-//! Never sent: 0xB1 (in another driver family it sets the zero position), 0xB2 unless asked for (there it sets a speed limit),
-//! an MIT question for faults (other firmware takes it for full stiffness), the ids 0 and 255 (broadcast there).
+//! A scan never sends the following frames:
+//! - 0xB1, which sets the zero position in another driver family;
+//! - 0xB2, unless requested, which sets a speed limit there;
+//! - an MIT fault request, which other firmware reads as full stiffness;
+//! - frames to the ids 0 and 255, which are broadcasts there.
 
 use crate::error::Error;
 use crate::link::{Heard, Link, Wire};
@@ -18,17 +22,18 @@ use motord_protocol::gim::{
 use motord_protocol::{Scales, mit};
 use std::ops::RangeInclusive;
 
-/// How to scan.
+/// Settings of a scan.
 #[derive(Debug, Clone)]
 pub struct Scan {
-    /// The ids to ask, within 1 to 254.
+    /// Ids to scan, within 1 to 254.
     pub ids: RangeInclusive<u8>,
-    /// Listen for so long before the first frame is sent.
+    /// Time for which the scan only listens, before it sends the first frame.
     pub listen: Duration,
-    /// Collect the answers to each frame for so long, so that two motors with one id are both heard.
+    /// Time for which the scan collects the answers to each frame, to receive those of two motors
+    /// with one id.
     pub window: Duration,
-    /// Ask silent ids for their fault, too (0xB2): a motor with a fault may answer nothing else. Only for a bus whose drivers are
-    /// all known to be of this family.
+    /// Also requests the fault of ids without an answer (0xB2): a motor with a fault may answer
+    /// nothing else. Only for a bus whose drivers are all known to be of this family.
     pub in_fault: bool,
 }
 
@@ -42,17 +47,17 @@ impl Default for Scan {
 /// A motor that answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Found {
-    /// The id it was asked by.
+    /// The id of the request.
     pub id: u8,
-    /// The id its answers bear; `None` when a serial motor does not tell it.
+    /// The id of its answers; `None` when a serial motor does not report it.
     pub host_id: Option<FrameId>,
-    /// The kind of driver, as far as its answer tells.
+    /// The kind of driver, as far as its answer identifies it.
     pub family: Family,
-    /// It refuses requests: as a rule it has a fault.
+    /// The motor refuses requests, usually because of a fault.
     pub refusal: Option<Refusal>,
 }
 
-/// The kind of driver, as far as an answer tells.
+/// The kind of driver, as far as an answer identifies it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
     /// The native protocol of the GIM document (SDC101, SDC102, SDC103).
@@ -64,7 +69,7 @@ pub enum Family {
         /// Bytes of an answer.
         length: u8,
     },
-    /// An answer that is in no document known here.
+    /// An answer that no supported document lists.
     Unknown {
         /// The answer.
         answer: Frame,
@@ -72,7 +77,7 @@ pub enum Family {
 }
 
 impl Family {
-    /// A sentence: the driver, and what its answer cannot tell.
+    /// Returns a sentence with the driver, and the facts that its answer does not contain.
     #[must_use]
     pub const fn describe(self) -> &'static str {
         match self {
@@ -84,20 +89,21 @@ impl Family {
             Self::OtherMit { .. } => {
                 "MIT of another vendor or driver family; vendor, ranges and model cannot be read: take them from its label"
             }
-            Self::Unknown { .. } => "answers, but not as any driver known here: send it nothing else",
+            Self::Unknown { .. } => "answers like no supported driver: send it no further frames",
         }
     }
 }
 
-/// Frames that nobody asked for.
+/// Frames that arrive without a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unprompted {
-    /// A heartbeat of a CANSimple driver (SDC104, ODrive): it takes frames with 32 ids for commands, which are not asked.
+    /// A heartbeat of a CANSimple driver (SDC104, ODrive). It reads frames with 32 ids as commands,
+    /// so the scan skips these.
     CanSimple {
-        /// Its node id: it owns the ids from 32 times it on.
+        /// Its node id. It uses the 32 ids from 32 times this number.
         node: u8,
     },
-    /// A fault report of a driver with the "custom" protocol (GDZ, GDS): it repeats it every 200 ms.
+    /// A fault report of a driver with the "custom" protocol (GDZ, GDS), repeated every 200 ms.
     CustomFault {
         /// Its id.
         id: FrameId,
@@ -116,7 +122,7 @@ impl Unprompted {
         }
     }
 
-    /// Motor `id` must not be asked: its frames are commands to this driver.
+    /// Returns `true` when a request to motor `id` would be a command to this driver.
     fn owns(self, id: u8) -> bool {
         match self {
             Self::CanSimple { node } => u16::from(id) >> 5 == u16::from(node),
@@ -125,33 +131,35 @@ impl Unprompted {
     }
 }
 
-/// How far a scan is.
+/// Progress of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// The id that was asked last.
+    /// The last requested id.
     pub id: u8,
-    /// Motors so far.
+    /// Number of motors so far.
     pub found: usize,
 }
 
 /// The result of a scan.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Report {
-    /// The motors, by id. Two entries of one id are two motors with one id.
+    /// The motors, by id. Two entries with one id are two motors with one id.
     pub found: Vec<Found>,
-    /// Drivers that talk without being asked.
+    /// Drivers that send without a request.
     pub unprompted: Vec<Unprompted>,
     /// Ids whose answers destroyed each other: several motors with one id and one host id.
     pub collisions: Vec<u8>,
-    /// Ids that were not asked, because they are commands to a driver that was heard.
+    /// Ids that were skipped, because a detected driver would read the requests as commands.
     pub skipped: Vec<u8>,
 }
 
-/// Asks every id. `progress` is called after each id that was asked, and ends the scan by returning `false`.
+/// Requests every id. Calls `progress` after each requested id, which ends the scan by returning
+/// `false`.
 ///
 /// # Errors
 ///
-/// [`Error::InUse`] before anything is sent, when other frames than [`Unprompted`] arrive; [`Error::Bus`]; [`Error::Interrupted`].
+/// [`Error::InUse`] before anything is sent, when frames other than [`Unprompted`] arrive;
+/// [`Error::Bus`]; [`Error::Interrupted`].
 pub fn scan(
     link: &mut Link,
     scan: &Scan,
@@ -173,7 +181,7 @@ pub fn scan(
     Ok(report)
 }
 
-/// The motor with this id, by the same frames as a scan. `None` when nobody answers.
+/// Returns the motor with this id, by the same frames as a scan. `None` when no motor answers.
 ///
 /// # Errors
 ///
@@ -182,29 +190,31 @@ pub fn identify(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     only(link, id, 2, |link, window| ask(link, id, &Scan { window, ..Scan::default() }))
 }
 
-/// Whether a motor answers to this id. It asks more often than [`identify`]: a wrong no would give two motors one id. Before that it
-/// listens until late answers of other motors have come.
+/// Returns `true` when a motor answers to this id. First waits until late answers of other motors
+/// have arrived. Sends more requests than [`identify`]: a wrong `false` would give two motors one
+/// id.
 ///
 /// # Errors
 ///
-/// As [`identify`].
+/// As for [`identify`].
 pub fn is_taken(link: &mut Link, id: u8) -> Result<bool, Error> {
     link.pause(link.patience() * 4);
     let found = only(link, id, 3, |link, window| ask(link, id, &Scan { window, ..Scan::default() }));
     found.map(|found| found.is_some())
 }
 
-/// As [`identify`], by an MIT stop frame alone.
+/// Like [`identify`], by an MIT stop frame alone.
 pub(crate) fn identify_in_mit(link: &mut Link, id: u8) -> Result<Option<Found>, Error> {
     let Some(stop) = stop_frame() else { return Ok(None) };
     only(link, id, 2, |link, window| put(link, id, stop, window))
 }
 
-/// All motors that answer, and whether answers collided.
+/// All motors that answer, and `true` when answers collided.
 type Answers = Result<(Vec<Found>, bool), Error>;
 
-/// The only motor that answers. A silent one is asked again, each time for twice as long: a busy computer may hold an answer back.
-/// Before each further question it listens for late answers: two answers to one question would count as two motors.
+/// Returns the only motor that answers. Repeats the request, each time with twice the time limit: a
+/// busy computer may delay an answer. Before each repetition it waits for late answers: two answers
+/// to one request would count as two motors.
 fn only(
     link: &mut Link,
     id: u8,
@@ -249,7 +259,7 @@ fn listen(link: &mut Link, time: Duration) -> Result<Vec<Unprompted>, Error> {
     }
 }
 
-/// Asks `id`, by each question that it may be asked, until one is answered.
+/// Sends each permitted request to `id`, until one is answered.
 fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
     let own_id = Native::request(&Command::RetrieveConfiguration(ConfigurationItem::CAN_ID));
     let stop = (link.wire() == Wire::Can).then(stop_frame).flatten();
@@ -266,7 +276,7 @@ fn ask(link: &mut Link, id: u8, scan: &Scan) -> Answers {
     Ok((Vec::new(), collided))
 }
 
-/// The MIT stop frame: of the same bytes for every scale.
+/// Returns the MIT stop frame, whose bytes are the same for every scale.
 fn stop_frame() -> Option<[u8; 8]> {
     mit::Command::Stop.encode(&Scales::WITHOUT_CONSTANTS).ok()
 }
@@ -285,7 +295,8 @@ fn put(link: &mut Link, id: u8, question: [u8; 8], window: Duration) -> Answers 
     Ok((answers.into_iter().map(|answer| judge(link, id, answer)).collect(), collided))
 }
 
-/// A serial adapter may hold an answer back for longer than a scan of CAN waits, and a late answer would count for the next id.
+/// A serial adapter may delay an answer for longer than a scan of CAN waits, and a late answer
+/// would count for the next id.
 fn window_of(link: &Link) -> Duration {
     match link.wire() {
         Wire::Can => Duration::ZERO,
@@ -307,12 +318,13 @@ fn judge(link: &mut Link, id: u8, answer: Frame) -> Found {
     Found { host_id, ..found }
 }
 
-/// The kind of driver that gives this answer, and its refusal.
+/// Returns the kind of driver of this answer, and its refusal.
 fn classify(id: u8, answer: &Frame) -> (Family, Option<Refusal>) {
     let payload = answer.payload();
     let native = |outcome: Outcome<()>| (Family::Native, outcome.err());
     match *payload {
-        // The answer to the stop frame, which is no native command: result 0x02, or another in a fault.
+        // The answer to the stop frame, which is not a native command: result 0x02, or another one
+        // in a fault.
         [0xFF, res, ..] if payload.len() == 8 && res != 0 => {
             native(Refusal::check(res).or_else(|refusal| match refusal {
                 Refusal::UnknownCommand => Ok(()),

@@ -1,4 +1,5 @@
-//! The words of a motor about itself, as far as its protocol tells them. Nothing is changed, and nothing moves.
+//! Reads a motor's reports about itself, as far as its protocol supports them. Changes and moves
+//! nothing.
 
 use crate::error::Error;
 use crate::link::{Link, Wire};
@@ -8,21 +9,21 @@ use crate::scan::{Family, Found, identify, identify_in_mit};
 use motord_bus::FrameId;
 use motord_protocol::gim::{ConfigurationItem, Value};
 
-/// The configuration items that decide what a torque and an angle are.
+/// Returns the configuration items that determine torque and angle.
 pub fn constants() -> impl Iterator<Item = &'static ConfigurationItem> {
     ConfigurationItem::CONSTANTS.into_iter().filter_map(ConfigurationItem::by_name)
 }
 
-/// How a motor is asked for its protocol.
+/// Requests by which the protocol of a motor is determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Question {
-    /// By the frames of a scan.
+    /// The frames of a scan.
     Both,
-    /// By an MIT stop frame only. A motor in native mode refuses it, and is recognised by that.
+    /// Only an MIT stop frame. A motor in native mode refuses it, which identifies the motor.
     MitOnly,
 }
 
-/// A motor's own words.
+/// A motor's reports about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Survey {
     /// Its protocol and ids.
@@ -34,7 +35,7 @@ pub struct Survey {
 }
 
 impl Survey {
-    /// For the lock file: the motor `name` on the bus `bus` of the configuration.
+    /// Returns the entry of the lock file: the motor `name` on the bus `bus` of the configuration.
     #[must_use]
     pub fn reported(&self, name: &str, bus: &str) -> ReportedMotor {
         ReportedMotor {
@@ -54,8 +55,8 @@ impl Survey {
     }
 }
 
-/// Asks motor `id` for its protocol, and in native mode for its version and `items`. `None` when nobody answers. Items that the
-/// motor refuses, or does not answer, are left out.
+/// Reads the protocol of motor `id`, and in native mode its version and `items`. `None` when no
+/// motor answers. Items that the motor refuses, or does not answer, are left out.
 ///
 /// # Errors
 ///
@@ -84,7 +85,7 @@ pub fn survey(
     Ok(Some(survey))
 }
 
-/// A motor that refuses or misses one question may answer the next.
+/// A motor that refuses or misses one request may answer the next.
 fn answered<T>(answer: Result<T, Error>) -> Result<Option<T>, Error> {
     match answer {
         Ok(value) => Ok(Some(value)),

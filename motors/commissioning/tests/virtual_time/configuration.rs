@@ -1,4 +1,4 @@
-//! Dumps, applications and journals of configurations, and answers that are refused.
+//! Dumps, applications and journals of configurations, and refused answers.
 
 use crate::{START, inject, on_both_wires};
 
@@ -6,7 +6,8 @@ use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant
 use motord_commissioning::{Apply, Error, Event, Failed, Link, Native, VirtualTime, changes, identify};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, ExecutionTime, Finite, Refusal, Value};
 
-/// Goal: a dump, a reset of the configuration, and an application of the dump leave no difference.
+/// Goal: no difference remains after a dump, a reset of the configuration, and an application of
+/// the dump.
 #[test]
 fn configuration_survives_factory_reset_on_both_wires() {
     on_both_wires(|bus, link| {
@@ -29,7 +30,8 @@ fn configuration_survives_factory_reset_on_both_wires() {
                 Ok(())
             })
             .unwrap();
-        // The items are stored together; the host id and the id are, too, before the motor is reached in another way.
+        // The items are stored together. The host id and the id are stored before the motor gets
+        // another address.
         let refreshes = journal.iter().filter(|event| **event == Event::Refreshing).count();
         assert_eq!((refreshes, journal.len()), (3, 2 * changes.len() + 3));
         inject(bus, link, "knee power-cycle");
@@ -53,7 +55,7 @@ fn refusal_ends_writing_and_journal_shows_progress() {
             .iter()
             .map(|&(item, value)| match item.name {
                 "pole-pairs" | "under-voltage" => (item, Value::Integer(13)),
-                // No gear has a ratio of 0: the simulated motor refuses it.
+                // No gear has a ratio of 0, so the simulated motor refuses it.
                 "gear-ratio" => (item, Value::Integer(0)),
                 _ => (item, value),
             })
@@ -92,11 +94,12 @@ fn unwritable_journal_ends_application_before_write() {
     });
 }
 
-/// A reply that equals the request is nobody's answer: an adapter echoes, and stale bytes may be anything.
+/// A reply that equals the request is never an answer: an adapter echoes, and stale bytes may have
+/// any value.
 #[test]
 fn an_echo_is_never_an_answer() {
     use motord_bus::{Bus, Content, Frame, Inbox, Readiness, Sent};
-    /// Gives back every frame, and has no motors.
+    /// Returns every frame, and has no motors.
     #[derive(Default)]
     struct Echo(Vec<Frame>);
     impl Bus for Echo {
@@ -170,8 +173,9 @@ impl Bus for Refuser {
     }
 }
 
-/// Goal: each result code of Table 5, where each command has it, becomes an error with the document's word; the others keep
-/// their number. Method: a bus that answers every request with one result.
+/// Goal: each result code of Table 5 becomes an error with the document's term, for each command
+/// that has it. The other codes keep their number. Method: a bus that answers every request with
+/// one result.
 #[test]
 fn every_result_code_is_error_on_both_wires() {
     for (code, word) in [

@@ -22,7 +22,8 @@ fn robot() -> Vec<(BusKind, SharedBus)> {
     ]
 }
 
-/// Judged by the checker's codec as a motor in MIT mode hears it, and by the first byte as a native one does.
+/// Checks the frame as a motor in MIT mode decodes it, with the checker's codec, and by the first
+/// byte as a native one does.
 fn assert_harmless(bytes: [u8; 8]) {
     let ranges = Ranges::steadywin(225.0);
     let hex = u64::from_be_bytes(bytes);

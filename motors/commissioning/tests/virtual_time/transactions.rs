@@ -68,7 +68,7 @@ fn refusal_uses_the_words_of_the_document() {
             knee.indicator(0x40),
             Err(Error::Refused { refusal: Refusal::UnknownRegister, .. })
         ));
-        // Before it was started a motor refuses control.
+        // A motor refuses control before it was started.
         let torque = knee.torque(Finite::new(1.0).unwrap(), SECOND);
         assert!(matches!(torque, Err(Error::Refused { refusal: Refusal::Failure, .. })), "{torque:?}");
     });
