@@ -4,8 +4,8 @@
 //! motor that differs is never enabled ([`Cycle::mark_mismatch`](motord_core::cycle::Cycle::mark_mismatch)).
 //! A motor that does not answer yet is offline, and is judged by the lock file only.
 
-use motord_bus::{Bus, Duration};
-use motord_commissioning::{Error, Link, MachineTime, Question, Survey, Wire, constants, survey};
+use motord_bus::{Bus, Duration, Monotonic};
+use motord_commissioning::{Error, Link, Question, Survey, Wire, constants, survey};
 use motord_configuration::lock::{Finding, Lock, LockError, Verdict, findings, mismatches};
 use motord_core::settings::{BusKind, MotorSettings, Settings};
 use motord_protocol::MotorProtocol;
@@ -43,8 +43,8 @@ pub fn judge(settings: &Settings, file: &Path, buses: Vec<Box<dyn Bus>>) -> Resu
 fn ask_bus(settings: &Settings, index: usize, bus: Box<dyn Bus>) -> (Box<dyn Bus>, Vec<Finding>) {
     let mut link = match settings.buses[index].kind {
         BusKind::Simulated { .. } => return (bus, Vec::new()),
-        BusKind::Serial { .. } => Link::over(bus, MachineTime, Wire::Serial),
-        BusKind::SocketCan { .. } => Link::over(bus, MachineTime, Wire::Can).with_patience(PATIENCE),
+        BusKind::Serial { .. } => Link::over(bus, Monotonic, Wire::Serial),
+        BusKind::SocketCan { .. } => Link::over(bus, Monotonic, Wire::Can).with_patience(PATIENCE),
     };
     let mut found = Vec::new();
     for motor in settings.motors.iter().filter(|motor| motor.bus == index) {

@@ -266,8 +266,8 @@ impl Stop for Jogged<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use motord_bus::Instant as BusInstant;
-    use motord_commissioning::{Link, VirtualTime};
+    use motord_bus::{Instant as BusInstant, VirtualClock};
+    use motord_commissioning::Link;
     use motord_simulator::{BusSettings, Dialect, Mode, MotorSettings, SharedBus, SimulatedBus};
 
     /// Runs a motion of a simulated motor. Returns its outcome, and the motor's mode afterwards.
@@ -280,7 +280,7 @@ mod tests {
             ..Default::default()
         };
         let bus = SharedBus::new(SimulatedBus::new(BusSettings::default(), vec![knee], 1));
-        let mut link = Link::can(bus.clone(), VirtualTime::new(BusInstant::ZERO));
+        let mut link = Link::can(bus.clone(), VirtualClock::new(BusInstant::ZERO));
         let everywhere = [f64::NEG_INFINITY, f64::INFINITY];
         let outcome = follow(Native::new(&mut link, 3, None), "knee", goal, bounds, everywhere);
         let mode = bus.lock().motor("knee").unwrap().mode();

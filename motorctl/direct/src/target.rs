@@ -3,8 +3,8 @@
 use crate::failure::DirectFailure;
 use motord_bus::serial::{self, SerialBus};
 use motord_bus::socketcan::{InterfaceName, SocketCanBus};
-use motord_bus::{BusLock, Duration, FrameId};
-use motord_commissioning::{Family, Found, Link, MachineTime, Mit, Native, Wire, answers, identify};
+use motord_bus::{BusLock, Duration, FrameId, Monotonic};
+use motord_commissioning::{Family, Found, Link, Mit, Native, Wire, answers, identify};
 use motord_configuration as config;
 use motord_protocol::{MotorProtocol, Scales};
 use motord_settings::settings::{BusKind, MotorSettings};
@@ -120,7 +120,7 @@ pub(crate) fn open(name: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
     let lock = BusLock::interface(interface)?;
     let bus = SocketCanBus::open_as_is(interface)?;
     let bitrate = bus.link().bitrate;
-    Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, MachineTime), bitrate, _lock: lock })
+    Ok(OpenLine { name: name.to_owned(), link: Link::can(bus, Monotonic), bitrate, _lock: lock })
 }
 
 /// A serial device is a path; an interface has no slash.
@@ -137,7 +137,7 @@ fn open_serial(device: &str, baud: u32) -> Result<OpenLine, DirectFailure> {
         reply_timeout: REPLY_TIMEOUT,
         answers,
     };
-    let link = Link::serial(SerialBus::open(&settings)?, MachineTime);
+    let link = Link::serial(SerialBus::open(&settings)?, Monotonic);
     Ok(OpenLine { name: device.to_owned(), link, bitrate: None, _lock: lock })
 }
 

@@ -19,13 +19,13 @@
 //! allocate.
 //!
 //! ```
-//! use motord_bus::Instant;
-//! use motord_commissioning::{Link, Native, VirtualTime};
+//! use motord_bus::{Instant, VirtualClock};
+//! use motord_commissioning::{Link, Native};
 //! use motord_simulator::{BusSettings, Dialect, MotorSettings, SimulatedBus};
 //!
 //! let knee = MotorSettings { id: 3, host_id: 0x103, dialect: Dialect::Gim, ..Default::default() };
 //! let bus = SimulatedBus::new(BusSettings::default(), vec![knee], 1);
-//! let mut link = Link::can(bus, VirtualTime::new(Instant::ZERO));
+//! let mut link = Link::can(bus, VirtualClock::new(Instant::ZERO));
 //! let mut motor = Native::new(&mut link, 3, None);
 //! assert_eq!(motor.version()?, 0x0001_0203);
 //! # Ok::<(), motord_commissioning::Error>(())
@@ -41,7 +41,6 @@ mod native;
 mod reported;
 mod scan;
 mod survey;
-mod time;
 
 pub use apply::{Apply, Change, Event, Failed, bitrate_unit, changes, check_value};
 pub use error::Error;
@@ -51,6 +50,3 @@ pub use native::{CALIBRATION_MAX, Confirmation, Native, NextMotor, answers};
 pub use reported::{ReportedMotor, ReportedProtocol};
 pub use scan::{Family, Found, Progress, Report, Scan, Unprompted, identify, is_taken, scan};
 pub use survey::{Question, Survey, constants, survey};
-#[cfg(feature = "linux")]
-pub use time::MachineTime;
-pub use time::{Timer, VirtualTime};

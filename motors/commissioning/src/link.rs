@@ -1,8 +1,7 @@
 //! A bus with one open request.
 
 use crate::error::Error;
-use crate::time::Timer;
-use motord_bus::{Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
+use motord_bus::{Bus, Clock, Content, Duration, Frame, FrameId, Inbox, Instant, Refusal};
 
 /// The kind of wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +27,7 @@ pub enum Heard {
 /// A bus, its clock, and the time limit of an answer.
 pub struct Link {
     bus: Box<dyn Bus>,
-    timer: Box<dyn Timer>,
+    clock: Box<dyn Clock + Send>,
     wire: Wire,
     patience: Duration,
     inbox: Inbox,
@@ -48,24 +47,24 @@ impl Link {
     /// Returns the link of a CAN bus that receives every id, or at least the host ids of the
     /// requested motors.
     #[must_use]
-    pub fn can(bus: impl Bus + 'static, timer: impl Timer + 'static) -> Self {
-        Self::over(Box::new(bus), timer, Wire::Can)
+    pub fn can(bus: impl Bus + 'static, clock: impl Clock + Send + 'static) -> Self {
+        Self::over(Box::new(bus), clock, Wire::Can)
     }
 
     /// Returns the link of a serial bus.
     #[must_use]
-    pub fn serial(bus: impl Bus + 'static, timer: impl Timer + 'static) -> Self {
-        Self::over(Box::new(bus), timer, Wire::Serial)
+    pub fn serial(bus: impl Bus + 'static, clock: impl Clock + Send + 'static) -> Self {
+        Self::over(Box::new(bus), clock, Wire::Serial)
     }
 
     /// Returns the link of a bus of this kind.
     #[must_use]
-    pub fn over(bus: Box<dyn Bus>, timer: impl Timer + 'static, wire: Wire) -> Self {
+    pub fn over(bus: Box<dyn Bus>, clock: impl Clock + Send + 'static, wire: Wire) -> Self {
         let patience = match wire {
             Wire::Can => CAN_PATIENCE,
             Wire::Serial => SERIAL_PATIENCE,
         };
-        Self { bus, timer: Box::new(timer), wire, patience, inbox: Inbox::new() }
+        Self { bus, clock: Box::new(clock), wire, patience, inbox: Inbox::new() }
     }
 
     /// Returns the link with another time limit for an answer.
@@ -95,7 +94,7 @@ impl Link {
     /// Returns the time of the link's clock.
     #[must_use]
     pub fn now(&self) -> Instant {
-        self.timer.now()
+        self.clock.now()
     }
 
     /// Sends `payload` to motor `id`. Passes every arrival to `read` until it returns a value, or
@@ -131,12 +130,12 @@ impl Link {
         patience: Duration,
         mut read: impl FnMut(Heard) -> Option<T>,
     ) -> Result<Option<T>, Error> {
-        let deadline = self.timer.now() + patience;
+        let deadline = self.clock.now() + patience;
         loop {
-            let before = self.timer.now();
-            self.timer.wait(self.bus.readiness(), deadline);
+            let before = self.clock.now();
+            self.clock.wait(&[self.bus.readiness()], deadline);
             self.inbox.clear();
-            self.bus.receive(self.timer.now(), &mut self.inbox);
+            self.bus.receive(self.clock.now(), &mut self.inbox);
             let found = self
                 .inbox
                 .arrivals()
@@ -158,7 +157,7 @@ impl Link {
     fn drain(&mut self) {
         for _ in 0..DRAINS_MAX {
             self.inbox.clear();
-            self.bus.receive(self.timer.now(), &mut self.inbox);
+            self.bus.receive(self.clock.now(), &mut self.inbox);
             if self.inbox.arrivals().is_empty() {
                 return;
             }
@@ -168,9 +167,9 @@ impl Link {
     /// Retries while the bus is full: a serial bus refuses while an earlier request may still be
     /// answered.
     fn send(&mut self, frame: &Frame, patience: Duration) -> Result<(), Error> {
-        let deadline = self.timer.now() + patience.max(self.patience);
+        let deadline = self.clock.now() + patience.max(self.patience);
         loop {
-            let now = self.timer.now();
+            let now = self.clock.now();
             match self.bus.send(now, &[*frame]).refusal {
                 None => return Ok(()),
                 Some(Refusal::Full) if now < deadline => self.pause(PAUSE),

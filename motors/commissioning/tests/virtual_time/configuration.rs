@@ -2,8 +2,10 @@
 
 use crate::{START, inject, on_both_wires};
 
-use motord_bus::{Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent};
-use motord_commissioning::{Apply, Error, Event, Failed, Link, Native, VirtualTime, changes, identify};
+use motord_bus::{
+    Arrival, Bus, Content, Duration, Frame, FrameId, Inbox, Instant, Readiness, Sent, VirtualClock,
+};
+use motord_commissioning::{Apply, Error, Event, Failed, Link, Native, changes, identify};
 use motord_protocol::gim::{CONFIGURATION, ConfigurationItem, ExecutionTime, Finite, Refusal, Value};
 
 /// Goal: no difference remains after a dump, a reset of the configuration, and an application of
@@ -117,8 +119,8 @@ fn an_echo_is_never_an_answer() {
         }
     }
     for mut link in [
-        Link::can(Echo::default(), VirtualTime::new(START)),
-        Link::serial(Echo::default(), VirtualTime::new(START)),
+        Link::can(Echo::default(), VirtualClock::new(START)),
+        Link::serial(Echo::default(), VirtualClock::new(START)),
     ] {
         assert_eq!(identify(&mut link, 1), Ok(None));
         let mut motor = Native::new(&mut link, 1, None);
@@ -189,8 +191,8 @@ fn every_result_code_is_error_on_both_wires() {
         (0x0B, "write-only register"),
         (0x42, "reason not in the vendor's list"),
     ] {
-        let can = Link::can(Refuser(code, None), VirtualTime::new(START));
-        let serial = Link::serial(Refuser(code, None), VirtualTime::new(START));
+        let can = Link::can(Refuser(code, None), VirtualClock::new(START));
+        let serial = Link::serial(Refuser(code, None), VirtualClock::new(START));
         for mut link in [can, serial] {
             let mut motor = Native::new(&mut link, 3, None);
             let torque_constant = ConfigurationItem::TORQUE_CONSTANT;
@@ -210,6 +212,6 @@ fn every_result_code_is_error_on_both_wires() {
             }
         }
     }
-    let mut link = Link::can(Refuser(0x00, None), VirtualTime::new(START));
+    let mut link = Link::can(Refuser(0x00, None), VirtualClock::new(START));
     Native::new(&mut link, 3, None).start().unwrap();
 }

@@ -6,8 +6,8 @@ mod configuration;
 mod scan;
 mod transactions;
 
-use motord_bus::Instant;
-use motord_commissioning::{Link, VirtualTime};
+use motord_bus::{Instant, VirtualClock};
+use motord_commissioning::Link;
 use motord_protocol::gim::ExecutionTime;
 use motord_simulator::{
     BusKind, BusSettings, Dialect, FaultVerb, Mode, MotorSettings, SharedBus, SimulatedBus,
@@ -28,8 +28,8 @@ pub(crate) fn bus(kind: BusKind, motors: Vec<MotorSettings>) -> SharedBus {
 
 pub(crate) fn link(bus: &SharedBus, kind: BusKind) -> Link {
     match kind {
-        BusKind::Can => Link::can(bus.clone(), VirtualTime::new(START)),
-        BusKind::Serial => Link::serial(bus.clone(), VirtualTime::new(START)),
+        BusKind::Can => Link::can(bus.clone(), VirtualClock::new(START)),
+        BusKind::Serial => Link::serial(bus.clone(), VirtualClock::new(START)),
     }
 }
 
