@@ -129,8 +129,7 @@ impl Place {
     /// Runs an example; whatever runs until it is ended runs shortly. One with a bus has a line of its own, with a motor 3.
     fn example(&self, example: &str) {
         let example = without_missing_jq(example);
-        let is_on_wire = example.contains("--bus") || example.contains("motorctl setup");
-        let wire = is_on_wire.then(Line::knee);
+        let wire = needs_bus(example).then(Line::knee);
         let device = wire.as_ref().map_or_else(|| "can0".to_owned(), Line::device);
         let line = runnable(example, &device);
         self.write(
@@ -202,6 +201,11 @@ fn runnable(example: &str, device: &str) -> String {
     if ends_by_hand { on_a_terminal(&line) } else { line }
 }
 
+/// Returns whether an example uses a bus, without a daemon.
+fn needs_bus(example: &str) -> bool {
+    example.contains("--bus") || example.contains("motorctl setup")
+}
+
 /// Returns whether a status reports a robot whose motors are all stopped.
 fn is_at_rest(status: &[u8]) -> bool {
     let status: Value = serde_json::from_slice(status).unwrap_or_default();
@@ -268,9 +272,19 @@ fn motord_sim_examples_parse_up_to_missing_interface() {
 }
 
 #[test]
-fn every_example_of_motorctl_works() {
+fn every_bus_example_of_motorctl_works() {
     let place = Place::new();
     let mut examples = examples("motorctl", &[]);
+    examples.retain(|example| needs_bus(example));
+    assert!(examples.len() >= 10, "{examples:?}");
+    examples.iter().for_each(|example| place.example(example));
+}
+
+#[test]
+fn every_other_example_of_motorctl_works() {
+    let place = Place::new();
+    let mut examples = examples("motorctl", &[]);
+    examples.retain(|example| !needs_bus(example));
     assert!(examples.len() >= 20, "{examples:?}");
     // It ends the controller's claim.
     examples.sort_by_key(|example| example.contains("release"));

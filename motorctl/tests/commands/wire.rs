@@ -162,16 +162,24 @@ fn killed_motorctl_leaves_motor_to_command_duration() {
         "speed 0.5 --seconds 20 --max-travel-rad 90 @ --yes",
         "jog --seconds 9 --rad-s 0.5 --max-travel-rad 12 @ --yes",
     ];
-    for motion in motions {
+    let goes_limp = |motion| {
         let [moved, speed] = line::kill_in_motion(&Line::knee(), motion);
         assert!(moved > 0.2, "{motion}: {moved}");
         assert!(speed.abs() < 0.05, "{motion}: {speed}");
+    };
+    let goes_on = |motion| {
         let holds = Behaviour { duration_end: DurationEnd::HoldsCommand, ..Behaviour::default() };
         let line = Line::new(vec![MotorSettings { behaviour: holds, ..motor("knee", 3) }]);
         let [_, speed] = line::kill_in_motion(&line, motion);
         assert!(speed > 0.3, "{motion}: {speed}");
         line.good("stop @");
-    }
+    };
+    std::thread::scope(|scope| {
+        for motion in motions {
+            scope.spawn(move || goes_limp(motion));
+            scope.spawn(move || goes_on(motion));
+        }
+    });
 }
 
 #[test]
