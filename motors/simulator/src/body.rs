@@ -1,13 +1,15 @@
-//! The mechanics and the heat of one motor: a rotor behind a gear, friction, a torque limit, a warm winding.
+//! Mechanics and heat of one motor: a rotor behind a gear, friction, a torque limit, a winding that
+//! heats up.
 
 use crate::settings::MotorSettings;
 use crate::shaft::Shaft;
 
-/// Length of one step, ns. Steps end on multiples of it, or when the drive hears a frame, so a run does not depend on the times of
-/// the calls.
+/// Length of one step, ns. Steps end on multiples of it, or when the drive receives a frame, so a
+/// run does not depend on the times of the calls.
 pub(crate) const STEP_NS: u64 = 50_000;
 const STEP_SECONDS: f64 = STEP_NS as f64 / 1e9;
-/// Heat in W per Ω from line to line and A² of q current: 3/2 of a phase's resistance, which is half of the one from line to line.
+/// Heat in W per Ω from line to line and A² of q current: 3/2 of a phase's resistance. That is half
+/// of the resistance from line to line.
 pub(crate) const COPPER_LOSS: f64 = 0.75;
 
 /// The torque that a drive commands: `torque + kp·(reference - position) + kd·(velocity - shaft velocity)`.
@@ -30,7 +32,7 @@ pub(crate) struct Law {
 }
 
 impl Law {
-    /// No torque at all.
+    /// No torque.
     pub(crate) const LIMP: Self =
         Self { reference: 0.0, target: 0.0, rate: 0.0, velocity: 0.0, kp: 0.0, kd: 0.0, torque: 0.0 };
 
@@ -64,7 +66,8 @@ pub(crate) struct Body {
     thermal_time: f64,
     /// A plant outside moves the shaft.
     is_coupled: bool,
-    /// Torque of drive and load times time, since it was taken last, N·m·s. Counted for the plant only.
+    /// Torque of drive and load times time, since the last call of `take_impulse`, N·m·s. Counted
+    /// only for the plant.
     impulse: f64,
 }
 
@@ -92,28 +95,28 @@ impl Body {
         }
     }
 
-    /// Output side, kg·m².
+    /// Returns the inertia at the output, kg·m².
     pub(crate) fn inertia(&self) -> f64 {
         self.inertia
     }
 
-    /// From now on a plant outside moves the shaft. Returns its position and velocity.
+    /// Lets a plant outside move the shaft from now on. Returns its position and velocity.
     pub(crate) fn couple(&mut self) -> Shaft {
         self.is_coupled = true;
         Shaft { position: self.position, velocity: self.velocity }
     }
 
-    /// The shaft as the plant moved it.
+    /// Sets the shaft to the state that the plant computed.
     pub(crate) fn set_shaft(&mut self, shaft: Shaft) {
         (self.position, self.velocity) = (shaft.position, shaft.velocity);
     }
 
-    /// Torque of drive and load times time since the last call, N·m·s.
+    /// Returns torque of drive and load times time since the last call, N·m·s.
     pub(crate) fn take_impulse(&mut self) -> f64 {
         core::mem::take(&mut self.impulse)
     }
 
-    /// One step under `law`.
+    /// Computes one step under `law`.
     pub(crate) fn step(&mut self, law: &mut Law, seconds: f64) {
         law.follow(seconds);
         if self.is_coupled {
@@ -124,15 +127,16 @@ impl Body {
         self.warm(seconds);
     }
 
-    /// The shaft turns on at its velocity until the plant sets it.
+    /// Turns the shaft at its velocity until the plant sets it.
     fn coast(&mut self, law: &Law, seconds: f64) {
         self.apply(law);
         self.impulse += (self.torque + self.load) * seconds;
         self.position += self.velocity * seconds;
     }
 
-    /// Integrates by the implicit midpoint rule, which neither takes energy from a spring nor adds any. Uses backward Euler, which
-    /// damps at any gain, where that rule is not safe: in steps longer than the grid's, and where dry friction may hold the shaft.
+    /// Integrates by the implicit midpoint rule, which neither removes energy from a spring nor
+    /// adds any. Where that rule is not safe, uses backward Euler, which damps at any gain. These
+    /// are steps longer than the grid's, and steps in which dry friction may hold the shaft.
     fn integrate(&mut self, law: &Law, seconds: f64) {
         if (self.velocity != 0.0 || self.coulomb == 0.0) && seconds <= STEP_SECONDS {
             let middle = self.velocity_under(law, seconds / 2.0);
@@ -148,7 +152,8 @@ impl Body {
         self.position += self.velocity * seconds;
     }
 
-    /// The velocity after `seconds` of `law`, implicit in position, velocity and friction. Sets the torque.
+    /// Returns the velocity after `seconds` of `law`, implicit in position, velocity and friction.
+    /// Sets the torque.
     fn velocity_under(&mut self, law: &Law, seconds: f64) -> f64 {
         let (kp, kd) = (law.kp, law.kd);
         let pull = law.torque + kp * (law.reference - self.position) + kd * law.velocity;
@@ -159,7 +164,8 @@ impl Body {
         if self.torque == wanted { velocity } else { self.velocity_after(seconds, self.torque, self.viscous) }
     }
 
-    /// Applies the torque of a new `law` at once, for an answer that is sent before the next step.
+    /// Applies the torque of a new `law` immediately, for an answer that is sent before the next
+    /// step.
     pub(crate) fn apply(&mut self, law: &Law) {
         let wanted =
             law.torque + law.kp * (law.reference - self.position) + law.kd * (law.velocity - self.velocity);
@@ -167,14 +173,16 @@ impl Body {
         self.torque = wanted.clamp(lowest, highest);
     }
 
-    /// Backward Euler. Dry friction reduces the momentum to zero at most, and never reverses it.
+    /// Computes backward Euler. Dry friction reduces the momentum to at least zero, and never
+    /// reverses it.
     fn velocity_after(&self, seconds: f64, torque: f64, resistance: f64) -> f64 {
         let momentum = self.inertia * self.velocity + seconds * (torque + self.load);
         let kept = (momentum.abs() - seconds * self.coulomb).max(0.0);
         kept.copysign(momentum) / (self.inertia + seconds * resistance)
     }
 
-    /// Braking has the full peak torque. Driving torque falls with speed, because the back EMF reduces the voltage.
+    /// Returns the range of torque. Braking has the full peak torque. Driving torque decreases with
+    /// speed, because the back EMF reduces the voltage.
     fn torque_range(&self) -> (f64, f64) {
         let peak = |speed: f64| self.torque_peak * (1.0 - speed.max(0.0) / self.velocity_max).max(0.0);
         (-peak(-self.velocity), peak(self.velocity))

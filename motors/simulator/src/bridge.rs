@@ -4,37 +4,40 @@ use crate::{FaultVerb, InjectError, SimulatedBus};
 use motord_bus::socketcan::{InterfaceName, OpenError, Settings, SocketCanBus};
 use motord_bus::{Bus, Content, FrameId, Inbox, Instant, Readiness};
 
-/// Hands the commands that arrive on an interface to a simulated bus, and puts on the interface what its motors answer.
+/// Passes the commands that arrive on an interface to a simulated bus, and sends the motors'
+/// answers on the interface.
 ///
-/// The simulated bus keeps its bit rate, so that motors on a virtual interface answer when real ones would. Its error reports
-/// are passed on as well: on a virtual interface they look like those of the controller. Frames that it loses are lost for the
-/// daemon. A full queue and an interface that is gone are faults of the daemon's side, and must be made there.
+/// The simulated bus keeps its bit rate, so that motors on a virtual interface answer at the times
+/// of real ones. The bridge also sends its error reports: on a virtual interface they look like
+/// those of the controller. Frames that the simulated bus loses are lost for the daemon. Inject a
+/// full queue or an unplugged interface on the daemon's side.
 pub struct Bridge {
     interface: SocketCanBus,
     simulated: SimulatedBus,
-    /// The ids that the interface receives.
+    /// Ids that the interface receives.
     listening: Vec<FrameId>,
     inbox: Inbox,
 }
 
 impl Bridge {
-    /// Opens `interface` for the motors of `simulated`. A motor whose id changes hears the new one.
+    /// Opens `interface` for the motors of `simulated`. A motor whose id changes receives frames
+    /// with the new one.
     ///
     /// # Errors
     ///
-    /// The fault of the interface, and its remedy.
+    /// The error of the interface, with the commands that correct it.
     pub fn open(simulated: SimulatedBus, interface: InterfaceName, bitrate: u32) -> Result<Self, OpenError> {
         let listening = addresses(&simulated);
         let interface = SocketCanBus::open(&Settings { interface, bitrate, host_ids: listening.clone() })?;
         Ok(Self { interface, simulated, listening, inbox: Inbox::new() })
     }
 
-    /// The motors.
+    /// Returns the motors.
     pub fn bus(&mut self) -> &mut SimulatedBus {
         &mut self.simulated
     }
 
-    /// Moves the frames that are there by `now`, in both directions.
+    /// Transfers the frames that have arrived by `now`, in both directions.
     pub fn serve(&mut self, now: Instant) {
         self.inbox.clear();
         self.interface.receive(now, &mut self.inbox);
@@ -55,7 +58,8 @@ impl Bridge {
         self.follow();
     }
 
-    /// Listens to the ids that the motors have now. When the kernel refuses, the next call tries again.
+    /// Receives the ids that the motors have now. When the kernel refuses, the next call tries
+    /// again.
     fn follow(&mut self) {
         let addresses = addresses(&self.simulated);
         if addresses != self.listening && self.interface.listen(&addresses).is_ok() {
@@ -63,13 +67,13 @@ impl Bridge {
         }
     }
 
-    /// Becomes ready when a command arrives.
+    /// Returns the descriptor that becomes readable when a command arrives.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
         self.interface.readiness()
     }
 
-    /// The earliest time of an answer, if no command arrives before.
+    /// Returns the earliest time of an answer, if no command arrives before.
     #[must_use]
     pub fn due(&self) -> Instant {
         match self.simulated.readiness() {
@@ -82,13 +86,13 @@ impl Bridge {
     ///
     /// # Errors
     ///
-    /// As [`SimulatedBus::inject`].
+    /// As for [`SimulatedBus::inject`].
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         self.simulated.inject(now, verb)
     }
 }
 
-/// Each id once: the kernel may deliver a frame as often as its id is listed.
+/// Returns each id once: the kernel may deliver a frame once per listed id.
 fn addresses(bus: &SimulatedBus) -> Vec<FrameId> {
     let mut addresses: Vec<FrameId> = bus.motors().iter().map(crate::Motor::address).collect();
     addresses.sort_unstable();

@@ -14,9 +14,9 @@ use motord_bus::{Arrival, Bus, Content, Duration, ErrorFrame, Frame, FrameId, In
 use motord_bus::{Readiness, Refusal, Sent};
 use std::collections::VecDeque;
 
-/// Frames that one call moves at most; a longer backlog of a flood is dropped.
+/// Most frames that one call transfers. A longer backlog of a flood is dropped.
 const TRANSFERS_MAX: usize = 4096;
-/// The shortest answer: the fault `short` leaves 4 of the 6 bytes of a SteadyWin MIT answer.
+/// Shortest answer: the fault `short` leaves 4 of the 6 bytes of a SteadyWin MIT answer.
 const ANSWER_BYTES_MIN: u32 = 4;
 /// The frames of a flood have ids from here to 0x7FF, which no motor should have.
 const UNEXPECTED_ID: u16 = 0x7F0;
@@ -25,25 +25,28 @@ const UNEXPECTED_ID: u16 = 0x7F0;
 const DESTROYED: Content =
     Content::Error(ErrorFrame { class: ErrorFrame::PROTOCOL | ErrorFrame::BUS_ERROR, data: [0; 8] });
 
-/// A bus with its motors, in process. The time of every event follows from the times that are passed in and from the seed.
-/// So the same calls give the same bytes, on virtual and on real time.
+/// A bus with its motors, in process. The times that are passed in and the seed determine the time
+/// of every event. The same calls therefore give the same bytes, on virtual and on real time.
 ///
-/// - The host's frames wait in a queue, first in first out. Whenever the wire is idle, the frame with the lowest id
-///   that waits anywhere goes next (on a serial line: the one that waits longest), and takes its exact length. It is delivered
-///   when it is complete.
-/// - Every motor hears every frame, so a motor whose id is the host id of another obeys the answers of that other.
-/// - Two motors may send the same id at once. Equal bytes merge into one frame. Different bytes destroy each other: the wire
-///   is taken for the length of the frame, the host sees an error frame, and the motors try again one by one.
-/// - A serial line carries the host's frames as they come, also while a motor is still to answer. Answers that overlap destroy
-///   each other, whatever they say, and are not sent again.
+/// - The host's frames wait in a queue, first in first out. When the wire is idle, the waiting
+///   frame with the lowest id is sent next; on a serial line, the one that has waited longest. It
+///   takes its exact length, and is delivered when it is complete.
+/// - Every motor receives every frame. A motor whose id is the host id of another one obeys the
+///   answers of that motor.
+/// - Two motors may send the same id at once. Equal bytes merge into one frame. Different bytes
+///   destroy each other: the wire is busy for the length of the frame, the host receives an error
+///   frame, and the motors retry one by one.
+/// - A serial line carries the host's frames in their order, even before a motor has answered.
+///   Answers that overlap destroy each other, whatever their content, and are not sent again.
 ///
-/// After construction no method of [`Bus`] allocates; each moves at most 4096 frames.
+/// After construction no method of [`Bus`] allocates; each transfers at most 4096 frames.
 #[derive(Debug, Clone)]
 pub struct SimulatedBus {
     settings: BusSettings,
     motors: Vec<Motor>,
     random: Random,
-    /// A time has been passed in. The life of a bus begins at the first one, not at the clock's zero.
+    /// A time has been passed in. The life of a bus begins at the first call, not at the clock's
+    /// zero.
     begun: bool,
     now: Instant,
     queue: VecDeque<Contender>,
@@ -72,7 +75,7 @@ enum Link {
 struct Transfer {
     sender: Sender,
     frame: Frame,
-    /// It has waited for the wire since this time.
+    /// The frame has waited for the wire since this time.
     ready: Instant,
     ends: Instant,
 }
@@ -84,7 +87,7 @@ struct Flood {
 }
 
 impl SimulatedBus {
-    /// A bus at rest, with stopped motors. `seed` determines jitter, garbage and losses.
+    /// Returns a bus at rest, with stopped motors. `seed` determines jitter, garbage and losses.
     ///
     /// # Panics
     ///
@@ -99,7 +102,7 @@ impl SimulatedBus {
             random: Random::new(seed),
             begun: false,
             now: Instant::ZERO,
-            // One more: a frame that was destroyed on the wire goes back.
+            // One more: a frame that was destroyed on the wire goes back to the queue.
             queue: VecDeque::with_capacity(settings.tx_queue + 1),
             answers: Answers::new(motors.len()),
             wire: None,
@@ -113,30 +116,32 @@ impl SimulatedBus {
         }
     }
 
-    /// As in the settings.
+    /// Returns the name in the settings.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.settings.name
     }
 
-    /// The motor of this name, at the latest time that was passed in.
+    /// Returns the motor of this name, at the latest time that was passed in.
     #[must_use]
     pub fn motor(&self, name: &str) -> Option<&Motor> {
         self.motors.iter().find(|motor| motor.name() == name)
     }
 
-    /// All motors, in the order of their settings.
+    /// Returns all motors, in the order of their settings.
     #[must_use]
     pub fn motors(&self) -> &[Motor] {
         &self.motors
     }
 
-    /// The frames that were on the wire since the last call, oldest first, as far as [`BusSettings::record`] keeps them.
+    /// Returns the frames that were on the wire since the last call, oldest first.
+    /// [`BusSettings::record`] limits their number.
     pub fn take_record(&mut self) -> impl Iterator<Item = Recorded> + '_ {
         self.record.take()
     }
 
-    /// The host receives `content` from another node or from a recorded run. It takes no time on the wire.
+    /// Delivers `content` to the host, from another node or from a recorded run. It takes no time
+    /// on the wire.
     pub fn deliver(&mut self, now: Instant, content: Content) {
         self.advance(now);
         if !self.link.is_cut() {
@@ -148,7 +153,7 @@ impl SimulatedBus {
     ///
     /// # Errors
     ///
-    /// The target is unknown, or cannot have this fault. Nothing has changed then.
+    /// The target is unknown, or does not support this fault. Then nothing has changed.
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         self.advance(now);
         if verb.target == self.settings.name {
@@ -162,23 +167,24 @@ impl SimulatedBus {
         self.motors[index].inject(now, verb.fault)
     }
 
-    /// The drive of the motor `name` starts with `memory`, which [`Motor::memory`] gave.
+    /// Starts the drive of the motor `name` with `memory`, which [`Motor::memory`] returned.
     ///
     /// # Errors
     ///
-    /// There is no such motor, or `memory` is not one.
+    /// There is no such motor, or `memory` is not valid.
     pub fn remember(&mut self, name: &str, memory: &str) -> Result<(), InjectError> {
         let motor = self.motors.iter_mut().find(|motor| motor.name() == name);
         motor.ok_or(InjectError::NoSuchTarget)?.remember(memory).ok_or(InjectError::NoMemory)
     }
 
-    /// From now on a plant outside moves the shafts. Appends their states to `shafts`, by motor.
+    /// Lets a plant outside move the shafts from now on. Appends their states to `shafts`, by
+    /// motor.
     pub(crate) fn couple(&mut self, shafts: &mut Vec<Shaft>) {
         shafts.extend(self.motors.iter_mut().map(Motor::couple));
     }
 
-    /// Writes into one of `impulses` for each motor: torque times time that its shaft was given since the last call, until `end`,
-    /// N·m·s.
+    /// Writes one of `impulses` for each motor: torque times time on its shaft from the last call
+    /// until `end`, N·m·s.
     pub(crate) fn impulses_until<'a>(
         &mut self,
         end: Instant,
@@ -190,7 +196,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Takes one of `shafts` for each motor.
+    /// Sets each motor's shaft to one of `shafts`.
     pub(crate) fn set_shafts<'a>(&mut self, shafts: &mut impl Iterator<Item = &'a Shaft>) {
         self.motors.iter_mut().zip(shafts).for_each(|(motor, shaft)| motor.set_shaft(*shaft));
     }
@@ -233,7 +239,7 @@ impl SimulatedBus {
         self.flood = None;
     }
 
-    /// The host leaves the bus, and its queue is lost. Its frame on the wire is lost, too.
+    /// Takes the host off the bus. Its queue and its frame on the wire are lost.
     fn cut(&mut self, link: Link) {
         self.link = link;
         self.queue.clear();
@@ -249,7 +255,7 @@ impl SimulatedBus {
         self.motors.iter_mut().for_each(|motor| motor.set_bitrate(bitrate));
     }
 
-    /// Bit/s that frames take on the wire.
+    /// Returns the bit rate of frames on the wire, bit/s.
     fn wire_bitrate(&self) -> u32 {
         self.settings.wire_bitrate.unwrap_or(self.settings.bitrate)
     }
@@ -270,7 +276,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Executes everything that is due by `to`.
+    /// Executes all events due by `to`.
     fn advance(&mut self, to: Instant) {
         if !core::mem::replace(&mut self.begun, true) {
             self.motors.iter_mut().for_each(|motor| motor.begin(to));
@@ -287,7 +293,8 @@ impl SimulatedBus {
         self.now = self.now.max(to);
     }
 
-    /// Gives the idle wire to the frame that is ready first by `to`; of several on CAN, to the lowest id.
+    /// Gives the idle wire to the frame that is ready first by `to`; of several on CAN, to the
+    /// lowest id.
     fn arbitrate(&mut self, to: Instant) {
         let Some(first) = self.contenders().map(|contender| contender.ready).min() else { return };
         let start = self.now.max(first);
@@ -310,7 +317,7 @@ impl SimulatedBus {
         self.wire = Some(Transfer { sender, frame: winner.frame, ready: winner.ready, ends });
     }
 
-    /// Another motor's answer destroys the winner's.
+    /// Returns `true` when another motor's answer destroys the winner's.
     fn collide(&mut self, winner: &Contender, start: Instant) -> bool {
         match self.settings.kind {
             BusKind::Can => self.answers.collide(winner, start),
@@ -326,7 +333,7 @@ impl SimulatedBus {
             .chain(self.flood.map(|flood| flood.contender))
     }
 
-    /// Removes the winner from the frames that wait. A flood contends again one period later.
+    /// Removes the winner from the waiting frames. A flood contends again one period later.
     fn withdraw(&mut self, winner: &Contender, start: Instant) {
         match winner.sender {
             Sender::Host => {
@@ -352,7 +359,7 @@ impl SimulatedBus {
         }
     }
 
-    /// Every node but the sender hears a frame when it is complete.
+    /// Delivers a complete frame to every node except the sender.
     fn complete(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
         if self.is_disturbed(sender) {
             return self.repeat(Transfer { sender, frame, ready, ends });
@@ -376,13 +383,13 @@ impl SimulatedBus {
         }
     }
 
-    /// A motor of another bit rate destroys the frame of `sender`.
+    /// Returns `true` when a motor of another bit rate destroys the frame of `sender`.
     fn is_disturbed(&mut self, sender: Sender) -> bool {
         let others = (0..).zip(&mut self.motors).filter(|(index, _)| sender != Sender::Motor(*index));
         others.fold(false, |disturbed, (_, motor)| motor.disturbs() || disturbed)
     }
 
-    /// The frame was destroyed: the host learns of it, and a host or motor that sent it tries again.
+    /// Reports a destroyed frame to the host. A host or motor that sent it tries again.
     fn repeat(&mut self, Transfer { sender, frame, ready, ends }: Transfer) {
         let contender = Contender { sender, frame, ready, duration: self.duration(&frame) };
         match sender {
@@ -411,7 +418,8 @@ impl SimulatedBus {
         self.answers.admit(contender, impairment.reorder, impairment.duplicate);
     }
 
-    /// The earliest time of the next arrival, if nothing else is sent. The arrival is never earlier.
+    /// Returns the earliest time of the next arrival, if nothing else is sent. The arrival is never
+    /// earlier.
     fn next_arrival(&self) -> Option<Instant> {
         if let Some(arrival) = self.arrivals.front() {
             return Some(arrival.at);
@@ -434,7 +442,8 @@ impl SimulatedBus {
         self.wire.map_or(self.now, |transfer| transfer.ends)
     }
 
-    /// When the wire is free for `contender`: after the host's frames that have priority.
+    /// Returns the time at which the wire is free for `contender`: after the host's frames that
+    /// have priority.
     fn wire_free_for(&self, contender: &Contender) -> Instant {
         let blocked = self.settings.kind == BusKind::Serial || self.link == Link::Unacknowledged;
         let urgent = self.queue.iter().take_while(|queued| queued.frame.id() < contender.frame.id());
@@ -442,7 +451,7 @@ impl SimulatedBus {
         self.idle_from() + before
     }
 
-    /// The shortest time from the end of a command to the end of its answer.
+    /// Returns the shortest time from the end of a command to the end of its answer.
     fn answer_min(&self) -> Duration {
         let latency =
             |motor: &Motor| motor.settings().reply_latency.saturating_sub(motor.settings().reply_jitter);
@@ -493,7 +502,7 @@ impl Bus for SimulatedBus {
 }
 
 impl Link {
-    /// The host takes no part in the bus.
+    /// Returns `true` when the host takes no part in the bus.
     fn is_cut(self) -> bool {
         matches!(self, Self::Off | Self::Down | Self::Gone)
     }

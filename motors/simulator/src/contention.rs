@@ -2,7 +2,7 @@
 
 use motord_bus::{Duration, Frame, Instant};
 
-/// Answers that wait, per motor. Further ones are lost, as in a drive with few mailboxes.
+/// Most waiting answers per motor. Further ones are lost, as in a drive with few mailboxes.
 const ANSWERS_PER_MOTOR: usize = 8;
 /// Separates two answers that would be ready at the same time.
 const MOMENT: Duration = Duration::from_nanos(1);
@@ -13,7 +13,7 @@ pub(crate) enum Sender {
     Host,
     Motor(usize),
     Flood,
-    /// A collision: nobody gets the frame.
+    /// A collision: no node receives the frame.
     Several,
 }
 
@@ -22,7 +22,7 @@ pub(crate) enum Sender {
 pub(crate) struct Contender {
     pub(crate) sender: Sender,
     pub(crate) frame: Frame,
-    /// It may begin from this time on.
+    /// Earliest time at which it may begin.
     pub(crate) ready: Instant,
     /// Its time on the wire.
     pub(crate) duration: Duration,
@@ -48,12 +48,13 @@ impl Answers {
         Self { waiting: Vec::with_capacity(capacity), capacity }
     }
 
-    /// The answers that may begin once they are ready.
+    /// Returns the answers that may begin once they are ready.
     pub(crate) fn contenders(&self) -> impl Iterator<Item = Contender> + '_ {
         self.waiting.iter().filter(|answer| !answer.held).map(|answer| answer.contender)
     }
 
-    /// Adds an answer. It waits for the wire. With `reorder` every other answer waits until its successor has gone.
+    /// Adds an answer, which waits for the wire. With `reorder`, every other answer waits until its
+    /// successor was sent.
     pub(crate) fn admit(&mut self, contender: Contender, reorder: bool, duplicate: bool) {
         let later = contender.ready + MOMENT;
         let overtaken = self.release(contender.sender, later);
@@ -63,7 +64,7 @@ impl Answers {
         }
     }
 
-    /// Frees the answer that `sender` holds back, if there is one.
+    /// Releases the answer that `sender` holds back, if there is one.
     fn release(&mut self, sender: Sender, ready: Instant) -> bool {
         let held = self.waiting.iter_mut().find(|answer| answer.held && answer.contender.sender == sender);
         let found = held.is_some();
@@ -85,8 +86,9 @@ impl Answers {
         self.waiting.retain(|answer| answer.contender.sender != sender);
     }
 
-    /// Whether another motor sends the winner's id at `start` with other bytes. That motor tries again a moment after the
-    /// winner. The winner tries again as soon as the collision is over.
+    /// Returns `true` when another motor sends the winner's id at `start` with other bytes. That
+    /// motor tries again a moment after the winner. The winner tries again as soon as the collision
+    /// is over.
     pub(crate) fn collide(&mut self, winner: &Contender, start: Instant) -> bool {
         let mut collided = false;
         for answer in self.waiting.iter_mut().filter(|answer| !answer.held) {
@@ -100,8 +102,8 @@ impl Answers {
         collided
     }
 
-    /// Whether another motor sends while the winner does, on a line without arbitration: nobody's bytes are whole, and none tries
-    /// again.
+    /// Returns `true` when another motor sends at the same time as the winner, on a line without
+    /// arbitration. The bytes of all senders are damaged, and none tries again.
     pub(crate) fn clash(&mut self, winner: &Contender, start: Instant) -> bool {
         let together = |answer: &Answer| !answer.held && answer.contender.ready < start + winner.duration;
         let clashes =

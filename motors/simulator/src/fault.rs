@@ -1,27 +1,31 @@
-//! Faults of a bus or a motor, and the lines that ask for them: `fl-hip delayed 2ms`.
+//! Faults of a bus or a motor, and the lines that request them: `fl-hip delayed 2ms`.
 
 use core::str::FromStr;
 use motord_bus::frame::ControllerState;
 use motord_bus::{Duration, Unsupported};
 
-/// One fault. The faults of a motor add up until [`Fault::Ok`] ends all of them. A bus has one link state at a time.
+/// One fault. The faults of a motor accumulate until [`Fault::Ok`] ends them all. A bus has one
+/// link state at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
-    /// `ok`, `on`: ends every fault. Lasting effects (a vendor fault, heat, a power cycle) stay. A motor without power boots.
+    /// `ok`, `on`: ends every fault. Lasting effects (a vendor fault, heat, a power cycle) stay. A
+    /// motor without power boots.
     Ok,
-    /// `off`: the motor is unplugged from the bus. It neither hears nor answers, and goes on executing its last command.
+    /// `off`: the motor is unplugged from the bus. It neither receives nor answers, and continues
+    /// its last command.
     Off,
-    /// `stuck`: the reported position stands still.
+    /// `stuck`: the reported position stops updating.
     Stuck,
     /// `garbage`: answers have the right id and length, and random bytes.
     Garbage,
-    /// `wrong`: answers are well formed and false: position 1 rad off, velocity and torque with the other sign.
+    /// `wrong`: answers are well formed, with false values: position 1 rad off, velocity and torque
+    /// with reversed sign.
     Wrong,
-    /// `slow 10ms`: reported states are refreshed only that often.
+    /// `slow 10ms`: reported states are refreshed only at this interval.
     Slow(Duration),
-    /// `delayed 2ms`: answers come later by this time.
+    /// `delayed 2ms`: answers are delayed by this time.
     Delayed(Duration),
-    /// `intermittent 50%`: that fraction of the answers is lost, 0 to 1.
+    /// `intermittent 50%`: this fraction of the answers is lost, 0 to 1.
     Intermittent(f64),
     /// `duplicate`: every answer is sent twice.
     Duplicate,
@@ -31,22 +35,25 @@ pub enum Fault {
     Short,
     /// `fault 0x02`: the drive raises this number of its vendor's fault list (SteadyWin: bits of GIM document, table 9).
     Raise(u32),
-    /// `power-cycle`: the motor restarts: silent while it boots, then stopped, its position within one turn.
+    /// `power-cycle`: the motor restarts: silent while it boots, then stopped, with its position
+    /// within one turn.
     PowerCycle,
-    /// `power-off`: the motor has no power: limp, silent, and it forgets what it has not stored.
+    /// `power-off`: the motor has no power: limp, silent, and without the values that it has not
+    /// stored.
     PowerOff,
-    /// `refuse 0x0B`: native commands that write configuration or parameters, and calibrations, get this result code (GIM
-    /// document, table 5) and have no effect.
+    /// `refuse 0x0B`: native commands that write configuration or parameters, and calibrations,
+    /// return this result code (GIM document, table 5) and have no effect.
     Refuse(u8),
     /// `temperature 120`: the winding has this temperature now, °C.
     Temperature(f64),
     /// `voltage 60`: the supply, V.
     Voltage(f64),
-    /// `load 5`: constant torque of the outside world on the output, N·m.
+    /// `load 5`: constant external torque on the output, N·m.
     Load(f64),
     /// `bus-off`: the controller has left the bus. Frames are accepted and lost, as Linux does without carrier.
     BusOff,
-    /// `tx-full`, `tx-full 1`: each send accepts this many frames and refuses the rest; what waits is still sent.
+    /// `tx-full`, `tx-full 1`: each send accepts this many frames and refuses the rest. Waiting
+    /// frames are still sent.
     TxFull(usize),
     /// `no-ack`: no node acknowledges. The queue fills, and its old frames are sent when the fault ends.
     NoAck,
@@ -54,7 +61,7 @@ pub enum Fault {
     Down,
     /// `gone`: the interface is unplugged. `ok` plugs a serial port in again, perhaps under another name.
     Gone,
-    /// `flood 8000`: so many frames a second with ids of no motor.
+    /// `flood 8000`: frames per second with ids of no motor.
     Flood(u32),
     /// `warning`, `passive`, `active`: the controller reports this state once; nothing else changes.
     Report(ControllerState),
@@ -62,19 +69,19 @@ pub enum Fault {
     Unsupported(Unsupported),
     /// `bitrate 500000`: the host's controller has this bit rate from now on.
     Bitrate(u32),
-    /// `overflow 5`: so many received frames were lost.
+    /// `overflow 5`: number of received frames that were lost.
     Overflow(u32),
-    /// `echo`: the RS485 adapter gives the host back what it sends.
+    /// `echo`: the RS485 adapter returns the bytes that the host sends.
     Echo,
-    /// `glue 16ms`: the adapter collects bytes for this time, and hands them over at once.
+    /// `glue 16ms`: the adapter collects bytes for this time, and delivers them together.
     Glue(Duration),
-    /// `loss 1%`: that fraction of the bytes is lost in each direction, 0 to 1.
+    /// `loss 1%`: this fraction of the bytes is lost in each direction, 0 to 1.
     Loss(f64),
-    /// `corrupt 1%`: that fraction of the bytes is changed in each direction, 0 to 1.
+    /// `corrupt 1%`: this fraction of the bytes is changed in each direction, 0 to 1.
     Corruption(f64),
     /// `silent`: no byte passes, in either direction.
     Silent,
-    /// `blocked`: the port takes no byte of the host (`EAGAIN`).
+    /// `blocked`: the port accepts no byte from the host (`EAGAIN`).
     Blocked,
 }
 
@@ -83,11 +90,11 @@ pub enum Fault {
 pub struct FaultVerb {
     /// Name of a bus or motor.
     pub target: String,
-    /// Its fault.
+    /// The fault.
     pub fault: Fault,
 }
 
-/// The reason why a line is not a [`FaultVerb`].
+/// Reason for which a line is not a [`FaultVerb`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VerbError {
     /// The line has no target, no verb, or more words than its verb takes.
@@ -134,7 +141,7 @@ impl FromStr for FaultVerb {
     }
 }
 
-/// The words that follow a verb.
+/// The words after a verb.
 #[derive(Clone, Copy)]
 enum Form {
     /// Nothing.
@@ -158,14 +165,14 @@ pub enum FaultTarget {
     Line,
 }
 
-/// A word for a fault.
+/// The word for a fault.
 #[derive(Clone, Copy)]
 pub struct Verb {
     /// The word.
     pub name: &'static str,
     /// The targets that can have the fault.
     pub target: FaultTarget,
-    /// The effect, for people.
+    /// The effect, as text for display.
     pub effect: &'static str,
     form: Form,
 }
@@ -193,7 +200,7 @@ impl Verb {
         Self { name, target, effect, form: Form::Either { otherwise, example, read } }
     }
 
-    /// The verb with an example of its argument, in brackets where it may be left out.
+    /// Returns the verb with an example of its argument, in brackets where it is optional.
     #[must_use]
     pub fn usage(&self) -> String {
         let Self { name, form, .. } = self;
@@ -204,7 +211,8 @@ impl Verb {
         }
     }
 
-    /// A line for each verb whose target is one of `targets`: its usage and its effect. For the help of a program.
+    /// Returns a line for each verb whose target is one of `targets`: its usage and its effect. For
+    /// the help of a program.
     #[must_use]
     pub fn list(targets: &[FaultTarget]) -> String {
         let listed = VERBS.iter().filter(|verb| targets.contains(&verb.target));
@@ -212,7 +220,7 @@ impl Verb {
     }
 }
 
-/// All verbs; the documentation of [`Fault`] says more of what they do.
+/// All verbs. The documentation of [`Fault`] describes their effects in detail.
 pub const VERBS: [Verb; 39] = {
     use FaultTarget::{Any, Bus, Line, Motor};
     let slow = Fault::Slow(Duration::from_millis(10));
@@ -226,7 +234,7 @@ pub const VERBS: [Verb; 39] = {
             "off",
             Motor,
             Fault::Off,
-            "unplugged: neither hears nor answers, goes on with its last command",
+            "unplugged: neither receives nor answers, continues its last command",
         ),
         Verb::bare("power-off", Motor, Fault::PowerOff, "has no power: limp and silent"),
         Verb::bare(
@@ -257,9 +265,9 @@ pub const VERBS: [Verb; 39] = {
             ("load", "5.0"),
             Motor,
             |text| finite(text).map(Fault::Load),
-            "something turns its output with this torque, N·m",
+            "an external torque acts on its output, N·m",
         ),
-        Verb::bare("stuck", Motor, Fault::Stuck, "its reported position stands still"),
+        Verb::bare("stuck", Motor, Fault::Stuck, "its reported position stops updating"),
         Verb::bare("garbage", Motor, Fault::Garbage, "its answers are random bytes"),
         Verb::bare(
             "wrong",
@@ -271,13 +279,13 @@ pub const VERBS: [Verb; 39] = {
             ("slow", "10ms"),
             Motor,
             (slow, |text| duration(text).map(Fault::Slow)),
-            "its reported states are refreshed only that often",
+            "its reported states are refreshed only at this interval",
         ),
         Verb::either(
             ("delayed", "2ms"),
             Motor,
             (delayed, |text| duration(text).map(Fault::Delayed)),
-            "its answers come later by this time",
+            "its answers are delayed by this time",
         ),
         Verb::either(
             ("intermittent", "50%"),
@@ -285,8 +293,8 @@ pub const VERBS: [Verb; 39] = {
             (Fault::Intermittent(0.5), |text| percentage(text).map(Fault::Intermittent)),
             "this share of its answers is lost",
         ),
-        Verb::bare("duplicate", Motor, Fault::Duplicate, "every answer comes twice"),
-        Verb::bare("reorder", Motor, Fault::Reorder, "every other answer comes after its successor"),
+        Verb::bare("duplicate", Motor, Fault::Duplicate, "every answer is sent twice"),
+        Verb::bare("reorder", Motor, Fault::Reorder, "every other answer is sent after its successor"),
         Verb::bare("short", Motor, Fault::Short, "its answers lack their last two bytes"),
         Verb::with(
             ("refuse", "0x0B"),
@@ -308,13 +316,13 @@ pub const VERBS: [Verb; 39] = {
             ("flood", "8000"),
             Bus,
             (Fault::Flood(8000), |text| rate(text).map(Fault::Flood)),
-            "so many frames a second with ids of no motor",
+            "frames per second with ids of no motor",
         ),
         Verb::with(
             ("overflow", "5"),
             Bus,
             |text| text.parse().ok().map(Fault::Overflow),
-            "so many received frames were lost",
+            "this number of received frames was lost",
         ),
         Verb::with(
             ("bitrate", "500000"),
@@ -353,12 +361,12 @@ pub const VERBS: [Verb; 39] = {
             "one remote frame, which no motor sends",
         ),
         Verb::bare("fd", Bus, Fault::Unsupported(Unsupported::Fd), "one CAN FD frame, which no motor sends"),
-        Verb::bare("echo", Line, Fault::Echo, "the adapter gives the host back what it sends"),
+        Verb::bare("echo", Line, Fault::Echo, "the adapter returns the bytes that the host sends"),
         Verb::either(
             ("glue", "16ms"),
             Line,
             (glue, |text| duration(text).map(Fault::Glue)),
-            "the adapter hands bytes over only that often",
+            "the adapter delivers bytes only at this interval",
         ),
         Verb::with(
             ("loss", "1%"),
@@ -373,7 +381,7 @@ pub const VERBS: [Verb; 39] = {
             "this share of the bytes is changed",
         ),
         Verb::bare("silent", Line, Fault::Silent, "no byte passes"),
-        Verb::bare("blocked", Line, Fault::Blocked, "the port takes no byte of the host"),
+        Verb::bare("blocked", Line, Fault::Blocked, "the port accepts no byte from the host"),
     ]
 };
 
@@ -426,16 +434,16 @@ fn finite(text: &str) -> Option<f64> {
     text.parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// Why a fault could not be injected.
+/// Reason for which a fault could not be injected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InjectError {
     /// Neither the bus nor a motor on it has this name.
     NoSuchTarget,
-    /// A fault of buses, asked for a motor.
+    /// A fault of buses, requested for a motor.
     NotForMotors,
-    /// A fault of motors, asked for a bus.
+    /// A fault of motors, requested for a bus.
     NotForBuses,
-    /// A fault of serial ports, asked for another bus.
+    /// A fault of serial ports, requested for another bus.
     OnlySerial,
     /// The text is not the memory of a motor.
     NoMemory,
@@ -489,7 +497,8 @@ mod tests {
         }
     }
 
-    /// Goal: the help is true. Method: every verb of the list goes to a motor, to a bus and to a serial bus.
+    /// Goal: the help is correct. Method: every verb of the list is injected into a motor, a bus
+    /// and a serial bus.
     #[test]
     fn verbs_apply_to_their_listed_targets() {
         use crate::{BusKind, BusSettings, MotorSettings, SerialSlave, SimulatedBus};
@@ -512,7 +521,7 @@ mod tests {
                 FaultTarget::Line => (false, false),
             };
             assert_eq!((to_motor, to_bus), (motor, any_bus), "{usage}");
-            // The port blocks, not the slave behind it.
+            // The fault blocks the port, not the slave behind it.
             assert_eq!(to_line || verb.name == "blocked", verb.target != FaultTarget::Motor, "{usage}");
         }
     }

@@ -9,7 +9,8 @@ const TRAILER_BITS: u32 = 13;
 const CRC_POLYNOMIAL: u16 = 0x4599;
 const CRC_BITS: u32 = 15;
 
-/// Time that `frame` takes on a CAN bus with these bit rates in bit/s, from its start to the end of the interframe space.
+/// Returns the time of `frame` on a CAN bus with these bit rates in bit/s, from its start to the
+/// end of the interframe space.
 pub(crate) fn frame_time(frame: &Frame, bitrate: u32, data_bitrate: u32) -> Duration {
     match frame.format() {
         Format::Classic => wire_time(frame_bits(frame), bitrate),
@@ -20,7 +21,8 @@ pub(crate) fn frame_time(frame: &Frame, bitrate: u32, data_bitrate: u32) -> Dura
     }
 }
 
-/// Bits that a classic `frame` occupies on a CAN bus, from its start to the end of the interframe space.
+/// Returns the bits of a classic `frame` on a CAN bus, from its start to the end of the interframe
+/// space.
 #[must_use]
 pub fn frame_bits(frame: &Frame) -> u32 {
     let mut sequence = Sequence::default();
@@ -33,7 +35,8 @@ pub fn frame_bits(frame: &Frame) -> u32 {
     sequence.bits + sequence.stuff_bits + TRAILER_BITS
 }
 
-/// Bits that a CAN FD `frame` occupies, by their bit rate. A stuff bit behind BRS counts as one of the nominal bit rate.
+/// Returns the bits of a CAN FD `frame`, by their bit rate. A stuff bit after BRS counts as one of
+/// the nominal bit rate.
 fn fd_bits(frame: &Frame, switches_rate: bool, error_passive: bool) -> FdBits {
     let mut sequence = Sequence::default();
     sequence.put_id(frame.id());
@@ -43,7 +46,7 @@ fn fd_bits(frame: &Frame, switches_rate: bool, error_passive: bool) -> FdBits {
     sequence.put(error_passive.into(), 1);
     sequence.put(data_length_code(frame.payload().len()), 4);
     sequence.put_payload(frame);
-    // The first fixed stuff bit takes the place of a stuff bit behind the payload.
+    // The first fixed stuff bit replaces a stuff bit after the payload.
     let in_content = sequence.stuff_bits - in_header - u32::from(sequence.ends_in_stuff_bit);
     let width = if frame.id().is_extended() { IdWidth::Extended } else { IdWidth::Standard };
     let FdBits { nominal, data } = FdBits::unstuffed(width, frame.payload().len() as u32);
@@ -63,7 +66,7 @@ const fn data_length_code(len: usize) -> u32 {
     }
 }
 
-/// The bits of a frame from its start, and the CRC and the stuff bits that follow from them.
+/// The bits of a frame from its start, and the CRC and the stuff bits that result from them.
 #[derive(Debug, Default)]
 struct Sequence {
     bits: u32,
@@ -75,7 +78,8 @@ struct Sequence {
 }
 
 impl Sequence {
-    /// Start of frame, the id with SRR and IDE, and RTR or RRS; of a standard frame also IDE.
+    /// Appends start of frame, the id with SRR and IDE, and RTR or RRS; for a standard frame also
+    /// IDE.
     fn put_id(&mut self, id: FrameId) {
         let raw = id.raw();
         self.put(0, 1);
@@ -99,7 +103,8 @@ impl Sequence {
         (0..count).rev().for_each(|place| self.put_bit(word >> place & 1));
     }
 
-    /// Five equal bits are followed by a bit of the other value, which is the first of the next five.
+    /// Appends a bit. Five equal bits are followed by a bit of the other value, which is the first
+    /// of the next five.
     fn put_bit(&mut self, bit: u32) {
         let feedback = bit as u16 ^ (self.crc >> (CRC_BITS - 1) & 1);
         self.crc = ((self.crc << 1) ^ (feedback * CRC_POLYNOMIAL)) & 0x7FFF;
@@ -142,7 +147,8 @@ mod tests {
     fn crc_matches_a_frame_worked_by_hand() {
         // Id 0, no data: 19 zero bits leave the register at zero.
         assert_eq!(crc(0, 19), 0);
-        // The CRC of a single 1 is the polynomial itself. A 0 behind it shifts and reduces that, as in long division.
+        // The CRC of a single 1 is the polynomial itself. A 0 after it shifts and reduces the CRC,
+        // as in long division.
         assert_eq!(crc(1, 1), 0x4599);
         assert_eq!(crc(0b10, 2), ((0x4599 << 1) ^ 0x4599) & 0x7FFF);
     }
@@ -163,15 +169,15 @@ mod tests {
         assert_eq!(frame_bits(&frame(1, &[0; 8])), 128);
     }
 
-    /// Id 0, no data, no BRS: 14 zeros get 2 stuff bits, and 4 zeros are left. After FDF, the 1, come res, BRS, ESI and four
-    /// zeros of the DLC: the fifth of these 7 zeros gets a stuff bit.
+    /// Id 0, no data, no BRS: 14 zeros get 2 stuff bits, and 4 zeros are left. After FDF, the 1,
+    /// follow res, BRS, ESI and four zeros of the DLC: the fifth of these 7 zeros gets a stuff bit.
     #[test]
     fn fd_frame_has_the_length_worked_by_hand() {
         let empty = Frame::with_format(FrameId::from(0), Format::FD, &[]).unwrap();
         assert_eq!(fd_bits(&empty, false, false), FdBits { nominal: 29 + 2, data: 33 + 1 });
         assert_eq!(frame_time(&empty, 1_000_000, 5_000_000), Duration::from_micros(31 + 34));
         let switching = Frame::with_format(FrameId::from(0), Format::FD_BRS, &[]).unwrap();
-        // ESI and DLC are five zeros behind BRS: the first fixed stuff bit takes the place of theirs.
+        // ESI and DLC are five zeros after BRS: the first fixed stuff bit replaces theirs.
         assert_eq!(fd_bits(&switching, true, false), FdBits { nominal: 29 + 2, data: 33 });
         assert_eq!(frame_time(&switching, 1_000_000, 5_000_000), Duration::from_nanos(31_000 + 33 * 200));
     }
@@ -203,7 +209,7 @@ mod tests {
         }
     }
 
-    /// The bounds are met: four equal bits and four of the other value in turn get a stuff bit every four bits.
+    /// The bounds are reached: alternating runs of four equal bits get a stuff bit every four bits.
     #[test]
     fn the_worst_case_of_a_frame_is_possible() {
         let pattern = sequence(0b0000_0111_1000_0111_1000_0111_1000_0111, 32);

@@ -1,14 +1,14 @@
-//! Motors and buses that answer as the vendor documents say, without a motor or a bus.
+//! Simulated motors and buses that behave as the vendor documents specify.
 //!
-//! A [`SimulatedBus`] is a [`motord_bus::Bus`]: CAN with arbitration and exact frame lengths, or a serial line. Each
-//! of its [`Motor`]s has mechanics (rotor behind a gear, friction, a torque limit, a warm winding) and a drive that
-//! speaks MIT, of one of several vendors, or native GIM. [`Behaviour`] holds the choices that the documents leave
-//! open. [`FaultVerb`]s inject faults.
-//! [`couple`] leaves the mechanics to a [`Plant`] outside, such as a physics engine.
+//! A [`SimulatedBus`] is a [`motord_bus::Bus`]: CAN with arbitration and exact frame lengths, or a
+//! serial line. Each of its [`Motor`]s has mechanics (rotor behind a gear, friction, a torque
+//! limit, a winding that heats up). Its drive speaks MIT of one of several vendors, or native GIM.
+//! [`Behaviour`] holds the choices that the documents leave open. [`FaultVerb`]s inject faults.
+//! [`couple`] leaves the mechanics to an external [`Plant`], such as a physics engine.
 //!
-//! The caller passes the time in, and a seed determines all random numbers. So the same seed and the same calls give the same
-//! run. The physics steps on a fixed grid of 50 µs, so the number of calls changes nothing. A gap of more than 0.2 s takes
-//! longer steps.
+//! The caller passes the time in, and a seed determines all random numbers. The same seed and the
+//! same calls give the same run. The physics steps on a fixed grid of 50 µs, so the number of calls
+//! changes nothing. A gap of more than 0.2 s takes longer steps.
 //!
 //! ```
 //! use motord_bus::{Bus, Frame, FrameId, Inbox, Instant};
@@ -30,8 +30,9 @@
 //! # Ok::<(), Box<dyn core::error::Error>>(())
 //! ```
 //!
-//! It shares no codec with the host side, because it judges that side. It does not simulate: sensor noise, encoder
-//! offsets, backlash, the loops' gains (the documents give them no unit), error counters of the CAN controllers.
+//! The crate shares no codec with the host side, because it tests that side. It does not simulate
+//! sensor noise, encoder offsets, backlash, the loops' gains (which have no documented unit), or
+//! error counters of the CAN controllers.
 //!
 //! Units are SI: rad, rad/s, N·m, N·m/rad, N·m·s/rad, A, V, Ω, H, kg·m², s; temperatures in °C. Positions, velocities
 //! and torques are those of the output shaft.

@@ -1,4 +1,4 @@
-//! The faults of a serial line and of the host's adapter: bytes that are lost, changed, echoed or late.
+//! Faults of a serial line and of the host's adapter: bytes that are lost, changed, echoed or late.
 
 use crate::fault::Fault;
 use crate::random::Random;
@@ -7,7 +7,7 @@ use motord_bus::{Duration, Instant};
 /// A header and a payload.
 const FRAME_BYTES: usize = 12;
 
-/// Carries the bytes in both directions. Its seed determines which of them suffer.
+/// Carries the bytes in both directions. Its seed determines which of them are lost or changed.
 #[derive(Debug, Clone)]
 pub(crate) struct Line {
     faults: Faults,
@@ -17,7 +17,7 @@ pub(crate) struct Line {
     handover: Instant,
 }
 
-/// None by default.
+/// The faults; none by default.
 #[derive(Debug, Clone, Copy, Default)]
 struct Faults {
     echo: bool,
@@ -37,7 +37,7 @@ impl Line {
         }
     }
 
-    /// Whether `fault` is one of a line. The line has it from now on.
+    /// Sets `fault` if it is one of a line, and returns `true` then.
     pub(crate) fn suffer(&mut self, fault: Fault) -> bool {
         match fault {
             Fault::Echo => self.faults.echo = true,
@@ -54,12 +54,12 @@ impl Line {
         self.faults = Faults::default();
     }
 
-    /// The byte that arrives at the other end, if one does.
+    /// Returns the byte that arrives at the other end, if one does.
     pub(crate) fn carry(&mut self, byte: u8) -> Option<u8> {
         if self.faults.silent || self.happens(self.faults.loss) {
             return None;
         }
-        // 1 to 255: a corrupted byte is another one.
+        // 1 to 255: a corrupted byte always differs.
         let change = if self.happens(self.faults.corruption) { self.random.next() % 255 + 1 } else { 0 };
         Some(byte ^ change as u8)
     }
@@ -68,14 +68,14 @@ impl Line {
         probability > 0.0 && self.random.fraction() < probability
     }
 
-    /// The host has sent `bytes`: an echoing adapter gives them back.
+    /// Returns the bytes that the host has sent, when the adapter echoes.
     pub(crate) fn echo(&mut self, now: Instant, bytes: &[u8]) {
         if self.faults.echo {
             self.bring(now, bytes);
         }
     }
 
-    /// Bytes on their way to the host.
+    /// Adds bytes on their way to the host.
     pub(crate) fn bring(&mut self, now: Instant, bytes: &[u8]) {
         for byte in bytes {
             if let Some(byte) = self.carry(*byte) {
@@ -85,13 +85,13 @@ impl Line {
         }
     }
 
-    /// As many bytes of noise as a frame has, on their way to the host.
+    /// Adds noise of the length of a frame, on its way to the host.
     pub(crate) fn bring_noise(&mut self, now: Instant) {
         let noise = [self.random.next().to_le_bytes(), self.random.next().to_le_bytes()].concat();
         self.bring(now, &noise[..FRAME_BYTES]);
     }
 
-    /// Appends what the host reads at `now`.
+    /// Appends the bytes that the host reads at `now`.
     pub(crate) fn hand_over(&mut self, now: Instant, read: &mut Vec<u8>) {
         if self.handover <= now {
             read.append(&mut self.held);
@@ -99,7 +99,8 @@ impl Line {
         }
     }
 
-    /// When the adapter hands over the bytes that it has; [`Instant::FAR_FUTURE`] when it has none.
+    /// Returns the time at which the adapter delivers its bytes; [`Instant::FAR_FUTURE`] when it
+    /// has none.
     pub(crate) fn handover(&self) -> Instant {
         self.handover
     }

@@ -1,4 +1,4 @@
-//! One simulated motor: its mechanics, its drive, and what it answers.
+//! One simulated motor: its mechanics, its drive, and its answers.
 
 mod configuration;
 mod gim;
@@ -15,11 +15,11 @@ use configuration::{Configuration, int};
 use core::f64::consts::TAU;
 use motord_bus::{Duration, Frame, FrameId, Instant};
 
-/// Steps that one call computes at most, 0.2 s; a longer gap takes longer steps.
+/// Most steps that one call computes, 0.2 s. A longer gap takes longer steps.
 const STEPS_MAX: u64 = 4_000;
 /// Bytes of every command, in both protocols.
 const COMMAND_BYTES: usize = 8;
-/// The shaft turns this fast while it is calibrated, rad/s.
+/// Velocity of the shaft during a calibration, rad/s.
 const CALIBRATION_VELOCITY: f64 = 1.0;
 
 /// Error frames until a controller is error passive: each adds 8 to a counter, which must exceed 127.
@@ -40,7 +40,7 @@ const DISTURBANCES: u8 = 16;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Limp; answers, and moves nothing.
+    /// Limp: answers, and moves nothing.
     Stopped,
     /// Executes control commands.
     Running,
@@ -48,11 +48,11 @@ pub enum Mode {
     Fault,
     /// Turns the shaft to measure itself.
     Calibrating,
-    /// Waits for a firmware that never comes; has left the bus.
+    /// Has left the bus, and waits for firmware that never arrives.
     Firmware,
 }
 
-/// A motor with its ground truth, which a real one would not tell.
+/// A motor with its ground truth, which a real motor would not report.
 #[derive(Debug, Clone)]
 pub struct Motor {
     settings: MotorSettings,
@@ -60,9 +60,9 @@ pub struct Motor {
     bitrate: u32,
     configuration: Configuration,
     body: Body,
-    /// In the body's coordinates; remembered while the drive is stopped.
+    /// In the body's coordinates; kept while the drive is stopped.
     law: Law,
-    /// Where on the body's scale the motor reports zero, rad.
+    /// Position on the body's scale at which the motor reports zero, rad.
     origin: f64,
     mode: Mode,
     fault: u32,
@@ -74,13 +74,13 @@ pub struct Motor {
     silent_until: Instant,
     impairment: Impairment,
     last_executed: Option<(Instant, Frame)>,
-    /// The answer before.
+    /// The previous answer.
     last_answer: Frame,
-    /// Frames that it can still destroy.
+    /// Number of frames that it can still destroy.
     disturbances: u8,
 }
 
-/// The injected faults between the drive and the wire.
+/// Injected faults between the drive and the wire.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Impairment {
     pub(crate) off: bool,
@@ -99,7 +99,7 @@ pub(crate) struct Impairment {
     pub(crate) short: bool,
 }
 
-/// A state that is shown for a while.
+/// A state that is reported for a while.
 #[derive(Debug, Clone, Copy)]
 struct Slow {
     period: Duration,
@@ -107,7 +107,7 @@ struct Slow {
     shown: [f64; 3],
 }
 
-/// An answer, and how long the drive needs for it on top of its latency.
+/// An answer, and the time that the drive needs for it in addition to its latency.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Reply {
     pub(crate) frame: Frame,
@@ -140,97 +140,102 @@ impl Motor {
         }
     }
 
-    /// As in the settings.
+    /// Returns the name in the settings.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.settings.name
     }
 
-    /// Position of the output shaft on the motor's own scale, unlimited, rad.
+    /// Returns the position of the output shaft on the motor's own scale, unlimited, rad.
     #[must_use]
     pub fn position(&self) -> f64 {
         self.body.position - self.origin
     }
 
-    /// Velocity of the output shaft, rad/s.
+    /// Returns the velocity of the output shaft, rad/s.
     #[must_use]
     pub fn velocity(&self) -> f64 {
         self.body.velocity
     }
 
-    /// Torque of the drive at the output shaft, N·m.
+    /// Returns the torque of the drive at the output shaft, N·m.
     #[must_use]
     pub fn torque(&self) -> f64 {
         self.body.torque
     }
 
-    /// Of the winding, °C.
+    /// Returns the temperature of the winding, °C.
     #[must_use]
     pub fn temperature(&self) -> f64 {
         self.body.winding
     }
 
-    /// Mode of the drive.
+    /// Returns the mode of the drive.
     #[must_use]
     pub fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// The vendor's fault number, as its documents have it (SteadyWin: GIM document, table 9).
+    /// Returns the vendor's fault number, in the numbering of its documents (SteadyWin: GIM
+    /// document, table 9).
     #[must_use]
     pub fn fault(&self) -> u32 {
         self.fault
     }
 
-    /// The PWM frequency in effect, Hz: a written one counts after a reboot (GIM document, table 7).
+    /// Returns the PWM frequency in effect, Hz. A written one takes effect after a reboot (GIM
+    /// document, table 7).
     #[must_use]
     pub fn pwm_frequency(&self) -> i32 {
         self.configuration.pwm_frequency()
     }
 
-    /// The memory of the drive that survives without power, as text: a line for each item of GIM document, table 7.
+    /// Returns the drive's non-volatile memory, as text: a line for each item of GIM document,
+    /// table 7.
     #[must_use]
     pub fn memory(&self) -> String {
         self.configuration.memory()
     }
 
-    /// Another number after each change of the [`memory`](Self::memory).
+    /// Returns a number that differs after each change of the [`memory`](Self::memory).
     #[must_use]
     pub fn memory_revision(&self) -> u32 {
         self.configuration.revision()
     }
 
-    /// Starts anew with `memory`; `None` when it is not a memory: nothing has changed then.
+    /// Restarts with `memory`; `None` when it is not valid: then nothing has changed.
     pub(crate) fn remember(&mut self, memory: &str) -> Option<()> {
         self.configuration.remember(memory)?;
         self.find_turn();
         Some(())
     }
 
-    /// The last control frame that moved the motor, and when it was heard. Frames that a stopped motor merely
-    /// remembered are not among them.
+    /// Returns the last control frame that moved the motor, and its time of arrival. Frames that a
+    /// stopped motor only stored do not count.
     #[must_use]
     pub fn last_executed(&self) -> Option<(Instant, Frame)> {
         self.last_executed
     }
 
-    /// From now on a plant outside moves the shaft. Returns its state.
+    /// Lets a plant outside move the shaft from now on. Returns its state.
     pub(crate) fn couple(&mut self) -> Shaft {
         self.body.couple()
     }
 
-    /// Torque times time that the shaft was given until `to`, since the last call, N·m·s.
+    /// Returns the torque times time on the shaft from the last call until `to`, N·m·s.
     pub(crate) fn impulse_until(&mut self, to: Instant) -> f64 {
         self.advance(to);
         self.body.take_impulse()
     }
 
+    /// Sets the shaft.
+    ///
     /// # Panics
     ///
     /// When `shaft` is not finite.
     pub(crate) fn set_shaft(&mut self, shaft: Shaft) {
         let finite = shaft.position.is_finite() && shaft.velocity.is_finite();
-        assert!(finite, "the plant made {shaft:?} of the shaft of {}", self.name());
+        assert!(finite, "the plant set {shaft:?} for the shaft of {}", self.name());
         self.body.set_shaft(shaft);
     }
 
@@ -242,13 +247,13 @@ impl Motor {
         &self.impairment
     }
 
-    /// The time of this motor begins at `at`.
+    /// Sets the start time of this motor.
     pub(crate) fn begin(&mut self, at: Instant) {
         self.time = at;
     }
 
-    /// Moves the mechanics and the drive's own clocks up to `to`. At most [`STEPS_MAX`] steps for each of the three
-    /// spans that two expiring clocks can make of it.
+    /// Moves the mechanics and the drive's own clocks up to `to`. Two expiring clocks divide this
+    /// time into three spans, of at most [`STEPS_MAX`] steps each.
     pub(crate) fn advance(&mut self, to: Instant) {
         for _ in 0..2 {
             let due = self.control_until.min(self.calibration_until);
@@ -279,7 +284,8 @@ impl Motor {
         self.time = Instant::from_nanos(grid);
     }
 
-    /// Moves the mechanics to `to` itself, ns, where something happens. It must be no later than the next point of the grid.
+    /// Moves the mechanics to the time of an event, `to`, ns. It must be no later than the next
+    /// point of the grid.
     fn reach(&mut self, to: u64) {
         let nanos = to.saturating_sub(self.time.as_nanos());
         if nanos > 0 {
@@ -308,7 +314,7 @@ impl Motor {
         self.end_control();
     }
 
-    /// Ends the control command or calibration that is under way: the motor is limp.
+    /// Ends the active control command or calibration: the motor is limp.
     fn end_control(&mut self) {
         self.law = Law::LIMP;
         self.control_until = Instant::FAR_FUTURE;
@@ -322,7 +328,7 @@ impl Motor {
         self.last_executed = Some((at, *frame));
     }
 
-    /// Takes `frame` from the wire at `at`; the answer, if the motor gives one.
+    /// Receives `frame` from the wire at `at`, and returns the answer, if there is one.
     pub(crate) fn hear(&mut self, at: Instant, frame: &Frame) -> Option<Reply> {
         let is_command = frame.is_classic() && frame.payload().len() == COMMAND_BYTES;
         if !is_command || !self.is_addressed(at, frame.id()) {
@@ -336,7 +342,7 @@ impl Motor {
         Some(Reply { frame, after })
     }
 
-    /// Whether it destroys a frame on a CAN bus, as one of another bit rate may.
+    /// Returns `true` when it destroys a frame on a CAN bus, as a motor with another bit rate may.
     pub(crate) fn disturbs(&mut self) -> bool {
         let takes_part = self.kind == BusKind::Can
             && self.settings.behaviour.other_bitrate == OtherBitrate::Disturbs
@@ -352,7 +358,7 @@ impl Motor {
         self.kind == BusKind::Serial || self.configuration.int(int::PROTOCOL) == 0
     }
 
-    /// The bytes of an answer that have no meaning.
+    /// Returns the bytes of an answer that have no meaning.
     fn filler(&self) -> [u8; 8] {
         let mut filler = [0; 8];
         if self.settings.behaviour.stale_bytes {
@@ -362,12 +368,12 @@ impl Motor {
         filler
     }
 
-    /// From now on the bus has this bit rate.
+    /// Sets the bit rate of the bus from now on.
     pub(crate) fn set_bitrate(&mut self, bitrate: u32) {
         self.bitrate = bitrate;
     }
 
-    /// The motor hears frames with this `id`.
+    /// Returns `true` when the motor receives frames with this `id`.
     pub(crate) fn is_addressed(&self, at: Instant, id: FrameId) -> bool {
         let listens = self.kind == BusKind::Serial || self.configuration.listens_at(self.bitrate);
         listens
@@ -386,7 +392,7 @@ impl Motor {
         self.line_id(int::HOST_ID)
     }
 
-    /// An id as the line can carry it: 11 bits on CAN, a byte in a serial header.
+    /// Returns an id as the line carries it: 11 bits on CAN, a byte in a serial header.
     fn line_id(&self, item: u8) -> FrameId {
         let mask = if self.kind == BusKind::Serial { 0xFF } else { 0x7FF };
         FrameId::new((self.configuration.int(item) & mask) as u16).unwrap_or(FrameId::MAX)
@@ -412,7 +418,7 @@ impl Motor {
         }
     }
 
-    /// A fault whose cause still holds comes back at once.
+    /// Clears the fault. A fault whose cause still holds returns immediately.
     fn acknowledge(&mut self) {
         self.fault = self.conditions();
         if self.mode == Mode::Fault && self.fault == 0 {
@@ -420,13 +426,14 @@ impl Motor {
         }
     }
 
-    /// The present position becomes zero. The law keeps its numbers on the motor's scale: they now mean another position.
+    /// Makes the present position zero. The law keeps its numbers on the motor's scale, which now
+    /// mean another position.
     fn set_zero(&mut self) {
         self.configuration.keep_int(int::ZERO_POSITION, i32::from(self.encoder()));
         self.move_origin(self.body.position);
     }
 
-    /// Forgets the turns: the position is within half a turn of the stored zero.
+    /// Discards the turns: the position is within half a turn of the stored zero.
     fn find_turn(&mut self) {
         let zero = f64::from(self.configuration.int(int::ZERO_POSITION)) * TAU / 65536.0;
         let angle = (self.body.position - zero + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
@@ -439,7 +446,8 @@ impl Motor {
         self.origin = origin;
     }
 
-    /// The output shaft within its turn; 65536 codes a turn (GIM document 3.2.3).
+    /// Returns the position of the output shaft within its turn, with 65536 codes per turn (GIM
+    /// document 3.2.3).
     fn encoder(&self) -> u16 {
         (self.body.position.rem_euclid(TAU) * 65536.0 / TAU) as u32 as u16
     }
@@ -464,7 +472,7 @@ impl Motor {
         self.body.torque / (self.settings.torque_constant * self.settings.gear_ratio)
     }
 
-    /// Of position, velocity and torque.
+    /// Returns the scales of position, velocity and torque.
     fn scales(&self) -> [Scale; 3] {
         match self.settings.ends {
             Some([position, velocity, torque]) => [
@@ -476,12 +484,13 @@ impl Motor {
         }
     }
 
-    /// A SteadyWin wire carries q current: its scale is the motor's real one, whatever is configured.
+    /// Returns the scale of torque. A SteadyWin frame carries q current, so the scale is the
+    /// motor's real one, whatever the configuration.
     fn torque_scale(&self) -> Scale {
         Scale::torque(self.settings.torque_constant, self.settings.gear_ratio)
     }
 
-    /// When a control command that is heard at `at` ends without another.
+    /// Returns the time at which a control command received at `at` ends without another one.
     fn host_loss(&self, at: Instant) -> Instant {
         match self.settings.behaviour.host_loss {
             HostLoss::KeepsCommand => Instant::FAR_FUTURE,
@@ -489,7 +498,7 @@ impl Motor {
         }
     }
 
-    /// The state as codes, changed by the injected faults.
+    /// Returns the state as codes, changed by the injected faults.
     fn state(&mut self, at: Instant) -> State {
         let behaviour = self.settings.behaviour;
         State::encode(self.report(at), self.scales(), behaviour.truncates, behaviour.beyond_range)
@@ -510,7 +519,7 @@ impl Motor {
         slow.shown
     }
 
-    /// Does `fault` to this motor.
+    /// Injects `fault` into this motor.
     pub(crate) fn inject(&mut self, at: Instant, fault: Fault) -> Result<(), InjectError> {
         self.advance(at);
         let position = self.position();

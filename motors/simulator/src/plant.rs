@@ -1,44 +1,48 @@
-//! Motors whose shafts somebody else turns: a physics engine, or a rigid body in a test.
+//! Motors whose shafts an external program moves: a physics engine, or a rigid body in a test.
 //!
 //! ```text
 //!   cycle ──frames──▶ drives ──torques──▶ Plant ──positions, velocities──▶ drives ──frames──▶ cycle
 //! ```
 //!
-//! The drives stay those of the simulator: protocol, control law, torque limit, heat and faults. Only the mechanics behind
-//! the output shaft are the plant's.
+//! Protocol, control law, torque limit, heat and faults remain those of the simulator's drives.
+//! Only the mechanics after the output shaft are the plant's.
 
 use crate::shaft::Shaft;
 use crate::{SharedBus, body};
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// Time from one step of a plant to the next, ns. Steps end on the multiples of it.
+/// Time from one step of a plant to the next, ns. Steps end on multiples of it.
 const STEP_NS: u64 = 250_000;
 const _: () =
     assert!(STEP_NS.is_multiple_of(body::STEP_NS), "a step of the plant is whole steps of the drives");
 
-/// The mechanics behind the output shafts of all motors: a rigid body couples them.
+/// The mechanics after the output shafts of all motors, which may couple them, as a rigid body
+/// does.
 pub trait Plant: Send {
-    /// Moves every shaft on by `seconds`, which is 0.00025 in every call.
+    /// Moves every shaft by `seconds`, which is 0.00025 in every call.
     ///
-    /// `torques` are means over the step, N·m, of the sum of drive and load. `shafts` hold the state at the beginning of the step;
-    /// the plant replaces it by the state at the end. Both are in the order of the buses, and of the motors of each bus.
+    /// `torques` are means over the step, N·m, of the sum of drive and load. `shafts` hold the
+    /// state at the beginning of the step; the plant replaces it by the state at the end. Both are
+    /// in the order of the buses, and of the motors of each bus.
     ///
-    /// The plant has the whole of the mechanics: the inertias and the friction in a motor's settings do not act on the shaft. The
-    /// plant must add the rotor's inertia times the square of the gear ratio.
+    /// The plant contains all mechanics: the inertias and the friction in a motor's settings do not
+    /// act on the shaft. The plant must add the rotor's inertia times the square of the gear ratio.
     fn step(&mut self, torques: &[f64], seconds: f64, shafts: &mut [Shaft]);
 }
 
-/// Lets `plant` turn the motors of `buses`. Returns the buses that the cycle must use from now on, in the same order; the clones
-/// of `buses` still serve to inject faults and to read the truth.
+/// Lets `plant` move the motors of `buses`. Returns the buses that the cycle must use from now on,
+/// in the same order. The clones of `buses` remain usable to inject faults and to read the true
+/// state.
 ///
-/// A send or a receive on one bus first brings every bus and the plant to the time of the call, in steps of 250 µs. So one
-/// sequence of calls is one run, whichever clock they follow. The time between two calls is made up for in full. Between two
-/// steps a shaft turns at the velocity of the last step. The first shafts are the motors' initial positions, at rest.
+/// A send or a receive first brings all buses and the plant to the time of the call, in steps of
+/// 250 µs. The same sequence of calls therefore gives the same run, whichever clock they follow.
+/// All time between two calls is simulated. Between two steps a shaft turns at the velocity of the
+/// last step. The first shafts are the motors' initial positions, at rest.
 ///
 /// # Panics
 ///
-/// A call to a bus panics when the plant has made a position or a velocity that is not finite.
+/// A call to a bus panics when the plant has computed a position or a velocity that is not finite.
 #[must_use]
 pub fn couple(buses: &[SharedBus], plant: impl Plant + 'static) -> Vec<PlantBus> {
     let mut shafts = Vec::new();
@@ -54,7 +58,8 @@ pub fn couple(buses: &[SharedBus], plant: impl Plant + 'static) -> Vec<PlantBus>
     buses.iter().map(|bus| PlantBus { bus: bus.clone(), coupling: Arc::clone(&coupling) }).collect()
 }
 
-/// A bus whose motors a [`Plant`] turns. A call waits while another bus of the same plant is in use: for tests and simulations.
+/// A bus whose motors a [`Plant`] moves. A call waits while another bus of the same plant is in
+/// use: for tests and simulations.
 pub struct PlantBus {
     bus: SharedBus,
     coupling: Arc<Mutex<Coupling>>,
@@ -63,14 +68,14 @@ pub struct PlantBus {
 struct Coupling {
     buses: Vec<SharedBus>,
     plant: Box<dyn Plant>,
-    /// The end of the last step; none before the first call.
+    /// End of the last step; none before the first call.
     time: Option<u64>,
     torques: Vec<f64>,
     shafts: Vec<Shaft>,
 }
 
 impl Coupling {
-    /// Makes every step that ends by `now`.
+    /// Computes every step that ends by `now`.
     fn advance(&mut self, now: Instant) {
         let now = now.as_nanos() / STEP_NS * STEP_NS;
         let mut time = *self.time.get_or_insert(now);

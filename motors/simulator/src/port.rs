@@ -9,19 +9,20 @@ use nix::sys::termios::{FlowArg, SetArg, cfmakeraw, tcflow, tcgetattr, tcsetattr
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
 
-/// Bytes that one call of [`SerialPort::serve`] reads.
+/// Most bytes that one call of [`SerialPort::serve`] reads.
 const BYTES_MAX: usize = 4096;
 
-/// The motors of a [`SerialSlave`] on a pseudo terminal. A host opens, closes and opens it again as it likes: its settings and the
-/// motors stay.
+/// The motors of a [`SerialSlave`] on a pseudo terminal. A host may open and close it repeatedly:
+/// its settings and the motors persist.
 ///
-/// Faults of the port, on top of those of the line: [`Fault::Gone`] unplugs it, so that the host's descriptor hangs up, and
-/// [`Fault::Blocked`] makes it refuse the host's bytes. [`Fault::Ok`] ends both; the pseudo terminal may have another name then.
+/// Faults of the port, in addition to those of the line: [`Fault::Gone`] unplugs it, so that the
+/// host's descriptor hangs up. [`Fault::Blocked`] makes it refuse the host's bytes. [`Fault::Ok`]
+/// ends both; the pseudo terminal may then have another name.
 #[derive(Debug)]
 pub struct SerialPort {
     slave: SerialSlave,
     terminal: Option<Terminal>,
-    /// A symbolic link that always leads to the pseudo terminal.
+    /// A symbolic link that always refers to the pseudo terminal.
     link: Option<PathBuf>,
     answers: Vec<u8>,
 }
@@ -29,43 +30,43 @@ pub struct SerialPort {
 #[derive(Debug)]
 struct Terminal {
     motors_end: OwnedFd,
-    /// Kept open: the motors' end would hang up without it whenever the host closes its own.
+    /// Kept open: without it, the motors' end would hang up whenever the host closes its own.
     host_end: OwnedFd,
     path: PathBuf,
 }
 
 impl SerialPort {
-    /// Opens a pseudo terminal for the motors of `slave`. `link` becomes a symbolic link to it; it may replace an older symbolic
-    /// link, and nothing else.
+    /// Opens a pseudo terminal for the motors of `slave`. `link` becomes a symbolic link to it. It
+    /// may replace an older symbolic link, but no other file.
     ///
     /// # Errors
     ///
-    /// The kernel gives no pseudo terminal, or the link cannot be made.
+    /// The kernel provides no pseudo terminal, or the link cannot be created.
     pub fn open(slave: SerialSlave, link: Option<PathBuf>) -> Result<Self, std::io::Error> {
         let mut port = Self { slave, terminal: None, link, answers: Vec::new() };
         port.plug()?;
         Ok(port)
     }
 
-    /// The device that the host opens; none while it is unplugged.
+    /// Returns the device that the host opens; `None` while it is unplugged.
     #[must_use]
     pub fn path(&self) -> Option<&Path> {
         self.terminal.as_ref().map(|terminal| terminal.path.as_path())
     }
 
-    /// The motors.
+    /// Returns the motors.
     pub fn bus(&mut self) -> &mut SimulatedBus {
         self.slave.bus()
     }
 
-    /// The name that fault verbs address it by.
+    /// Returns the name that fault verbs use for it.
     #[must_use]
     pub fn name(&self) -> &str {
         self.slave.name()
     }
 
-    /// Moves the bytes that are there by `now`, in both directions. Answers that the host does not read in time are lost, as
-    /// in a full buffer.
+    /// Transfers the bytes that have arrived by `now`, in both directions. Answers that the host
+    /// does not read in time are lost, as in a full buffer.
     pub fn serve(&mut self, now: Instant) {
         let mut received = [0; BYTES_MAX];
         let count = match &self.terminal {
@@ -81,14 +82,14 @@ impl SerialPort {
         }
     }
 
-    /// Becomes ready when bytes arrive.
+    /// Returns the descriptor that becomes readable when bytes arrive.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
         let readable = |terminal| Readiness::Readable(Terminal::motors_end(terminal));
         self.terminal.as_ref().map_or(Readiness::Never, readable)
     }
 
-    /// The earliest time of an answer, if no byte arrives before.
+    /// Returns the earliest time of an answer, if no byte arrives before.
     #[must_use]
     pub fn due(&self) -> Instant {
         match self.slave.readiness() {
@@ -101,7 +102,8 @@ impl SerialPort {
     ///
     /// # Errors
     ///
-    /// As [`SimulatedBus::inject`], and when the kernel refuses what the fault needs.
+    /// As for [`SimulatedBus::inject`], and when the kernel refuses a system call that the fault
+    /// needs.
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         if verb.target != self.name() {
             return self.slave.inject(now, verb);
@@ -126,7 +128,7 @@ impl SerialPort {
         tcflow(&terminal.host_end, flow).map_err(|errno| InjectError::Unplugged(errno as i32))
     }
 
-    /// The link goes, too: the kernel may give the name of the terminal to another one.
+    /// Removes the terminal and the link: the kernel may give the terminal's name to another one.
     fn unplug(&mut self) {
         self.terminal = None;
         let _already_gone = self.link.as_ref().map(std::fs::remove_file);
@@ -143,7 +145,7 @@ impl SerialPort {
 }
 
 impl Terminal {
-    /// Raw: no byte means anything to the kernel.
+    /// Opens a terminal in raw mode, in which the kernel interprets no byte.
     fn open() -> Result<Self, Errno> {
         let ends = openpty(None, None)?;
         let mut settings = tcgetattr(&ends.slave)?;
@@ -159,7 +161,8 @@ impl Terminal {
     }
 }
 
-/// Refuses to replace what is not a symbolic link: it could be the device of a real adapter.
+/// Replaces the link. Refuses to replace any other file, which could be the device of a real
+/// adapter.
 fn relink(link: &Path, to: &Path) -> Result<(), std::io::Error> {
     if link.symlink_metadata().is_ok_and(|metadata| metadata.is_symlink()) {
         std::fs::remove_file(link)?;

@@ -1,4 +1,4 @@
-//! The only random numbers of the simulator. The same seed gives the same run.
+//! The only source of random numbers of the simulator. The same seed gives the same run.
 
 /// SplitMix64 (Steele, Lea, Flood 2014): eight bytes of state, every seed is good.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ impl Random {
         mixed ^ (mixed >> 31)
     }
 
-    /// Uniform in [0, 1).
+    /// Returns a uniform number in [0, 1).
     pub(crate) fn fraction(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }

@@ -1,4 +1,4 @@
-//! Frames that were on the wire, for tests that judge bytes.
+//! Frames that were on the wire, for tests that check bytes.
 
 use motord_bus::{Frame, Instant};
 use std::collections::VecDeque;
@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 /// A frame that was complete on the wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Recorded {
-    /// It has waited for the wire since this time. A frame of the host waits since it was handed over.
+    /// The frame has waited for the wire since this time. A frame of the host waits from its send.
     pub ready: Instant,
     /// The end of the frame.
     pub at: Instant,

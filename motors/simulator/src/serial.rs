@@ -11,14 +11,16 @@ const PAYLOAD: usize = 8;
 const NORMAL: u8 = 0;
 const ACK: u8 = 1;
 
-/// The motors of a serial [`SimulatedBus`] behind a port: for a pseudo terminal, or for tests of a framer.
+/// The motors of a serial [`SimulatedBus`] behind a port: for a pseudo terminal, or for tests of a
+/// framer.
 ///
-/// A request with a damaged header, or with a length other than 8, is answered with an ACK frame by the motor whose
-/// id it bears. The document has ACK frames only for faults, and does not say what their payload is (here: none). The bytes that
-/// follow are searched for the next valid header, without a further ACK.
+/// A motor answers a request for its id with an ACK frame when the header is damaged or the length
+/// is not 8. The document specifies ACK frames only for faults, and no payload for them (here:
+/// none). The decoder then searches the following bytes for the next valid header, without a
+/// further ACK.
 ///
-/// The line between port and motors can have faults: [`Fault::Echo`], [`Fault::Glue`], [`Fault::Loss`],
-/// [`Fault::Corruption`] and [`Fault::Silent`].
+/// The line between port and motors can have faults: [`Fault::Echo`], [`Fault::Glue`],
+/// [`Fault::Loss`], [`Fault::Corruption`] and [`Fault::Silent`].
 #[derive(Debug, Clone)]
 pub struct SerialSlave {
     bus: SimulatedBus,
@@ -38,25 +40,25 @@ enum Start {
 
 impl SerialSlave {
     /// Puts `bus`, one of kind [`BusKind::Serial`](crate::BusKind::Serial), behind a port. `seed`
-    /// determines which bytes a bad line loses or changes.
+    /// determines which bytes a faulty line loses or changes.
     #[must_use]
     pub fn new(bus: SimulatedBus, seed: u64) -> Self {
         let window = [0; HEADER + PAYLOAD];
         Self { bus, line: Line::new(seed), window, len: 0, searching: false, inbox: Inbox::new() }
     }
 
-    /// The name of the bus, which fault verbs address it by.
+    /// Returns the name of the bus, which fault verbs use for it.
     #[must_use]
     pub fn name(&self) -> &str {
         self.bus.name()
     }
 
-    /// The bus, for its motors and for faults.
+    /// Returns the bus, for its motors and for faults.
     pub fn bus(&mut self) -> &mut SimulatedBus {
         &mut self.bus
     }
 
-    /// The time of the next answer, if nothing else is received.
+    /// Returns the time of the next answer, if nothing else is received.
     #[must_use]
     pub fn readiness(&self) -> Readiness<'_> {
         match (self.line.handover(), self.bus.readiness()) {
@@ -66,11 +68,12 @@ impl SerialSlave {
         }
     }
 
-    /// Applies `verb` to the line, to the bus or to one of its motors. `ok` to the bus ends the line's faults, too.
+    /// Applies `verb` to the line, to the bus or to one of its motors. `ok` for the bus also ends
+    /// the line's faults.
     ///
     /// # Errors
     ///
-    /// As [`SimulatedBus::inject`].
+    /// As for [`SimulatedBus::inject`].
     pub fn inject(&mut self, now: Instant, verb: &FaultVerb) -> Result<(), InjectError> {
         if verb.target == self.bus.name() {
             if verb.fault == Fault::Ok {
@@ -82,7 +85,8 @@ impl SerialSlave {
         self.bus.inject(now, verb)
     }
 
-    /// Takes the bytes that the host has sent. Appends the bytes that it can read at `now` to `answers`.
+    /// Takes the bytes that the host has sent. Appends the bytes that it can read at `now` to
+    /// `answers`.
     pub fn transact(&mut self, now: Instant, received: &[u8], answers: &mut Vec<u8>) {
         self.line.echo(now, received);
         for byte in received {
@@ -163,7 +167,8 @@ mod tests {
     use crate::{BusKind, BusSettings, MotorSettings};
 
     const GET_VERSION: [u8; 12] = [0x01, 0x00, 0x08, 0x09, 0xB1, 0, 0, 0, 0, 0, 0, 0];
-    /// Golden vector rs485_host0_r_version, except for the bytes of the version: they are those of the default settings.
+    /// Golden vector rs485_host0_r_version, except for the bytes of the version, which are those of
+    /// the default settings.
     const VERSION: [u8; 12] = [0x00, 0x00, 0x08, 0x08, 0xB1, 0, 0, 0, 0x03, 0x02, 0x01, 0x00];
 
     fn slave() -> SerialSlave {
@@ -172,7 +177,7 @@ mod tests {
         SerialSlave::new(SimulatedBus::new(settings, vec![motor], 0), 0)
     }
 
-    /// The bytes that come back within 10 ms of `received`.
+    /// Returns the bytes that arrive within 10 ms of `received`.
     fn answers(slave: &mut SerialSlave, received: &[u8]) -> Vec<u8> {
         let mut answers = Vec::new();
         let start = match slave.readiness() {
@@ -214,7 +219,8 @@ mod tests {
         for _ in 0..2_000 {
             let noise = random.next().to_le_bytes();
             let len = (random.next() % 9) as usize;
-            // Noise can look like the start of a frame, and a pause does not end it. The first request may then be its payload.
+            // Noise can look like the start of a frame, and a pause does not end it. The first
+            // request may then be its payload.
             let out = answers(&mut slave(), &[&noise[..len], &GET_VERSION, &GET_VERSION].concat());
             assert!(out.windows(12).any(|window| window == VERSION), "{noise:02X?} {len}");
         }

@@ -2,24 +2,28 @@
 
 use motord_bus::Duration;
 
-/// One bus.
+/// Settings of one bus.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BusSettings {
-    /// The name that fault verbs address it by.
+    /// The name that fault verbs use for it.
     pub name: String,
     /// CAN or a serial line.
     pub kind: BusKind,
-    /// Bit/s of the host's controller. A motor that is configured for another rate does not hear it.
+    /// Bit rate of the host's controller, bit/s. A motor that is configured for another rate does
+    /// not receive its frames.
     pub bitrate: u32,
-    /// Bit/s of the wire itself, if it is not `bitrate`. A high rate makes up for the time that a slow machine adds.
+    /// Bit rate of the wire itself, bit/s, if it is not `bitrate`. A high rate compensates for the
+    /// delays of a slow machine.
     pub wire_bitrate: Option<u32>,
-    /// Bit/s of the wire for the payload of CAN FD frames with BRS.
+    /// Bit rate of the wire for the payload of CAN FD frames with BRS, bit/s.
     pub data_bitrate: u32,
     /// Frames that can wait for the wire before [`Refusal::Full`](motord_bus::Refusal::Full); Linux has 10 by default.
     pub tx_queue: usize,
-    /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's buffer.
+    /// Arrivals that can wait to be received. Further ones are lost and counted, as in a socket's
+    /// buffer.
     pub rx_queue: usize,
-    /// Frames that [`SimulatedBus::take_record`](crate::SimulatedBus::take_record) remembers, the newest; 0: none.
+    /// Number of frames that [`SimulatedBus::take_record`](crate::SimulatedBus::take_record) keeps,
+    /// the newest; 0: none.
     pub record: usize,
 }
 
@@ -41,10 +45,10 @@ impl Default for BusSettings {
 /// The kind of wire.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BusKind {
-    /// The lowest id goes first whenever the wire is idle.
+    /// The lowest id is sent first when the wire is idle.
     Can,
-    /// RS485 or RS232 at 10 bits a byte. Answers that overlap destroy each other, so the host must keep only one request open at a
-    /// time. A frame's id is the address byte of its header.
+    /// RS485 or RS232 at 10 bits a byte. Answers that overlap destroy each other, so the host must
+    /// keep only one request open at a time. A frame's id is the address byte of its header.
     Serial,
 }
 
@@ -57,41 +61,43 @@ pub enum Dialect {
     Gim,
 }
 
-/// One motor. Every value must be finite. The rotor's inertia, constants, ratios, peaks and time constants must be above zero; the
-/// load's inertia, friction and the winding's properties zero or above. The default is a GIM8108-8 on a light leg, by its published
-/// figures where there are any.
+/// Settings of one motor. Every value must be finite. The rotor's inertia, constants, ratios, peaks
+/// and time constants must be above zero. The load's inertia, friction and the winding's properties
+/// must be zero or above. The default is a GIM8108-8 on a light leg, by its published figures where
+/// they exist.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotorSettings {
-    /// The name that fault verbs and tests address it by.
+    /// The name that fault verbs and tests use for it.
     pub name: String,
-    /// It is as the vendor delivers it: id 1, host id 0, native, 1 Mbit/s. The ids and the protocol below do not count then.
+    /// The motor has the vendor's defaults: id 1, host id 0, native, 1 Mbit/s. The ids and the
+    /// protocol below are then ignored.
     pub is_new: bool,
-    /// It has power at the start. The verb `on` gives it some.
+    /// The motor has power at the start. The verb `on` gives it power.
     pub has_power: bool,
-    /// CAN ID (ConfID 0x12); above 0x7FF counts as 0x7FF.
+    /// CAN ID (ConfID 0x12); a value above 0x7FF counts as 0x7FF.
     pub id: u16,
-    /// The id its answers bear (ConfID 0x13); above 0x7FF counts as 0x7FF.
+    /// Id of its answers (ConfID 0x13); a value above 0x7FF counts as 0x7FF.
     pub host_id: u16,
-    /// The protocol it speaks over CAN when it starts.
+    /// Protocol over CAN at the start.
     pub dialect: Dialect,
-    /// Whose MIT it speaks: `steadywin`, or another name that the simulator knows.
+    /// Vendor of its MIT protocol: `steadywin`, or another name that the simulator supports.
     pub vendor: &'static str,
-    /// The values of the largest codes of position, rad, velocity, rad/s, and torque, N·m. `None` is SteadyWin's:
-    /// 12.5 rad, 65 rad/s, and the torque of 225 A.
+    /// Values of the largest codes of position, rad, velocity, rad/s, and torque, N·m. `None` means
+    /// SteadyWin's: 12.5 rad, 65 rad/s, and the torque of 225 A.
     pub ends: Option<[f64; 3]>,
     /// Rotor side, N·m/A.
     pub torque_constant: f64,
     /// Rotor turns per output turn.
     pub gear_ratio: f64,
-    /// The most torque it can give, output side, N·m.
+    /// Highest torque, output side, N·m.
     pub torque_peak: f64,
-    /// Speed without load, output side, rad/s: driving torque falls to zero on a straight line up to it.
+    /// No-load speed, output side, rad/s. Driving torque decreases linearly to zero at this speed.
     pub velocity_max: f64,
     /// Of the rotor alone, kg·m².
     pub rotor_inertia: f64,
     /// Inertia of the load on the output, kg·m².
     pub load_inertia: f64,
-    /// Constant torque of the outside world on the output, N·m.
+    /// Constant external torque on the output, N·m.
     pub load_torque: f64,
     /// Output side, N·m·s/rad.
     pub viscous_friction: f64,
@@ -111,17 +117,19 @@ pub struct MotorSettings {
     pub thermal_time: f64,
     /// Air, °C.
     pub ambient_celsius: f64,
-    /// At the motor's power connector, V.
+    /// Voltage at the motor's power connector, V.
     pub supply_voltage: f64,
     /// Answer to get-version.
     pub version: u32,
-    /// From the end of a command to the moment its answer contends for the wire.
+    /// Time from the end of a command to the moment at which its answer contends for the wire.
     pub reply_latency: Duration,
-    /// The latency of each answer is random: uniform from `reply_latency` minus this to `reply_latency` plus this.
+    /// Random variation of each answer's latency: uniform from `reply_latency` minus this to
+    /// `reply_latency` plus this.
     pub reply_jitter: Duration,
-    /// A calibration turns the shaft for this time. The answer comes after it, even if the calibration was stopped before.
+    /// Time for which a calibration turns the shaft. The answer follows it, even if the calibration
+    /// was stopped before.
     pub calibration_time: Duration,
-    /// A motor is silent for this time after its power came back.
+    /// Time for which a motor is silent after its power returned.
     pub boot_time: Duration,
     /// The choices that the documents leave open.
     pub behaviour: Behaviour,
@@ -166,9 +174,12 @@ impl Default for MotorSettings {
 }
 
 impl MotorSettings {
+    /// Checks the settings.
+    ///
     /// # Panics
     ///
-    /// When no motor can have these properties: the author of the settings must learn it before a robot with them is judged.
+    /// When no motor can have these properties. The author of the settings must notice it before a
+    /// robot is tested with them.
     pub(crate) fn assert_physical(&self) {
         let positive = [
             self.torque_constant,
@@ -194,13 +205,14 @@ impl MotorSettings {
     }
 }
 
-/// The choices that the vendor documents leave open. Each default is the harder one for the host, except three: the silence after
-/// set zero, which only other vendors' motors have, the stale bytes, and the motor at another bit rate.
+/// The choices that the vendor documents leave open. Each default is the harder one for the host,
+/// with three exceptions: the silence after set zero, which only other vendors' motors have, the
+/// stale bytes, and the motor at another bit rate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Behaviour {
     /// The state in an answer.
     pub reply_timing: ReplyTiming,
-    /// Codes in answers are cut off instead of rounded, as a cast in C does.
+    /// Codes in answers are truncated instead of rounded, as by a cast in C.
     pub truncates: bool,
     /// The reaction to a silent host.
     pub host_loss: HostLoss,
@@ -208,17 +220,18 @@ pub struct Behaviour {
     pub in_fault: InFault,
     /// The position that is reported beyond the range of its code.
     pub beyond_range: BeyondRange,
-    /// An MIT motor that is stopped remembers control frames, and the start command executes the last.
+    /// A stopped MIT motor stores control frames, and the start command executes the last one.
     pub remembers_control: bool,
     /// An MIT motor is silent for this time after set zero.
     pub zeroing_silence: Duration,
     /// The end of a native control command with a duration.
     pub duration_end: DurationEnd,
-    /// When a written configuration item survives a loss of power.
+    /// Event at which a written configuration item becomes non-volatile.
     pub persistence: Persistence,
     /// The reaction to a CAN bus of another bit rate.
     pub other_bitrate: OtherBitrate,
-    /// Bytes of an answer without a meaning (NULL in the GIM document) are those of the answer before, instead of zero.
+    /// Bytes of an answer without a meaning (NULL in the GIM document) are those of the previous
+    /// answer, instead of zero.
     pub stale_bytes: bool,
 }
 
@@ -252,17 +265,17 @@ pub enum ReplyTiming {
 /// The reaction of an MIT motor when control frames stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum HostLoss {
-    /// It goes on executing the last one.
+    /// It continues the last one.
     KeepsCommand,
     /// It goes limp and stays started.
     GoesLimp {
-        /// The time without control frames until then.
+        /// Time without control frames until then.
         after: Duration,
     },
 }
 
-/// The effect on a native control command when its duration is over (GIM document 3.2.7 to 3.2.9 call it the "execution time"). A
-/// duration of 0 is for ever.
+/// Effect on a native control command when its duration is over. GIM document 3.2.7 to 3.2.9 call
+/// it the "execution time". A duration of 0 is unlimited.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DurationEnd {
     /// The motor goes limp and stays started. A position is reached by then.
@@ -271,32 +284,34 @@ pub enum DurationEnd {
     HoldsCommand,
 }
 
-/// The reaction of a motor to a CAN bus that does not have the bit rate it is configured for.
+/// The reaction of a motor to a CAN bus with another bit rate than its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OtherBitrate {
     /// It takes no part in the bus.
     Silent,
-    /// It destroys the first 16 frames that it hears after it got power, and its controller is error passive then (ISO 11898-1:
-    /// receive error counter above 127). The senders repeat their frames.
+    /// It destroys the first 16 frames that it receives after power-on. Its controller is then
+    /// error passive (ISO 11898-1: receive error counter above 127). The senders repeat their
+    /// frames.
     Disturbs,
 }
 
-/// When a configuration item that a host has written survives a loss of power.
+/// Event at which a written configuration item becomes non-volatile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Persistence {
-    /// With the write.
+    /// The write.
     AtOnce,
-    /// With the next refresh configuration (GIM document 3.2.2).
+    /// The next refresh configuration (GIM document 3.2.2).
     OnRefresh,
 }
 
-/// The answer of a motor with an unacknowledged fault to a command that it does not execute. Get and clear fault always work.
-/// The English GIM document (3.2.16) says "decline", the Chinese one "refuse to respond".
+/// The answer of a motor with an unacknowledged fault to a command that it does not execute. Get
+/// and clear fault always work. The English GIM document (3.2.16) uses the term "decline", the
+/// Chinese one "refuse to respond".
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InFault {
     /// Natively with result 0x01, in MIT with its state.
     Refuses,
-    /// Not at all.
+    /// No answer.
     Silent,
 }
 

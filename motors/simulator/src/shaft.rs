@@ -1,7 +1,8 @@
-//! The place and the speed of an output shaft.
+//! Position and speed of an output shaft.
 
-/// The state of an output shaft, on the scale of [`MotorSettings::initial_position`](crate::MotorSettings::initial_position).
-/// A set-zero command moves the motor's own zero, and not this one.
+/// The state of an output shaft, on the scale of
+/// [`MotorSettings::initial_position`](crate::MotorSettings::initial_position). A set-zero command
+/// changes the motor's own zero, and not this scale.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Shaft {
     /// rad, unlimited.

@@ -1,11 +1,11 @@
-//! One bus with two ends: the daemon drives it, a test disturbs it and looks at its motors.
+//! One bus with two users: the daemon uses it, and a test injects faults and reads its motors.
 
 use crate::SimulatedBus;
 use motord_bus::{Bus, Frame, Inbox, Instant, Readiness, Sent};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// A handle to a simulated bus. Clones lead to the same bus. Its [`Bus`] waits while another clone is locked, so it is for
-/// tests and demonstrations.
+/// A handle to a simulated bus. Clones refer to the same bus. Its [`Bus`] waits while another clone
+/// is locked, so it is only for tests and demonstrations.
 #[derive(Debug, Clone)]
 pub struct SharedBus(Arc<Mutex<SimulatedBus>>);
 
@@ -16,7 +16,8 @@ impl SharedBus {
         Self(Arc::new(Mutex::new(bus)))
     }
 
-    /// Locks the bus until the guard is dropped. A panic with the guard does not make the bus unusable.
+    /// Locks the bus until the guard is dropped. A panic while the guard is held does not make the
+    /// bus unusable.
     pub fn lock(&self) -> MutexGuard<'_, SimulatedBus> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

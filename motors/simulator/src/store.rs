@@ -1,35 +1,35 @@
-//! The memories of motors in files, for motors that outlive a process.
+//! The memories of motors in files, which persist across processes.
 
 use crate::{InjectError, Motor, SimulatedBus};
 use std::collections::HashMap;
 use std::io::{Error, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// A directory with a file for each motor, `NAME.memory`: what its drive remembers without power, a line for each item of GIM
-/// document, table 7.
+/// A directory with a file for each motor, `NAME.memory`: its drive's non-volatile memory, a line
+/// for each item of GIM document, table 7.
 #[derive(Debug)]
 pub struct Store {
     folder: PathBuf,
-    /// The revision of each motor's memory that its file holds.
+    /// Revision of each motor's memory in its file.
     kept: HashMap<String, u32>,
 }
 
 impl Store {
-    /// Uses `folder`, which is made if it is not there.
+    /// Uses `folder`, and creates it if it does not exist.
     ///
     /// # Errors
     ///
-    /// It cannot be made.
+    /// The folder cannot be created.
     pub fn open(folder: &Path) -> Result<Self, Error> {
         std::fs::create_dir_all(folder)?;
         Ok(Self { folder: folder.to_owned(), kept: HashMap::new() })
     }
 
-    /// Gives the motors of `bus` the memories that were kept of them.
+    /// Loads the stored memories into the motors of `bus`.
     ///
     /// # Errors
     ///
-    /// A file cannot be read, or is no memory.
+    /// A file cannot be read, or is not a memory.
     pub fn load(&self, bus: &mut SimulatedBus) -> Result<(), Error> {
         let names: Vec<String> = bus.motors().iter().map(|motor| motor.name().to_owned()).collect();
         for name in names {
@@ -46,8 +46,8 @@ impl Store {
         Ok(())
     }
 
-    /// Writes the memories of `motors` that have changed since the last call. A file holds the old memory or the new one, never
-    /// a part.
+    /// Writes the memories of `motors` that have changed since the last call. A file holds the old
+    /// memory or the new one, never a part.
     ///
     /// # Errors
     ///

@@ -1,7 +1,7 @@
-//! Vendor bytes, seen from the motor: what a command means and how an answer is laid out.
+//! Frames from the motor's side: the meaning of a command, and the layout of an answer.
 //!
-//! Written from the documents on its own, with nothing from the host's codec, so that one mistake cannot hide in both.
-//! Both are tested against the same golden frames.
+//! Written independently from the documents, without the host's codec, so that one error cannot
+//! hide in both. Both are tested with the same golden frames.
 
 use crate::settings::BeyondRange;
 
@@ -23,12 +23,13 @@ pub(crate) const KP: Scale = Scale { min: 0.0, span: 500.0, codes: 4095.0 };
 pub(crate) const KD: Scale = Scale { min: 0.0, span: 5.0, codes: 4095.0 };
 
 impl Scale {
-    /// From `-end` to `end`, with this largest code.
+    /// Returns the scale from `-end` to `end`, with this largest code.
     pub(crate) const fn symmetric(end: f64, codes: f64) -> Self {
         Self { min: -end, span: 2.0 * end, codes }
     }
 
-    /// Output shaft, N·m: ±225 A times the rotor's constant (N·m/A) times the gear ratio.
+    /// Returns the scale of torque at the output shaft, N·m: ±225 A times the rotor's constant
+    /// (N·m/A) times the gear ratio.
     pub(crate) fn torque(torque_constant: f64, gear_ratio: f64) -> Self {
         let span = 450.0 * torque_constant * gear_ratio;
         Self { min: -span / 2.0, span, codes: 4095.0 }
@@ -38,7 +39,7 @@ impl Scale {
         f64::from(code) * self.span / self.codes + self.min
     }
 
-    /// The code of `value`, below zero or beyond the range when the value is.
+    /// Returns the code of `value`, below zero or beyond the range when the value is.
     fn code(self, value: f64, truncates: bool) -> i64 {
         let exact = (value - self.min) * self.codes / self.span;
         (exact + if truncates { 0.0 } else { 0.5 }).floor() as i64
@@ -71,7 +72,7 @@ pub(crate) struct Control {
 }
 
 impl MitCommand {
-    /// `None` for a payload that does not have eight bytes.
+    /// Returns `None` for a payload that does not have eight bytes.
     pub(crate) fn decode(payload: &[u8]) -> Option<Self> {
         Some(match payload {
             [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFC] => Self::Start,
@@ -85,7 +86,7 @@ impl MitCommand {
 }
 
 impl Control {
-    /// `None` for a payload that does not have eight bytes.
+    /// Returns `None` for a payload that does not have eight bytes.
     pub(crate) fn decode(payload: &[u8]) -> Option<Self> {
         let &[p1, p0, v1, v0_kp1, kp0, kd1, kd0_t1, t0] = payload else { return None };
         Some(Self {
@@ -107,7 +108,7 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// `position` in rad, `velocity` in rad/s, `torque` in N·m, each by its scale.
+    /// Encodes `position` in rad, `velocity` in rad/s, `torque` in N·m, each by its scale.
     pub(crate) fn encode(
         [position, velocity, torque]: [f64; 3],
         scales: [Scale; 3],
@@ -125,14 +126,16 @@ impl State {
         }
     }
 
-    /// The second to sixth byte of a state in MIT (MIT document 1.2): position high byte first.
+    /// Returns the second to sixth byte of a state in MIT (MIT document 1.2): position high byte
+    /// first.
     pub(crate) fn mit(self) -> [u8; 5] {
         let [p1, p0] = self.position.to_be_bytes();
         let [st0, st1, st2] = self.speed_and_torque();
         [p1, p0, st0, st1, st2]
     }
 
-    /// GIM document 3.2.7: position low byte first, the temperature in °C as a signed byte.
+    /// Returns the layout of GIM document 3.2.7: position low byte first, the temperature in °C as
+    /// a signed byte.
     pub(crate) fn gim(self, command: u8, temperature: i8) -> [u8; 8] {
         let [p0, p1] = self.position.to_le_bytes();
         let [st0, st1, st2] = self.speed_and_torque();
@@ -145,7 +148,7 @@ impl State {
     }
 }
 
-/// Result codes (GIM document, table 5), those a motor gives.
+/// Result codes that a motor returns (GIM document, table 5).
 pub(crate) mod result {
     pub(crate) const SUCCESS: u8 = 0x00;
     pub(crate) const FAILURE: u8 = 0x01;
@@ -177,8 +180,9 @@ pub(crate) mod command {
     pub(crate) const UPDATE_FIRMWARE: u8 = 0xC1;
 }
 
-/// A native answer that is not a state: echo, result and data where its command has them (GIM document 3.2.1 ff.). Bytes without a
-/// meaning are those of `filler`, and so are the data of an answer that has none.
+/// Returns a native answer that is not a state: echo, result and data where its command has them
+/// (GIM document 3.2.1 ff.). Bytes without a meaning are those of `filler`, as are the data of an
+/// answer that has none.
 pub(crate) fn answer(filler: [u8; 8], request: [u8; 8], result: u8, data: Option<[u8; 4]>) -> [u8; 8] {
     use command::{CALIBRATE, GET_FAULT, RETRIEVE_INDICATOR};
     let [command, sub, id, ..] = request;
@@ -198,7 +202,8 @@ pub(crate) fn answer(filler: [u8; 8], request: [u8; 8], result: u8, data: Option
     }
 }
 
-/// Value and duration (ms) of a torque, speed or position command (GIM document 3.2.7 to 3.2.9).
+/// Returns value and duration (ms) of a torque, speed or position command (GIM document 3.2.7 to
+/// 3.2.9).
 pub(crate) fn gim_control([_, v0, v1, v2, v3, d0, d1, d2]: [u8; 8]) -> (f32, u32) {
     (f32::from_le_bytes([v0, v1, v2, v3]), u32::from_le_bytes([d0, d1, d2, 0]))
 }
@@ -208,7 +213,8 @@ mod tests {
     use super::*;
     use serde_json::Value;
 
-    /// Worked out from the vendor documents by hand; torque constant 0.1 N·m/A, gear ratio 8.
+    /// Returns frames computed by hand from the vendor documents; torque constant 0.1 N·m/A, gear
+    /// ratio 8.
     fn golden(protocol: &str, direction: &str) -> Vec<(Vec<u8>, Value)> {
         let all: Vec<Value> = serde_json::from_str(include_str!("../tests/golden_vectors.json")).unwrap();
         let wanted = all.into_iter().filter(|v| v["protocol"] == protocol && v["direction"] == direction);
@@ -271,7 +277,7 @@ mod tests {
     fn golden_state(decoded: &Value) -> State {
         let [position, velocity, torque] = ["pos_int", "vel_int", "torque_int"].map(|key| code(decoded, key));
         let value = ["pos_rad", "vel_rad_s", "torque_nm"].map(|key| decoded[key].as_f64().unwrap());
-        // The middle of a code, so that no last bit of a float decides.
+        // The middle of a code, so that the last bit of a float has no effect.
         let middle = [(0, 25.0 / 65535.0), (1, 130.0 / 4095.0), (2, 360.0 / 4095.0)];
         let inside = middle.map(|(quantity, step)| value[quantity] + 0.5 * step);
         let state = State { position, velocity, torque };

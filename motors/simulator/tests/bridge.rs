@@ -1,5 +1,5 @@
-//! Simulated motors on a virtual interface, seen by a host in the same process. Needs root on a kernel with SocketCAN:
-//! `verify/rigs/test-can` runs it there.
+//! Simulated motors on a virtual interface, with a host in the same process. Needs root on a kernel
+//! with SocketCAN: `verify/rigs/test-can` runs it there.
 
 use motord_bus::frame::ControllerState;
 use motord_bus::socketcan::{InterfaceName, Link, Settings, SocketCanBus};
@@ -16,7 +16,7 @@ struct Robot {
 }
 
 impl Robot {
-    /// Two motors on an interface that the rig has made.
+    /// Creates two motors on an interface of the rig.
     fn new(interface: &str) -> Self {
         Self::of(interface, Dialect::Mit)
     }
@@ -117,5 +117,5 @@ fn motor_with_changed_id_is_received_under_it() {
     }
     let command = Frame::classic(FrameId::new(1).expect("11 bits"), VERSION);
     assert_eq!(robot.host.send(clock::monotonic(), &[command]).refusal, None);
-    assert_eq!(robot.listen().arrivals(), [], "nobody has the old id");
+    assert_eq!(robot.listen().arrivals(), [], "no motor has the old id");
 }

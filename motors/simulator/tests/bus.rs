@@ -1,4 +1,4 @@
-//! The bus as an experiment: who goes first, how long it takes, and that nothing but time and seed decide.
+//! The order of frames, their times, and the dependence of a run on time and seed only.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -72,8 +72,9 @@ fn the_lowest_id_that_waits_goes_first() {
     bus.send(at(0), &[to(3, NEUTRAL), to(2, NEUTRAL), to(1, NEUTRAL)]);
     received(&mut bus, at(2000));
     let ids: Vec<u32> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
-    // The host's queue is first in first out, and its ids beat every answer that waits meanwhile. When it is empty
-    // 0x103 and 0x102 wait, and while 0x102 is sent 0x101 becomes ready and overtakes 0x103.
+    // The host's queue is first in first out, and its ids have priority over every waiting answer.
+    // When it is empty, 0x103 and 0x102 wait. While 0x102 is sent, 0x101 becomes ready and
+    // overtakes 0x103.
     assert_eq!(ids, [3, 2, 1, 0x102, 0x101, 0x103]);
 }
 
@@ -131,7 +132,8 @@ fn different_motors_of_one_id_collide() {
 
 #[test]
 fn motor_obeys_answers_with_its_id() {
-    // Motor 1 answers on motor 2's id: 6 bytes are no command, but a native answer of 8 bytes is one.
+    // Motor 1 answers with motor 2's id: 6 bytes are not a command, but a native answer of 8 bytes
+    // is one.
     let gim = |id, host_id| MotorSettings { dialect: motord_simulator::Dialect::Gim, host_id, ..motor(id) };
     let mut bus = bus(vec![gim(1, 2), gim(2, 0x102)]);
     bus.send(at(0), &[to(1, [0x91, 0, 0, 0, 0, 0, 0, 0])]);
@@ -157,7 +159,7 @@ fn unanswered_serial_request_blocks_no_other() {
         BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
     let mut bus = SimulatedBus::new(settings, vec![motor(1), motor(2)], 0);
     let get_fault = [0xB2, 0, 0, 0, 0, 0, 0, 0];
-    // Nobody has the address 9.
+    // No motor has the address 9.
     for (time, id) in [(0, 1), (1000, 9), (2000, 2)] {
         bus.send(at(time), &[to(id, get_fault)]);
         received(&mut bus, at(time + 990));
@@ -171,14 +173,15 @@ fn a_serial_line_knows_no_priority() {
     let settings =
         BusSettings { kind: BusKind::Serial, bitrate: 921_600, record: 16, ..BusSettings::default() };
     let mut bus = SimulatedBus::new(settings, vec![motor(1)], 0);
-    // Nobody has the address 9. The answer becomes ready during the second request, when the third waits already.
+    // No motor has the address 9. The answer becomes ready during the second request, when the
+    // third already waits.
     bus.send(at(0), &[1, 9, 9].map(|id| to(id, [0xB2, 0, 0, 0, 0, 0, 0, 0])));
     received(&mut bus, at(2000));
     let ids: Vec<u32> = bus.take_record().map(|recorded| recorded.frame.id().raw()).collect();
     assert_eq!(ids, [1, 9, 9, 0x01], "answers bear the low byte of the host id");
 }
 
-/// 300 cycles of three motors with every kind of fault, read every `interval` microseconds.
+/// Runs 300 cycles of three motors with every kind of fault, read every `interval` microseconds.
 fn life(seed: u64, interval: usize) -> Vec<String> {
     let jitter = Duration::from_micros(20);
     let motors = (1..=3).map(|id| MotorSettings { reply_jitter: jitter, ..motor(id) }).collect();

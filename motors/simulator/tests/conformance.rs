@@ -1,4 +1,4 @@
-//! The simulated bus does what every bus must.
+//! Runs the conformance tests of buses on the simulated bus.
 
 use motord_bus::conformance::{Condition, Fixture, Stimulus};
 use motord_bus::{Bus, Content, Duration, Frame, Instant, Unsupported};
@@ -43,7 +43,7 @@ impl Fixture for Simulated {
     }
 
     fn heard(&mut self) -> Vec<Frame> {
-        // Sending nothing lets the bus catch up with its clock.
+        // Sending nothing lets the bus advance to its clock.
         let _nothing = self.bus.send(self.now, &[]);
         let sent = self.bus.take_record().filter(|recorded| recorded.direction == Direction::ToMotor);
         sent.map(|recorded| recorded.frame).collect()
@@ -60,8 +60,8 @@ impl Fixture for Simulated {
     }
 }
 
-// Missing are exact filters, which a socket has and a simulated wire has not, and allocations, which the daemon counts
-// in its running cycle.
+// Exact filters are missing, which a simulated wire does not have. Allocations are missing, which
+// the daemon counts in its running cycle.
 motord_bus::conformance! {
     []
     mod conforms = Simulated::new;

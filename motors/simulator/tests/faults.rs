@@ -1,4 +1,4 @@
-//! Every fault verb does what its documentation says.
+//! Every fault verb has its documented effect.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -110,7 +110,7 @@ fn reorder_sends_every_other_answer_after_its_successor() {
     assert!(answers.len() == 2 && place(&answers[0]) > place(&answers[1]));
     assert!(bench.is_silent(PUSH), "and so on");
     bench.inject("ok");
-    assert_eq!(bench.answers(PUSH).len(), 2, "what was held back comes in the end");
+    assert_eq!(bench.answers(PUSH).len(), 2, "the held answer arrives finally");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! A native GIM motor as the host sees it: every command of the document.
+//! A native GIM motor from the host's side: every command of the document.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -126,8 +126,9 @@ fn position_is_reached_at_end_of_duration() {
     assert!((indicator(&mut bench, 0x13) - 20.0).abs() < 0.01);
 }
 
-/// Goal: a controller may give a position in every turn, however short its turns are, and the shaft keeps up.
-/// Method: the target moves at 3 rad/s, in steps of 1 ms and of 10 ms. A critically damped loop lags 2 / 60 s behind.
+/// Goal: a controller may send a position in every cycle, however short its cycles are, and the
+/// shaft follows. Method: the target moves at 3 rad/s, in steps of 1 ms and of 10 ms. A critically
+/// damped loop lags 2 / 60 s behind.
 #[test]
 fn repeated_position_command_is_followed_at_its_speed() {
     for period in [1, 10] {
@@ -148,7 +149,7 @@ fn repeated_position_command_is_followed_at_its_speed() {
 fn command_ends_limp_or_continues_after_duration() {
     for (command, value) in [(0x93, 1.5), (0x94, 60.0), (0x95, 1.0)] {
         for (mut bench, is_limp) in [(bench(), true), (holding(), false)] {
-            // A load that only a drive holds up.
+            // A load that only a drive can hold.
             bench.inject("load 0.3");
             bench.ask(bare(0x91));
             bench.ask(control(command, value, 50));
@@ -210,7 +211,10 @@ fn wrong_torque_constant_gives_wrong_torque() {
     bench.ask(modify(0x01, 0x03, 0.25_f32.to_le_bytes()));
     bench.ask(bare(0x91));
     bench.ask(control(0x93, 2.0, 0));
-    assert!((bench.motor().torque() - 1.0).abs() < 1e-6, "the motor is half as strong as it believes");
+    assert!(
+        (bench.motor().torque() - 1.0).abs() < 1e-6,
+        "the motor's real torque is half of the computed one"
+    );
 }
 
 #[test]
@@ -237,7 +241,7 @@ fn mit_frame_is_gim_command_of_first_byte() {
     assert_eq!(bench().ask(NEUTRAL), [0x7F, UNKNOWN_COMMAND, 0, 0, 0, 0, 0, 0]);
     assert_eq!(bench().ask(STOP), [0xFF, UNKNOWN_COMMAND, 0, 0, 0, 0, 0, 0]);
     let mut bench = bench();
-    // MIT: 6.4 rad, nothing else asked for.
+    // MIT: 6.4 rad, no stiffness, damping or torque.
     assert!(bench.is_silent([0xC1, 0x88, 0x80, 0x00, 0x00, 0x00, 0x08, 0x00]));
     assert_eq!(bench.motor().mode(), Mode::Firmware);
 }

@@ -1,4 +1,5 @@
-//! The register file of a SteadyWin motor: what takes effect when, and what survives without power.
+//! The register file of a SteadyWin motor: the times at which items take effect, and the
+//! non-volatile ones.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -40,7 +41,7 @@ fn int(bench: &mut Bench, id: u8) -> i32 {
     i32::from_le_bytes(get(bench, INT, id))
 }
 
-/// The result code of a write.
+/// Writes an item, and returns the result code.
 fn set(bench: &mut Bench, id: u8, value: i32) -> u8 {
     let [d0, d1, d2, d3] = value.to_le_bytes();
     bench.ask([0x83, INT, id, 0, d0, d1, d2, d3])[3]
@@ -66,7 +67,7 @@ fn written_item_survives_power_loss_when_stored() {
         [(bench(), false, false), (bench(), true, true), (behaving(at_once), false, true)]
     {
         assert_eq!(set(&mut bench, 0x01, 17), 0);
-        assert_eq!(int(&mut bench, 0x01), 17, "in effect at once");
+        assert_eq!(int(&mut bench, 0x01), 17, "in effect immediately");
         if refreshes {
             refresh(&mut bench);
         }
@@ -196,7 +197,7 @@ fn bytes_without_a_meaning_may_be_stale() {
     let started = stale.ask([0x91, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!((&started[..2], &started[4..]), (&[0x91, 0][..], &version[4..]));
     let read = stale.ask([0x84, FLOAT, 0x03, 0, 0, 0, 0, 0]);
-    assert_eq!(read[4..], 0.125_f32.to_le_bytes(), "what has a meaning keeps it");
+    assert_eq!(read[4..], 0.125_f32.to_le_bytes(), "bytes with a meaning are unchanged");
     let written = stale.ask([0x83, INT, 0x01, 0, 9, 0, 0, 0]);
     assert_eq!((&written[..4], &written[4..]), (&[0x83, INT, 0x01, 0][..], &read[4..]));
     let refused = stale.ask([0x93, 0, 0, 0xC0, 0x7F, 0, 0, 0]);
@@ -309,7 +310,7 @@ fn kept_memory_is_memory_of_next_motor() {
     second.address(7);
     assert_eq!(get(&mut second, FLOAT, 0x03), 0.067_f32.to_le_bytes());
     assert_eq!(second.motor().memory(), memory);
-    assert_eq!(second.motor().memory_revision(), revision, "nothing new to keep");
+    assert_eq!(second.motor().memory_revision(), revision, "no change to store");
     for bad in ["int 0x1B 1", "int 0x15", "float 0x06 1", "int 0x12 1 1", "double 0x00 1", "int 12 1"] {
         assert!(second.bus.remember("joint", bad).is_err(), "{bad}");
     }

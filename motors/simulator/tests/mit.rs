@@ -1,4 +1,4 @@
-//! An MIT motor as the host sees it.
+//! An MIT motor from the host's side.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -16,7 +16,7 @@ fn bench() -> Bench {
     with(Behaviour::default())
 }
 
-/// kp 40 (code 328), kd 0.8 (code 655), no velocity, no torque.
+/// Returns a control frame with kp 40 (code 328), kd 0.8 (code 655), no velocity, no torque.
 fn hold(position: f64) -> [u8; 8] {
     let [p1, p0] = (((position + 12.5) * 65535.0 / 25.0).round() as u16).to_be_bytes();
     [p1, p0, 0x80, 0x01, 0x48, 0x28, 0xF8, 0x00]
@@ -200,7 +200,7 @@ fn stalled_host_finds_a_stable_motor() {
     assert!(bench.motor().velocity().abs() < 1e-3, "{}", bench.motor().velocity());
 }
 
-/// x(t) = rest + (x(0) - rest) cos(ωt), from the moment at which the drive hears the frame.
+/// x(t) = rest + (x(0) - rest) cos(ωt), from the moment at which the drive receives the frame.
 #[test]
 fn an_undamped_spring_swings_as_its_closed_form() {
     let free = MotorSettings { viscous_friction: 0.0, coulomb_friction: 0.0, ..MotorSettings::default() };

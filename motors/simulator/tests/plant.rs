@@ -1,4 +1,4 @@
-//! Motors whose shafts a plant outside moves.
+//! Motors whose shafts an external plant moves.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -11,11 +11,11 @@ use std::sync::{Arc, Mutex};
 
 /// The torque of [`PUSH`], N·m: code 2148 of 4095 on ±225 A · 0.125 N·m/A · 8 (MIT document 1.1).
 const PUSHED: f64 = 2148.0 * 450.0 / 4095.0 - 225.0;
-/// Of everything on the axle, kg·m².
+/// Inertia of the whole axle, kg·m².
 const INERTIA: f64 = 0.05;
 const MILLISECOND: Duration = Duration::from_millis(1);
 
-/// The shafts of two motors on one stiff axle. Remembers the torques it was given.
+/// The shafts of two motors on one stiff axle. Stores the torques that it receives.
 #[derive(Default)]
 struct Axle(Arc<Mutex<Vec<f64>>>);
 
@@ -64,7 +64,7 @@ impl Bench {
         }
     }
 
-    /// Position and velocity of the motors, by bus.
+    /// Returns position and velocity of the motors, by bus.
     fn shafts(&self) -> Vec<[f64; 2]> {
         let shaft = |bus: &SharedBus| {
             let bus = bus.lock();
@@ -73,7 +73,7 @@ impl Bench {
         self.ends.iter().map(shaft).collect()
     }
 
-    /// The left motor pushes for 10 ms.
+    /// Lets the left motor push for 10 ms.
     fn push(&mut self, interval: Duration) {
         for bytes in [NEUTRAL, START, PUSH] {
             self.send(0, bytes);
@@ -92,7 +92,8 @@ fn shaft_turned_by_another_bus_moves_motor() {
     bench.push(MILLISECOND);
     let [left, right] = bench.shafts()[..] else { panic!("two motors") };
     assert_eq!(left, right, "the axle is stiff");
-    // The stop is on the wire as long as the push was, so the push lasts 10 ms, on the grid of the drive's 50 µs.
+    // The stop is on the wire as long as the push, so the push lasts 10 ms, on the grid of the
+    // drive's 50 µs.
     let expected = PUSHED * 0.010 / INERTIA;
     assert!(
         (left[1] - expected).abs() <= PUSHED * 50e-6 / INERTIA + 0.02,

@@ -1,4 +1,4 @@
-//! Simulated motors on a pseudo terminal, seen by a host that opens its device.
+//! Simulated motors on a pseudo terminal, with a host that opens its device.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -30,7 +30,7 @@ fn inject(port: &mut SerialPort, verb: &str) {
     port.inject(clock::monotonic(), &verb.parse().unwrap()).unwrap();
 }
 
-/// Serves for 20 ms; what the host can read then.
+/// Serves for 20 ms, and returns the bytes that the host can then read.
 fn listen(port: &mut SerialPort, host: &mut File) -> Vec<u8> {
     let end = clock::monotonic() + Duration::from_millis(20);
     while clock::monotonic() < end {

@@ -1,4 +1,4 @@
-//! Motors that outlive their process.
+//! Memories of motors that persist across processes.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 

@@ -28,7 +28,7 @@ const FLOAT: u8 = 0x01;
 const TORQUE_CONSTANT: usize = 0x03;
 /// ConfIDs of type 0x00 that table 7 leaves out.
 const UNASSIGNED: [u8; 9] = [0x03, 0x04, 0x05, 0x0A, 0x0B, 0x1B, 0x1D, 0x1E, 0x1F];
-/// Motor Wizard shows the baud rate as a number of 100 kbit/s; the document gives no unit.
+/// Motor Wizard shows the baud rate in units of 100 kbit/s. The document gives no unit.
 const BAUD_UNIT: u32 = 100_000;
 /// The default of each parameter of table 8, by ConfID.
 const DEFAULT_GAINS: [u8; 9] = [0x08, 0x09, 0x0C, 0x0D, 0x0E, 0x0F, 0x10, 0x19, 0x1A];
@@ -44,19 +44,19 @@ struct Items {
 #[derive(Debug, Clone)]
 pub(crate) struct Configuration {
     items: Items,
-    /// Survives without power.
+    /// Non-volatile.
     stored: Items,
-    /// Counts the writes into `stored`.
+    /// Number of writes into `stored`.
     revision: u32,
     persistence: Persistence,
     parameters: [u32; DEFAULT_GAINS.len()],
-    /// Changes after a reboot only (table 7).
+    /// Takes effect only after a reboot (table 7).
     pwm_frequency: i32,
 }
 
 impl Configuration {
-    /// The configuration of a commissioned motor, or the vendor's for a new one. `bitrate` is that of the CAN bus, bit/s; `None` on
-    /// a serial line, which has a rate of its own.
+    /// Returns the configuration of a commissioned motor, or the vendor's for a new one. `bitrate`
+    /// is that of the CAN bus, bit/s; `None` on a serial line, which has a separate rate.
     pub(super) fn new(settings: &MotorSettings, bitrate: Option<u32>) -> Self {
         let mut items = Items::factory(settings);
         if !settings.is_new {
@@ -75,21 +75,21 @@ impl Configuration {
         new
     }
 
-    /// The power comes back.
+    /// Loads the stored items when the power returns.
     pub(super) fn boot(&mut self) {
         self.items = self.stored;
         self.pwm_frequency = self.int(int::PWM_FREQUENCY);
         self.parameters = DEFAULT_GAINS.map(|id| self.int(id).cast_unsigned());
     }
 
-    /// Reset configuration: the values of the vendor.
+    /// Executes reset configuration: restores the vendor's values.
     pub(super) fn reset(&mut self, settings: &MotorSettings) {
         self.items = Items::factory(settings);
         DEFAULT_GAINS.iter().for_each(|id| self.apply_gain(*id));
         self.written();
     }
 
-    /// Refresh configuration: what was modified is kept from now on.
+    /// Executes refresh configuration: stores the modified items.
     pub(super) fn refresh(&mut self) {
         self.store();
     }
@@ -109,29 +109,29 @@ impl Configuration {
         self.items.ints.get(usize::from(id)).copied().unwrap_or(0)
     }
 
-    /// The drive itself writes an item, and keeps it.
+    /// Writes and stores an item for the drive itself.
     pub(super) fn keep_int(&mut self, id: u8, value: i32) {
         *self.items.int(id) = value;
         *self.stored.int(id) = value;
         self.revision = self.revision.wrapping_add(1);
     }
 
-    /// Rotor side, N·m/A.
+    /// Returns the torque constant of the rotor, N·m/A.
     pub(super) fn torque_constant(&self) -> f64 {
         f64::from(self.items.floats[TORQUE_CONSTANT])
     }
 
-    /// In effect, Hz.
+    /// Returns the PWM frequency in effect, Hz.
     pub(super) fn pwm_frequency(&self) -> i32 {
         self.pwm_frequency
     }
 
-    /// A motor with this configuration can follow a CAN bus of `bitrate` bit/s.
+    /// Returns `true` when a motor with this configuration can receive frames at `bitrate` bit/s.
     pub(super) fn listens_at(&self, bitrate: u32) -> bool {
         self.int(int::BAUD) == baud(bitrate)
     }
 
-    /// Retrieve configuration: the item's bytes, or a result code.
+    /// Executes retrieve configuration: returns the item's bytes, or a result code.
     pub(super) fn retrieve(&self, kind: u8, id: u8) -> Result<[u8; 4], u8> {
         match kind {
             INT if is_int(id) => Ok(self.int(id).to_le_bytes()),
@@ -144,7 +144,7 @@ impl Configuration {
         }
     }
 
-    /// Modify configuration. `Err` holds a result code, and nothing has changed.
+    /// Executes modify configuration. `Err` holds a result code: then nothing has changed.
     pub(super) fn modify(&mut self, kind: u8, id: u8, data: [u8; 4]) -> Result<(), u8> {
         self.retrieve(kind, id)?;
         self.items.set(kind, id, data)?;
@@ -155,31 +155,33 @@ impl Configuration {
         Ok(())
     }
 
-    /// A default gain takes effect immediately (table 7): the parameter of the running loop gets its value.
+    /// Applies a default gain immediately (table 7): the parameter of the running loop gets its
+    /// value.
     fn apply_gain(&mut self, id: u8) {
         if let Some(place) = DEFAULT_GAINS.iter().position(|gain| *gain == id) {
             self.parameters[place] = self.int(id).cast_unsigned();
         }
     }
 
-    /// Retrieve parameter.
+    /// Executes retrieve parameter.
     pub(super) fn parameter(&self, id: u8) -> Result<[u8; 4], u8> {
         self.parameters.get(usize::from(id)).map(|value| value.to_le_bytes()).ok_or(result::UNKNOWN_REGISTER)
     }
 
-    /// Modify parameter: until the next reboot.
+    /// Executes modify parameter, which lasts until the next reboot.
     pub(super) fn modify_parameter(&mut self, id: u8, data: [u8; 4]) -> Result<(), u8> {
         let item = self.parameters.get_mut(usize::from(id)).ok_or(result::UNKNOWN_REGISTER)?;
         *item = u32::from_le_bytes(data);
         Ok(())
     }
 
-    /// Another number after each write into the memory that survives without power.
+    /// Returns a number that differs after each write into the non-volatile memory.
     pub(super) fn revision(&self) -> u32 {
         self.revision
     }
 
-    /// The values that survive without power: a line for each item, its type, its ConfID and its value.
+    /// Returns the non-volatile values: a line for each item, with its type, its ConfID and its
+    /// value.
     pub(super) fn memory(&self) -> String {
         let mut text = String::new();
         for (id, value) in (0_u8..).zip(self.stored.ints).filter(|(id, _)| is_int(*id)) {
@@ -191,8 +193,8 @@ impl Configuration {
         text
     }
 
-    /// Reads what [`memory`](Self::memory) wrote. Items that are not in `text` stay. `None` when a line is not an item: nothing has
-    /// changed then.
+    /// Reads the text of [`memory`](Self::memory). Items that are not in `text` keep their values.
+    /// `None` when a line is not an item: then nothing has changed.
     pub(super) fn remember(&mut self, text: &str) -> Option<()> {
         let mut stored = self.stored;
         text.lines().try_for_each(|line| stored.read(line))?;
@@ -203,8 +205,9 @@ impl Configuration {
 }
 
 impl Items {
-    /// The values after a reset of the configuration. The vendor prints no defaults but protocol 0; the id 1 is seen in the
-    /// field, the host id 0 at motors of the same family.
+    /// Returns the values after a reset of the configuration. The vendor prints no default except
+    /// protocol 0. The id 1 was observed on real motors, the host id 0 on motors of the same
+    /// family.
     fn factory(settings: &MotorSettings) -> Self {
         let mut ints = [0; INTS];
         let rated_current = settings.torque_peak / (settings.torque_constant * settings.gear_ratio) / 3.0;
@@ -237,7 +240,7 @@ impl Items {
         &mut self.ints[usize::from(id) % INTS]
     }
 
-    /// The item must exist. `Err` holds a result code.
+    /// Sets an item, which must exist. `Err` holds a result code.
     fn set(&mut self, kind: u8, id: u8, data: [u8; 4]) -> Result<(), u8> {
         if kind == FLOAT {
             let value = f32::from_le_bytes(data);
@@ -257,7 +260,7 @@ impl Items {
         Ok(())
     }
 
-    /// A line of a motor's memory.
+    /// Reads a line of a motor's memory.
     fn read(&mut self, line: &str) -> Option<()> {
         let mut words = line.split_whitespace();
         let (kind, id, value) = (words.next()?, words.next()?, words.next()?);
@@ -271,7 +274,8 @@ impl Items {
     }
 }
 
-/// The values that an integer item may have: by table 7 and 3.2.3, and without those that make no sense for any motor.
+/// Returns the values that an integer item may have, by table 7 and 3.2.3. Values that are invalid
+/// for any motor are excluded.
 fn range(id: u8) -> RangeInclusive<i32> {
     match id {
         int::CAN_ID | int::HOST_ID => 0..=0x7FF,
@@ -292,7 +296,7 @@ fn is_int(id: u8) -> bool {
     usize::from(id) < INTS && !UNASSIGNED.contains(&id)
 }
 
-/// From rad/s.
+/// Converts rad/s to rpm.
 pub(super) fn rpm(velocity: f64) -> f64 {
     velocity * 30.0 / core::f64::consts::PI
 }

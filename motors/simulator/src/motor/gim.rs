@@ -7,13 +7,14 @@ use crate::settings::{DurationEnd, InFault, ReplyTiming};
 use crate::wire::{self, command, result};
 use motord_bus::{Duration, Frame, Instant};
 
-/// Time constant of the speed loop, s. The document gives no unit for the gains, so the loops are fixed and well tuned.
+/// Time constant of the speed loop, s. The gains have no documented unit, so the loops are fixed
+/// and well tuned.
 const SPEED_LOOP: f64 = 0.002;
 /// Corner of the critically damped position loop, rad/s.
 const POSITION_LOOP: f64 = 60.0;
 
 impl Motor {
-    /// The answer, and the time that the motor is busy before it.
+    /// Returns the answer, and the time that the motor is busy before it.
     pub(super) fn gim(&mut self, at: Instant, frame: &Frame) -> Option<(Frame, Duration)> {
         // A change of id or protocol takes effect after its own answer.
         let host_id = self.host_address();
@@ -46,12 +47,12 @@ impl Motor {
         }
     }
 
-    /// An answer without data.
+    /// Returns an answer without data.
     fn plain(&self, request: [u8; 8], result: u8) -> [u8; 8] {
         wire::answer(self.filler(), request, result, None)
     }
 
-    /// Commands whose answer is a result and perhaps data.
+    /// Executes commands whose answer is a result and perhaps data.
     fn status(&mut self, bytes: [u8; 8]) -> [u8; 8] {
         let (code, data) = match self.perform(bytes) {
             Ok(data) => (result::SUCCESS, data),
@@ -60,7 +61,7 @@ impl Motor {
         wire::answer(self.filler(), bytes, code, data)
     }
 
-    /// The data of the answer, if it has some, or a result code.
+    /// Returns the data of the answer, if it has some, or a result code.
     fn perform(&mut self, [command, sub, id, _, data @ ..]: [u8; 8]) -> Result<Option<[u8; 4]>, u8> {
         match command {
             command::RESET_CONFIGURATION => self.reset_configuration(),
@@ -125,7 +126,8 @@ impl Motor {
         state.gim(bytes[0], self.temperature_byte())
     }
 
-    /// The drive turns N·m into a current by its configured constants; the motor turns the current into torque by its real ones.
+    /// Returns the law for a torque. The drive converts N·m to a current by its configured
+    /// constants. The motor converts the current to torque by its real ones.
     fn torque_law(&self, torque: f64) -> Law {
         let real = self.settings.torque_constant * self.settings.gear_ratio;
         let configured =
@@ -138,8 +140,10 @@ impl Motor {
         Law { velocity, kd: self.body.inertia() / SPEED_LOOP, ..Law::LIMP }
     }
 
-    /// The reference arrives after `duration`, or moves at the highest speed when that takes longer. It goes on from the reference
-    /// of the target before: if it began anew at the shaft, it would slow down each controller that streams its targets.
+    /// Returns the law for a position. The reference arrives after `duration`, or moves at the
+    /// highest speed when that takes longer. It continues from the reference of the previous
+    /// target. If it started at the shaft, it would slow down a controller that streams its
+    /// targets.
     fn position_law(&self, position: f64, duration: Duration) -> Law {
         let target = position + self.origin;
         let reference = if self.law.kp > 0.0 { self.law.reference } else { self.body.position };
@@ -155,7 +159,7 @@ impl Motor {
         }
     }
 
-    /// As configured, rad/s.
+    /// Returns the configured highest speed, rad/s.
     fn speed_max(&self) -> f64 {
         f64::from(self.configuration.int(int::SPEED_MAX_RPM)) / rpm(1.0)
     }
@@ -174,13 +178,13 @@ impl Motor {
         (self.plain(bytes, result::SUCCESS), duration)
     }
 
-    /// The temperature in an answer, °C: that of the winding, the hottest place.
+    /// Returns the temperature in an answer, °C: that of the winding, the hottest part.
     fn temperature_byte(&self) -> i8 {
         self.body.winding.floor() as i8
     }
 }
 
-/// The command changes what the motor remembers.
+/// Returns `true` when the command changes the motor's memory.
 fn is_write(command: u8) -> bool {
     matches!(
         command,

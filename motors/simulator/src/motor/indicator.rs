@@ -9,7 +9,8 @@ use core::f64::consts::TAU;
 const BOARD_RISE: f64 = 0.3;
 
 impl Motor {
-    /// An indicator in the units of the table; `None` for an id that the table does not have. The d axis carries no current.
+    /// Returns an indicator in the units of the table; `None` for an id that is not in the table.
+    /// The d axis carries no current.
     pub(super) fn indicator(&self, id: u8) -> Option<f32> {
         let iq = self.q_current();
         let (sin, cos) = self.electrical_angle().sin_cos();
@@ -43,7 +44,7 @@ impl Motor {
         Some(value as f32)
     }
 
-    /// °C.
+    /// Returns the temperature of the board, °C.
     pub(super) fn board_temperature(&self) -> f64 {
         let air = self.settings.ambient_celsius;
         air + BOARD_RISE * (self.body.winding - air)
@@ -57,7 +58,7 @@ impl Motor {
         (self.rotor_angle() * f64::from(self.settings.pole_pairs)).rem_euclid(TAU)
     }
 
-    /// Steady state of a machine without saliency, per phase, V.
+    /// Returns the steady-state voltages of a machine without saliency, per phase, V.
     fn dq_voltage(&self) -> (f64, f64) {
         let iq = self.q_current();
         let rotor_velocity = self.body.velocity * self.settings.gear_ratio;

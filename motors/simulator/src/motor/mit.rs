@@ -1,5 +1,5 @@
-//! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2). The [`Twin`](crate::twin::Twin) holds what differs between
-//! vendors.
+//! The MIT protocol, from the motor's side (MIT document 1.1 and 1.2). The
+//! [`Twin`](crate::twin::Twin) holds the differences between vendors.
 
 use super::configuration::int;
 use super::{Mode, Motor};
@@ -10,7 +10,7 @@ use crate::wire::{Control, KD, KP, MitCommand, State};
 use motord_bus::{Frame, FrameId, Instant};
 
 impl Motor {
-    /// Any eight bytes are a command: those that are not special are a control frame.
+    /// Executes any eight bytes: those that are not a special frame are a control frame.
     pub(super) fn mit(&mut self, at: Instant, frame: &Frame) -> Option<Frame> {
         let command = (self.twin.hear)(frame.payload())?;
         // A change of id takes effect after its own answer.
@@ -49,7 +49,7 @@ impl Motor {
         (self.twin.answer)(&Answer { asked, host_id, id, state, status, fault, temperatures, filler })
     }
 
-    /// The id fills one byte of an answer, whatever its configuration holds.
+    /// Returns the id, which fills one byte of an answer, whatever its configuration holds.
     fn mit_id(&self) -> u8 {
         self.configuration.int(int::CAN_ID) as u8
     }

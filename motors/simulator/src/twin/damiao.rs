@@ -1,8 +1,8 @@
-//! Damiao's DM-J drives, by DM_CAN.py, motorbridge and openarm_can.
+//! Damiao's DM-J drives, from DM_CAN.py, motorbridge and openarm_can.
 //!
-//! The first byte of every answer holds a status (0 disabled, 1 enabled, 8 and more a fault) in its upper four bits, and four
-//! bits of the id below. The last two bytes are the temperatures of transistors and rotor. A drive in fault is disabled and
-//! keeps answering.
+//! The first byte of every answer holds a status in its upper four bits (0 disabled, 1 enabled, 8
+//! and above a fault). The lower four bits are those of the id. The last two bytes are the
+//! temperatures of transistors and rotor. A drive in fault is disabled and keeps answering.
 
 use super::drive::{Answer, Status, Twin};
 use crate::wire::{Control, MitCommand};
@@ -11,7 +11,8 @@ use motord_bus::Frame;
 pub(super) const TWIN: Twin =
     Twin { name: "damiao", hear, answer, answers_in_fault: true, conditions: [0x8, 0x9, 0xC], raise };
 
-/// Every special command begins with seven bytes 0xFF. SteadyWin's question for the fault is a control frame here.
+/// Decodes a payload. Every special command begins with seven bytes 0xFF. SteadyWin's fault request
+/// is a control frame here.
 fn hear(payload: &[u8]) -> Option<MitCommand> {
     Some(match payload {
         [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFB] => MitCommand::ClearFault,
@@ -33,7 +34,7 @@ fn answer(answer: &Answer) -> Frame {
     Frame::classic(answer.host_id, [status << 4 | answer.id & 0x0F, a, b, c, d, e, transistors, rotor])
 }
 
-/// The drive keeps the first fault until it is cleared; the numbers 0 and 1 are no faults.
+/// Keeps the first fault until it is cleared. The numbers 0 and 1 are not faults.
 fn raise(known: u32, raised: u32) -> u32 {
     match raised & 0x0F {
         raised if known == 0 && raised > 1 => raised,

@@ -3,24 +3,24 @@
 use crate::wire::{MitCommand, State};
 use motord_bus::{Frame, FrameId};
 
-/// How one vendor's drive differs from the next.
+/// The differences of one vendor's drive from those of others.
 #[derive(Debug)]
 pub(crate) struct Twin {
     /// The vendor's name in [`MotorSettings::vendor`](crate::MotorSettings::vendor).
     pub(super) name: &'static str,
     /// Decodes a payload as the motor does; `None` for one that the motor ignores.
     pub(crate) hear: fn(&[u8]) -> Option<MitCommand>,
-    /// The frame of an answer.
+    /// Returns the frame of an answer.
     pub(crate) answer: fn(&Answer) -> Frame,
-    /// It answers everything in fault, whatever the settings say.
+    /// The drive answers every request in fault, whatever the settings are.
     pub(crate) answers_in_fault: bool,
     /// The vendor's numbers of over-voltage, under-voltage and over-temperature.
     pub(crate) conditions: [u32; 3],
-    /// The fault number of a drive that has the first and raises the second.
+    /// Returns the fault number of a drive that has the first fault and raises the second.
     pub(crate) raise: fn(u32, u32) -> u32,
 }
 
-/// The content of a reply, before the vendor lays it out.
+/// The content of a reply, before the vendor's layout.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Answer {
     pub(crate) asked: Asked,
@@ -31,9 +31,9 @@ pub(crate) struct Answer {
     pub(crate) state: State,
     pub(crate) status: Status,
     pub(crate) fault: u32,
-    /// Of the winding and of the driver board, °C.
+    /// Temperatures of the winding and of the driver board, °C.
     pub(crate) temperatures: [f64; 2],
-    /// For bytes without a meaning.
+    /// Values of bytes without a meaning.
     pub(crate) filler: [u8; 8],
 }
 
@@ -45,7 +45,7 @@ pub(crate) enum Status {
     Fault,
 }
 
-/// The content that a command asks for.
+/// The content that a command requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Asked {
     State,
@@ -53,7 +53,7 @@ pub(crate) enum Asked {
     Clear,
 }
 
-/// Faults that are bits add up.
+/// Combines faults that are bits.
 pub(crate) const fn bits(known: u32, raised: u32) -> u32 {
     known | raised
 }

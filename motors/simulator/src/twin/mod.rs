@@ -1,8 +1,8 @@
 //! Vendors' MIT drives, from the motor's side of the wire.
 //!
-//! Each is written from its vendor's sources, with nothing of the host's codec or of its profiles, so that one mistake cannot
-//! hide in both. Both are tested against the same golden frames. To add a vendor, write a file like [`steadywin`]'s, and a line
-//! in [`TWINS`].
+//! Each is written from its vendor's sources, without the host's codec or its profiles, so that one
+//! error cannot hide in both. Both are tested with the same golden frames. To add a vendor, write a
+//! file like [`steadywin`]'s, and add a line to [`TWINS`].
 
 mod damiao;
 mod drive;
@@ -11,16 +11,19 @@ mod steadywin;
 
 pub(crate) use drive::{Answer, Asked, Status, Twin};
 
-/// Every vendor known here.
+/// All supported vendors.
 const TWINS: &[&Twin] = &[&steadywin::TWIN, &damiao::TWIN, &robstride::TWIN];
 
 impl Twin {
+    /// Returns the twin of `vendor`.
+    ///
     /// # Panics
     ///
-    /// When there is no such vendor: the author of the settings must learn it before a robot with them is judged.
+    /// When there is no such vendor. The author of the settings must notice it before a robot is
+    /// tested with them.
     pub(crate) fn of(vendor: &str) -> &'static Self {
         let twin = TWINS.iter().find(|twin| twin.name == vendor);
-        twin.unwrap_or_else(|| panic!("no twin of {vendor}'s motors"))
+        twin.unwrap_or_else(|| panic!("no simulated drive of the vendor {vendor}"))
     }
 }
 
@@ -33,7 +36,7 @@ mod tests {
     const HEADER: &str =
         "direction,kind,model,hex,id,position,velocity,kp,kd,torque,temperatures,faults,source";
 
-    /// The golden frames that the host's profile of this vendor is held against, worked out by hand.
+    /// Returns the golden frames of the host's profile of this vendor, which were computed by hand.
     fn golden(twin: &Twin) -> Vec<Vec<String>> {
         let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/../protocol/tests/golden");
         let text = std::fs::read_to_string(format!("{directory}/{}.csv", twin.name)).unwrap();
@@ -81,7 +84,7 @@ mod tests {
                     torque: code(bytes[4] & 0x0F, bytes[5]),
                 };
                 let mut celsius = row[10].split_whitespace().map(|number| number.parse().unwrap());
-                // The board comes first where both are sent.
+                // The temperature of the board is first where both are sent.
                 let (first, second) = (celsius.next().unwrap_or(0.0), celsius.next());
                 let temperatures = [second.unwrap_or(first), first];
                 let id = row[4].parse().unwrap();

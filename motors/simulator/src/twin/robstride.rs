@@ -1,7 +1,8 @@
-//! RobStride's drives in MIT mode, by the vendor's SampleProgram and the RS00 manual.
+//! RobStride's drives in MIT mode, from the vendor's SampleProgram and the RS00 manual.
 //!
-//! An answer is the id, the state, and the winding's temperature in tenths of a °C. The answer to the question for the fault is
-//! the id, 32 bits of faults with the low byte first, and zeros. The drive answers a clear with its state.
+//! An answer is the id, the state, and the winding's temperature in tenths of a °C. The answer to a
+//! fault request is the id, 32 bits of faults with the low byte first, and zeros. The drive answers
+//! a clear with its state.
 
 use super::drive::{Answer, Asked, Twin, bits};
 use crate::wire::MitCommand;

@@ -1,4 +1,4 @@
-//! A bench with one motor: ask it, let time pass, break it.
+//! A bench with one motor: sends requests, lets time pass, and injects faults.
 
 #![allow(dead_code, reason = "each test file uses its part of the bench")]
 
@@ -10,7 +10,7 @@ pub(crate) const STOP: [u8; 8] = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFD
 pub(crate) const SET_ZERO: [u8; 8] = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFE];
 pub(crate) const CLEAR_FAULT: [u8; 8] = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFB];
 pub(crate) const GET_FAULT: [u8; 8] = [0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0xFF, 0x00, 0xFB];
-/// Nothing asked for, by truncation (half a code below zero).
+/// No torque, by truncation (half a code below zero).
 pub(crate) const NEUTRAL: [u8; 8] = [0x7F, 0xFF, 0x7F, 0xF0, 0x00, 0x00, 0x07, 0xFF];
 /// 0.11 · 100 N·m of torque at the default torque scale of ±225 N·m: code 2148.
 pub(crate) const PUSH: [u8; 8] = [0x80, 0x00, 0x80, 0x00, 0x00, 0x00, 0x08, 0x64];
@@ -46,12 +46,12 @@ impl Bench {
         inbox.arrivals().to_vec()
     }
 
-    /// The answers to `bytes`.
+    /// Returns the answers to `bytes`.
     pub(crate) fn answers(&mut self, bytes: [u8; 8]) -> Vec<Frame> {
         frames(&self.arrivals(bytes))
     }
 
-    /// The payload of the only answer.
+    /// Returns the payload of the only answer.
     pub(crate) fn ask(&mut self, bytes: [u8; 8]) -> Vec<u8> {
         let answers = self.answers(bytes);
         let [answer] = answers[..] else { panic!("one answer expected, not {answers:?}") };
@@ -71,7 +71,7 @@ impl Bench {
         self.bus.inject(self.now, &verb).unwrap();
     }
 
-    /// Moves the host's ear, after the motor's id was changed.
+    /// Changes the address to which the host sends, after the motor's id was changed.
     pub(crate) fn address(&mut self, id: u16) {
         self.id = FrameId::new(id).unwrap();
     }
@@ -85,7 +85,7 @@ pub(crate) fn frames(arrivals: &[Arrival]) -> Vec<Frame> {
     arrivals.iter().filter_map(frame).collect()
 }
 
-/// Of an MIT state, rad (MIT document 1.2).
+/// Returns the position of an MIT state, rad (MIT document 1.2).
 pub(crate) fn position(state: &[u8]) -> f64 {
     f64::from(u16::from_be_bytes([state[1], state[2]])) * 25.0 / 65535.0 - 12.5
 }
