@@ -1,4 +1,4 @@
-//! One motor's frames: a setpoint to bytes, and bytes to a state.
+//! Encoding of a setpoint and decoding of a state, for one motor.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_protocol::Scales;

@@ -1,5 +1,6 @@
-//! The Rust side of `benches/compare`: motord's codec and round trips, those of bare iceoryx2, a bare wake-up, and the cycle for
-//! callgrind. Prints lines of a name, a median and a 99 % quantile, ns; of a codec both are the time of one frame.
+//! The Rust side of `benches/compare`: the codec and round trips of motord, those of bare iceoryx2,
+//! a bare wake-up, and the cycle for callgrind. Prints lines of a name, a median and a 99 %
+//! quantile, ns. Both values of a codec are the time of one frame.
 
 mod echo;
 mod robots;
@@ -25,16 +26,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-/// Trips before those that are timed.
+/// Untimed trips at the start.
 const WARM_UP: usize = 200;
-/// A neighbour's load comes and goes within a second, and makes every wake-up slower: what is compared with a bare wake-up alternates with
-/// it so many times.
+/// Number of alternations between a measurement and its bare wake-up. The load of other processes
+/// changes within a second, and slows every wake-up down.
 const TURNS: usize = 10;
-/// A thread that has waited for so long sleeps.
+/// Time of waiting after which a thread sleeps.
 const PAUSE: Duration = Duration::from_micros(100);
-/// As many share a bus at 500 Hz, whatever the size of the robot.
+/// Motors on a bus at 500 Hz, for any size of the robot.
 const MOTORS_PER_BUS: usize = 4;
-/// Different commands and replies of the codec; a power of two.
+/// Number of different commands and replies of the codec; a power of two.
 const FRAMES: usize = 256;
 
 #[derive(Parser)]
@@ -42,10 +43,10 @@ struct Options {
     /// The default is the codec and the trips.
     #[command(subcommand)]
     what: Option<What>,
-    /// Measures only as long as it takes to see that it runs.
+    /// Runs only a short check of each measurement.
     #[arg(long)]
     test: bool,
-    /// Given by cargo.
+    /// Passed by cargo.
     #[arg(long, hide = true, global = true)]
     bench: bool,
 }
@@ -54,11 +55,11 @@ struct Options {
 enum What {
     /// The bytes of a setpoint message and of a state message.
     Sizes,
-    /// So many frames each way, and a checksum of the bytes and values.
+    /// This many frames each way, and a checksum of the bytes and values.
     Codec { frames: usize },
-    /// So many round trips of each kind, or of one; and as many wake-ups beside the deliveries.
+    /// This many round trips of each kind, or of one, and as many wake-ups beside the deliveries.
     Trips { count: usize, kind: Option<Trip> },
-    /// So many cycles of a robot with so many motors.
+    /// This many cycles of a robot with this number of motors.
     Cycles { motors: usize, count: u64 },
 }
 
@@ -81,12 +82,12 @@ fn main() {
     }
 }
 
-/// The trips that are timed.
+/// The timed trips.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Trip {
-    /// From a setpoint to the states that answer it at once; the client keeps looking.
+    /// From a setpoint to the states that answer it without a pause; the client polls.
     Spin,
-    /// The same; the client sleeps, or goes to sleep.
+    /// The same trip; the client sleeps, or goes to sleep.
     Event,
     /// From the publication of states to a client that has slept for [`PAUSE`].
     Delivery,
@@ -101,12 +102,13 @@ impl Trip {
         }
     }
 
-    /// From a setpoint to its answer.
+    /// Returns the time from a setpoint to its answer.
     const fn pause(self) -> Duration {
         if matches!(self, Self::Delivery) { PAUSE } else { Duration::ZERO }
     }
 
-    /// The time of a trip, ns, that began with a setpoint at `begun_ns` and was answered at `published_ns`.
+    /// Returns the time of a trip, ns, that began with a setpoint at `begun_ns` and was answered at
+    /// `published_ns`.
     fn time_ns(self, begun_ns: u64, published_ns: u64) -> u64 {
         clock::now_ns() - if self == Self::Delivery { published_ns } else { begun_ns }
     }
@@ -125,7 +127,8 @@ fn trips(count: usize, kind: Option<Trip>) {
     }
 }
 
-/// Prints the median and the 99 % quantile of `count` trips. Each tells its time, ns.
+/// Prints the median and the 99 % quantile of `count` trips. Each call of `trip` returns its time,
+/// ns.
 fn time_trips(name: &str, count: usize, mut trip: impl FnMut() -> u64) {
     for _ in 0..WARM_UP {
         trip();
@@ -135,7 +138,7 @@ fn time_trips(name: &str, count: usize, mut trip: impl FnMut() -> u64) {
     println!("{name} {} {}", times[count / 2], times[count * 99 / 100]);
 }
 
-/// Keeps looking at the clock for `time`.
+/// Polls the clock for `time`.
 fn stay_awake(time: Duration) {
     let begun = Instant::now();
     while begun.elapsed() < time {
@@ -143,7 +146,8 @@ fn stay_awake(time: Duration) {
     }
 }
 
-/// From the moment in which another thread writes to an eventfd to the end of the read that has waited for it for [`PAUSE`].
+/// Measures from the write of another thread to an eventfd to the end of a read that has waited for
+/// [`PAUSE`].
 fn wake_up(count: usize) {
     let event = Arc::new(EventFd::from_flags(EfdFlags::EFD_SEMAPHORE).expect("the kernel gives one"));
     let (asked, ends) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
@@ -177,7 +181,7 @@ fn motord_trips(count: usize, trip: Trip) {
     let _daemon = Daemon::start(runtime.path(), trip.pause());
     let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
     client.set_silence(PATIENCE);
-    let mut claim = client.claim("all").expect("nobody owns the group");
+    let mut claim = client.claim("all").expect("the group has no owner");
     let setpoints = [Setpoint::damping(1.0); JOINTS];
     time_trips(&format!("motord-{}", trip.name()), count, || {
         let begun_ns = clock::now_ns();
@@ -188,7 +192,8 @@ fn motord_trips(count: usize, trip: Trip) {
     });
 }
 
-/// The same messages through services of iceoryx2, and nothing else. The other end spins, as motord's does.
+/// Transfers the same messages through services of iceoryx2 alone. The other side spins, as
+/// motord's does.
 fn iceoryx2_trips(count: usize, trip: Trip) {
     let root = tempfile::tempdir().expect("the temporary directory is writable");
     let (open, opened) = std::sync::mpsc::channel();
@@ -196,9 +201,9 @@ fn iceoryx2_trips(count: usize, trip: Trip) {
     let ended = Arc::clone(&ends);
     let echo = std::thread::spawn(move || {
         let services = Services::open(&place);
-        let setpoints = services.setpoint.subscriber_builder().create().expect("there is a place");
-        let states = services.state.publisher_builder().create().expect("there is a place");
-        let event = services.event.notifier_builder().create().expect("there is a place");
+        let setpoints = services.setpoint.subscriber_builder().create().expect("a slot is free");
+        let states = services.state.publisher_builder().create().expect("a slot is free");
+        let event = services.event.notifier_builder().create().expect("a slot is free");
         open.send(()).expect("the starting thread waits");
         let mut state = StateMessage::default();
         while !ended.load(Ordering::Relaxed) {
@@ -214,9 +219,9 @@ fn iceoryx2_trips(count: usize, trip: Trip) {
     });
     opened.recv().expect("the other end starts");
     let services = Services::open(root.path());
-    let setpoints = services.setpoint.publisher_builder().create().expect("there is a place");
-    let states = services.state.subscriber_builder().create().expect("there is a place");
-    let event = services.event.listener_builder().create().expect("there is a place");
+    let setpoints = services.setpoint.publisher_builder().create().expect("a slot is free");
+    let states = services.state.subscriber_builder().create().expect("a slot is free");
+    let event = services.event.listener_builder().create().expect("a slot is free");
     let mut setpoint = SetpointMessage::default();
     time_trips(&format!("iceoryx2-{}", trip.name()), count, || {
         setpoint.sequence += 1;
@@ -271,7 +276,7 @@ impl Services {
     }
 }
 
-/// Different frames, the same as in `peers/codec.c`.
+/// Returns different frames, the same as in `peers/codec.c`.
 fn impedances() -> [Impedance; FRAMES] {
     let mut seed = 1_u32;
     let mut between = |low: f32, high: f32| {
@@ -289,7 +294,7 @@ fn impedances() -> [Impedance; FRAMES] {
 
 fn codec(frames: usize) {
     let scales = Scales::by_current(0.125, 8.0).expect("the constants of a GIM8108-8 are sound");
-    // As in C, functions of which their callers know nothing.
+    // Opaque functions for the callers, as in C.
     let encode: Encode =
         black_box(|wanted, scales| ControlCodes::nearest(wanted, scales).ok().map(ControlCodes::pack));
     let decode: Decode = black_box(|_, reply, scales| STEADYWIN.decode_state(reply, scales));
@@ -315,11 +320,12 @@ fn codec(frames: usize) {
 }
 
 type Encode = fn(&Impedance, &Scales) -> Option<[u8; 8]>;
-/// The layout of the profile is a constant, the scales are not. The number means nothing: it clears the register that the first conversion
-/// writes half of. gcc's code clears it, LLVM's does not, and in a row of calls each would wait for the one before.
+/// The layout of the profile is a constant, the scales are not. The number has no meaning: it
+/// clears the register of which the first conversion writes half. gcc's code clears it, LLVM's does
+/// not. Without it each call would wait for the previous one.
 type Decode = fn(f64, &[u8], &Scales) -> Result<State, DecodeError>;
 
-/// The least time of ten runs, ns for one frame.
+/// Returns the least time of ten runs, ns for one frame.
 fn per_frame(frames: usize, mut once: impl FnMut(usize)) -> f64 {
     let mut run = || {
         let begun = Instant::now();
@@ -329,7 +335,7 @@ fn per_frame(frames: usize, mut once: impl FnMut(usize)) -> f64 {
     (0..10).map(|_| run()).fold(f64::INFINITY, f64::min)
 }
 
-/// A bus whose calls callgrind can tell from the cycle's.
+/// A bus whose calls callgrind can separate from the cycle's.
 struct Apart(SharedBus);
 
 impl Bus for Apart {

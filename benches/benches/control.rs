@@ -1,5 +1,5 @@
-//! The decisions of one cycle, for an active robot of 12 motors: take a setpoint, make the commands, take the answers,
-//! write the states. No buses, no threads.
+//! The decisions of one cycle, for an active robot of 12 motors: read a setpoint, create the
+//! commands, process the answers, write the states. No buses, no threads.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use motord_bus::{Duration, Instant};
@@ -10,10 +10,10 @@ use motord_protocol::Faults;
 use motord_shared::{AdminRequest, JointSetpoint, Operation, Phase, SetpointMessage, StateMessage};
 use std::hint::black_box;
 
-/// Within the time a start may take.
+/// Limit on the cycles of a start.
 const START_CYCLES: u32 = 1000;
 
-/// Twelve motors that stand still, and an owner that holds them there.
+/// Twelve motors at rest, and an owner that holds them.
 struct Robot {
     control: Control,
     message: SetpointMessage,

@@ -1,8 +1,10 @@
-//! A controller that computes for a while in every cycle, against the share of its setpoints that come too late for the next.
+//! The share of setpoints that miss the next cycle, for a controller that computes for a given
+//! time.
 //!
-//! A whole daemon at its default settings runs the simulated quadruped at 1 kHz, and a controller in a process of its own
-//! waits for each state, computes, and sends. Everything is counted by the controller, from the states alone. It runs with
-//! `SCHED_FIFO` below the daemon's threads where that is permitted: the neighbours' load is not what is measured.
+//! A whole daemon at its default settings runs the simulated quadruped at 1 kHz. A controller in a
+//! separate process waits for each state, computes, and sends. The controller counts everything
+//! from the states. It runs with `SCHED_FIFO` below the daemon's threads where permitted, to
+//! exclude the load of other processes.
 
 use clap::Parser;
 use motord::buses;
@@ -21,16 +23,16 @@ const GROUP: &str = "legs";
 /// `SCHED_FIFO` priority of the controller: below the daemon's threads.
 const PRIORITY: &str = "60";
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Setpoints that are remembered until a cycle uses them.
+/// Number of setpoints remembered until a cycle uses them.
 const REMEMBERED: usize = 64;
 const HEADING: &str = "\
 computing     used     late   control  latency     state delivery  last reply to states     cycle
        µs                 %    p50 µs   p99 µs    p50 µs   p99 µs    p50 µs   p99 µs       µs";
 
-/// The default settings of the daemon hold where nothing is given.
+/// Missing options keep the default settings of the daemon.
 #[derive(Parser)]
 struct Options {
-    /// Times that the controller computes, µs.
+    /// Computing times of the controller, µs.
     #[arg(default_values_t = [0, 50, 100, 130, 150, 200, 250, 300, 400])]
     computing: Vec<u64>,
     /// Length of each measurement, s.
@@ -42,13 +44,13 @@ struct Options {
     /// A line of `[ipc]`, such as `lead-us=100`.
     #[arg(long, value_name = "KEY=VALUE")]
     ipc: Vec<String>,
-    /// Measures only as long as it takes to see that it runs.
+    /// Runs only a short check of each measurement.
     #[arg(long)]
     test: bool,
-    /// Given by cargo.
+    /// Passed by cargo.
     #[arg(long, hide = true)]
     bench: bool,
-    /// The process is the controller of the daemon in this runtime directory.
+    /// Runs the controller of the daemon in this runtime directory.
     #[arg(long, hide = true)]
     runtime: Option<PathBuf>,
 }
@@ -105,7 +107,7 @@ fn measure(options: &Options) {
     daemon.end().expect("the motors stop");
 }
 
-/// The processor time that the cycle thread has taken, µs, by the kernel's account.
+/// Returns the processor time of the cycle thread, µs, from the kernel.
 fn processor_time() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").expect("this process has threads").flatten();
     let read =
@@ -121,7 +123,7 @@ fn configured(options: &Options) -> String {
     text.replacen("[safety]\n", &format!("[ipc]\n{ipc}\n[safety]\n"), 1)
 }
 
-/// Holds the robot where it is, and prints a row about its own setpoints.
+/// Holds the robot in position, and prints a row about its own setpoints.
 fn control(runtime: &Path, options: &Options) -> Result<(), Error> {
     let client = Client::connect_in(runtime, INSTANCE)?;
     client.set_silence(PATIENCE);
@@ -144,7 +146,7 @@ fn control(runtime: &Path, options: &Options) -> Result<(), Error> {
     claim.wait_for(Phase::Disarmed, PATIENCE)
 }
 
-/// The group is active when it returns.
+/// Starts the group and returns once it is active.
 fn start(client: &Client) -> Result<Claim, Error> {
     let begun = Instant::now();
     loop {
@@ -164,7 +166,7 @@ fn start(client: &Client) -> Result<Claim, Error> {
     }
 }
 
-/// The sequence number of the last setpoint, once it is in use.
+/// Returns the sequence number of the last setpoint, once it is in use.
 fn settled(client: &Client) -> Result<u64, Error> {
     for _ in 0..5 {
         client.wait(PATIENCE)?;
@@ -180,7 +182,7 @@ struct Answered {
     published_ns: u64,
 }
 
-/// Which setpoint each cycle used, and how long everything took, ns.
+/// The setpoint that each cycle used, and the measured times, ns.
 struct Watch {
     answered: [Answered; REMEMBERED],
     sequence: u64,
@@ -194,7 +196,7 @@ struct Watch {
 }
 
 impl Watch {
-    /// The setpoint with this `sequence` is the last one that was sent, and in use.
+    /// Starts with the setpoint `sequence`, which is the last one sent, and in use.
     fn new(sequence: u64) -> Self {
         Self {
             answered: [Answered::default(); REMEMBERED],
@@ -209,14 +211,14 @@ impl Watch {
         }
     }
 
-    /// A setpoint was sent that answers `state`.
+    /// Records a sent setpoint that answers `state`.
     fn sent(&mut self, state: &State) {
         self.sequence += 1;
         self.answered[self.sequence as usize % REMEMBERED] =
             Answered { sequence: self.sequence, cycle: state.cycle(), published_ns: state.publish_ns() };
     }
 
-    /// Takes in the newest state.
+    /// Processes the newest state.
     fn take(&mut self, state: &State) {
         self.delivery.push(state.age().as_nanos() as u64);
         let replies = state.joints().filter(|joint| joint.fresh).map(|joint| joint.receive_ns);
@@ -227,7 +229,7 @@ impl Watch {
         let in_use = state.group(0).map_or(0, |group| group.sequence);
         let is_new = std::mem::replace(&mut self.in_use, in_use) != in_use;
         let answered = self.answered[in_use as usize % REMEMBERED];
-        // Only of two states in a row can it be told which cycle began to use a setpoint.
+        // Only two consecutive states show which cycle first used a setpoint.
         if !is_new || answered.sequence != in_use || before + 1 != state.cycle() {
             return;
         }

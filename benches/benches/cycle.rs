@@ -1,8 +1,9 @@
-//! A whole cycle of an active robot, on virtual time: what a cycle costs the host, without the wait for the wire.
+//! A whole cycle of an active robot, on virtual time: the cost of a cycle on the host, without the
+//! wait for the wire.
 //!
-//! The simulated motors take most of the time, and a robot has none. So the time spent inside the buses is measured and
-//! reported apart: `host` is everything else, `with simulator` is all of it. Each call into a bus costs one reading of
-//! the clock that `host` pays for, some 30 ns.
+//! The simulated motors take most of the time, and a real robot has none. Therefore the time inside
+//! the buses is measured separately: `host` excludes it, `with simulator` includes it. Each call
+//! into a bus costs one reading of the clock, some 30 ns, which `host` includes.
 
 mod robots;
 
@@ -45,7 +46,7 @@ impl Bus for Metered {
     }
 }
 
-/// How long a cycle took.
+/// The duration of a cycle.
 struct Cost {
     all: Duration,
     in_buses: Duration,

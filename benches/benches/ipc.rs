@@ -1,11 +1,13 @@
-//! A round trip controller -> daemon -> controller: a setpoint through the client crate, shared memory and the ipc
-//! thread to the cycle's side, and the state that answers it all the way back.
+//! A round trip controller -> daemon -> controller. A setpoint passes the client crate, shared
+//! memory and the ipc thread to the cycle's side, and the answering state returns.
 //!
-//! A real cycle answers on its grid, once a millisecond, and would hide what the way costs. So the cycle's side answers
-//! every setpoint at once here, within the ipc thread, which spins. The controller sleeps on the cycle event
-//! (`event`) or keeps looking (`spin`). Both threads need a core of their own.
+//! A real cycle answers on its grid, once a millisecond, which would hide the cost of the path.
+//! Therefore the cycle's side answers every setpoint within the ipc thread, which spins. The
+//! controller sleeps on the cycle event (`event`) or polls (`spin`). Both threads need a dedicated
+//! core.
 //!
-//! And the time for which the ipc thread is busy with a state that observers take: it gives it to each, and wakes each.
+//! A second measurement is the time of the ipc thread for a state with observers: it publishes the
+//! state and wakes each observer.
 
 mod echo;
 
@@ -19,10 +21,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// From one state to the next: observers have taken it, and sleep.
+/// Time between states: observers have read the last one, and sleep.
 const PERIOD: Duration = Duration::from_millis(1);
 
-/// Sends a setpoint, and takes the state that answers it.
+/// Sends a setpoint, and reads the state that answers it.
 fn round_trip(
     client: &Client,
     claim: &mut Claim,
@@ -38,7 +40,7 @@ fn ipc(criterion: &mut Criterion) {
     let _daemon = Daemon::start(runtime.path(), Duration::ZERO);
     let client = Client::connect_in(runtime.path(), INSTANCE).expect("the daemon runs");
     client.set_silence(PATIENCE);
-    let mut claim = client.claim("all").expect("nobody owns the group");
+    let mut claim = client.claim("all").expect("the group has no owner");
     let mut answered = 0;
     let mut group = criterion.benchmark_group("ipc round trip");
     for (name, take) in [("event", Client::wait as fn(&Client, _) -> _), ("spin", Client::spin)] {
@@ -52,13 +54,13 @@ fn ipc(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Takes every state until `stop`.
+/// Reads every state until `stop`.
 fn observe(instance: &Instance, stop: &AtomicBool) {
     let attachment = instance.attach().expect("the directory is ours").expect("the daemon is there");
-    let ports = ClientPorts::open(attachment).expect("there are places");
+    let ports = ClientPorts::open(attachment).expect("slots are free");
     while !stop.load(Ordering::Relaxed) {
         let seen = ports.published();
-        ports.take_states(|_| ControlFlow::Continue(())).expect("there are places");
+        ports.take_states(|_| ControlFlow::Continue(())).expect("slots are free");
         ports.sleep(seen, 10 * PERIOD).expect("the daemon's file is there");
     }
 }
@@ -82,10 +84,10 @@ fn publish(bencher: &mut Bencher<'_>, ports: &DaemonPorts) {
 fn observers(criterion: &mut Criterion) {
     let runtime = tempfile::tempdir().expect("the temporary directory is writable");
     let instance = Instance::below(runtime.path(), INSTANCE).expect("the directory is ours");
-    let lock = instance.lock().expect("nobody else uses the directory");
-    let ports = DaemonPorts::open(&lock).expect("nobody else uses the directory");
+    let lock = instance.lock().expect("no other process uses the directory");
+    let ports = DaemonPorts::open(&lock).expect("no other process uses the directory");
     let mut group = criterion.benchmark_group("a state to observers");
-    // In the time of the daemon's thread: a state takes microseconds of the millisecond that goes by.
+    // Units are time of the daemon's thread: a state takes microseconds of each millisecond.
     group.sample_size(10).warm_up_time(10 * PERIOD).measurement_time(50 * PERIOD);
     for count in [0, 1, 7, 14, 28] {
         let stop = AtomicBool::new(false);
@@ -93,7 +95,7 @@ fn observers(criterion: &mut Criterion) {
             for _ in 0..count {
                 scope.spawn(|| observe(&instance, &stop));
             }
-            // They find their places, one after the other.
+            // The observers take their slots, one after the other.
             thread::sleep(Duration::from_millis(500));
             group.bench_function(BenchmarkId::from_parameter(count), |bencher| publish(bencher, &ports));
             stop.store(true, Ordering::Relaxed);

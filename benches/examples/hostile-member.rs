@@ -1,10 +1,12 @@
-//! A member of the group who wants to do harm, and uses no right that lets him stop others. `verify/rigs/test-malice` runs it.
+//! A hostile member of the group that does not use its right to stop other members' motors.
+//! `verify/rigs/test-malice` runs it.
 //!
 //! ```text
 //! hostile-member INSTANCE GROUP ATTACK SECONDS
 //! ```
 //!
-//! The attacks are those of [`attack`]. Prints `begun` as soon as one is in force, and at its end what he did, in one line.
+//! [`attack`] lists the attacks. Prints `begun` once one is active, and its actions in one line at
+//! the end.
 
 use iceoryx2::prelude::*;
 use motord_client::Client;
@@ -28,19 +30,19 @@ use std::time::{Duration, Instant};
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
-/// Messages a second of a flood.
+/// Messages per second of a flood.
 const FLOOD_HZ: u64 = 20_000;
-/// Messages a second of random values.
+/// Messages per second of random values.
 const VALUES_HZ: u64 = 2_000;
-/// Connections.
+/// Limit on the connections.
 const CONNECTIONS: usize = 1_000;
-/// Places for watchers that are left to others.
+/// Slots for watchers that the attack leaves free.
 const LEFT: usize = 6;
 /// Longer than a request takes.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Clients of a flood of requests: each may have two under way.
+/// Clients of a flood of requests: each may have two open.
 const ASKERS: usize = 10;
-/// Numbers at which programs fail.
+/// Numbers that often cause failures.
 const ABSURD: [f32; 9] = [
     f32::NAN,
     f32::INFINITY,
@@ -62,7 +64,7 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// Does for `length` what `name` says, and tells what it was.
+/// Runs the attack `name` for `length`, and returns a description.
 fn attack(instance: &str, group: &str, name: &str, length: Duration) -> Outcome<String> {
     match name {
         "values" => values(instance, group, length),
@@ -75,13 +77,13 @@ fn attack(instance: &str, group: &str, name: &str, length: Duration) -> Outcome<
     }
 }
 
-/// The attack is in force. Returns its end.
+/// Reports that the attack is active. Returns its end.
 fn begin(length: Duration) -> Instant {
     println!("begun");
     Instant::now() + length
 }
 
-/// He owns a group, as he may.
+/// A member that owns a group, as permitted.
 struct Member {
     ports: ClientPorts,
     port: SetpointPort,
@@ -110,7 +112,7 @@ impl Member {
         })
     }
 
-    /// Takes his group, and has it enabled as far as it may be.
+    /// Claims the group, and enables it if possible.
     fn seize(&mut self) -> Outcome<()> {
         self.ask(Operation::ForceRelease)?;
         self.lease = self.ask(Operation::Claim)?.lease;
@@ -121,7 +123,7 @@ impl Member {
         Ok(())
     }
 
-    /// Asks, and holds his joints meanwhile.
+    /// Sends a request, and holds the joints meanwhile.
     fn ask(&mut self, operation: Operation) -> Outcome<AdminReply> {
         let request = AdminRequest {
             lease: self.lease,
@@ -156,7 +158,7 @@ impl Member {
         Ok(())
     }
 
-    /// How many setpoints of the group were accepted, and how many rejected.
+    /// Returns the numbers of accepted and of rejected setpoints of the group.
     fn verdicts(&self) -> Outcome<[u32; 2]> {
         let begun = Instant::now();
         while begun.elapsed() < PATIENCE {
@@ -172,7 +174,7 @@ impl Member {
         Err("no state".into())
     }
 
-    /// With a true lease, the next sequence number and the time.
+    /// Returns a message with a valid lease, the next sequence number and the time.
     fn message(&mut self) -> SetpointMessage {
         self.sequence += 1;
         SetpointMessage {
@@ -184,8 +186,8 @@ impl Member {
         }
     }
 
-    /// Nonsense in each field of the setpoints, in half of the messages such that only the limits stop it; in a fourth of them also in the
-    /// rest.
+    /// Returns nonsense in each field of the setpoints. In half of the messages only the limits
+    /// stop it. In a fourth of them the other fields are nonsense as well.
     fn nonsense(&mut self) -> SetpointMessage {
         let mut message = self.message();
         let random = &mut self.random;
@@ -212,7 +214,8 @@ impl Member {
         message
     }
 
-    /// Nonsense in each field of a request, but for what every member may do to others: those would stop the robot.
+    /// Returns a request with nonsense in each field, except the permitted ones that would stop the
+    /// robot.
     fn senseless(&mut self) -> AdminRequest {
         let random = &mut self.random;
         let code = if random.once_in(4) { random.bits() as u32 } else { (random.bits() % 20) as u32 };
@@ -231,7 +234,7 @@ impl Member {
     }
 }
 
-/// Random values in every field, with a true lease, and of requests.
+/// Sends random values in every field of setpoints, with a valid lease, and of requests.
 fn values(instance: &str, group: &str, length: Duration) -> Outcome<String> {
     let mut member = Member::new(instance, group)?;
     let (mut setpoints, mut requests) = (0, 0);
@@ -252,7 +255,7 @@ fn values(instance: &str, group: &str, length: Duration) -> Outcome<String> {
     let [accepted, rejected] = member.verdicts()?;
     let [accepted, rejected] = [accepted.wrapping_sub(before[0]), rejected.wrapping_sub(before[1])];
     Ok(format!(
-        "{setpoints} setpoints of random bits with true leases, and {requests} requests; {accepted} setpoints accepted, {rejected} rejected"
+        "{setpoints} setpoints of random bits with valid leases, and {requests} requests; {accepted} setpoints accepted, {rejected} rejected"
     ))
 }
 
@@ -266,7 +269,7 @@ fn setpoint_flood(instance: &str, group: &str, length: Duration) -> Outcome<Stri
 }
 
 impl Member {
-    /// Without a look at the state.
+    /// Holds the joints without reading the state.
     fn hold_fast(&mut self) -> bool {
         let mut message = self.message();
         for setpoint in &mut message.joints[..self.joints.len()] {
@@ -290,11 +293,11 @@ fn request_flood(instance: &str, group: &str, length: Duration) -> Outcome<Strin
         refused += u32::from(waiting[next].is_none());
     });
     let rate = f64::from(sent) / begun.elapsed().as_secs_f64();
-    Ok(format!("{sent} requests, {rate:.0} a second, and {refused} that iceoryx2 did not take"))
+    Ok(format!("{sent} requests, {rate:.0} a second, and {refused} rejected by iceoryx2"))
 }
 
-/// As many clients as there is room for, a thousand tries, and as many connections to the socket for emergency stops that say
-/// nothing.
+/// Opens the maximum number of clients in a thousand attempts. Opens as many connections to the
+/// socket for emergency stops without a request.
 fn connections(instance: &str, length: Duration) -> Outcome<String> {
     let address = stop_socket::address(&Instance::find(instance)?)?;
     let (mut clients, mut sockets, mut refused) = (Vec::new(), Vec::<OwnedFd>::new(), 0);
@@ -307,7 +310,7 @@ fn connections(instance: &str, length: Duration) -> Outcome<String> {
         if connect(socket.as_raw_fd(), &address).is_ok() {
             sockets.push(socket);
         }
-        // Others want to come in, too.
+        // Leaves slots for other clients.
         clients.truncate(16);
     }
     begin(length);
@@ -318,7 +321,7 @@ fn connections(instance: &str, length: Duration) -> Outcome<String> {
     ))
 }
 
-/// Takes samples and never gives them back, does not read what it asked for, and does not send what it borrowed.
+/// Keeps received samples, does not read its answers, and does not send borrowed samples.
 fn held(instance: &str, length: Duration) -> Outcome<String> {
     let node = node(instance)?;
     let states = node
@@ -355,10 +358,11 @@ fn held(instance: &str, length: Duration) -> Outcome<String> {
         std::thread::sleep(Duration::from_millis(1));
     }
     let counts = (kept_states.len(), kept_records.len(), unread.len());
-    Ok(format!("{} states, {} records and {} answers, never given back", counts.0, counts.1, counts.2))
+    Ok(format!("{} states, {} records and {} answers, never released", counts.0, counts.1, counts.2))
 }
 
-/// Other layouts under the names of the services, and bytes of any number into every socket of the directory.
+/// Opens the services' names with other layouts, and sends messages of any length to every socket
+/// of the directory.
 fn sizes(instance: &str, length: Duration) -> Outcome<String> {
     let mut random = Random::new();
     let found = Instance::find(instance)?;
@@ -380,7 +384,8 @@ fn sizes(instance: &str, length: Duration) -> Outcome<String> {
     ))
 }
 
-/// Whether the services of this name are there with layouts that nobody else knows, or can be made.
+/// Tries to open or create the services of this name with five foreign layouts. Returns the
+/// successes.
 fn other_layouts(node: &Node<Service>, name: &ServiceName) -> [bool; 5] {
     let builder = || node.service_builder(name);
     [
@@ -396,7 +401,7 @@ fn other_layouts(node: &Node<Service>, name: &ServiceName) -> [bool; 5] {
     ]
 }
 
-/// As a datagram and as a stream. Returns the number of messages that were taken.
+/// Sends a datagram and a stream. Returns the number of accepted messages.
 fn disturb(path: &Path, bytes: &[u8]) -> usize {
     let datagram = UnixDatagram::unbound().and_then(|socket| {
         socket.set_nonblocking(true)?;
@@ -426,7 +431,7 @@ fn open(instance: &str) -> Outcome<ClientPorts> {
     Ok(ClientPorts::open(attachment)?)
 }
 
-/// As the daemon's clients have it, without their code.
+/// Creates a node like the daemon's clients, without their code.
 fn node(instance: &str) -> Outcome<Node<Service>> {
     let root = Instance::find(instance)?.runtime().join("iox").join(instance);
     let mut config = Config::default();
@@ -443,7 +448,7 @@ fn service(instance: &str, part: &str) -> Outcome<ServiceName> {
     Ok(ServiceName::new(&format!("motord/{instance}/{part}"))?)
 }
 
-/// Calls `act` with its number `hz` times a second, in bursts of a millisecond, until `end`.
+/// Calls `act` with its number `hz` times per second, in bursts of a millisecond, until `end`.
 fn paced(hz: u64, end: Instant, mut act: impl FnMut(u64)) {
     let begun = Instant::now();
     let mut count = 0;
@@ -476,7 +481,7 @@ impl Random {
         self.bits().is_multiple_of(times)
     }
 
-    /// Any bits, an absurd number, or one that a robot might be asked for.
+    /// Returns any bits, an absurd number, or a plausible one.
     fn value(&mut self) -> f32 {
         match self.bits() % 3 {
             0 => f32::from_bits(self.bits() as u32),
@@ -485,13 +490,13 @@ impl Random {
         }
     }
 
-    /// One that a robot might be asked for, or far more.
+    /// Returns a plausible number, or a far larger one.
     fn number(&mut self) -> f32 {
         let most = [1.0, 30.0, 1e3, f32::MAX / 2.0][self.bits() as usize % 4];
         (self.bits() % 2001) as f32 / 1e3 * most - most
     }
 
-    /// At most 64 KiB.
+    /// Returns at most 64 KiB.
     fn bytes(&mut self) -> Vec<u8> {
         let length = if self.once_in(2) { self.bits() % 64 } else { self.bits() % (1 << 16) };
         (0..length).map(|_| self.bits() as u8).collect()

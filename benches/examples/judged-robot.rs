@@ -1,12 +1,14 @@
-//! The whole daemon with simulated buses, each of whose frames is judged when it is on the wire. `verify/rigs/test-malice` runs it.
+//! The whole daemon with simulated buses; each frame on the wire is checked.
+//! `verify/rigs/test-malice` runs it.
 //!
 //! ```text
 //! judged-robot CONFIG GROUP
 //! ```
 //!
-//! A line on standard input names what is done to the robot from now on; the figures of what was done before it are printed. After
-//! `confirmed` no joint of GROUP may be told to move until the next line. At the end of the input the daemon ends as it does on a signal. The exit status
-//! is 1 when a motor heard what it must not.
+//! A line on standard input names the next action on the robot. The program then prints the figures
+//! of the previous action. After `confirmed` no joint of GROUP may receive a motion command until
+//! the next line. At the end of the input the daemon shuts down as after a signal. The exit status
+//! is 1 when a motor received a forbidden frame.
 
 use motord::buses::{self, Buses};
 use motord::host::log::Log;
@@ -28,13 +30,13 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::Duration;
 use tracing_subscriber::filter::LevelFilter;
 
-/// Frames of a bus that are kept until they are judged: two seconds.
+/// Frames of a bus that are buffered until the check: two seconds.
 const RECORDED: usize = 1 << 14;
-/// Period of judging.
+/// Period of the checks.
 const TURN: Duration = Duration::from_millis(5);
-/// Below the cycle, which waits for whoever judges a bus.
+/// Priority below the cycle, which waits for the check of a bus.
 const PRIORITY: u8 = 60;
-/// Complaints that are printed.
+/// Limit on the printed complaints.
 const COMPLAINTS_MAX: usize = 20;
 
 fn main() -> ExitCode {
@@ -98,18 +100,18 @@ fn marks() -> Receiver<String> {
     marks
 }
 
-/// Judges the frames to the motors.
+/// Checks the frames to the motors.
 struct Judge {
     settings: Settings,
     buses: Vec<SharedBus>,
     /// The motors of the group.
     stopped: Vec<usize>,
     mark: String,
-    /// No frame may move them that is handed over later.
+    /// Time after which a frame must not move them.
     still_from: Option<Instant>,
     frames: usize,
     forbidden: usize,
-    /// Of all marks.
+    /// Forbidden frames of all marks.
     wrong: usize,
 }
 
@@ -130,7 +132,7 @@ impl Judge {
         for (index, bus) in self.buses.clone().iter().enumerate() {
             let frames: Vec<Recorded> = bus.lock().take_record().collect();
             if frames.len() == RECORDED {
-                self.complain("frames were not judged: this program was held up");
+                self.complain("frames were not checked: this program stalled");
             }
             let commands = frames.iter().filter(|frame| frame.direction == Direction::ToMotor);
             commands.for_each(|frame| self.judge_frame(index, frame));
@@ -148,7 +150,7 @@ impl Judge {
                 let is_still = is_late && self.stopped.contains(&motor);
                 complaint(&self.settings.motors[motor], bytes, is_still)
             }
-            _ => Some("no motor hears it"),
+            _ => Some("no motor receives it"),
         };
         if let Some(complaint) = complaint {
             self.complain(&format!("{complaint}: bus {bus}, {:?}", frame.frame));
@@ -164,7 +166,7 @@ impl Judge {
     }
 }
 
-/// Why the motor must not hear these bytes.
+/// Returns the reason why the motor must not receive these bytes.
 fn complaint(motor: &MotorSettings, bytes: [u8; 8], is_still: bool) -> Option<&'static str> {
     let scales = &motor.scales;
     let ranges = Ranges {
@@ -177,7 +179,7 @@ fn complaint(motor: &MotorSettings, bytes: [u8; 8], is_still: bool) -> Option<&'
     let meaning = Meaning::of(bytes, &ranges);
     match meaning {
         _ if bytes == [0; 8] => Some("all zeros"),
-        Meaning::SetZero => Some("a new zero, which nobody asked for"),
+        Meaning::SetZero => Some("a new zero, which no client requested"),
         _ if is_still && !meaning.is_safe() => Some("it moves after the emergency stop"),
         Meaning::Control { position, velocity, kp, kd, torque, .. } => {
             let (limits, codes) = (&motor.limits, ranges.codes());

@@ -1,10 +1,11 @@
-//! Starts clients of one instance and kills them by SIGKILL at random moments; prints what they were doing. `verify/rigs/test-kills` runs it.
+//! Starts clients of one instance and kills them by SIGKILL at random moments; prints their stages.
+//! `verify/rigs/test-kills` runs it.
 //!
 //! ```text
 //! victims INSTANCE CLIENTS AT-A-TIME GROUP...
 //! ```
 //!
-//! The groups are those that the clients claim; several clients compete for each.
+//! The clients claim these groups; several clients compete for each.
 
 use motord_client::{Client, Error};
 use std::hash::{BuildHasher, RandomState};
@@ -22,13 +23,14 @@ const CLAIMING: u8 = 3;
 const OWNING: u8 = 4;
 const SENDING: u8 = 5;
 const LEAVING: u8 = 6;
-/// The signal that nobody can ignore.
+/// The signal that a process cannot ignore.
 const SIGKILL: i32 = 9;
-/// A client is killed at most this long after it enters a stage that was drawn by lot.
+/// Limit on the delay of a kill after the client enters its randomly chosen stage, µs.
 const IN_STAGE_MAX_US: usize = 4000;
-/// A stage that is not reached so soon is not waited for: another client may own the group, or the computer is busy.
+/// Time limit for a client to reach its stage: another client may own the group, or the computer is
+/// busy.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Cycles for which a client sends.
+/// Number of cycles in which a client sends.
 const SENT: usize = 50;
 
 fn main() -> ExitCode {
@@ -50,7 +52,7 @@ fn enter(stage: u8) {
     std::io::stdout().write_all(&[stage]).and_then(|()| std::io::stdout().flush()).expect("a reader");
 }
 
-/// All that a controller does, once.
+/// Runs a controller through all stages once.
 fn client(instance: &str, group: &str) -> Result<(), Error> {
     const LONG: Duration = Duration::from_secs(5);
     enter(CONNECTING);
@@ -63,7 +65,7 @@ fn client(instance: &str, group: &str) -> Result<(), Error> {
     claim.hold(&state, 5.0, 0.5)?;
     claim.commit()?;
     enter(SENDING);
-    // A group whose last owner was killed is stopped until somebody resets it, and may not be enabled.
+    // After the kill of its last owner, a group is stopped until a reset, and may not be enabled.
     let _still_damped = claim.reset();
     let _refused = claim.enable();
     for _ in 0..SENT {
@@ -75,7 +77,7 @@ fn client(instance: &str, group: &str) -> Result<(), Error> {
     Ok(())
 }
 
-/// Places that the dead have taken become free soon, and so does a group.
+/// Retries: the slots and groups of killed clients become free soon.
 fn retry<T>(attempt: impl Fn() -> Result<T, Error>) -> Result<T, Error> {
     let begun = Instant::now();
     loop {
@@ -124,7 +126,8 @@ fn take(left: &Mutex<usize>) -> bool {
     some
 }
 
-/// Kills a client at a random moment of a random stage. Returns the last stage that it entered; `None` when it ended before.
+/// Kills a client at a random moment of a random stage. Returns the last stage that it entered;
+/// `None` when it exited before.
 fn kill_one(instance: &str, group: &str) -> Option<usize> {
     let program = std::env::current_exe().expect("this program's path");
     let mut command = Command::new(program);
@@ -159,13 +162,13 @@ fn kill_one(instance: &str, group: &str) -> Option<usize> {
     was_killed.then_some(last)
 }
 
-/// Whether it was alive.
+/// Kills the client. Returns `true` if it was running.
 fn end(victim: &mut Child) -> bool {
     let _gone = victim.kill();
     victim.wait().expect("its status").signal() == Some(SIGKILL)
 }
 
-/// Below `bound`.
+/// Returns a random number below `bound`.
 fn random(bound: usize) -> usize {
     (RandomState::new().hash_one(0) % bound as u64) as usize
 }

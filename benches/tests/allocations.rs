@@ -1,4 +1,4 @@
-//! The threads of a running daemon, watched by the allocator while clients connect and disconnect.
+//! The allocations of a running daemon's threads while clients connect and disconnect.
 #![allow(
     unsafe_code,
     reason = "an allocator is unsafe by its trait, and so is setting a variable of the environment"
@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Twelve motors on four simulated buses at 1 kHz, patient with machines that stall.
+/// Twelve motors on four simulated buses at 1 kHz, with timeouts for machines that stall.
 const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../config/quadruped-simulated.toml");
 const INSTANCE: &str = "demo";
 const GROUP: &str = "legs";
@@ -23,11 +23,13 @@ const CYCLES: u64 = 10_000;
 /// Cycles in which one client watches and none connects.
 const QUIET_CYCLES: u64 = 4_000;
 const PATIENCE: Duration = Duration::from_secs(5);
-/// The most allocations of the ipc thread in a cycle without requests: iceoryx2 allocates once for each published state.
+/// Limit on the allocations of the ipc thread in a cycle without requests: iceoryx2 allocates once
+/// for each published state.
 const IPC_MAX: f64 = 1.1;
-/// The most allocations of the telemetry thread in a second: iceoryx2 makes thousands in each cleaning after dead clients.
+/// Limit on the allocations of the telemetry thread in a second: iceoryx2 needs thousands in each
+/// cleanup after dead clients.
 const TELEMETRY_MAX: f64 = 10_000.0;
-/// The threads that are watched.
+/// The watched threads.
 const THREADS: [&str; 3] = ["motord-cycle", "motord-ipc", "motord-telemetr"];
 
 struct Counting;
@@ -35,13 +37,13 @@ struct Counting;
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// The threads whose calls count; 0 for none.
+/// The watched threads by id; 0 for none.
 static WATCHED: [AtomicI32; 3] = [const { AtomicI32::new(0) }; 3];
 static ALLOCATIONS: [AtomicU64; 3] = [const { AtomicU64::new(0) }; 3];
 static FREES: [AtomicU64; 3] = [const { AtomicU64::new(0) }; 3];
 
 thread_local! {
-    /// The number the kernel gave this thread; 0 until it is asked for.
+    /// The kernel's id of this thread; 0 until it is read.
     static THREAD: Cell<i32> = const { Cell::new(0) };
 }
 
@@ -61,7 +63,7 @@ impl Counting {
     }
 }
 
-// SAFETY: every call goes to `System` with the arguments it came with; counting neither allocates nor unwinds. The
+// SAFETY: every call passes its arguments to `System`; counting neither allocates nor unwinds. The
 // provided methods call these two.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
@@ -77,7 +79,7 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// Calls of `threads` to the allocator while `run` lasts: allocations and frees of each.
+/// Returns the allocations and the frees of each of `threads` during `run`.
 fn calls_of(threads: [i32; 3], run: impl FnOnce()) -> [(u64, u64); 3] {
     let take = |counter: &AtomicU64| counter.swap(0, Ordering::Relaxed);
     let set = |threads: [i32; 3]| {
@@ -89,7 +91,7 @@ fn calls_of(threads: [i32; 3], run: impl FnOnce()) -> [(u64, u64); 3] {
     [0, 1, 2].map(|place| (take(&ALLOCATIONS[place]), take(&FREES[place])))
 }
 
-/// The thread of this process that is called `name`.
+/// Returns the id of this process's thread `name`.
 fn thread(name: &str) -> i32 {
     let tasks = std::fs::read_dir("/proc/self/task").unwrap().map(|task| task.unwrap());
     let named = |task: &std::fs::DirEntry| {
@@ -112,14 +114,14 @@ fn connect() -> Client {
     }
 }
 
-/// Returns once this many cycles have run; missed ticks do not count.
+/// Returns after this many cycles; missed ticks do not count.
 fn await_cycles(client: &Client, count: u64) {
     let run = || client.wait(PATIENCE).map(|state| state.cycle() - state.overruns()).unwrap();
     let first = run();
     while run() < first + count {}
 }
 
-/// One life of a client: it takes the robot if nobody has it, moves it, and leaves it in one way or another.
+/// Runs one client: it claims the robot if it is free, moves it, and ends in one of several ways.
 fn live(life: u64) -> Result<(), Error> {
     let client = Client::connect(INSTANCE)?;
     client.wait(PATIENCE)?;
@@ -132,7 +134,8 @@ fn live(life: u64) -> Result<(), Error> {
         0 => claim.disable(),
         1 => claim.release(),
         2 => client.emergency_stop(),
-        // As a process that dies: the daemon hears nothing, and the operator takes the robot from nobody.
+        // Like a killed process: the daemon receives no release, and the operator releases the
+        // robot.
         _ => {
             std::mem::forget(claim);
             client.force_release(GROUP)
@@ -153,7 +156,7 @@ fn follow(client: &Client, claim: &mut Claim, cycles: u64) -> Result<(), Error> 
     Ok(())
 }
 
-/// Runs of one client after another until `end`; returns how many ended as they should.
+/// Runs one client after another until `end`; returns the number of successful ones.
 fn run_clients(end: &AtomicBool) -> u64 {
     let mut whole = 0;
     for life in 0.. {
@@ -172,7 +175,7 @@ fn allocations_of_daemon_threads_are_bounded() {
     assert_eq!(calls, [(1, 1), (0, 0), (1, 1)], "the counters count");
 
     let runtime = tempfile::tempdir().unwrap();
-    // SAFETY: this is the only test of this program, and no other thread looks at the environment yet.
+    // SAFETY: this is the only test of this program, and no other thread reads the environment yet.
     unsafe { std::env::set_var(RUNTIME_DIR_VARIABLE, runtime.path()) };
     let daemon = std::thread::spawn(|| motord::commands::run::run(Path::new(CONFIG)));
     let watcher = connect();

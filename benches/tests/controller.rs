@@ -1,7 +1,8 @@
-//! Goal: the controller that users copy, `client/examples/controller.rs`, survives as one process whatever happens to its
-//! daemon and its motors, and never starts a stopped robot by itself.
-//! Method: the example as it was built; a daemon in a process of its own, on simulated motors whose faults this test asks for;
-//! and an operator, who resets and enables.
+//! Goal: the template `client/examples/controller.rs` survives all failures of its daemon and its
+//! motors in one process. It never starts a stopped robot by itself.
+//!
+//! Method: the built example, a daemon in a separate process with simulated motors, and an operator
+//! who resets and enables. The test injects the faults.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -21,7 +22,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// A stall of a shared machine stops nothing; one of a second does.
+/// Tolerates stalls of a shared machine, except those of a second.
 const CONFIG: &str = r#"
 [daemon]
 instance = "robot"
@@ -55,10 +56,11 @@ joints = ["hip", "knee"]
 "#;
 const GROUP: &str = "leg";
 const PATIENCE: Duration = Duration::from_secs(30);
-/// The example tries again every 0.5 s: if it started the robot by itself, it would do so in this time.
+/// Longer than the retry interval of the example, 0.5 s: a start of the robot by the example would
+/// be seen.
 const WATCH: Duration = Duration::from_secs(1);
 
-/// A process that does not outlive its test.
+/// A child process that is killed with its test.
 struct Process(Child);
 
 impl Drop for Process {
@@ -73,18 +75,18 @@ impl Process {
         kill(Pid::from_raw(self.0.id().try_into().unwrap()), signal).unwrap();
     }
 
-    /// The process is the one that was started, and runs.
+    /// Checks that the same process is still running.
     fn must_run(&mut self) {
         assert_eq!(self.0.try_wait().unwrap(), None, "it has ended");
     }
 
-    /// A line on its standard input.
+    /// Writes a line to its standard input.
     fn say(&mut self, line: &str) {
         writeln!(self.0.stdin.as_mut().unwrap(), "{line}").unwrap();
     }
 }
 
-/// Runs a daemon whose faults are read from standard input; an empty line ends it as SIGTERM does.
+/// Runs a daemon that reads faults from standard input; an empty line ends it like SIGTERM.
 #[test]
 #[ignore = "the process that the other test disturbs"]
 fn daemon_process() {
@@ -142,7 +144,7 @@ fn state(client: &Client) -> State {
     until("a state", || client.wait(Duration::from_secs(1)).ok())
 }
 
-/// Every joint follows the controller's law: stiff, and its setpoint swings.
+/// Waits until every joint follows the controller's law: stiff, with an oscillating setpoint.
 fn await_motion(client: &Client) {
     let mut seen = [[f32::INFINITY, f32::NEG_INFINITY]; 2];
     until("motion", || {
@@ -156,7 +158,7 @@ fn await_motion(client: &Client) {
     });
 }
 
-/// The group is stopped for `cause`, and nobody starts it again.
+/// Waits until the group is stopped for `cause`, and checks that it stays stopped.
 fn await_stop(client: &Client, cause: Option<Cause>) {
     until("the stop", || {
         let group = state(client).group(0)?;
@@ -168,7 +170,7 @@ fn await_stop(client: &Client, cause: Option<Cause>) {
     }
 }
 
-/// An operator starts the group again, once the controller owns it.
+/// Starts the group as an operator, once the controller owns it.
 fn start_again(client: &Client) {
     until("the start", || {
         let _nothing_latched = client.reset(GROUP);
@@ -178,7 +180,8 @@ fn start_again(client: &Client) {
     await_motion(client);
 }
 
-/// The group stops for one of several causes: which is first when a whole process stands still depends on the machine.
+/// Waits for a stop with any of several causes: which one is first depends on the machine when the
+/// whole process stalls.
 fn await_any_stop(client: &Client) {
     let cause = until("the stop", || {
         let group = client.wait(Duration::from_secs(1)).ok()?.group(0)?;
@@ -188,7 +191,7 @@ fn await_any_stop(client: &Client) {
     await_stop(client, Some(cause));
 }
 
-/// An emergency stop, and an operator who disables the group or takes it away.
+/// Tests an emergency stop, and an operator who disables or releases the group.
 fn stops_by_people(client: &Client) {
     client.emergency_stop().unwrap();
     await_stop(client, Some(Cause::EmergencyStop));
@@ -224,7 +227,7 @@ fn daemon_stands_still(client: &Client, daemon: &Process) {
     start_again(client);
 }
 
-/// A daemon has taken the place of another one. Nothing is latched, and nothing moves.
+/// Starts the next daemon. No cause is latched, and no joint moves.
 fn successor(runtime: &TempDir, client: &Client) -> Process {
     let successor = daemon(runtime);
     let is_restarted = || matches!(client.wait(Duration::from_secs(1)), Err(Error::Restarted));

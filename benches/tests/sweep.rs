@@ -1,6 +1,8 @@
-//! Goal: no value that a controller can send makes a forbidden frame, and every rejection is counted where people look.
-//! Method: the whole daemon in this process, on a bus that records what is on its wire, and the real client, which sends
-//! every absurd value in every field of every joint. The frames are judged by their bytes.
+//! Goal: no value from a controller causes a forbidden frame, and the status shows every rejection.
+//!
+//! Method: the whole daemon in this process, on a bus that records the frames on its wire. The real
+//! client sends every absurd value in every field of every joint. The frames are checked by their
+//! bytes.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -71,7 +73,7 @@ fn rejections(state: &State) -> u32 {
     Rejection::ALL.iter().map(|&reason| group(state).rejected(reason)).sum()
 }
 
-/// The setpoint with `value` in one of its five fields.
+/// Returns the setpoint with `value` in one of its five fields.
 fn spoiled(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
     let fields = [
         &mut setpoint.position,
@@ -84,7 +86,7 @@ fn spoiled(mut setpoint: Setpoint, field: usize, value: f32) -> Setpoint {
     setpoint
 }
 
-/// Sends, and waits until the daemon has either accepted or rejected it.
+/// Sends, and waits until the daemon has accepted or rejected the setpoint.
 fn send(client: &Client, claim: &mut Claim, setpoints: &[Setpoint]) -> State {
     let before = client.wait(PATIENCE).unwrap();
     let counted = |state: &State| group(state).accepted.wrapping_add(rejections(state));
@@ -131,7 +133,7 @@ fn absurd_value_is_rejected_or_limited() {
 /// Claims the robot, sends every absurd value, and returns how many messages had a value that is not finite.
 fn send_absurd_values(directory: &Path) -> u32 {
     let client = Client::connect_in(directory, "sweep").unwrap();
-    // A machine that stands still for 50 ms is no subject of this test.
+    // The test must not fail when the machine stalls for 50 ms.
     client.set_silence(PATIENCE);
     let standing = until("a standing robot", || {
         Some(client.wait(PATIENCE).unwrap()).filter(|state| state.joints().all(|joint| joint.fresh))
@@ -143,7 +145,8 @@ fn send_absurd_values(directory: &Path) -> u32 {
     let mut claim = client.claim("all").unwrap();
     claim.send(&hold).unwrap();
     claim.enable().unwrap();
-    // Enabling repeats the setpoint. These cycles judge the last repetition, so that each verdict below is of its own message.
+    // Enabling repeats the setpoint. These cycles check the last repetition, so that each result
+    // below belongs to its own message.
     for _ in 0..25 {
         let _state = client.wait(PATIENCE).unwrap();
     }
@@ -168,7 +171,7 @@ fn send_absurd_values(directory: &Path) -> u32 {
     not_finite
 }
 
-/// The rejections that `motorctl status` shows.
+/// Returns the rejections that `motorctl status` shows.
 fn rejected_by_status(directory: &Path) -> u32 {
     let output = Command::new(std::env::current_exe().unwrap().with_file_name("../motorctl"))
         .args(["--instance", "sweep", "status", "--json"])
@@ -179,13 +182,14 @@ fn rejected_by_status(directory: &Path) -> u32 {
     serde_json::from_value(status["groups"][0]["rejected"]["not-finite"].clone()).unwrap()
 }
 
-/// No frame to a motor is all zeros, moves its zero, or asks for more than `torque_max`, N·m.
+/// Checks that no frame to a motor is all zeros, moves its zero, or requests more than
+/// `torque_max`, N·m.
 fn judge(frames: &[[u8; 8]], full_scale: f64, torque_max: f64) {
     let starts = frames.iter().filter(|frame| **frame == [255, 255, 255, 255, 255, 255, 255, 0xFC]);
     assert_eq!(starts.count(), 3, "each motor was started once");
     for bytes in frames {
         assert_ne!(*bytes, [0; 8]);
-        assert!(bytes[7] != 0xFE || bytes[..7] != [255; 7], "nobody asked for a new zero");
+        assert!(bytes[7] != 0xFE || bytes[..7] != [255; 7], "no client requested a new zero");
         if bytes[..6] != [255; 6] {
             let code = u16::from_be_bytes([bytes[6] & 0x0F, bytes[7]]);
             let torque = f64::from(code) * 2.0 * full_scale / 4095.0 - full_scale;

@@ -1,4 +1,5 @@
-//! A daemon without motors: its ipc thread spins, and what stands where the cycle stands answers every setpoint after a given time.
+//! A daemon without motors: its ipc thread spins, and an echo instead of the cycle answers every
+//! setpoint after a given time.
 
 use motord::ipc::{CycleEnd, IpcThread, Records, Schedule};
 use motord::telemetry;
@@ -21,14 +22,14 @@ pub(crate) const JOINTS: usize = 12;
 const BOOT_ID: u64 = 7;
 /// The first lease of the first group.
 const LEASE: Lease = Lease::new(0, 1, 0).unwrap();
-/// Longer than any stall; also than the pauses between two measurements, in which there are no states.
+/// Longer than any stall, and than the pauses without states between two measurements.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(3600);
 
-/// Stands where the cycle stands, and answers every setpoint with a state that tells its sequence.
+/// Replaces the cycle, and answers every setpoint with a state that contains its sequence.
 struct Echo {
-    /// From a setpoint to its answer.
+    /// Time from a setpoint to its answer.
     pause: Duration,
-    /// The sequence of the newest setpoint, and when it is answered.
+    /// The sequence of the newest setpoint, and the time of its answer.
     due: Option<(u64, Instant)>,
     setpoints: triple_buffer::Output<SetpointMessage>,
     states: triple_buffer::Input<StateMessage>,
@@ -78,7 +79,7 @@ pub(crate) struct Daemon {
 }
 
 impl Daemon {
-    /// It answers each setpoint after `pause`.
+    /// Starts a daemon that answers each setpoint after `pause`.
     pub(crate) fn start(runtime: &Path, pause: Duration) -> Self {
         let lock = Instance::below(runtime, INSTANCE)
             .and_then(|instance| instance.lock())
@@ -111,7 +112,7 @@ impl Drop for Daemon {
 }
 
 fn ipc_thread(lock: &InstanceLock, pause: Duration) -> (IpcThread, Echo) {
-    let ports = DaemonPorts::open(lock).expect("nobody else uses the directory");
+    let ports = DaemonPorts::open(lock).expect("no other process uses the directory");
     let (echo, ends) = Echo::new(pause);
     let (end, _telemetry, _supply) = CycleEnd::split(ends);
     let (questions, _answers) = telemetry::questions();

@@ -4,18 +4,19 @@ use motord_core::settings::Settings;
 use motord_harness::robot;
 use motord_shared::limits::BUSES_MAX;
 
-/// As many as fit on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.
+/// Limit on the motors on a bus of 1 Mbit/s at 1 kHz, with room for a fault poll.
 #[allow(dead_code, reason = "each benchmark has a size of its own")]
 const MOTORS_PER_BUS: usize = 3;
 
-/// `motors` on as many buses as they need; where there are too few buses, more motors share one at half the rate.
+/// Returns a robot with `motors` on the necessary number of buses. With too few buses, more motors
+/// share one at half the rate.
 #[allow(dead_code, reason = "as above")]
 pub(crate) fn settings(motors: usize) -> Settings {
     let per_bus = motors.div_ceil(BUSES_MAX).max(MOTORS_PER_BUS);
     with(motors, per_bus, if per_bus > MOTORS_PER_BUS { 500 } else { 1000 })
 }
 
-/// `motors`, so many on each bus.
+/// Returns a robot with `motors`, at most `per_bus` on each bus.
 pub(crate) fn with(motors: usize, per_bus: usize, rate_hz: u32) -> Settings {
     let mut text = format!("[cycle]\nrate-hz = {rate_hz}\n");
     for bus in 0..motors.div_ceil(per_bus) {

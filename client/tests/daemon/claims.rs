@@ -33,7 +33,7 @@ fn setpoints_continue_while_waiting_for_the_group() {
     claim.wait_for(Phase::Active, PATIENCE).unwrap();
     operator.wait_for("leg", Phase::Starting, PATIENCE).unwrap();
     assert!(client.wait(PATIENCE).unwrap().of(&claim).unwrap().must_be_active().is_ok());
-    assert!(daemon.setpoints().len() > before, "the owner was heard while it waited");
+    assert!(daemon.setpoints().len() > before, "the daemon received setpoints of the waiting owner");
     let expected = Error::NotReached {
         group: "leg".into(),
         phase: Some(Phase::Active),

@@ -59,7 +59,7 @@ fn killed_controller() {
     let client = Client::connect_in(Path::new(&runtime), INSTANCE).unwrap();
     // The daemon frees the slots of dead processes within a quarter of a second after this process
     // connected.
-    let mut claim = until("a place", || client.claim("leg").ok());
+    let mut claim = until("a free slot", || client.claim("leg").ok());
     let end = Instant::now() + 4 * PATIENCE;
     // Runs until it is killed. The fake daemon publishes no states during its cleanup, which must
     // not end this process.
