@@ -1,11 +1,12 @@
-//! Frames of the MIT protocol, as bytes mean them.
+//! Frames of the MIT protocol, as a motor decodes them.
 //!
 //! Source: SteadyWin MIT document 1.1. Other vendors use the same layout with other [`Ranges`], and other lengths and ids
 //! of a reply ([`Reply`]).
 
 use serde::Deserialize;
 
-/// The values of the largest codes. Position, velocity and torque are symmetric; stiffness and damping begin at 0.
+/// Values of the largest codes. Position, velocity and torque are symmetric; stiffness and damping
+/// begin at 0.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ranges {
@@ -25,13 +26,14 @@ pub struct Ranges {
 }
 
 impl Ranges {
-    /// SteadyWin: 12.5 rad, 65 rad/s, 500 N·m/rad, 5 N·m·s/rad, and the torque that the model says (MIT document 1.1).
+    /// Returns SteadyWin's ranges: 12.5 rad, 65 rad/s, 500 N·m/rad, 5 N·m·s/rad, and the model's
+    /// torque (MIT document 1.1).
     #[must_use]
     pub const fn steadywin(torque: f64) -> Self {
         Self { position: 12.5, velocity: 65.0, kp: 500.0, kd: 5.0, torque }
     }
 
-    /// The size of one code in each field.
+    /// Returns the size of one code in each field.
     #[must_use]
     pub const fn codes(&self) -> Self {
         Self {
@@ -44,26 +46,27 @@ impl Ranges {
     }
 }
 
-/// How a motor's replies are recognised and read.
+/// The form of a motor's replies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
     /// Bits of the first byte that hold the motor's id: 0xFF, or 0x0F where the upper half is an error code.
     #[serde(rename = "id-mask")]
     pub id_mask: u8,
-    /// Bytes of a reply to a command.
+    /// Number of bytes of a reply to a command.
     pub length: usize,
-    /// From this byte on a report on faults has nothing but zeros. `None` for a motor that is never asked for one: it would
-    /// take the question for a control frame.
+    /// First byte of a fault report from which on all bytes are zero. `None` for a motor that must
+    /// never receive a fault request: it would read it as a control frame.
     #[serde(rename = "report-zeros-from")]
     pub report: Option<usize>,
 }
 
 impl Reply {
-    /// SteadyWin: the whole first byte is the id, and six bytes are all (MIT document 1.1).
+    /// SteadyWin: the whole first byte is the id, and a reply has six bytes (MIT document 1.1).
     pub const STEADYWIN: Self = Self { id_mask: 0xFF, length: 6, report: Some(3) };
 
-    /// Position, rad, and velocity, rad/s, that the reply of motor `id` tells. `None` when it is none, or a report on faults.
+    /// Returns position, rad, and velocity, rad/s, of the reply of motor `id`. `None` for a fault
+    /// report, and for other bytes.
     #[must_use]
     pub fn read(self, payload: &[u8], id: u8, ranges: &Ranges) -> Option<[f64; 2]> {
         let [first, high, low, fast, slow, ..] = *payload else { return None };
@@ -93,7 +96,7 @@ struct Codes {
 }
 
 impl Codes {
-    /// 16 bits of position, then 12 bits each.
+    /// Returns the fields: 16 bits of position, then 12 bits each.
     fn of(bytes: [u8; 8]) -> Self {
         let word = u64::from_be_bytes(bytes);
         let twelve = |shift: u32| (word >> shift) as u16 & 0xFFF;
@@ -102,12 +105,13 @@ impl Codes {
     }
 }
 
-/// A symmetric field of twelve bits.
+/// Returns the value of a symmetric field of twelve bits.
 fn symmetric(code: u16, most: f64) -> f64 {
     f64::from(code) * 2.0 * most / 4095.0 - most
 }
 
-/// Zero lies between two codes; both mean it.
+/// Returns `true` when the code stands for zero. Zero lies between two codes, and both stand for
+/// it.
 const fn is_zero(code: u16) -> bool {
     matches!(code, 0x7FF | 0x800)
 }
@@ -115,15 +119,15 @@ const fn is_zero(code: u16) -> bool {
 /// The command in a frame to a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Meaning {
-    /// Follow commands.
+    /// Start following commands.
     Start,
     /// Go limp.
     Stop,
-    /// The present position is zero from now on.
+    /// Make the present position zero.
     SetZero,
-    /// Which fault there is.
+    /// Read the fault number.
     GetFault,
-    /// Forget the fault.
+    /// Clear the fault.
     ClearFault,
     /// An impedance setpoint.
     Control {
@@ -137,13 +141,13 @@ pub enum Meaning {
         kd: f64,
         /// N·m
         torque: f64,
-        /// Velocity and torque mean zero, which lies between two codes.
+        /// Velocity and torque stand for zero, which lies between two codes.
         neutral: bool,
     },
 }
 
 impl Meaning {
-    /// Reads the eight bytes of a command.
+    /// Decodes the eight bytes of a command.
     #[must_use]
     pub fn of(bytes: [u8; 8], ranges: &Ranges) -> Self {
         match bytes {
@@ -166,7 +170,8 @@ impl Meaning {
         }
     }
 
-    /// Neither stiffness, nor torque, nor a speed to follow: at most it brakes.
+    /// Returns `true` when the command has no stiffness, no torque and no speed to follow: it
+    /// brakes at most.
     #[must_use]
     pub fn is_safe(&self) -> bool {
         match *self {
@@ -176,7 +181,7 @@ impl Meaning {
         }
     }
 
-    /// Brakes, and does nothing else.
+    /// Returns `true` when the command only brakes.
     #[must_use]
     pub fn is_damping(&self) -> bool {
         matches!(*self, Self::Control { kd, .. } if kd > 0.0) && self.is_safe()
@@ -189,8 +194,8 @@ mod tests {
 
     const RANGES: Ranges = Ranges::steadywin(20.0);
 
-    /// 8123 7FF 0A4 099 812, by hand: 33059 · 25 / 65535 − 12.5 rad, 164 · 500 / 4095, 153 · 5 / 4095 and
-    /// 2066 · 40 / 4095 − 20 N·m.
+    /// 8123 7FF 0A4 099 812, computed by hand: 33059 · 25 / 65535 − 12.5 rad, 164 · 500 / 4095, 153
+    /// · 5 / 4095 and 2066 · 40 / 4095 − 20 N·m.
     #[test]
     fn a_command_is_read_field_by_field() {
         let Meaning::Control { position, velocity, kp, kd, torque, neutral } =

@@ -1,8 +1,9 @@
-//! Frames of the native protocol, as bytes mean them, over CAN and on a serial line.
+//! Frames of the native protocol, as a motor decodes them, over CAN and on a serial line.
 //!
-//! Source: SteadyWin GIM document 2.2. Floats have the low byte first; so has the position of a reply, but not its speed.
+//! Source: SteadyWin GIM document 2.2. Floats and the position of a reply have the low byte first,
+//! the speed of a reply does not.
 
-/// Turns per minute of a rad/s.
+/// One rad/s in rpm.
 const RPM: f64 = 30.0 / std::f64::consts::PI;
 /// Largest position of a reply, rad, of 65 535 codes (3.2.7).
 pub const POSITION: f64 = 12.5;
@@ -14,27 +15,27 @@ pub const VELOCITY: f64 = 65.0;
 pub enum Meaning {
     /// Enter the running state (3.2.5).
     Start,
-    /// Leave it (3.2.6).
+    /// Leave the running state (3.2.6).
     Stop,
-    /// Which fault there is (3.2.15).
+    /// Read the fault number (3.2.15).
     GetFault,
-    /// Forget the fault (3.2.16).
+    /// Clear the fault (3.2.16).
     ClearFault,
-    /// The value of an indicator (3.2.17).
+    /// Read an indicator (3.2.17).
     GetIndicator,
-    /// Give this torque, N·m (3.2.7).
+    /// Hold this torque, N·m (3.2.7).
     Torque(f64),
     /// Turn at this speed, rad/s (3.2.8).
     Speed(f64),
-    /// Go to this position, rad (3.2.9).
+    /// Move to this position, rad (3.2.9).
     Position(f64),
-    /// Its command byte is none of these: it reads or writes what the motor remembers, turns the shaft for a calibration,
-    /// ends the firmware, or is not in the document.
+    /// Any other command byte: it accesses the motor's memory, turns the shaft for a calibration,
+    /// ends the firmware, or is not documented.
     Other(u8),
 }
 
 impl Meaning {
-    /// Reads the eight bytes of a command.
+    /// Decodes the eight bytes of a command.
     #[must_use]
     pub fn of(bytes: [u8; 8]) -> Self {
         let [command, a, b, c, d, ..] = bytes;
@@ -56,7 +57,7 @@ impl Meaning {
 /// The motion of the motor, as a reply reports it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reported {
-    /// A control command was obeyed: position, rad, and velocity, rad/s.
+    /// Reply to a control command: position, rad, and velocity, rad/s.
     State([f64; 2]),
     /// Indicator 0x13: the angle of the output shaft, rad.
     Angle(f64),
@@ -65,7 +66,8 @@ pub enum Reported {
 }
 
 impl Reported {
-    /// Reads the payload of a reply. `None` when it says nothing of the motion, or tells of a failure.
+    /// Decodes the payload of a reply. `None` when it does not contain the motion, or reports a
+    /// failure.
     #[must_use]
     pub fn of(payload: &[u8]) -> Option<Self> {
         match *payload {
@@ -88,8 +90,8 @@ impl Reported {
 mod tests {
     use super::*;
 
-    /// 1.5 is 0x3FC00000, π is 0x40490FDB, 60.0 is 0x42700000 (IEEE 754); 60 rpm is a turn in a second. Durations of 0, 2000
-    /// and 100 ms.
+    /// 1.5 is 0x3FC00000, π is 0x40490FDB, 60.0 is 0x42700000 (IEEE 754); 60 rpm is one turn per
+    /// second. Durations of 0, 2000 and 100 ms.
     #[test]
     fn control_command_is_read_as_documented() {
         let of = |bytes: u64| Meaning::of(bytes.to_be_bytes());
@@ -118,7 +120,8 @@ mod tests {
         }
     }
 
-    /// 0x3412 · 25 / 65535 − 12.5 rad and 0x567 · 130 / 4095 − 65 rad/s, by hand. 1.5 rad; 60 rpm. 0x01 is a failure.
+    /// 0x3412 · 25 / 65535 − 12.5 rad and 0x567 · 130 / 4095 − 65 rad/s, computed by hand. 1.5 rad;
+    /// 60 rpm. 0x01 is a failure.
     #[test]
     fn reply_holds_position_velocity_both_or_neither() {
         let reported = |bytes: u64| Reported::of(&bytes.to_be_bytes());

@@ -1,11 +1,12 @@
-//! The one invariant checker: it judges what motors hear, whoever recorded it.
+//! Checks the commands that motors receive against the invariants, for simulated runs and for logs.
 //!
-//! - [`run`]: a simulated run of the cycle. Every frame is compared with what the cycle published.
-//! - [`log`]: a log of candump and the marks of whoever disturbed the robot.
+//! - [`run`]: a simulated run of the cycle. Compares every frame with the state that the cycle
+//!   published.
+//! - [`log`]: a log of candump, and the marks of the program that disturbed the robot.
 //!
-//! Both read the same bytes with the same [`codec`], those of native motors with [`gim`], and know their motors from the same
-//! [`robot`] description. The codecs are written from the vendors' documents and share no code with the daemon or the simulator,
-//! which are judged here.
+//! Both decode the same bytes with the same [`codec`], those of native motors with [`gim`], and
+//! take their motors from the same [`robot`] description. The codecs are written from the vendors'
+//! documents. They share no code with the daemon or the simulator, which this crate checks.
 
 pub mod codec;
 pub mod gim;

@@ -1,7 +1,7 @@
-//! Logs of candump, judged by the marks that whoever disturbed the robot has written beside them.
+//! Checks logs of candump by the marks that the program which disturbed the robot has written.
 //!
-//! A mark is a line `seconds word...`, with the time as candump tells it. A line of the log that is not a frame of a motor,
-//! such as candump's report of frames it lost, counts as wrong.
+//! A mark is a line `seconds word...`, with the time in candump's format. A line of the log that is
+//! not a frame of a motor, such as candump's report of lost frames, counts as wrong.
 
 pub mod deaths;
 pub mod disturbances;
@@ -15,24 +15,24 @@ use crate::robot::Wiring;
 use motord_bus::candump::LogLine;
 use motord_bus::{Content, Duration};
 
-/// No more complaints than this are told; all are counted.
+/// Most complaints in the output. All are counted.
 const COMPLAINTS_MAX: usize = 20;
 
 /// The kind of a command, which does not depend on the motor's [`Ranges`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// A start, a zero, a stiffness, a torque or a velocity; or bytes that mean nothing.
+    /// A start, a zero, a stiffness, a torque or a velocity; or bytes without a meaning.
     Motion,
-    /// None of these, but damping.
+    /// None of these, only damping.
     Damping,
     /// A stop.
     Stop,
-    /// A question for a fault, or its clearing.
+    /// A fault request, or a clear.
     Fault,
 }
 
 impl Kind {
-    /// One letter: T as in told to move, D, S, and Q as in question.
+    /// Returns one letter: T for motion ("trot"), D, S, and Q for a fault request ("question").
     #[must_use]
     pub const fn letter(self) -> char {
         match self {
@@ -56,22 +56,22 @@ impl Kind {
 /// A command in a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Command {
-    /// When it was on the bus, as the log counts.
+    /// Time on the bus, on the clock of the log.
     pub at: Duration,
     /// Index of the motor in the [`Wiring`].
     pub motor: usize,
     /// Its kind.
     pub kind: Kind,
-    /// `None` when it has not eight bytes.
+    /// `None` when it does not have eight bytes.
     pub meaning: Option<Meaning>,
-    /// As candump spells it: interface, id and data.
+    /// Text in candump's format: interface, id and data.
     pub text: String,
 }
 
-/// A reply in a log. Its content is not judged here.
+/// A reply in a log. The rules do not check its content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reply {
-    /// When it was on the bus, as the log counts.
+    /// Time on the bus, on the clock of the log.
     pub at: Duration,
     /// Index of the motor in the [`Wiring`].
     pub motor: usize,
@@ -93,36 +93,36 @@ impl Spoken {
     }
 }
 
-/// Something that happened to the robot.
+/// An event that happened to the robot.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mark {
-    /// When, as the log counts.
+    /// Time of the event, on the clock of the log.
     pub at: Duration,
     /// The word of the mark, and its arguments.
     pub words: Vec<String>,
 }
 
 impl Mark {
-    /// The word after the time.
+    /// Returns the word after the time.
     #[must_use]
     pub fn word(&self) -> &str {
         self.words.first().map_or("", String::as_str)
     }
 }
 
-/// The result of judging a log.
+/// The result of checking a log.
 #[derive(Debug, Default)]
 pub struct Verdict {
-    /// Figures of the log, for a reader.
+    /// Figures of the log, for display.
     pub report: Vec<String>,
-    /// The first broken rules, in words.
+    /// The first violations, as sentences.
     pub complaints: Vec<String>,
-    /// The number of broken rules.
+    /// Number of violations.
     pub wrong: usize,
 }
 
 impl Verdict {
-    /// Something is wrong.
+    /// Records a violation.
     pub fn complain(&mut self, complaint: impl Into<String>) {
         self.wrong += 1;
         if self.wrong <= COMPLAINTS_MAX {
@@ -130,7 +130,7 @@ impl Verdict {
         }
     }
 
-    /// Complains unless this holds.
+    /// Records a violation unless this holds.
     fn demand(&mut self, holds: bool, complaint: impl FnOnce() -> String) {
         if !holds {
             self.complain(complaint());
@@ -138,19 +138,19 @@ impl Verdict {
     }
 }
 
-/// Rules for a log, which is shown in the order of time.
+/// Rules for a log, whose entries arrive in the order of time.
 pub trait Rules {
-    /// A mark begins, and the one before ends.
+    /// Begins a mark, and ends the previous one.
     fn mark(&mut self, mark: &Mark, verdict: &mut Verdict);
-    /// A motor hears a command.
+    /// Checks a command that a motor receives.
     fn command(&mut self, command: &Command, verdict: &mut Verdict);
-    /// A motor replies.
+    /// Checks a motor's reply.
     fn reply(&mut self, _reply: &Reply, _verdict: &mut Verdict) {}
-    /// The log is over.
+    /// Ends the log.
     fn end(&mut self, verdict: &mut Verdict);
 }
 
-/// Shows `rules` the log of a robot and the marks.
+/// Passes the log of a robot and the marks to `rules`.
 #[must_use]
 pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str) -> Verdict {
     let mut verdict = Verdict::default();
@@ -175,7 +175,8 @@ pub fn judge(rules: &mut impl Rules, wiring: &Wiring, marks: &[Mark], log: &str)
     verdict
 }
 
-/// Whether a position that is followed lies within the limits, or beyond them by one code at most.
+/// Returns `true` when a position with stiffness lies within the limits, or beyond them by at most
+/// one code.
 fn is_within(command: &Command, limits: Option<[f64; 2]>) -> bool {
     let (Some([low, high]), Some(Meaning::Control { position, kp, .. })) = (limits, command.meaning) else {
         return true;
@@ -184,7 +185,7 @@ fn is_within(command: &Command, limits: Option<[f64; 2]>) -> bool {
     kp == 0.0 || (low - code..=high + code).contains(&position)
 }
 
-/// Reads marks.
+/// Parses marks.
 ///
 /// # Errors
 ///
@@ -202,7 +203,8 @@ pub fn marks(text: &str) -> Result<Vec<Mark>, String> {
     text.lines().map(mark).collect()
 }
 
-/// The frames of a log by their times. A frame that goes to no motor must be the reply of one.
+/// Returns the frames of a log with their times. A frame that is a command to no motor must be a
+/// reply.
 fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
     let mut frames = Vec::new();
     for line in log.lines() {
@@ -211,7 +213,7 @@ fn frames(wiring: &Wiring, log: &str, verdict: &mut Verdict) -> Vec<Spoken> {
             Err(complaint) => verdict.complain(complaint),
         }
     }
-    // Each interface tells its frames in order; candump mixes them a little.
+    // Each interface has its frames in order; candump interleaves the interfaces imprecisely.
     frames.sort_by_key(Spoken::at);
     frames
 }
@@ -226,7 +228,7 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
     let id = frame.id();
     let is_to = |motor: &crate::robot::Wired| motor.interface == interface && motor.id == id;
     if let Some(motor) = wiring.motors.iter().position(is_to) {
-        // A kind depends on no range, so one serves for every motor.
+        // The kind is independent of the ranges, so the same ranges are used for every motor.
         let bytes = frame.payload().try_into().ok();
         let meaning = bytes.map(|bytes| Meaning::of(bytes, &Ranges::steadywin(1.0)));
         if meaning == Some(Meaning::GetFault) && !wiring.motors[motor].answers_question {
@@ -241,7 +243,7 @@ fn frame(wiring: &Wiring, line: &str) -> Result<Spoken, String> {
     Ok(Spoken::Reply(Reply { at, motor }))
 }
 
-/// A time in seconds, as candump tells it.
+/// Formats a time in seconds as candump does.
 fn seconds(at: Duration) -> String {
     format!("{}.{:06}", at.as_secs(), at.subsec_micros())
 }

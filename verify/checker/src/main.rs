@@ -1,4 +1,4 @@
-//! `motord-checker`: judges a log of candump by the marks beside it.
+//! `motord-checker`: checks a log of candump by its marks.
 
 use clap::{Parser, Subcommand};
 use motord_bus::Duration;
@@ -13,12 +13,12 @@ use motord_checker::robot::Wiring;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Judges what the motors of a log have heard. The exit status is 0 when nothing is wrong, 1 when something is, 2 when the
-/// files cannot be read.
+/// Checks the commands that the motors of a log have received. The exit status is 0 without
+/// violations, 1 with some, 2 when the files cannot be read.
 #[derive(Debug, Parser)]
 #[command(name = "motord-checker")]
 struct Arguments {
-    /// A configuration of the daemon: which motors are on which CAN interface.
+    /// A configuration of the daemon, which lists the motors of each CAN interface.
     #[arg(long, default_value = "robot.toml")]
     robot: PathBuf,
     /// The marks: events that happened to the robot, each with its time.
@@ -33,33 +33,33 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Rules {
-    /// Processes and threads die: damping, then a stop, and nothing that moves until the next start.
+    /// Deaths of processes and threads: damping, then a stop, and no motion until the next start.
     Deaths {
-        /// Most milliseconds that the median of a death may be, as DEATH=MILLISECONDS.
+        /// Highest median of a death's times, ms, as DEATH=MILLISECONDS.
         #[arg(long, value_parser = limit, required = true, num_args = 1..)]
         median: Vec<(String, f64)>,
-        /// The maximum may be so many times that.
+        /// Ratio of the highest time to the limit of the median.
         #[arg(long)]
         maximum_per_median: f64,
     },
-    /// The robot stops: nothing that moves until the reset.
+    /// Stops of the robot: no motion until the reset.
     Disturbances {
-        /// Milliseconds until a stop is noticed.
+        /// Milliseconds until a stop is detected.
         #[arg(long)]
         notice_ms: u64,
-        /// Stops that the log must have.
+        /// Number of stops in the log.
         #[arg(long)]
         stops: usize,
-        /// Interfaces of motors whose owner may reset a stop himself, without a mark.
+        /// Interfaces of motors whose owner may reset a stop without a mark.
         #[arg(long, num_args = 1..)]
         others: Vec<String>,
     },
-    /// Something beside the buses suffers: every motor replies, as soon as while it is well.
+    /// Disturbances outside the buses: every motor replies as fast as without them.
     Replies {
-        /// Parts in which something suffers, and as many in which all is well.
+        /// Number of parts with a disturbance, and of parts without one.
         #[arg(long)]
         parts: usize,
-        /// Times may be so many times as long as while all is well.
+        /// Greatest ratio of the times with a disturbance to those without.
         #[arg(long)]
         ratio: f64,
         /// Ticks per second.
@@ -72,9 +72,9 @@ enum Rules {
         #[arg(long)]
         share: f64,
     },
-    /// Units of systemd come and go: what each motor hears after each mark.
+    /// Starts and stops of systemd units: the commands that each motor receives after each mark.
     Service,
-    /// A trot: each motor once in a cycle, and nearly all cycles.
+    /// A trot: one command to each motor per cycle, and nearly all cycles.
     Trot {
         /// Ticks per second.
         #[arg(long)]

@@ -1,4 +1,4 @@
-//! The robot: which motors hear what, where, and within which limits.
+//! The robot: its motors, their addresses and their limits.
 
 use crate::codec::{Ranges, Reply};
 use crate::vendor::Vendor;
@@ -7,25 +7,25 @@ use motord_bus::FrameId;
 use serde::Deserialize;
 use std::path::Path;
 
-/// A robot whose cycle is judged.
+/// A robot whose cycle is checked.
 #[derive(Debug, Clone)]
 pub struct Robot {
     /// In the order of the published states.
     pub motors: Vec<Motor>,
     /// In the order of the published states.
     pub groups: Vec<Group>,
-    /// How many buses it has.
+    /// Number of buses.
     pub buses: usize,
     /// Time between two ticks.
     pub period: Duration,
-    /// A setpoint older than this moves nothing.
+    /// A setpoint older than this must not move a motor.
     pub setpoint_timeout: Duration,
-    /// After so many cycles without a reply a motor is lost.
+    /// Number of cycles without a reply after which a motor is lost.
     pub lost_cycles: u32,
 }
 
 impl Robot {
-    /// The number of cycles in which every motor of the bus gets a command.
+    /// Returns the number of cycles in which every motor of the bus gets a command.
     #[must_use]
     pub fn turn(&self, bus: usize) -> u32 {
         self.motors.iter().filter(|motor| motor.bus == bus).map(|motor| motor.turn).max().unwrap_or(1)
@@ -45,7 +45,7 @@ pub struct Motor {
     pub reply_id: FrameId,
     /// The protocol that it speaks.
     pub protocol: Protocol,
-    /// It gets a command in one of so many cycles.
+    /// Number of cycles per command to it.
     pub turn: u32,
     /// 1, or -1 when joint and motor turn opposite ways.
     pub direction: f64,
@@ -60,11 +60,11 @@ pub struct Motor {
 /// The protocol that a motor speaks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Protocol {
-    /// MIT, or a vendor's way to speak it.
+    /// MIT, as one vendor implements it.
     Mit {
         /// The ranges of its codes.
         ranges: Ranges,
-        /// How a reply is read.
+        /// The form of its replies.
         reply: Reply,
     },
     /// SteadyWin's own, over CAN or on a serial line.
@@ -72,13 +72,14 @@ pub enum Protocol {
 }
 
 impl Motor {
-    /// The byte by which a motor names itself in a payload.
+    /// Returns the byte that identifies a motor in a payload.
     #[must_use]
     pub fn own_id(&self) -> u8 {
         self.id.raw() as u8
     }
 
-    /// It gets no command in most cycles, and one cycle may take more than its turn.
+    /// Returns `true` when it gets no command in most cycles. One cycle may then take more than its
+    /// turn.
     #[must_use]
     pub const fn takes_turns(&self) -> bool {
         self.turn > 1
@@ -86,7 +87,7 @@ impl Motor {
 }
 
 impl Protocol {
-    /// The step of the positions in its commands, rad; 0 where they have none.
+    /// Returns the step of the positions in its commands, rad; 0 where they have none.
     #[must_use]
     pub const fn position_code(&self) -> f64 {
         match self {
@@ -122,11 +123,11 @@ pub struct Limits {
 pub struct Group {
     /// Indices of its motors.
     pub motors: Vec<usize>,
-    /// Its behaviour when its owner is lost.
+    /// Its behaviour after its owner is lost.
     pub safe_stop: SafeStop,
 }
 
-/// The behaviour of a group when its owner is lost.
+/// The behaviour of a group after its owner is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SafeStop {
     /// Brakes, then goes limp.
@@ -137,8 +138,8 @@ pub enum SafeStop {
     Stop,
 }
 
-/// Where the motors of a log are: interface and ids, from a configuration of the daemon. Candump does not see serial lines,
-/// so the motors there are left out.
+/// Interface and ids of the motors of a log, from a configuration of the daemon. Candump does not
+/// record serial lines, so motors on them are left out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wiring {
     /// In the order of the configuration.
@@ -150,20 +151,20 @@ pub struct Wiring {
 pub struct Wired {
     /// The joint.
     pub name: String,
-    /// As candump calls it.
+    /// Its name in candump.
     pub interface: String,
     /// Id of the commands.
     pub id: FrameId,
     /// Id of the replies.
     pub reply_id: FrameId,
-    /// It answers the question for its faults. Another motor takes the question for a control frame.
+    /// It answers a fault request. Another motor reads the request as a control frame.
     pub answers_question: bool,
-    /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the file gives no limits, or the codes
-    /// are not SteadyWin's.
+    /// Lowest and highest position of a command with stiffness, rad, of the motor. `None` where the
+    /// file gives no limits, or the codes are not SteadyWin's.
     pub position: Option<[f64; 2]>,
 }
 
-/// The keys of the configuration that matter here. What else the file holds is the daemon's business.
+/// The keys of the configuration that this crate needs. The daemon checks the others.
 #[derive(Deserialize)]
 struct File {
     bus: Vec<BusTable>,
@@ -173,7 +174,7 @@ struct File {
 #[derive(Deserialize)]
 struct BusTable {
     name: String,
-    /// A serial line has none.
+    /// `None` for a serial line.
     interface: Option<String>,
 }
 
@@ -198,7 +199,7 @@ struct LimitsTable {
 }
 
 impl MotorTable {
-    /// The limits of the joint, as positions of the motor.
+    /// Returns the limits of the joint, as positions of the motor.
     fn position(&self) -> Option<[f64; 2]> {
         let is_steadywin = self.protocol.as_deref() == Some("mit") && self.model.as_ref()?.starts_with("GIM");
         let limits = self.limits.as_ref().filter(|_| is_steadywin)?.position_rad?;
@@ -213,17 +214,17 @@ impl Wiring {
     ///
     /// # Errors
     ///
-    /// A sentence that says why not.
+    /// A sentence with the reason.
     pub fn read(path: &Path) -> Result<Self, String> {
         let text = std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))?;
         Self::parse(&text).map_err(|error| format!("{}: {error}", path.display()))
     }
 
-    /// The same of a text.
+    /// Parses the text of such a configuration.
     ///
     /// # Errors
     ///
-    /// A sentence that says why not.
+    /// A sentence with the reason.
     pub fn parse(text: &str) -> Result<Self, String> {
         let File { bus: buses, motor: motors } = toml::from_str(text).map_err(|error| error.to_string())?;
         let wire = |motor: MotorTable| {
@@ -248,7 +249,7 @@ impl Wiring {
         Ok(Self { motors: wired.collect::<Result<_, String>>()? })
     }
 
-    /// The interfaces, each once, in the order of their first motors.
+    /// Returns the interfaces, each once, in the order of their first motors.
     #[must_use]
     pub fn interfaces(&self) -> Vec<&str> {
         let mut interfaces: Vec<&str> = Vec::new();
@@ -262,7 +263,7 @@ impl Wiring {
 }
 
 impl Wired {
-    /// Interface and id, as candump spells them.
+    /// Returns interface and id in candump's format.
     #[must_use]
     pub fn place(&self) -> String {
         format!("{} {}", self.interface, self.id)

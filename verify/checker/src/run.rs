@@ -1,24 +1,25 @@
-//! A simulated run: every cycle is judged by what was on the wire and what was published.
+//! Checks every cycle of a simulated run by the frames on the wire and the published state.
 //!
 //! | | |
 //! |---|---|
-//! | I1 | no start, zero or clear command that nobody asked for; never the all-zero frame; to a native motor nothing but control,
-//! |    | start, stop and questions, which do not move a motor that is in MIT mode |
-//! | I2 | after decoding the bytes: position, velocity, gains, torque, their slews, and the torque they make together are within the limits |
+//! | I1 | no start, zero or clear command without a request; never the all-zero frame |
+//! |    | a native motor receives only control, start, stop and queries, harmless to one in MIT mode |
+//! | I2 | decoded position, velocity, gains, torque, slews and total torque are within the limits |
 //! | I3 | no motion when the owner's newest good setpoint is older than its timeout |
-//! | I4 | a stopped motor hears stop and questions only, and only an active group moves |
-//! | I5 | at most one command per motor, and one question for faults per bus, in a cycle |
-//! | I6 | a state is fresh when a reply with it was on the wire in this cycle, and else says how old it is |
+//! | I4 | a stopped motor receives only stop and queries, and only an active group moves |
+//! | I5 | at most one command per motor, and one fault request per bus, in a cycle |
+//! | I6 | a state is fresh when a reply with it was on the wire in this cycle; otherwise it reports its age |
 //! | I7 | only messages of the owner's lease move motors |
 //! | I8 | counters never fall; every message is counted once; as many frames are on the wire as were counted |
 //! | I9 | a latched cause is left by a reset only, and nothing starts while it is latched |
 //! | I10 | a bus or a motor that fails stops its groups in time; no motion from the first cycle after a cause on; a motor
-//! |     | that is not offline hears a command in every cycle, and damping ones before it goes limp |
+//! |     | that is not offline receives a command in every cycle, and damping ones before it goes limp |
 //!
-//! A frame is judged by the cycle that handed it over, however late it leaves.
+//! The rules attribute a frame to the cycle that sent it, however late it is on the wire.
 //!
-//! The program that runs the robot tells the [`Checker`] what it does to the robot, and shows it the result of every cycle.
-//! When a rule is broken, the checker panics, and the message names the rule.
+//! The program that runs the robot reports its actions on the robot to the [`Checker`], and passes
+//! it the result of every cycle. When a rule is broken, the checker panics with the name of the
+//! rule.
 
 mod cycle;
 mod heard;
@@ -41,37 +42,38 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 use stop::{Injections, Target};
 
-/// The velocity, rad/s, that only messages without the owner's lease ask for (I7). No slew delays the velocity of an
-/// impedance, so it reaches the wire in the cycle that uses it.
+/// Velocity, rad/s, that only messages without the owner's lease contain (I7). No slew delays the
+/// velocity of an impedance, so it reaches the wire in the cycle that uses it.
 pub const WRONG_LEASE_VELOCITY: f32 = 18.0;
 
-/// After this time a request to clear a fault causes no more frames: a second, and a late cycle.
+/// Time after which a request to clear a fault causes no more frames: a second, and a late cycle.
 const CLEAR_TIME: Duration = Duration::from_millis(1020);
-/// The number of cycles that are remembered. A jammed bus holds no frame back for longer.
+/// Number of cycles in the checker's memory. A jammed bus delays no frame for longer.
 const MEMORY_CYCLES: usize = 8192;
 
-/// The largest distance from a value to its nearest code, in codes: half a code, and a margin for single precision.
+/// Largest distance from a value to its nearest code, in codes: half a code, and a margin for
+/// single precision.
 const NEAREST: f64 = 0.55;
-/// A position in single precision is as exact as this, rad.
+/// Precision of a position in single precision, rad.
 const HELD: f64 = 1e-5;
 
 /// The requests and messages of a test to one group.
 #[derive(Debug, Clone, Default)]
 struct Watched {
-    /// When its owner last sent a message that is good in every respect.
+    /// Time of its owner's last message that is good in every respect.
     good_setpoint: Option<Instant>,
-    /// A message came since the last cycle.
+    /// A message arrived since the last cycle.
     delivered: bool,
-    /// A reset was asked for since the last cycle.
+    /// A reset was requested since the last cycle.
     reset: bool,
-    /// An enable was asked for, and nothing has stopped the group since.
+    /// An enable was requested, and nothing has stopped the group since.
     enabled: bool,
 }
 
-/// A frame to a motor, as it was on the wire.
+/// A frame to a motor, as recorded on the wire.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Command {
-    /// When the cycle handed it over.
+    /// Time at which the cycle sent it.
     pub ready: Instant,
     /// Index of the bus.
     pub bus: usize,
@@ -79,7 +81,7 @@ pub struct Command {
     pub frame: Frame,
 }
 
-/// Requests that let motors hear what they must not hear otherwise.
+/// Requests that permit commands to motors which are forbidden otherwise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Request {
@@ -89,23 +91,23 @@ pub enum Request {
     ClearFault { motor: usize },
 }
 
-/// A fault that a test injects into a bus, or lifts.
+/// A fault that a test injects into a bus, or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BusFault {
-    /// The host is cut off from it, and must notice.
+    /// The host is disconnected from it, and must detect that.
     Cut,
-    /// Something keeps frames from the wire.
+    /// A fault keeps frames from the wire.
     Blocked,
-    /// It is well again.
+    /// The bus is healthy again.
     Lifted,
 }
 
-/// A fault that a test injects into a motor, or lifts.
+/// A fault that a test injects into a motor, or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotorFault {
-    /// It is switched off, and the host must notice.
+    /// It is switched off, and the host must detect that.
     Off,
-    /// It is well again.
+    /// The motor is healthy again.
     Lifted,
 }
 
@@ -122,23 +124,23 @@ pub struct Checker {
     last: Vec<native::Last>,
     /// By motor: the reported velocities, of native motors.
     velocities: Vec<Velocities>,
-    /// Set zero commands that each motor may still hear.
+    /// By motor: number of set zero commands that it may still receive.
     zeros: Vec<u32>,
-    /// Until when each motor may hear clear fault commands.
+    /// By motor: time until which it may receive clear fault commands.
     clears: Vec<Instant>,
     sent: Vec<u32>,
-    /// Buses that something keeps from carrying frames.
+    /// By bus: a fault keeps it from carrying frames.
     blocked: Vec<bool>,
-    /// Buses that the host was cut off from, until they are known to be well again.
+    /// By bus: the host was disconnected from it, and it is not known to be healthy again.
     cut: Vec<bool>,
     injections: Injections,
     lossy: bool,
-    /// The replies since the cycle before, and those that were shown with that cycle.
+    /// Replies since the previous cycle, and those that were passed with that cycle.
     replies: [Vec<Reply>; 2],
 }
 
 impl Checker {
-    /// A checker that has seen nothing of `robot` until `now`.
+    /// Returns a checker that has observed nothing of `robot` until `now`.
     #[must_use]
     pub fn new(robot: Robot, now: Instant) -> Self {
         let (motors, groups, buses) = (robot.motors.len(), robot.groups.len(), robot.buses);
@@ -161,12 +163,12 @@ impl Checker {
         }
     }
 
-    /// Buses lose frames from now on, so that counters and the wire cannot be compared any more.
+    /// Permits lost frames from now on, so that counters and the wire cannot be compared any more.
     pub fn allow_loss(&mut self) {
         self.lossy = true;
     }
 
-    /// This is done to a bus.
+    /// Records a fault of a bus.
     pub fn disturb_bus(&mut self, bus: usize, fault: BusFault) {
         self.blocked[bus] = fault != BusFault::Lifted;
         self.cut[bus] |= fault == BusFault::Cut;
@@ -176,7 +178,7 @@ impl Checker {
         }
     }
 
-    /// This is done to a motor.
+    /// Records a fault of a motor.
     pub fn disturb_motor(&mut self, motor: usize, fault: MotorFault) {
         match fault {
             MotorFault::Off => self.begin(Target::Motor(motor)),
@@ -184,14 +186,15 @@ impl Checker {
         }
     }
 
-    /// A fault begins, which must stop the active groups that it hits. Before the first cycle no group is active.
+    /// Begins a fault, which must stop the active groups with this target. Before the first cycle
+    /// no group is active.
     fn begin(&mut self, target: Target) {
         if let Some(last) = self.cycles.back() {
             self.injections.begin(target, &self.robot, &last.state);
         }
     }
 
-    /// Somebody asks for this.
+    /// Records a request.
     pub fn asked(&mut self, request: Request) {
         match request {
             Request::Reset { group } => self.groups[group].reset = true,
@@ -201,21 +204,22 @@ impl Checker {
         }
     }
 
-    /// The group's owner sends a message that is good in every respect.
+    /// Records a message of the group's owner that is good in every respect.
     pub fn good_setpoint(&mut self, group: usize, now: Instant) {
         self.groups[group].good_setpoint = Some(now);
     }
 
-    /// A message is under way that names the group.
+    /// Records that a message that names the group is in flight.
     pub fn delivered(&mut self, group: usize) {
         self.groups[group].delivered = true;
     }
 
-    /// Judges a cycle: what it published, and what was on the wire since the cycle before, in the order of the wire.
+    /// Checks a cycle: its published state, and the frames since the previous cycle, in the order
+    /// of the wire.
     ///
     /// # Panics
     ///
-    /// With the rule that is broken.
+    /// When a rule is broken, with its name.
     pub fn judge(&mut self, state: State, commands: &[Command], replies: &[Reply]) {
         self.replies.swap(0, 1);
         self.replies[0] = replies.to_vec();
@@ -248,7 +252,7 @@ impl Checker {
         self.cycles = cycles;
     }
 
-    /// A cycle before its frames are known.
+    /// Records a cycle before its frames are known.
     fn see(&mut self, state: Rc<State>, last: Option<&Cycle>) -> Cycle {
         let begun = state.begun;
         let elapsed = begun.since(self.begun).min(2 * self.robot.period).as_secs_f64();
@@ -270,12 +274,14 @@ impl Checker {
         }
     }
 
-    /// Nothing keeps frames from the wire, and the cycle has not given up the bus, which it may do after a cut only.
+    /// Returns `true` when no fault keeps frames from the wire and the cycle uses the bus. A cycle
+    /// may give up a bus only after a disconnection.
     fn is_well(&mut self, bus: usize, states: [&State; 2]) -> bool {
         let [before, now] = states.map(|state| &state.buses[bus]);
         let given_up = before.given_up || now.given_up;
         assert!(self.cut[bus] || !given_up, "I10: bus {bus} was given up");
-        // Where motors take turns, the host learns of a cut with its next frame only: the bus may be well again by then.
+        // Where motors take turns, the host detects a disconnection only with its next frame: the
+        // bus may be healthy by then.
         let uses = self.robot.turn(bus) == 1 || now.sent != before.sent;
         self.cut[bus] &= given_up || self.blocked[bus] || !uses;
         !given_up && !self.blocked[bus]
@@ -284,14 +290,14 @@ impl Checker {
     fn judge_counts(&mut self, cycle: &Cycle, commands: &[Command]) {
         for bus in 0..self.robot.buses {
             self.sent[bus] += commands.iter().filter(|command| command.bus == bus).count() as u32;
-            // A question for faults is sent after the states were published.
+            // A fault request is sent after the states were published.
             let unpublished = self.sent[bus].wrapping_sub(cycle.state.buses[bus].sent) as i32;
             assert!(unpublished <= 1, "I8: {unpublished} frames more on the wire than counted");
             assert!(self.lossy || unpublished >= 0, "I8: {unpublished} frames on the wire");
         }
     }
 
-    /// Judges a frame by the cycle that handed it over.
+    /// Checks a frame by the cycle that sent it.
     fn judge_command(&mut self, cycle: &mut Cycle, command: &Command) {
         let Command { bus, frame, .. } = *command;
         let motors = &self.robot.motors;
@@ -311,7 +317,8 @@ impl Checker {
         self.judge_order(cycle, motor, heard);
     }
 
-    /// A motor begins to follow setpoints with no gains and no torque, and at the position where it stands.
+    /// Checks that a motor begins to follow setpoints without gains and torque, and at its present
+    /// position.
     fn judge_activation(&mut self, motor: usize, cycle: &Cycle) {
         let (before, now) = (&cycle.before.joints[motor], &cycle.state.joints[motor]);
         if before.mode == Mode::Starting {
@@ -353,7 +360,8 @@ impl Checker {
         }
     }
 
-    /// The command holds a motor whose group holds when its owner is late or gone.
+    /// Returns `true` when the command holds a motor of a group that holds after its owner is late
+    /// or lost.
     fn holds(&self, cycle: &Cycle, group: usize, motor: usize, order: Order) -> bool {
         let causes = [Cause::None, Cause::SetpointTimeout, Cause::OwnerLost];
         self.robot.groups[group].safe_stop == SafeStop::Hold
@@ -362,7 +370,7 @@ impl Checker {
             && is_held(&self.robot.motors[motor], order, cycle.held[motor])
     }
 
-    /// The limits of every value, and of its slope while the motor follows setpoints.
+    /// Checks the limits of every value, and of its slope while the motor follows setpoints.
     fn judge_values(&mut self, cycle: &Cycle, motor: usize, order: Order) {
         let Motor { protocol, limits, damping_kd, .. } = &self.robot.motors[motor];
         let [before, now] = [&cycle.before, &cycle.state].map(|state| &state.joints[motor]);
@@ -392,7 +400,8 @@ impl Checker {
         }
     }
 
-    /// The time of a command for slews, s. A late cycle counts as two periods at most, except for a motor that takes turns.
+    /// Returns the time of a command for slews, s. A late cycle counts as at most two periods,
+    /// except for a motor that takes turns.
     fn time(&self, motor: usize, cycle: &Cycle) -> f64 {
         if self.robot.motors[motor].takes_turns() { cycle.begun.as_nanos() as f64 / 1e9 } else { cycle.time }
     }
@@ -416,7 +425,7 @@ impl Checker {
                 self.last[motor].judge(order, (time, turn), limits, joints);
             }
             Order::Speed(_) if both(Mode::Damping) => {
-                // A line may lose what was sent.
+                // A line may lose frames that were sent.
                 let takes_turns = self.robot.motors[motor].takes_turns();
                 let applied = if takes_turns { f64::from(joints[0].applied_velocity) } else { 0.0 };
                 self.last[motor].judge_braking(order, time, limits, applied);
@@ -436,7 +445,7 @@ impl Checker {
             let (settings, velocities) = (&self.robot.motors[motor], &self.velocities[motor]);
             let is_later = now.receive_ns > before.receive_ns || cycle.state.cycle == cycle.before.cycle;
             assert!(is_later, "I6: told twice: {now:?}");
-            // A reply may come after the last read of a cycle.
+            // A reply may arrive after the last read of a cycle.
             let mut replies = self.replies.iter().flatten().filter(|reply| reply.at >= cycle.before.begun);
             let said = replies.any(|reply| reported::says(reply, settings, before, now, velocities));
             assert!(said, "I6: no reply of {} said {now:?}", settings.name);
@@ -451,7 +460,7 @@ impl Checker {
     }
 }
 
-/// Judges a payload by itself: some no motor may hear, whatever is asked of it.
+/// Checks a payload by itself: some are forbidden for every motor, whatever was requested.
 fn judge_payload(motor: &Motor, payload: &[u8]) {
     let bytes = payload.try_into().expect("every command has eight bytes");
     assert_ne!(bytes, [0; 8], "I1: the all-zero frame");
@@ -460,7 +469,8 @@ fn judge_payload(motor: &Motor, payload: &[u8]) {
             let asks = codec::Meaning::of(bytes, &ranges) == codec::Meaning::GetFault;
             assert!(reply.report.is_some() || !asks, "I1: a question that is a command to the motor");
         }
-        // No native control command is neutral in MIT mode. It may be sent: the motor has answered in native mode before.
+        // No native control command is neutral in MIT mode. It may be sent: the motor has answered
+        // in native mode before.
         Protocol::Native if matches!(bytes[0], 0x93..=0x95) => {}
         Protocol::Native => {
             let in_mit = codec::Meaning::of(bytes, &Ranges::steadywin(1.0));
@@ -474,8 +484,8 @@ fn judge_gains([kp, kd]: [f64; 2], [kp_most, kd_most]: [f64; 2], codes: &Ranges)
     assert!(kd <= kd_most + NEAREST * codes.kd, "I2: kd {kd}");
 }
 
-/// The velocity and the torque of an impedance, and the torque that it makes at the last state: the published one, or one that came
-/// since.
+/// Checks the velocity and the torque of an impedance, and its total torque at the last state: the
+/// published one, or a newer one.
 fn judge_impedance(order: Order, limits: &Limits, states: impl Iterator<Item = [f64; 2]>, codes: &Ranges) {
     let Order::Impedance { position, velocity, kp, kd, torque, .. } = order else { return };
     assert!(!is_wrong_lease(velocity), "I7: a setpoint with the wrong lease was followed");
@@ -507,7 +517,8 @@ fn judge_motion(timeout: Duration, cycle: &Cycle, group: usize) {
     assert!(age <= timeout, "I3: motion on a setpoint that is {age:?} old");
 }
 
-/// The positions where a motor may be held, rad: where it stands in this cycle, or stood when its damping began.
+/// Returns the positions at which a motor may be held, rad: its present one, and the one at which
+/// its damping began.
 fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f64; 2] {
     match last {
         Some(last) if before.joints[motor].mode == Mode::Damping => last.held[motor],
@@ -515,7 +526,7 @@ fn held(motor: usize, before: &State, state: &State, last: Option<&Cycle>) -> [f
     }
 }
 
-/// The command holds the motor at one of these positions, rad.
+/// Returns `true` when the command holds the motor at one of these positions, rad.
 fn is_held(motor: &Motor, order: Order, held: [f64; 2]) -> bool {
     let (Order::Impedance { position, neutral: true, .. } | Order::Position(position)) = order else {
         return false;

@@ -1,13 +1,13 @@
-//! The part of the published state that is judged. The program that runs the cycle fills it in.
+//! The part of the published state that is checked. The program that runs the cycle fills it in.
 
 /// The state that was published after a cycle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     /// Number of the cycle; missed ticks leave a gap.
     pub cycle: u64,
-    /// Missed ticks.
+    /// Number of missed ticks.
     pub missed_ticks: u64,
-    /// When the cycle began.
+    /// Time at which the cycle began.
     pub begun: motord_bus::Instant,
     /// In the order of [`Robot::motors`](crate::robot::Robot::motors).
     pub joints: Vec<Joint>,
@@ -20,15 +20,15 @@ pub struct State {
 /// One joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Joint {
-    /// rad; not a number when it is not known.
+    /// Position, rad; NaN when it is not known.
     pub position: f32,
-    /// rad/s
+    /// Velocity, rad/s.
     pub velocity: f32,
-    /// Stiffness of what was sent in this cycle, N·m/rad.
+    /// Stiffness sent in this cycle, N·m/rad.
     pub applied_kp: f32,
-    /// Its damping, N·m·s/rad.
+    /// Damping sent in this cycle, N·m·s/rad.
     pub applied_kd: f32,
-    /// Its velocity, rad/s.
+    /// Velocity sent in this cycle, rad/s.
     pub applied_velocity: f32,
     /// The setpoint's position was limited by its slew.
     pub slews: bool,
@@ -42,13 +42,13 @@ pub struct Joint {
     pub age_cycles: u32,
     /// Cycles without a reply.
     pub missed: u32,
-    /// Replies that came after their cycle.
+    /// Replies that arrived after their cycle.
     pub late: u32,
-    /// When the last reply arrived, ns; 0 before the first.
+    /// Time at which the last reply arrived, ns; 0 before the first.
     pub receive_ns: u64,
 }
 
-/// The mode of a motor, as the daemon knows it.
+/// The mode of a motor, as the daemon reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Mode {
@@ -64,15 +64,15 @@ pub enum Mode {
 /// One group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Group {
-    /// Where it is between standing still and following setpoints.
+    /// Its phase between disarmed and following setpoints.
     pub phase: Phase,
-    /// Why it was stopped.
+    /// The cause of its stop.
     pub cause: Cause,
     /// Setpoint messages, accepted or rejected, modulo 2³².
     pub messages: u32,
 }
 
-/// Where a group is.
+/// The phase of a group.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Phase {
@@ -82,25 +82,25 @@ pub enum Phase {
     Damping,
 }
 
-/// Why a group was stopped, as far as rules differ.
+/// The cause for which a group was stopped, as far as rules differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cause {
-    /// It was not.
+    /// It was not stopped.
     None,
     /// Its owner is late.
     SetpointTimeout,
-    /// Its owner is gone.
+    /// Its owner has exited.
     OwnerLost,
-    /// Somebody asked for it.
+    /// A client requested it.
     EmergencyStop,
-    /// Another, by its number.
+    /// Another cause, by its number.
     Other(u32),
 }
 
 /// One bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bus {
-    /// The cycle takes it for lost: off, down or gone.
+    /// The cycle has given the bus up: off, down or gone.
     pub given_up: bool,
     /// Frames that the bus accepted, modulo 2³².
     pub sent: u32,

@@ -1,25 +1,27 @@
-//! Facts of the vendors' MIT motors, written from the vendors' documents (docs/motors.md). A further vendor is a row of [`VENDORS`].
+//! Facts of the vendors' MIT motors, written from the vendors' documents (docs/motors.md). To add a
+//! vendor, add a row to [`VENDORS`].
 
 use crate::codec::Reply;
 
-/// The facts of one vendor that a judge needs.
+/// The facts of one vendor that a check needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Vendor {
     /// Its name in kebab-case.
     pub name: &'static str,
     /// The beginning of the names of its models.
     pub models: &'static str,
-    /// The daemon's default for the id of a motor's replies is the motor's id plus this (docs/configuration.md).
+    /// The daemon's default id of a motor's replies is the motor's id plus this
+    /// (docs/configuration.md).
     pub reply_offset: u16,
     /// The form of its replies.
     pub reply: Reply,
-    /// The command of a simulation that raises an over-voltage, by the vendor's number.
+    /// The simulator's command that raises an over-voltage, by the vendor's number.
     pub over_voltage: &'static str,
-    /// The command of a simulation that raises an over-current, by the vendor's number.
+    /// The simulator's command that raises an over-current, by the vendor's number.
     pub over_current: &'static str,
 }
 
-/// Every vendor known here. The first one is that of unknown models.
+/// All supported vendors. The first one is that of unknown models.
 pub const VENDORS: &[Vendor] = &[
     // MIT document 1.1: the whole first byte is the id.
     Vendor {
@@ -30,7 +32,8 @@ pub const VENDORS: &[Vendor] = &[
         over_voltage: "fault 0x02",
         over_current: "fault 0x40",
     },
-    // DM_CAN.py: four bits of the id under an error code, two temperatures at the end, and the error in every reply.
+    // DM_CAN.py: four bits of the id below an error code, two temperatures at the end, and the
+    // error in every reply.
     Vendor {
         name: "damiao",
         models: "DM-",
@@ -39,7 +42,8 @@ pub const VENDORS: &[Vendor] = &[
         over_voltage: "fault 0x08",
         over_current: "fault 0x0A",
     },
-    // SampleProgram, RS00 manual: a temperature of two bytes at the end, and 17 bits of faults behind the id of a report.
+    // SampleProgram, RS00 manual: a temperature of two bytes at the end, and 17 bits of faults
+    // after the id of a report.
     Vendor {
         name: "robstride",
         models: "RS",
@@ -55,7 +59,7 @@ impl Vendor {
     ///
     /// # Panics
     ///
-    /// When [`VENDORS`] has no such name: a robot with its motors could not be judged.
+    /// When [`VENDORS`] has no such name: a robot with its motors could not be checked.
     #[must_use]
     pub fn named(name: &str) -> &'static Self {
         let named = VENDORS.iter().find(|vendor| vendor.name == name);

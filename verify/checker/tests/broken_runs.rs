@@ -1,5 +1,6 @@
-//! Goal: the rules for simulated runs accept a robot that obeys them, and refuse one that breaks any one of them.
-//! Method: one motor whose every cycle is written by hand, first well and then with one thing wrong.
+//! Goal: the rules for simulated runs accept a robot that obeys them, and refuse one that breaks
+//! any of them. Method: one motor whose every cycle is written by hand, first correct and then with
+//! one error.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -10,7 +11,8 @@ use motord_checker::run::{self, BusFault, Checker, Command, MotorFault, Request}
 use motord_checker::state::{self, Bus, Cause, Joint, Mode, Phase, State};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Commands at 0.000 19 rad, a code of the middle: neutral; damping 0.2; 0.24 N·m/rad and 0.2; and the special ones.
+/// Commands at 0.000 19 rad, a code of the middle: neutral; damping 0.2; 0.24 N·m/rad and 0.2; and
+/// the special ones.
 const NEUTRAL: u64 = 0x8000_8000_0000_0800;
 const DAMPING: u64 = 0x8000_8000_000A_4800;
 const STIFF: u64 = 0x8000_8000_020A_4800;
@@ -20,8 +22,8 @@ const SET_ZERO: u64 = 0xFFFF_FFFF_FFFF_FFFE;
 const CLEAR_FAULT: u64 = 0xFFFF_FFFF_FFFF_FFFB;
 const GET_FAULT: u64 = 0xFFFF_FFFF_FFFF_00FB;
 
-/// Native commands (GIM document 3.2), filled up so that a motor in MIT mode only hears zeros. A torque of 0.05 N·m; a speed
-/// of zero.
+/// Native commands (GIM document 3.2), padded so that a motor in MIT mode reads only zeros. A
+/// torque of 0.05 N·m; a speed of zero.
 const NATIVE_START: u64 = 0x9100_8000_0000_0800;
 const NATIVE_STOP: u64 = 0x9200_8000_0000_0800;
 const NATIVE_FAULT: u64 = 0xB200_8000_0000_0800;
@@ -30,18 +32,18 @@ const ANGLE: u64 = 0xB413_8000_0000_0800;
 const TORQUE: u64 = 0x93CD_CC4C_3D00_0000;
 const BRAKE: u64 = 0x9400_0000_0000_0000;
 
-/// A native control command with a value.
+/// Returns a native control command with a value.
 fn native(command: u8, value: f32) -> u64 {
     let [a, b, c, d] = value.to_le_bytes();
     u64::from_be_bytes([command, a, b, c, d, 0, 0, 0])
 }
 
-/// MIT, with replies of this kind.
+/// Returns MIT with replies of this form.
 fn mit(reply: Reply) -> Protocol {
     Protocol::Mit { ranges: Ranges::steadywin(20.0), reply }
 }
 
-/// A robot of one motor with this protocol.
+/// Returns a robot of one motor with this protocol.
 fn robot(protocol: Protocol) -> Robot {
     let limits = Limits {
         position: [-1.0, 1.0],
@@ -83,7 +85,7 @@ struct Script {
     reply: Vec<u8>,
 }
 
-/// A cycle as it should be; tests change one thing.
+/// A correct cycle, of which tests change one property.
 struct Next {
     state: State,
     commands: Vec<u64>,
@@ -124,7 +126,7 @@ impl Script {
         Self { checker: Checker::new(robot, state.begun), state, reply }
     }
 
-    /// A native motor that turns at 2.0476 rad/s: the code 0x840.
+    /// Returns a robot with a native motor that turns at 2.0476 rad/s: the code 0x840.
     fn native() -> Self {
         let mut script = Self::of(robot(Protocol::Native));
         script.state.joints[0].velocity = 2.047_62;
@@ -132,7 +134,7 @@ impl Script {
         script
     }
 
-    /// The same with a command in one of three cycles, followed for some time and stopped.
+    /// The same with a command in one of three cycles, active for some time and then stopped.
     fn damped_in_turns() -> Self {
         let mut robot = robot(Protocol::Native);
         robot.motors[0].turn = 3;
@@ -141,7 +143,8 @@ impl Script {
         script.activated([NATIVE_STOP, NATIVE_START, ANGLE, TORQUE]).stopped_by(BRAKE)
     }
 
-    /// A turn while it is damped: it waits for two cycles, then hears these commands. It is no older for waiting.
+    /// Adds a turn while it is damped: it waits for two cycles, then receives these commands.
+    /// Waiting does not raise its age.
     fn turn(&mut self, phase: Phase, mode: Mode, commands: &[u64]) {
         for commands in [&[], &[], commands] {
             let before = self.state.joints[0];
@@ -156,7 +159,7 @@ impl Script {
         }
     }
 
-    /// The next cycle: this command, and a good reply to it.
+    /// Returns the next cycle: this command, and a correct reply to it.
     fn next(&self, phase: Phase, mode: Mode, command: u64) -> Next {
         let mut state = self.state.clone();
         state.cycle += 1;
@@ -184,7 +187,7 @@ impl Script {
         self.judge(next);
     }
 
-    /// Asked for, started, and followed for some cycles.
+    /// Returns a robot that was requested, started, and has followed setpoints for some cycles.
     fn active() -> Self {
         Self::new().activated([STOP, START, NEUTRAL, STIFF])
     }
@@ -205,7 +208,7 @@ impl Script {
         self
     }
 
-    /// Stopped because somebody asked for it, and damped by this command.
+    /// Stops the robot by a request, and damps it by this command.
     fn stopped_by(mut self, command: u64) -> Self {
         let mut next = self.next(Phase::Damping, Mode::Damping, command);
         next.state.groups[0].cause = Cause::EmergencyStop;
@@ -218,7 +221,7 @@ impl Script {
         self.checker.delivered(0);
     }
 
-    /// A cycle with a new setpoint.
+    /// Returns a cycle with a new setpoint.
     fn following(&mut self, command: u64) -> Next {
         self.setpoint();
         let mut next = self.next(Phase::Active, Mode::Active, command);
@@ -231,7 +234,7 @@ impl Script {
         self.judge(next);
     }
 
-    /// Some cycles later: so many that the frames of the cycle before are judged as a stop.
+    /// Adds cycles until the frames of the cycle before count as a stop.
     fn later(&mut self, phase: Phase, mode: Mode, command: u64) {
         for _ in 0..5 {
             self.cycle(phase, mode, command);
@@ -239,7 +242,7 @@ impl Script {
     }
 }
 
-/// The checker says that this rule is broken.
+/// Asserts that the checker reports this rule as broken.
 fn refuses(rule: &str, story: impl FnOnce()) {
     let said = catch_unwind(AssertUnwindSafe(story)).expect_err(rule);
     let said = said
@@ -250,7 +253,7 @@ fn refuses(rule: &str, story: impl FnOnce()) {
     assert!(said.contains(rule), "expected {rule}: {said}");
 }
 
-/// A robot that is active does this in its next cycle.
+/// Asserts this for the next cycle of an active robot.
 fn refuses_next(rule: &str, change: impl FnOnce(&mut Next)) {
     refuses(rule, || {
         let mut robot = Script::active();
@@ -399,7 +402,7 @@ fn i10_faults_that_nobody_notices() {
 #[test]
 fn native_start_follow_damp_stop_is_accepted() {
     let mut robot = Script::active_native();
-    // 19.1 rpm are 2 rad/s: the joint has that speed already.
+    // 19.1 rpm are 2 rad/s, which is the present speed of the joint.
     for command in [native(0x94, 19.1), native(0x95, 0.5), native(0x95, 0.51), TORQUE] {
         robot.follow(command);
     }
@@ -427,7 +430,7 @@ fn i1_unrequested_native_commands_are_refused() {
         let rule = format!("I1: command {command:#04X} to a native motor");
         idle(&rule, (command << 56) | 0x0000_8000_0000_0800);
     }
-    // Zeros behind the command byte are full negative torque and speed in MIT mode.
+    // Zeros after the command byte are full negative torque and speed in MIT mode.
     for command in [0x92, 0xB2, 0xB4_u64] {
         idle("in MIT mode", command << 56);
     }
@@ -474,7 +477,7 @@ fn i3_and_i4_native_motion_without_a_reason() {
         }
     });
     refuses("I4", || Script::native().cycle(Phase::Disarmed, Mode::Idle, BRAKE));
-    // 25 rpm are 2.6 rad/s: faster than the joint turns.
+    // 25 rpm are 2.6 rad/s, which is faster than the joint turns.
     for command in [TORQUE, native(0x94, 25.0), native(0x95, 0.0)] {
         refuses("I4", || {
             let mut robot = Script::native();
@@ -499,7 +502,8 @@ fn i5_i6_double_commands_and_invented_states_refused() {
     next("I6", |next| next.reply[4] = 0x81);
     next("I6", |next| next.reply[5] = 0x85);
     next("I6", |next| next.reply[0] = 0x92);
-    // The angle of the shaft, and a velocity that was never reported and is not that of the state before.
+    // The angle of the shaft, and a velocity that was never reported and is not that of the state
+    // before.
     let angle = [0xB4, 0x13, 0, 0, 0, 0, 0, 0];
     let mut robot = Script::active_native();
     let mut fine = robot.following(TORQUE);
@@ -516,8 +520,8 @@ fn i5_i6_double_commands_and_invented_states_refused() {
 
 #[test]
 fn i10_undamped_native_motor_is_refused() {
-    // Torques against its motion and with it; a speed beyond its own, and one that turns it back; a position that it was not held
-    // at.
+    // Torques against its motion and with it; a speed beyond its own, and a reversed one; a
+    // position at which it was not held.
     for command in [native(0x93, -0.5), TORQUE, native(0x94, 25.0), native(0x94, -1.0), native(0x95, 0.1)] {
         refuses("I10: motion", || {
             let mut robot = Script::active_native().stopped_by(BRAKE);
@@ -541,7 +545,7 @@ fn i10_undamped_native_motor_is_refused() {
             robot.judge(next);
         }
     });
-    // A question for its fault may take the place of one command, not of all.
+    // A fault request may replace one command, not all.
     refuses("while it is damped", || {
         let mut robot = Script::active_native().stopped_by(BRAKE);
         robot.later(Phase::Damping, Mode::Damping, NATIVE_FAULT);
@@ -566,7 +570,7 @@ fn motor_in_turns_is_judged_by_them() {
         let mut robot = Script::damped_in_turns();
         (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[native(0x93, 0.0)]));
     });
-    // Questions alone damp nothing.
+    // Requests alone do not damp.
     refuses("went limp", || {
         let mut robot = Script::damped_in_turns();
         (0..10).for_each(|_| robot.turn(Phase::Damping, Mode::Damping, &[NATIVE_FAULT]));

@@ -1,5 +1,5 @@
-//! Goal: the rules for logs accept a log in which all is well, and refuse every log with one thing wrong.
-//! Method: logs of twelve motors are made up, and falsified line by line. Each must be refused for what is wrong with it.
+//! Goal: the rules for logs accept a correct log, and refuse every log with one error. Method: logs
+//! of twelve motors are generated, and falsified line by line. Each must be refused for its error.
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
@@ -60,7 +60,7 @@ impl Line {
     }
 }
 
-/// From when to when and how often, in ms, every motor hears which data.
+/// Returns lines for every motor. The plan has begin, end and interval, ms, and the data.
 fn heard(plan: &[(u32, u32, usize, &str)]) -> Vec<Line> {
     let mut lines = Vec::new();
     for &(begin, end, every, data) in plan {
@@ -72,7 +72,7 @@ fn heard(plan: &[(u32, u32, usize, &str)]) -> Vec<Line> {
     lines
 }
 
-/// As candump writes it.
+/// Returns the format of candump.
 fn candump(lines: &[Line]) -> String {
     let second = |at: u32| format!("{}.{:03}000", 1000 + at / 1000, at % 1000);
     lines.iter().fold(String::new(), |mut text, Line { at, place, data }| {
@@ -82,7 +82,7 @@ fn candump(lines: &[Line]) -> String {
     })
 }
 
-/// A good log and its marks, and what judges them.
+/// A good log and its marks, and the rules that check them.
 struct Rig {
     lines: Vec<Line>,
     marks: &'static [&'static str],
@@ -95,7 +95,7 @@ impl Rig {
         assert_eq!(verdict.wrong, 0, "a good log was refused: {:?}", verdict.complaints);
     }
 
-    /// The rules say `complaint` when each line of the log becomes these.
+    /// Asserts the `complaint` after each line of the log is replaced by these.
     fn refuses(&self, complaint: &str, falsify: impl Fn(Line) -> Vec<Line>) {
         let lines: Vec<_> = self.lines.iter().cloned().flat_map(falsify).collect();
         assert_ne!(lines, self.lines, "nothing was falsified for: {complaint}");
@@ -106,7 +106,7 @@ impl Rig {
         self.refuses(complaint, |line| if left_out(&line) { vec![] } else { vec![line] });
     }
 
-    /// The rules say `complaint` when this is heard besides, at the end of the log.
+    /// Asserts the `complaint` after this command is added at the end of the log.
     fn refuses_also(&self, complaint: &str, at: u32, data: &str) {
         let also = candump(&[Line::new(at, "vcan1 002", data)]);
         assert_refused((self.judge)(self.marks, &(candump(&self.lines) + &also)), complaint);
@@ -199,7 +199,7 @@ fn every_due_death_is_judged_per_bus() {
 #[test]
 fn late_median_and_maximum_are_refused() {
     let rig = deaths();
-    // Half of the deaths, one bus of one death, and a robot that trots on.
+    // Half of the deaths, one bus of one death, and a robot that continues to trot.
     rig.refuses_without("and 20 ms: MEDIAN TOO LATE", |line| (453..460).contains(&line.at));
     rig.refuses_without("and 20 ms: MAX TOO LATE", |line| {
         line.place.starts_with("vcan2") && [453, 463].contains(&line.at)
@@ -272,7 +272,8 @@ fn nothing_moves_between_stop_and_reset() {
 #[test]
 fn position_beyond_joint_limits_is_refused() {
     let rig = disturbances();
-    // 1.05 rad and -0.55 rad; the motors of the second bus turn against their joints.
+    // 1.05 rad and -0.55 rad; the motors of the second bus have the direction opposite to their
+    // joints.
     for (place, beyond, within) in [("vcan0 002", "8AC0", "85A1"), ("vcan1 002", "85A1", "7A5E")] {
         let follow = |position: &str| format!("{position}{}", &TROT[4..]);
         let at = |line: &Line| line.place == place && line.at == 10;
@@ -325,7 +326,7 @@ fn service() -> Rig {
 }
 
 impl Rig {
-    /// The rules say `complaint` when one motor hears something else at `at`.
+    /// Asserts the `complaint` after one motor receives another command at `at`.
     fn refuses_instead(&self, complaint: &str, at: u32, old: &str, new: &str) {
         self.refuses(complaint, |line| {
             let is = line.at == at && line.is("vcan1 002", old);
@@ -333,7 +334,8 @@ impl Rig {
         });
     }
 
-    /// The rules say `complaint` when one motor hears what it hears at `at` so many times more.
+    /// Asserts the `complaint` after one motor receives its command at `at` this number of
+    /// additional times.
     fn refuses_repeated(&self, complaint: &str, at: u32, times: usize) {
         self.refuses(complaint, |line| {
             let more = if line.at == at && line.place == "vcan1 002" { times } else { 0 };
@@ -355,8 +357,8 @@ fn dying_service_damps_and_then_stops() {
     rig.refuses_without("vcan1 002 heard \"\" after mark 4 died", |line| {
         line.place == "vcan1 002" && (250..510).contains(&line.at)
     });
-    rig.refuses_repeated("vcan1 002 was told to move 11 times after mark 4 died", 275, 10);
-    rig.refuses_repeated("vcan1 002 was told to move 62 times after mark 7 stopped", 675, 60);
+    rig.refuses_repeated("vcan1 002 received 11 commands to move after mark 4 died", 275, 10);
+    rig.refuses_repeated("vcan1 002 received 62 commands to move after mark 7 stopped", 675, 60);
 }
 
 #[test]
@@ -407,7 +409,8 @@ fn trot_is_one_control_frame_per_cycle() {
     rig.refuses_without("ended early", |line| line.at >= 2000);
 }
 
-/// Every motor is asked every 4 ms and replies after 1 ms. From 400 to 800 ms and from 1200 to 1600 ms something suffers.
+/// Every motor gets a command every 4 ms and replies after 1 ms. A disturbance lasts from 400 to
+/// 800 ms and from 1200 to 1600 ms.
 fn replies() -> Rig {
     let mut lines = heard(&[(0, 1700, 4, TROT)]);
     let answers = lines.iter().map(|line| {
@@ -460,7 +463,7 @@ fn motors_reply_on_time_beside_disturbed_bus() {
     for wrong in [START, STOP, ZERO] {
         rig.refuses_also(&format!("vcan1 002#{wrong} to 1-thigh was not due"), 441, wrong);
     }
-    // What happens in no part is nobody's business here.
+    // Frames outside all parts are not checked.
     let rests = rig.lines.iter().filter(|line| !is_reply(line) || line.at < 1650).cloned().collect();
     Rig { lines: rests, ..replies() }.is_good();
 }

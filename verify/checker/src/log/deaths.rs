@@ -1,9 +1,9 @@
-//! After the death of a process or a thread every motor hears damping and then a stop; and from the first damping frame
-//! of a bus until the next start nothing on it moves.
+//! Every motor receives damping and then a stop after the death of a process or a thread. From the
+//! first damping frame of a bus until the next start, no command on it moves a motor.
 //!
-//! Marks: `due COUNT DEATH...` says how often each death is due, `start` that motors may be started, `DEATH` that it
-//! happens now. A process freezes when the kernel next runs one of its threads, so the death `freeze` is counted from the
-//! last command that moves.
+//! Marks: `due COUNT DEATH...` gives the expected number of each death, `start` permits starts, and
+//! `DEATH` records a death. A process freezes when the kernel next runs one of its threads, so the
+//! death `freeze` is counted from the last command that moves.
 
 use super::times::{self, Limits};
 use super::{Command, Kind, Mark, Rules, Verdict};
@@ -11,17 +11,17 @@ use crate::robot::Wiring;
 use motord_bus::Duration;
 use std::collections::BTreeMap;
 
-/// When a death happens to a robot that trots, the last command that moves, on every bus, is no older than this.
+/// Greatest age of the last command that moves, on every bus, when a death happens during the trot.
 const TROT: Duration = Duration::from_millis(30);
 
-/// The commands that one motor has heard.
+/// The commands that one motor has received.
 #[derive(Debug, Clone, Copy, Default)]
 struct Heard {
-    /// It was told to move, at any time.
+    /// It has received a command to move, at any time.
     moved: bool,
-    /// Since the last mark.
+    /// It was damped since the last mark.
     damped: bool,
-    /// Since the last mark.
+    /// It was stopped since the last mark.
     stopped: bool,
 }
 
@@ -30,7 +30,7 @@ struct Heard {
 struct Carried {
     /// The last command that moves.
     motion: Option<Duration>,
-    /// Damping since the last death.
+    /// It has carried damping since the last death.
     damped: bool,
 }
 
@@ -39,18 +39,18 @@ struct Carried {
 pub struct Deaths<'a> {
     wiring: &'a Wiring,
     limits: &'a Limits,
-    /// The death that is going on, and when it happened.
+    /// The current death, and its time.
     death: Option<(String, Duration)>,
     motors: Vec<Heard>,
     buses: BTreeMap<&'a str, Carried>,
     due: BTreeMap<String, usize>,
     repetitions: BTreeMap<String, usize>,
-    /// Milliseconds to the first damping frame of each bus.
+    /// Milliseconds until the first damping frame of each bus.
     times: BTreeMap<String, Vec<f64>>,
 }
 
 impl<'a> Deaths<'a> {
-    /// Nothing has happened yet.
+    /// Returns the rules before the first event.
     #[must_use]
     pub fn new(wiring: &'a Wiring, limits: &'a Limits) -> Self {
         let buses =
@@ -75,7 +75,7 @@ impl<'a> Deaths<'a> {
         verdict.complain(format!("{what} ({death}, repetition {repetition})"));
     }
 
-    /// Every motor that ever moved has been damped and stopped.
+    /// Checks that every motor that ever moved was damped and stopped.
     fn close(&self, verdict: &mut Verdict) {
         if self.death.is_none() {
             return;
@@ -89,7 +89,7 @@ impl<'a> Deaths<'a> {
         }
     }
 
-    /// The first damping frame of a bus after a death.
+    /// Records the first damping frame of a bus after a death.
     fn first_damping(&mut self, interface: &'a str, now: Duration, verdict: &mut Verdict) {
         let Some((death, at)) = self.death.clone() else { return };
         let motion = self.buses[interface].motion;
@@ -156,7 +156,7 @@ impl Rules for Deaths<'_> {
         verdict.demand(!self.due.is_empty(), || "no death is due".into());
         let moved = self.motors.iter().filter(|heard| heard.moved).count();
         let motors = self.motors.len();
-        verdict.demand(moved == motors, || format!("{moved} motors of {motors} were told to move"));
+        verdict.demand(moved == motors, || format!("{moved} motors of {motors} received commands to move"));
         for (death, times) in std::mem::take(&mut self.times) {
             let (line, in_time) = times::judge(&death, times, self.limits);
             verdict.report.push(line);

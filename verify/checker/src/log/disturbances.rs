@@ -1,6 +1,7 @@
-//! From soon after a stop until its reset no motor hears a start, a stiffness or a torque, and every motor hears something.
+//! No motor receives a start, a stiffness or a torque from shortly after a stop until its reset.
+//! Every motor receives some command in this time.
 //!
-//! Marks: `stop [INTERFACE]` says what stops the robot, and which interface is down from then on; `reset`.
+//! Marks: `stop [INTERFACE]` records a stop, and the interface that is down from then on; `reset`.
 
 use super::{Command, Kind, Mark, Rules, Verdict, seconds};
 use crate::robot::Wiring;
@@ -9,11 +10,13 @@ use motord_bus::Duration;
 /// Demands on the stops of a log.
 #[derive(Debug, Clone)]
 pub struct Demand {
-    /// Time from a stop to the first command that must be harmless: the daemon must notice the stop, and frames are under way.
+    /// Time from a stop to the first command that must be harmless: the daemon must detect the
+    /// stop, and frames are in flight.
     pub notice: Duration,
     /// Stops in the log.
     pub stops: usize,
-    /// The interfaces of motors whose owner may reset a stop himself, without a mark: they may hear every command that there is.
+    /// Interfaces of motors whose owner may reset a stop without a mark. They may receive any
+    /// command.
     pub others: Vec<String>,
 }
 
@@ -23,7 +26,7 @@ struct Stop {
     at: Duration,
     /// The interface that is down.
     down: Option<String>,
-    /// Frames by motor since the stop was noticed.
+    /// Number of frames by motor since the stop was detected.
     heard: Vec<usize>,
     /// A motor was damped.
     damped: bool,
@@ -35,23 +38,24 @@ pub struct Disturbances<'a> {
     wiring: &'a Wiring,
     demand: Demand,
     stop: Option<Stop>,
-    /// By motor: it heard a command in the log.
+    /// By motor: the log contains a command to it.
     seen: Vec<bool>,
     stops: usize,
     judged: usize,
-    /// The motors that heard nothing after a stop, with the time of the stop.
+    /// Motors that received no command after a stop, with the time of the stop.
     silent: Vec<(Duration, usize)>,
 }
 
 impl<'a> Disturbances<'a> {
-    /// Nothing has happened yet.
+    /// Returns the rules before the first event.
     #[must_use]
     pub fn new(wiring: &'a Wiring, demand: Demand) -> Self {
         let seen = vec![false; wiring.motors.len()];
         Self { wiring, demand, stop: None, seen, stops: 0, judged: 0, silent: Vec::new() }
     }
 
-    /// Whether the command may move its motor: the motor is one of `others`, and the frame has the eight bytes of a command.
+    /// Returns `true` when the command may move its motor: the motor is one of `others`, and the
+    /// frame has eight bytes.
     fn may_move(&self, command: &Command) -> bool {
         let is_others = self.demand.others.contains(&self.wiring.motors[command.motor].interface);
         is_others && command.meaning.is_some()
@@ -66,7 +70,7 @@ impl<'a> Disturbances<'a> {
             }
         }
         self.judged += stop.heard.iter().sum::<usize>();
-        // Motors that do not answer are only stopped.
+        // Motors that do not answer receive only stops.
         if stop.down.is_some() && !stop.damped {
             verdict.complain(format!("nothing was damped after the stop at {}", seconds(stop.at)));
         }

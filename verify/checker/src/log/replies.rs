@@ -1,28 +1,30 @@
-//! While something beside their buses suffers, the motors must reply as soon as while all is well. No reply may be missing but a
-//! few that the computer itself delays.
+//! The motors must reply as fast while a disturbance outside their buses lasts as they do without
+//! it. No reply may be missing, except for a few that the computer itself delays.
 //!
-//! Marks: `well` and `ill WORDS` begin a part that is judged, `rest` one that is not.
+//! Marks: `well` and `ill WORDS` begin a part that is checked, `rest` one that is not.
 
 use super::{Command, Mark, Reply, Rules, Verdict, seconds};
 use crate::codec::Meaning;
 use crate::robot::Wiring;
 use motord_bus::Duration;
 
-/// The shares of the replies, and of the cycles, that must come as soon as while all is well: 50 and 99 of 100.
+/// Shares of the replies, and of the cycles, that must be as fast as without a disturbance: 50 and
+/// 99 of 100.
 const SHARES: [f64; 2] = [0.5, 0.99];
-/// The computer that runs the motors, the daemon and candump on one processor may miss this share of the replies by itself.
+/// Share of the replies that a computer with the motors, the daemon and candump on one processor
+/// may miss by itself.
 const MISSED_SHARE: f64 = 1e-4;
 
 /// Demands on a log.
 #[derive(Debug, Clone, Copy)]
 pub struct Demand {
-    /// Parts in which something suffers, and as many in which all is well.
+    /// Number of parts with a disturbance, and of parts without one.
     pub parts: usize,
-    /// Times may be so many times as long as while all is well.
+    /// Greatest ratio of the times with a disturbance to those without.
     pub ratio: f64,
     /// Ticks per second.
     pub rate: f64,
-    /// How long the judged parts are together, s.
+    /// Total length of the checked parts, s.
     pub seconds: f64,
     /// Share of the ticks that have a cycle.
     pub share: f64,
@@ -31,27 +33,27 @@ pub struct Demand {
 /// The times of one kind of part on one interface, µs.
 #[derive(Debug, Clone, Default)]
 struct Times {
-    /// From each command to its reply.
+    /// Time from each command to its reply.
     replies: Vec<u32>,
-    /// From each cycle to the next.
+    /// Time from each cycle to the next.
     cycles: Vec<u32>,
 }
 
-/// Commands without a reply, and replies to no command.
+/// Commands without a reply, and replies without a command.
 #[derive(Debug, Default)]
 struct Unmatched {
     missed: usize,
     unasked: usize,
-    /// All of them, in words.
+    /// All of them, as sentences.
     said: Vec<String>,
 }
 
-/// One motor in the part that goes on.
+/// One motor in the current part.
 #[derive(Debug, Clone, Copy, Default)]
 struct Asked {
-    /// When it got the command that it has not answered yet.
+    /// Time of the command that it has not answered yet.
     open: Option<Duration>,
-    /// When it got its last control command.
+    /// Time of its last control command.
     controlled: Option<Duration>,
 }
 
@@ -71,7 +73,7 @@ pub struct Replies<'a> {
     part: Option<Part>,
     name: String,
     asked: Vec<Asked>,
-    /// By part and interface.
+    /// Times by part and interface.
     times: [Vec<Times>; 2],
     parts: [usize; 2],
     /// By part.
@@ -79,7 +81,7 @@ pub struct Replies<'a> {
 }
 
 impl<'a> Replies<'a> {
-    /// Nothing has been heard yet.
+    /// Returns the rules before the first event.
     #[must_use]
     pub fn new(wiring: &'a Wiring, demand: Demand) -> Self {
         let interfaces = wiring.interfaces();
@@ -97,14 +99,15 @@ impl<'a> Replies<'a> {
         }
     }
 
-    /// The times of the part that goes on, on the interface of a motor.
+    /// Returns the times of the current part, on the interface of a motor.
     fn times(&mut self, motor: usize) -> Option<&mut Times> {
         let interface = &self.wiring.motors[motor].interface;
         let index = self.interfaces.iter().position(|known| known == interface)?;
         Some(&mut self.times[self.part? as usize][index])
     }
 
-    /// Whether this motor is the first of its interface, which is asked first in a cycle.
+    /// Returns `true` when this motor is the first of its interface, which receives the first
+    /// command of a cycle.
     fn is_first(&self, motor: usize) -> bool {
         let interface = &self.wiring.motors[motor].interface;
         self.wiring.motors.iter().position(|other| other.interface == *interface) == Some(motor)
@@ -114,7 +117,8 @@ impl<'a> Replies<'a> {
         self.times[part as usize].iter().map(|times| times.replies.len()).sum()
     }
 
-    /// One line for an interface, and whether its times are alike in both kinds of parts.
+    /// Returns one line for an interface, and `true` when its times are similar in both kinds of
+    /// parts.
     fn compare(&self, index: usize) -> (String, bool) {
         let [well, ill] = self.times.each_ref().map(|times| &times[index]);
         let replies = Comparison::of(&well.replies, &ill.replies);
@@ -137,7 +141,7 @@ impl Rules for Replies<'_> {
             self.parts[part as usize] += 1;
         }
         self.name = mark.words.join(" ");
-        // What is under way belongs to no part.
+        // Commands and replies in flight belong to no part.
         self.asked.fill(Asked::default());
     }
 
@@ -167,7 +171,7 @@ impl Rules for Replies<'_> {
     fn reply(&mut self, reply: &Reply, _verdict: &mut Verdict) {
         let Reply { at, motor } = *reply;
         let Some(part) = self.part else { return };
-        // The first reply in a part may answer what was asked before it.
+        // The first reply in a part may answer an earlier command.
         if self.asked[motor].controlled.is_none() {
             return;
         }
@@ -202,7 +206,7 @@ impl Rules for Replies<'_> {
             let replies = self.replies(part);
             verdict
                 .report
-                .push(format!("{name}: {replies} replies, {missed} missed, {unasked} that nobody asked for"));
+                .push(format!("{name}: {replies} replies, {missed} missed, {unasked} without a command"));
         }
         let unmatched = &self.unmatched[Part::Ill as usize];
         if unmatched.said.len() as f64 > MISSED_SHARE * self.replies(Part::Ill) as f64 {
@@ -211,12 +215,13 @@ impl Rules for Replies<'_> {
     }
 }
 
-/// A microsecond is the step of candump's clock.
+/// Returns microseconds, which are the resolution of candump's clock.
 fn micros(time: Duration) -> u32 {
     u32::try_from(time.as_micros()).unwrap_or(u32::MAX)
 }
 
-/// The same share of two sets of times, for each of [`SHARES`], and their maxima, µs: while all is well, and while not.
+/// The same share of two sets of times, for each of [`SHARES`], and their maxima, µs: without and
+/// with a disturbance.
 #[derive(Debug)]
 struct Comparison {
     shares: [[u32; 2]; 2],
@@ -235,7 +240,8 @@ impl Comparison {
         Self { shares: SHARES.map(at), maxima: at(1.0), counts: sorted.each_ref().map(Vec::len) }
     }
 
-    /// Whether there are times, and no share takes more than `ratio` times as long. A clock of microseconds adds 1 µs to either time.
+    /// Returns `true` when there are times, and no share takes more than `ratio` times as long. A
+    /// clock of microseconds adds 1 µs to either time.
     fn is_alike(&self, ratio: f64) -> bool {
         let soon = |[well, ill]: &[u32; 2]| f64::from(*ill) <= ratio * f64::from(well + 1) + 1.0;
         !self.counts.contains(&0) && self.shares.iter().all(soon)
@@ -253,7 +259,7 @@ impl std::fmt::Display for Comparison {
     }
 }
 
-/// The smallest time that this share of sorted `times` does not exceed; 0 of none.
+/// Returns the smallest time that this share of sorted `times` does not exceed; 0 without times.
 fn quantile(times: &[u32], share: f64) -> u32 {
     let rank = (share * times.len() as f64).ceil() as usize;
     times.get(rank.saturating_sub(1)).copied().unwrap_or_default()

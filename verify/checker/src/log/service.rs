@@ -1,13 +1,15 @@
-//! The commands that each motor hears after each mark, as a word of letters: T motion, D damping, S stop, Q question for
-//! faults. A letter that repeats is written once. Order, kind and number of the commands are judged, not their times.
+//! The commands that each motor receives after each mark, as a word of letters: T motion, D
+//! damping, S stop, Q fault request. A repeated letter is written once. The rules check order, kind
+//! and number of the commands, not their times.
 //!
-//! A safe-stop after the dead man's switch repeats damping and stop. A daemon that is asked to end goes on trotting
-//! until the request reaches it: a signal does so at once, a request to systemd takes longer.
+//! A safe-stop after the dead man's switch repeats damping and stop. A daemon continues to trot
+//! until a request to exit reaches it: a signal takes effect immediately, a request to systemd
+//! takes longer.
 
 use super::{Command, Kind, Mark, Rules, Verdict};
 use crate::robot::Wiring;
 
-/// The commands that one motor has heard since the last mark.
+/// The commands that one motor has received since the last mark.
 #[derive(Debug, Clone, Default)]
 struct Heard {
     word: String,
@@ -26,7 +28,7 @@ pub struct Service<'a> {
 }
 
 impl<'a> Service<'a> {
-    /// Nothing has happened yet.
+    /// Returns the rules before the first event.
     #[must_use]
     pub fn new(wiring: &'a Wiring) -> Self {
         let motors = wiring.motors.len();
@@ -50,14 +52,15 @@ impl<'a> Service<'a> {
             });
             let few = most(mark).is_none_or(|most| *motions <= most);
             verdict.demand(few, || {
-                format!("{place} was told to move {motions} times after mark {number} {mark}")
+                format!("{place} received {motions} commands to move after mark {number} {mark}")
             });
         }
         self.motors.fill(Heard::default());
     }
 }
 
-/// Whether `mark` asks for `word`. A mark that is not named here permits every word; so does the time before the first mark.
+/// Returns `true` when `mark` expects `word`. Other marks and the time before the first mark permit
+/// every word.
 fn is_asked(mark: &str, word: &str) -> bool {
     let end = word.strip_prefix('T').unwrap_or(word);
     match mark {
@@ -70,7 +73,8 @@ fn is_asked(mark: &str, word: &str) -> bool {
     }
 }
 
-/// How often a motor may be told to move: half a second after a death, three seconds after a request (20 cycles a second).
+/// Returns the most commands to move: half a second after a death, three seconds after a request
+/// (20 cycles a second).
 fn most(mark: &str) -> Option<usize> {
     match mark {
         "died" => Some(10),

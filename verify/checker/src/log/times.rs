@@ -1,18 +1,19 @@
-//! How the times from each death to the first damping frame are distributed.
+//! Distribution of the times from each death to the first damping frame.
 
 use std::collections::BTreeMap;
 
-/// Most milliseconds that the median of each death's times may be.
+/// Limits of the times of each death.
 #[derive(Debug, Clone)]
 pub struct Limits {
-    /// By death, or by the word before the first dash that several deaths share.
+    /// Highest median, ms, by death, or by the word before the first dash that several deaths
+    /// share.
     pub medians: BTreeMap<String, f64>,
-    /// The maximum may be so many times the limit of the median.
+    /// Ratio of the highest maximum to the limit of the median.
     pub maximum_per_median: f64,
 }
 
 impl Limits {
-    /// The limit of `death`: its own, or that of the word before the first dash.
+    /// Returns the limit of `death`: its own, or that of the word before the first dash.
     fn of(&self, death: &str) -> Option<f64> {
         let family = death.split('-').next().unwrap_or(death);
         self.medians.get(death).or_else(|| self.medians.get(family)).copied()
@@ -24,39 +25,39 @@ impl Limits {
 pub struct Distribution(Vec<f64>);
 
 impl Distribution {
-    /// `None` of no times.
+    /// Returns the times, or `None` when there are none.
     #[must_use]
     pub fn of(mut times: Vec<f64>) -> Option<Self> {
         times.sort_by(f64::total_cmp);
         (!times.is_empty()).then_some(Self(times))
     }
 
-    /// The smallest.
+    /// Returns the smallest time.
     #[must_use]
     pub fn minimum(&self) -> f64 {
         self.0[0]
     }
 
-    /// The one in the middle; the upper of two.
+    /// Returns the median; the upper of two.
     #[must_use]
     pub fn median(&self) -> f64 {
         self.0[self.0.len() / 2]
     }
 
-    /// Nine of ten are no larger.
+    /// Returns the time that nine of ten do not exceed.
     #[must_use]
     pub fn ninety_percent(&self) -> f64 {
         self.0[(9 * self.0.len()).div_ceil(10) - 1]
     }
 
-    /// The largest.
+    /// Returns the largest time.
     #[must_use]
     pub fn maximum(&self) -> f64 {
         self.0[self.0.len() - 1]
     }
 }
 
-/// A line for people, and whether the times are within the limits.
+/// Returns a line for display, and `true` when the times are within the limits.
 #[must_use]
 pub fn judge(death: &str, times: Vec<f64>, limits: &Limits) -> (String, bool) {
     let count = times.len();

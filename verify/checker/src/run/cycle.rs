@@ -1,4 +1,5 @@
-//! The record of one cycle as seen from outside. Its frames are judged by it, however late they leave.
+//! The record of one cycle from outside. Its frames belong to it, however late they are on the
+//! wire.
 
 use super::heard::Heard;
 use crate::state::{Phase, State};
@@ -13,36 +14,38 @@ pub(super) struct Cycle {
     /// The state that it published.
     pub(super) state: Rc<State>,
     pub(super) begun: Instant,
-    /// Since the cycle before, as far as slews may count it, s.
+    /// Time since the previous cycle, as far as slews may count it, s.
     pub(super) elapsed: f64,
-    /// The sum of all `elapsed`, s.
+    /// Sum of all `elapsed`, s.
     pub(super) time: f64,
-    /// By group: when the owner last sent a message that is good in every respect.
+    /// By group: time of the owner's last message that is good in every respect.
     pub(super) good_setpoint: Vec<Option<Instant>>,
-    /// By group: an enable was asked for, and nothing has stopped the group since.
+    /// By group: an enable was requested, and nothing has stopped the group since.
     pub(super) enabled: Vec<bool>,
-    /// By motor: where it stood when a stop could have begun, before and after the cycle's reply, rad.
+    /// By motor: its position when a stop could have begun, before and after the cycle's reply,
+    /// rad.
     pub(super) held: Vec<[f64; 2]>,
-    /// By bus: nothing keeps frames from the wire.
+    /// By bus: no fault keeps frames from the wire.
     pub(super) well: Vec<bool>,
-    /// By motor: its command in this cycle. A question for faults counts as one when the motor heard nothing else.
+    /// By motor: its command in this cycle. A fault request counts as one when the motor received
+    /// nothing else.
     pub(super) heard: Vec<Option<Heard>>,
-    /// Frames by bus.
+    /// Number of frames by bus.
     pub(super) frames: Vec<usize>,
 }
 
 impl Cycle {
-    /// The group was in this phase before the cycle, and after it.
+    /// Returns `true` when the group was in this phase before and after the cycle.
     pub(super) fn is(&self, group: usize, phase: Phase) -> bool {
         self.was(group, phase) && self.state.groups[group].phase == phase
     }
 
-    /// The group was in this phase before the cycle.
+    /// Returns `true` when the group was in this phase before the cycle.
     pub(super) fn was(&self, group: usize, phase: Phase) -> bool {
         self.before.groups[group].phase == phase
     }
 
-    /// The group was in this phase before the cycle, or after it.
+    /// Returns `true` when the group was in this phase before or after the cycle.
     pub(super) fn touches(&self, group: usize, phase: Phase) -> bool {
         self.was(group, phase) || self.state.groups[group].phase == phase
     }

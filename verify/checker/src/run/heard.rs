@@ -1,14 +1,15 @@
-//! A command to one motor, for its joint, in whatever protocol.
+//! A command to one motor, for its joint, in any protocol.
 
 use crate::codec;
 use crate::gim;
 use crate::robot::{Motor, Protocol};
 use crate::state::{Joint, State};
 
-/// A braking speed may exceed that of the joint by this share, and a torque of at most so many N·m is none: single precision.
+/// Margins for single precision: share by which a braking speed may exceed that of the joint, and
+/// torque, N·m, that counts as zero.
 const MARGIN: f64 = 1e-3;
 
-/// The command, values on the side of the joint.
+/// The command, with values on the side of the joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Order {
     Start,
@@ -17,7 +18,8 @@ pub(super) enum Order {
     GetFault,
     ClearFault,
     GetIndicator,
-    /// MIT: an impedance. Velocity and torque are `neutral` when both mean zero, which lies between two codes.
+    /// MIT: an impedance. Velocity and torque are `neutral` when both stand for zero, which lies
+    /// between two codes.
     Impedance {
         position: f64,
         velocity: f64,
@@ -26,18 +28,18 @@ pub(super) enum Order {
         torque: f64,
         neutral: bool,
     },
-    /// Native.
+    /// Native: a torque.
     Torque(f64),
-    /// Native.
+    /// Native: a speed.
     Speed(f64),
-    /// Native.
+    /// Native: a position.
     Position(f64),
     /// Native: a command byte that a cycle never sends.
     Other(u8),
 }
 
 impl Order {
-    /// Reads the payload of a command to `motor`, which has eight bytes.
+    /// Decodes the payload of a command to `motor`, which has eight bytes.
     pub(super) fn of(payload: &[u8], motor: &Motor) -> Self {
         let bytes = payload.try_into().expect("every command has eight bytes");
         match &motor.protocol {
@@ -80,26 +82,26 @@ impl Order {
         }
     }
 
-    /// A question beside the command of a cycle.
+    /// Returns `true` for a request in addition to the command of a cycle.
     pub(super) const fn is_question(&self) -> bool {
         matches!(self, Self::GetFault | Self::GetIndicator)
     }
 }
 
-/// A command that a motor heard, judged by what was known of its joint.
+/// A command that a motor received, classified by the known state of its joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Heard {
     pub(super) order: Order,
-    /// It brakes, and may hold the joint, too.
+    /// It brakes, and may also hold the joint.
     pub(super) brakes: bool,
     /// It pulls the joint to a position.
     pub(super) pulls: bool,
-    /// Neither stiffness, nor a torque that drives, nor a speed that does: at most it brakes.
+    /// It has no stiffness, no driving torque and no driving speed: it brakes at most.
     pub(super) is_safe: bool,
 }
 
 impl Heard {
-    /// The motor with this index heard `order` between these states.
+    /// Classifies `order`, which the motor with this index received between these states.
     pub(super) fn of(order: Order, index: usize, states: [&State; 2]) -> Self {
         let joints = states.map(|state| &state.joints[index]);
         let (brakes, pulls, is_safe) = match order {
@@ -116,14 +118,14 @@ impl Heard {
         Self { order, brakes, pulls, is_safe }
     }
 
-    /// It asks for the fault, which takes the place of a command to a motor that is silent.
+    /// Returns `true` for a fault request, which replaces a command to a motor that does not reply.
     pub(super) fn asks_fault(&self) -> bool {
         self.order == Order::GetFault
     }
 }
 
-/// Whether a drive that follows this speed, rad/s, brakes its joint: the joint turns neither faster nor back. Where the velocity
-/// is not known, only a speed of zero brakes.
+/// Returns `true` when a drive that follows this speed, rad/s, brakes its joint: the joint turns
+/// neither faster nor backward. Where the velocity is not known, only a speed of zero brakes.
 fn brakes(speed: f64, joint: &Joint) -> bool {
     let velocity = f64::from(joint.velocity);
     speed == 0.0 || speed * velocity > 0.0 && speed.abs() <= velocity.abs() * (1.0 + MARGIN)

@@ -1,4 +1,5 @@
-//! Rules for the commands to a native motor (I2): each names one value, as exact as a float.
+//! Rules for the commands to a native motor (I2). Each contains one value, with the precision of a
+//! float.
 
 use super::heard::Order;
 use crate::robot::Limits;
@@ -6,25 +7,27 @@ use crate::state::Joint;
 
 /// Single precision, as a share of the largest value.
 const PRECISION: f64 = 1e-5;
-/// A speed rises from zero to the joint's limit in this time at least, s. It begins at the speed of the joint.
+/// Shortest time in which a speed rises from zero to the joint's limit, s. It begins at the speed
+/// of the joint.
 const SPEED_RISE: f64 = 0.5;
-/// A braking speed falls with at least this share of the slope of `SPEED_RISE`. At over-voltage a quarter of that slope is
-/// left. A question for faults may replace each second command, and the cycle of that question may be longer than the other.
+/// Least slope of a braking speed, as a share of `SPEED_RISE`'s. At over-voltage a quarter of that
+/// slope is left. A fault request may replace each second command, and its cycle may be longer than
+/// the other.
 const LEAST_SLOPE: f64 = 0.05;
 
 /// The last control command to one native motor.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Last {
-    /// The command, and when it was heard, s.
+    /// The command, and its time, s.
     order: Option<(Order, f64)>,
-    /// When the motor was last neither moved nor damped, s.
+    /// Time at which the motor was last neither moved nor damped, s.
     rested: f64,
 }
 
 impl Last {
-    /// Judges a control command at `time`, s, to a motor that follows setpoints, by the states before and after its cycle. For a
-    /// motor that takes turns, `turn` is the length of one, s: its bus may have refused commands, and it may begin to follow within
-    /// its turn.
+    /// Checks a control command at `time`, s, to a motor that follows setpoints, by the states
+    /// before and after its cycle. For a motor that takes turns, `turn` is the length of one, s:
+    /// its bus may have refused commands. It may begin to follow within its turn.
     pub(super) fn judge(
         &mut self,
         order: Order,
@@ -53,7 +56,7 @@ impl Last {
                 judge_step("the speed", step, limits.velocity / SPEED_RISE * elapsed, limits.velocity);
             }
             (Order::Torque(torque), Some(Order::Torque(before))) if is_free(joint) && is_free(now) => {
-                // The limits may reduce a torque by any amount at once.
+                // The limits may reduce a torque by any amount in one step.
                 let step = if falls(before, torque) { 0.0 } else { torque - before };
                 judge_step("the torque", step, limits.torque_slew * elapsed, limits.torque);
             }
@@ -61,9 +64,9 @@ impl Last {
         }
     }
 
-    /// Judges a control command at `time`, s, to a motor that is damped: a speed falls to zero. A motor that was lost
-    /// in between is braked from the speed that it has when it comes back. `applied` is the speed that was sent before, rad/s, which a
-    /// line may have lost.
+    /// Checks a control command at `time`, s, to a motor that is damped: a speed falls to zero. A
+    /// motor that was lost meanwhile is braked from its speed when it replies again. `applied` is
+    /// the previously sent speed, rad/s, which a line may have lost.
     pub(super) fn judge_braking(&mut self, order: Order, time: f64, limits: &Limits, applied: f64) {
         let last = self.order.replace((order, time)).filter(|(_, then)| *then >= self.rested);
         let (Order::Speed(speed), Some((Order::Speed(before), then))) = (order, last) else { return };
@@ -72,23 +75,24 @@ impl Last {
         assert!(speed.abs() <= most, "I10: a speed that brakes was {before} and became {speed}");
     }
 
-    /// It heard something else: the next command begins anew.
+    /// Records that it received another command: the next one starts a new slope.
     pub(super) const fn forget(&mut self) {
         self.order = None;
     }
 
-    /// At `time`, s, it is neither moved nor damped, whether or not it hears that.
+    /// Records that it is neither moved nor damped at `time`, s, whether or not it receives a
+    /// command.
     pub(super) const fn rest(&mut self, time: f64) {
         self.rested = time;
     }
 }
 
-/// The value is nearer to zero than the one before, and not beyond it.
+/// Returns `true` when the value is nearer to zero than the previous one, and not beyond zero.
 fn falls(before: f64, value: f64) -> bool {
     value * before >= 0.0 && value.abs() < before.abs()
 }
 
-/// Neither stiffness nor damping is a part of the torque.
+/// Returns `true` when neither stiffness nor damping is part of the torque.
 fn is_free(joint: &Joint) -> bool {
     joint.applied_kp == 0.0 && joint.applied_kd == 0.0
 }
@@ -98,7 +102,8 @@ fn judge_step(name: &str, step: f64, reach: f64, largest: f64) {
     assert!(step.abs() <= most, "I2: {name} stepped by {step}, expected at most {most}");
 }
 
-/// Judges the value of a command by the limits of its joint; `active`: the position is the controller's, and not slewed.
+/// Checks the value of a command by the limits of its joint. `active`: the position is the
+/// controller's, and not slewed.
 pub(super) fn judge_value(order: Order, limits: &Limits, active: bool) {
     let within = |value: f64, most: f64| value.is_finite() && value.abs() <= most * (1.0 + PRECISION);
     match order {

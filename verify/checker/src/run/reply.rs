@@ -2,7 +2,7 @@
 
 use motord_bus::{Frame, Instant};
 
-/// A frame to the host, as it was on the wire.
+/// A frame to the host, as recorded on the wire.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reply {
     /// The end of the frame.

@@ -1,4 +1,4 @@
-//! Whether a published state is what a reply reported (I6).
+//! Comparison of a published state with the replies (I6).
 
 use super::reply::Reply;
 use crate::gim::Reported;
@@ -6,10 +6,11 @@ use crate::robot::{Motor, Protocol};
 use crate::state::Joint;
 use std::collections::VecDeque;
 
-/// A state may differ from the reply by this much, rad and rad/s, or by this share of it: single precision.
+/// Greatest difference of a state from the reply, rad and rad/s, or as a share of it: single
+/// precision.
 const TOLERANCE: f64 = 1e-3;
-/// How many different velocities are remembered: a native motor that is stopped tells its velocity now and then only, and the
-/// daemon does not use a late reply.
+/// Number of different velocities in the memory. A stopped native motor reports its velocity only
+/// rarely, and the daemon does not use a late reply.
 const REMEMBERED: usize = 64;
 
 /// The velocities that a native motor has reported, rad/s, motor side, the newest last.
@@ -17,7 +18,7 @@ const REMEMBERED: usize = 64;
 pub(super) struct Velocities(VecDeque<f64>);
 
 impl Velocities {
-    /// Takes the velocities of `motor` in these replies.
+    /// Adds the velocities of `motor` in these replies.
     pub(super) fn hear(&mut self, motor: &Motor, replies: &[Reply]) {
         if motor.protocol != Protocol::Native {
             return;
@@ -33,7 +34,8 @@ impl Velocities {
         self.0.drain(..self.0.len().saturating_sub(REMEMBERED));
     }
 
-    /// Whether one of them is `velocity`. Zero stands for the velocity before the first; it counts until `REMEMBERED` are known.
+    /// Returns `true` when one of them is `velocity`. Zero stands for the velocity before the
+    /// first; it counts until `REMEMBERED` are known.
     fn has(&self, velocity: f64) -> bool {
         let is = |reported: &f64| is_close(*reported, velocity);
         self.0.iter().any(is) || self.0.len() < REMEMBERED && is(&0.0)
@@ -48,7 +50,7 @@ fn is_from(reply: &Reply, motor: &Motor) -> bool {
     (reply.bus, reply.frame.id()) == (motor.bus, motor.reply_id)
 }
 
-/// Position and velocity of an MIT motor by its reply, joint side.
+/// Returns position and velocity of an MIT motor from its reply, joint side.
 pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
     let Protocol::Mit { ranges, reply: kind } = &motor.protocol else { return None };
     let read =
@@ -56,8 +58,9 @@ pub(super) fn state(reply: &Reply, motor: &Motor) -> Option<[f64; 2]> {
     read.map(|[position, velocity]| [motor.direction * position + motor.offset, motor.direction * velocity])
 }
 
-/// The reply is the motor's, came when `joint` says, and tells its position and velocity; the velocity of a native motor may
-/// have come before: it is that of the state `before`, or one of `velocities`.
+/// Returns `true` when the reply is the motor's, has the arrival time of `joint`, and contains its
+/// position and velocity. The velocity of a native motor may be older: that of the state `before`,
+/// or one of `velocities`.
 pub(super) fn says(
     reply: &Reply,
     motor: &Motor,

@@ -3,20 +3,20 @@
 use crate::codec::Ranges;
 use crate::robot::Limits;
 
-/// The difference that rounding can add between two values, in codes: half a code for each of them, and a margin for
-/// single precision.
+/// Difference that rounding can add between two values, in codes: half a code for each of them, and
+/// a margin for single precision.
 const ROUNDING: f64 = 1.04;
 
-/// A value that may fall at once, but rises no faster than its slew.
+/// A value that may fall without a limit, but rises at most with its slew.
 #[derive(Debug, Clone, Copy, Default)]
 struct Ceiling {
     lowest: f64,
-    /// When it was heard, s.
+    /// Time of the value, s.
     time: f64,
 }
 
 impl Ceiling {
-    /// `noise` is what rounding to codes can add between two values.
+    /// Checks a value. `noise` is the difference that rounding to codes can add between two values.
     fn judge(&mut self, name: &str, value: f64, slew: f64, noise: f64, time: f64) {
         let highest = self.lowest + slew * (time - self.time);
         assert!(value <= highest + noise, "I2: {name} rose to {value}, expected at most {highest}");
@@ -32,23 +32,24 @@ pub(super) struct Slopes {
     forward: Ceiling,
     backward: Ceiling,
     position: f64,
-    /// When `position` was, s.
+    /// Time of `position`, s.
     time: f64,
 }
 
 impl Slopes {
-    /// Nothing yet, at rest at `position`, rad, at `time`, s.
+    /// Returns the record without commands, at rest at `position`, rad, at `time`, s.
     pub(super) fn from(position: f64, time: f64) -> Self {
         let nothing = Ceiling { lowest: 0.0, time };
         Self { kp: nothing, kd: nothing, forward: nothing, backward: nothing, position, time }
     }
 
-    /// Nothing pulls the motor, which stood at `position`, rad, at `time`, s: a pull begins from there.
+    /// Records that no command pulls the motor, which was at `position`, rad, at `time`, s: a pull
+    /// begins from there.
     pub(super) const fn rest_at(&mut self, position: f64, time: f64) {
         (self.position, self.time) = (position, time);
     }
 
-    /// Judges the command to an active motor at `time`, s: joint side, `[kp, kd, torque]`.
+    /// Checks the command to an active motor at `time`, s: joint side, `[kp, kd, torque]`.
     pub(super) fn judge(
         &mut self,
         time: f64,
@@ -67,7 +68,7 @@ impl Slopes {
             2.0 * codes.torque,
             time,
         );
-        // Without stiffness the position on the wire means nothing.
+        // Without stiffness the position on the wire has no meaning.
         if kp > 0.0 {
             let (step, reach) = ((position - self.position).abs(), limits.velocity * (time - self.time));
             assert!(

@@ -1,5 +1,5 @@
-//! Rules for stops (I10): an injected fault must stop its groups in time, because a motor that hears nothing keeps its
-//! last command.
+//! Rules for stops (I10): an injected fault must stop its groups in time, because a motor without
+//! commands keeps its last one.
 
 use super::cycle::Cycle;
 use super::heard::Heard;
@@ -7,9 +7,10 @@ use crate::robot::{Motor, Robot, SafeStop};
 use crate::state::{Mode, Phase, State};
 use std::collections::VecDeque;
 
-/// A safe frame comes within so many cycles of a fault that the cycle can see.
+/// Most cycles from a fault that the cycle can detect to a safe frame.
 const NOTICE_CYCLES: u32 = 2;
-/// Replies that were under way when a motor fell silent, and questions for its faults, delay the verdict by so many.
+/// Further cycles after which a silent motor is detected: replies in flight and fault requests
+/// delay the detection.
 const SILENCE_CYCLES: u32 = 4;
 
 /// The part of the robot that a fault was injected into.
@@ -29,12 +30,12 @@ pub(super) struct Injected {
     cycles_left: u32,
 }
 
-/// The faults that must be noticed.
+/// The faults that must be detected.
 #[derive(Debug, Default)]
 pub(super) struct Injections(Vec<Injected>);
 
 impl Injections {
-    /// Every active group that `target` is a part of must be stopped soon.
+    /// Begins a fault: every active group with this target must be stopped soon.
     pub(super) fn begin(&mut self, target: Target, robot: &Robot, state: &State) {
         let is_hurt = |motor: usize| match target {
             Target::Bus(bus) => robot.motors[motor].bus == bus,
@@ -53,12 +54,12 @@ impl Injections {
         }
     }
 
-    /// The fault is lifted.
+    /// Ends the fault.
     pub(super) fn end(&mut self, target: Target) {
         self.0.retain(|injected| injected.target != target);
     }
 
-    /// A cycle has passed.
+    /// Checks the faults after a cycle.
     pub(super) fn judge(&mut self, cycle: &Cycle) {
         self.0.retain(|injected| cycle.is(injected.group, Phase::Active));
         for injected in &mut self.0 {
@@ -68,14 +69,15 @@ impl Injections {
     }
 }
 
-/// Other traffic and a clock that goes backward delay no frame by more cycles on a bus that is well.
+/// Most cycles by which other traffic and a clock that goes backward delay a frame on a healthy
+/// bus.
 const DELAY_CYCLES: usize = 3;
-/// A motor that takes turns hears a command in one of so many: questions take the turns of one that is silent, and a cycle that
-/// follows a late one too soon takes another.
+/// Turns in which a motor that takes turns receives at least one command. Fault requests take the
+/// turns of a silent motor, and a cycle that follows a late one too soon takes another.
 const TURNS: u32 = 4;
 
-/// Judges what motors heard in the newest cycle whose frames have all left. Only motors of a bus that was well all the while are
-/// judged.
+/// Checks the commands that motors received in the newest cycle whose frames have all left. Checks
+/// only motors of a bus that was healthy all the time.
 pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
     let Some(judged) = cycles.len().checked_sub(DELAY_CYCLES + 1).filter(|judged| *judged > 0) else {
         return;
@@ -100,7 +102,8 @@ pub(super) fn judge(robot: &Robot, cycles: &VecDeque<Cycle>) {
     }
 }
 
-/// `past`: the cycles before `cycle`. Unless it is offline, a motor that takes turns hears a command in one of them or in `cycle`.
+/// `past`: the cycles before `cycle`. Unless it is offline, a motor that takes turns receives a
+/// command in one of them or in `cycle`.
 fn judge_motor<'a>(
     settings: &Motor,
     [group, motor]: [usize; 2],
@@ -117,7 +120,7 @@ fn judge_motor<'a>(
     if mode(&cycle.before) != Mode::Damping || !cycle.was(group, Phase::Damping) {
         return;
     }
-    // The questions to a motor that takes turns have turns of their own.
+    // The requests to a motor that takes turns have separate turns.
     let counts = |heard: &Heard| !takes_turns || !heard.order.is_question();
     let now = cycle.heard[motor].filter(counts);
     let before = past.rev().find_map(|cycle| cycle.heard[motor].filter(counts));
