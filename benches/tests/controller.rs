@@ -2,7 +2,7 @@
 //! motors in one process. It never starts a stopped robot by itself.
 //!
 //! Method: the built example, a daemon in a separate process with simulated motors, and an operator
-//! who resets and enables. The test injects the faults.
+//! that resets and enables. The test injects the faults.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
