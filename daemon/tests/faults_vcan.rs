@@ -1,10 +1,11 @@
-//! Items 13 to 19 of the fault catalogue on virtual CAN interfaces: the real cycle, the kernel's errors, the machine's clock.
+//! Items 13 to 19 of the fault catalogue on virtual CAN interfaces: the real cycle, the kernel's
+//! errors, the machine's clock.
 //!
-//! The host and its motors are on the two ends of a pair: the motors hear what has left the host's queue. On a single
-//! interface everybody hears what is still queued.
+//! The host and its motors use the two ends of a pair: the motors receive what has left the host's
+//! queue. On a single interface every node receives queued frames.
 //!
-//! These tests make interfaces: they need root on a kernel with SocketCAN. `verify/rigs/test-can` boots one and runs them there;
-//! elsewhere they are reported as ignored.
+//! These tests create interfaces: they need root on a kernel with SocketCAN. `verify/rigs/test-can`
+//! boots one and runs them there; elsewhere they are ignored.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -41,8 +42,8 @@ fn run(command: &str) {
     assert!(status.success(), "{command}: {status}");
 }
 
-/// Three motors at 250 Hz, without questions for faults: what leaves in a cycle is three frames. The times are wide, since
-/// `ip` and `tc` run between the cycles.
+/// Three motors at 250 Hz, without fault polls: a cycle sends three frames. The timeouts are long,
+/// since `ip` and `tc` run between the cycles.
 fn configured(interface: &str) -> Settings {
     let mut text = format!(
         "[cycle]\nrate-hz = 250\nmax-lateness-ms = 500\n[safety]\nsetpoint-timeout-ms = 500\nfault-poll-hz = 0\n\
@@ -55,7 +56,7 @@ fn configured(interface: &str) -> Settings {
     robot::settings(&text)
 }
 
-/// Simulated motors on an interface, as other nodes: on a thread of their own.
+/// Simulated motors on an interface, as other nodes, on a separate thread.
 struct Motors {
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -87,7 +88,7 @@ impl Drop for Motors {
     }
 }
 
-/// A robot on a pair of interfaces of its own, with an observer of what its motors are told.
+/// A robot on a separate pair of interfaces, with an observer of the commands to its motors.
 struct Robot {
     interface: InterfaceName,
     motor_side: InterfaceName,
@@ -122,7 +123,7 @@ impl Robot {
         }
     }
 
-    /// Holds its joints where they are.
+    /// Holds its joints in position.
     fn active() -> (Self, Vec<JointSetpoint>) {
         let mut robot = Self::new();
         let joints = robot.activate();
@@ -172,7 +173,7 @@ impl Robot {
         self.step();
     }
 
-    /// Follows until the group is stopped, and tells why and how many cycles that took.
+    /// Runs until the group is stopped. Returns the cause and the number of cycles.
     fn stopped_within(&mut self, joints: &[JointSetpoint], cycles: usize) -> (Cause, usize) {
         for cycle in 1..=cycles {
             self.follow(joints);
@@ -183,7 +184,8 @@ impl Robot {
         panic!("not stopped within {cycles} cycles: {:?}", self.bus());
     }
 
-    /// Disturbs the host's interface between two cycles; the robot's time goes on when it is done.
+    /// Runs `command` on the host's interface between two cycles; the robot's time continues
+    /// afterwards.
     fn disturb(&mut self, command: &str) {
         run(&command.replace("DEV", self.interface.as_str()));
         self.tick.at = clock::monotonic();
@@ -214,7 +216,7 @@ impl Robot {
         std::mem::take(&mut self.heard)
     }
 
-    /// Reads what the observer heard; every step does, before its socket is full.
+    /// Reads the observer's frames; every step does, before its socket is full.
     fn listen(&mut self) {
         let torque_max = self.settings.motors[0].scales.torque.max();
         let mut inbox = Inbox::new();
@@ -227,7 +229,7 @@ impl Robot {
         }
     }
 
-    /// Nothing but what lets a motor rest was heard in so many cycles, and nothing started.
+    /// Checks that only safe frames were received in `cycles` cycles, and nothing started.
     fn rests_for(&mut self, cycles: usize) {
         for _ in 0..cycles {
             self.step();
@@ -236,7 +238,7 @@ impl Robot {
         }
     }
 
-    /// The motors are found again, but only a reset and an enable move them.
+    /// The motors reconnect, but only a reset and an enable move them.
     fn recovers_on_request(&mut self) {
         self.step_until(|robot| robot.are(MotorMode::Idle));
         self.rests_for(100);
@@ -282,7 +284,7 @@ fn plug_in(interface: InterfaceName, motor_side: InterfaceName) {
     run(&format!("ip link add dev {interface} type vxcan peer name {motor_side}"));
 }
 
-/// Hears what the motors hear.
+/// Receives the same frames as the motors.
 fn observer(interface: InterfaceName) -> SocketCanBus {
     let ids = (1..=3).map(|id| FrameId::new(id).unwrap());
     SocketCanBus::open(&socketcan::Settings { interface, bitrate: BITRATE, host_ids: ids.collect() }).unwrap()
@@ -366,7 +368,7 @@ fn queue_full_in_three_cycles_stops_group() {
     robot.recovers_on_request();
 }
 
-/// The queue holds each frame for 400 ms, and four of them.
+/// The queue holds four frames, each for 400 ms.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn refused_frames_are_never_sent_later() {
@@ -419,9 +421,10 @@ fn unplugged_interface_stops_group_and_returns_stopped() {
     robot.recovers_on_request();
 }
 
-/// Goal: a robot that lost its adapters with its daemon is damped and stopped when they come back, however late.
-/// Method: a daemon registers, here from this thread, while its interface is missing; that comes, goes, and comes
-/// again when the daemon is dead and the damping would be over.
+/// Goal: a robot that lost its adapters with its daemon is damped and stopped when they reconnect,
+/// after any delay.
+/// Method: a daemon registers, here from this thread, while its interface is missing. The interface
+/// appears, disappears, and reappears when the daemon is dead and the damping would be over.
 #[test]
 #[ignore = "needs SocketCAN and root: run verify/rigs/test-can"]
 fn switch_serves_an_interface_that_appears_later() {
@@ -453,7 +456,7 @@ fn switch_serves_an_interface_that_appears_later() {
 
     let torque_max = settings.motors[0].scales.torque.max();
     let mut frames = Vec::new();
-    // More than one inbox holds.
+    // More frames than one inbox holds.
     for _ in 0..2 {
         let mut heard = Inbox::new();
         observer.receive(clock::monotonic(), &mut heard);

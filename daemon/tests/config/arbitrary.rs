@@ -14,8 +14,8 @@ proptest! {
         let _ = parse(Path::new("robot.toml"), &bytes, &machine());
     }
 
-    /// Damage to a shipped file gets deeper into the judging than noise does: a piece of it moves to another place, or
-    /// gives way to something else.
+    /// Damage to a shipped file reaches more checks than random bytes do: a part of it moves to
+    /// another position, or is replaced.
     #[test]
     fn damaged_shipped_file_never_panics_and_names_line(
         (file, at, removed) in (prop::sample::select(shipped_names()), any::<prop::sample::Index>(), 0_usize..40),
@@ -41,7 +41,7 @@ proptest! {
         }
     }
 
-    /// Damage to a good file gets deeper into the judging than noise does.
+    /// Damage to a good file reaches more checks than random bytes do.
     #[test]
     fn damaged_file_never_panics_and_names_line(
         at in 0..GOOD.len(),
@@ -56,7 +56,8 @@ proptest! {
         }
     }
 
-    /// Any number in place of any other: settings are finite, positive where they must be, and durations never panic.
+    /// Any number replaces any other: settings are finite, positive where required, and durations
+    /// never panic.
     #[test]
     fn whatever_numbers_are_accepted_make_sane_settings(value in any::<f64>(), nth in 0_usize..12) {
         let numbers: Vec<_> = GOOD.match_indices("= ").filter(|(at, _)| GOOD.as_bytes()[at + 2].is_ascii_digit()).collect();

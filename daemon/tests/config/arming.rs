@@ -1,4 +1,4 @@
-//! A motor that is not the configured one is never enabled, and the log says why.
+//! A motor that differs from the configured one is never enabled, and the log contains the reason.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -39,7 +39,7 @@ fn settings() -> Settings {
     parse(Path::new("robot.toml"), ROBOT.as_bytes(), &Machine::here()).unwrap().settings
 }
 
-/// The motors that are marked after `change` was made to the motors on the bus.
+/// Returns the motors that are marked after `change` to the motors on the bus.
 fn marked(change: impl FnOnce(&mut Vec<simulator::MotorSettings>)) -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
     judged(&directory.path().join("robot.toml"), change)

@@ -1,4 +1,5 @@
-//! Every configuration that must be refused, and why; and that those we ship are not.
+//! All configurations that must be refused, with the reason, and the shipped ones, which must be
+//! accepted.
 
 use crate::mistakes::{REFUSED, SERIAL_BUS};
 use std::fs::{self, Permissions};
@@ -66,7 +67,7 @@ pub(crate) fn with_serial() -> String {
     format!("{before}name = 'gripper'\n{}", bus.replacen("type = 'simulated'\n", SERIAL_BUS, 1))
 }
 
-/// A machine that allows everything, whatever the one that runs the tests does.
+/// Returns a machine that permits everything, independent of the machine that runs the tests.
 pub(crate) fn machine() -> Machine {
     Machine { processors: vec![0, 1], priority_max: 98 }
 }
@@ -80,7 +81,7 @@ pub(crate) fn damaged(line: &str, instead: &str) -> String {
     GOOD.replacen(line, instead, 1)
 }
 
-/// The one error of a configuration.
+/// Returns the only error of a configuration.
 pub(crate) fn only_error(text: &str) -> String {
     let error = judge(text).expect_err("must be refused").to_string();
     assert_eq!(error.lines().count(), 1, "one mistake, one line:\n{error}");
@@ -107,7 +108,7 @@ fn recommended_position_limit_is_accepted_with_every_offset() {
     }
 }
 
-/// Their codes are torques, so a current's constant would change nothing.
+/// Their codes are torques, so the constant of a current would have no effect.
 #[test]
 fn constant_without_effect_on_codes_is_refused() {
     for (key, value) in [("torque-constant-nm-per-a", 0.1), ("gear-ratio", 8.0)] {
@@ -151,8 +152,9 @@ fn check_prints_contract_and_exits_78_when_bad() {
     }
 }
 
-/// Goal: who has put too much on a bus sees how much, and what would fit, in JSON and as text.
-/// Method: a fourth motor on a bus of the shipped robot; a line whose turns overlap; a file of which no bus can be built.
+/// Goal: the report of an overloaded bus contains its load and what would fit, in JSON and as text.
+/// Method: a fourth motor on a bus of the shipped robot; a line whose turns overlap; a file from
+/// which no bus can be built.
 #[test]
 fn the_plan_of_a_refused_bus_is_shown() {
     let folder = TempDir::new().unwrap();
@@ -185,8 +187,9 @@ fn the_plan_of_a_refused_bus_is_shown() {
     assert_eq!(report["buses"], serde_json::json!([]));
 }
 
-/// Goal: one run tells every mistake, of whatever kind, in the order of the file.
-/// Method: a file with mistakes of spelling, type, range, reference, between keys, and a missing key.
+/// Goal: one run reports every mistake, of any kind, in the order of the file.
+/// Method: a file with mistakes of spelling, type, range, reference, between keys, and a missing
+/// key.
 #[test]
 fn all_mistakes_are_reported_in_one_run() {
     let mistakes = [
@@ -214,7 +217,7 @@ fn all_mistakes_are_reported_in_one_run() {
     }
 }
 
-/// Nobody can mend what only follows from another mistake.
+/// Consequences of another mistake need no separate report.
 #[test]
 fn bad_bus_or_motor_is_reported_once() {
     for (line, instead) in [
@@ -373,7 +376,7 @@ fn five_motors_exceed_a_bus_at_1_khz() {
     assert!(error.contains("more than 64"), "{error}");
 }
 
-/// GIM8108-8: 0x100 + id. DM-J4340-2EC: 0x10 + id, beside which 0x100 + id is a command to the motor itself.
+/// GIM8108-8: 0x100 + id. DM-J4340-2EC: 0x10 + id; its 0x100 + id is a command to the motor itself.
 #[test]
 fn wrong_reply_id_suggests_vendor_default() {
     for (model, default) in [("GIM8108-8", "0x102"), ("DM-J4340-2EC", "0x012")] {
@@ -396,7 +399,7 @@ fn reply_id_above_commands_is_a_warning() {
     );
 }
 
-/// Its drive brakes it: no damping is neither too little nor too much for it.
+/// The drive of this motor brakes it: every damping is acceptable.
 #[test]
 fn damping_of_native_motor_is_a_warning() {
     assert_eq!(warnings(GOOD).len(), 0);
@@ -429,7 +432,7 @@ fn shared_host_id_on_line_is_one_warning() {
     assert_eq!(line(["host-id = 0x41", "host-id = 0x42", "host-id = 0x42"]).len(), 1);
 }
 
-/// Without a key the switch waits for every daemon that is no later than it may be.
+/// Without a key the switch accepts any delay of a daemon that is within its limit.
 #[test]
 fn too_eager_dead_mans_switch_is_a_warning() {
     for (text, expected_ms) in [("rate-hz = 1000", 7), ("rate-hz = 250", 13), ("max-lateness-ms = 100", 102)]

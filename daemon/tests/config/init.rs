@@ -1,4 +1,4 @@
-//! `motord init`: every configuration that it writes can be run, and nothing is overwritten.
+//! `motord init`: every configuration that it writes is valid, and it overwrites nothing.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 

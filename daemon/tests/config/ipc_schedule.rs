@@ -1,4 +1,4 @@
-//! When the ipc thread wakes by itself: decisions on given times, without a thread.
+//! The wake-ups of the ipc thread: decisions on given times, without a thread.
 
 use motord::ipc::{Schedule, Wake};
 use motord_bus::{Duration, Instant};

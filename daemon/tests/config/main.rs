@@ -1,4 +1,5 @@
-//! Configuration files: what they say, what `motord check` says about them, and how `motord init` writes one.
+//! Configuration files: their meaning, the reports of `motord check`, and the files of
+//! `motord init`.
 
 mod arbitrary;
 mod arming;

@@ -2,8 +2,8 @@
 
 use crate::document::{damaged, judge, only_error, with_serial};
 
-/// One way to damage [`GOOD`]: a line of it, what stands there instead, and the complaint that must follow. The line
-/// complained about is the one that bears [`MARK`].
+/// One mutation of [`GOOD`]: a line, its replacement, the key and the expected complaint. [`MARK`]
+/// marks the line of the complaint.
 pub(crate) type Case = (&'static str, &'static str, &'static str, &'static str);
 const MARK: &str = "#!";
 
@@ -88,7 +88,7 @@ pub(crate) const REFUSED: &[Case] = &[
         "expected two numbers",
     ),
     ("position-rad = [-1.2, 1.2]", "position-rad = [1, 2, 3] #!", "motor.limits.position-rad", "found 3"),
-    // The protocol's scale, and its end.
+    // Scale and limits of the protocol.
     ("position-rad = [-1.2, 1.2]", "position-rad = [-1, 13] #!", "motor.limits.position-rad", "beyond ±12.5"),
     ("velocity-rad-s = 30.0", "velocity-rad-s = 66 #!", "motor.limits.velocity-rad-s", "beyond ±65"),
     ("kp-max = 200.0", "kp-max = 501 #!", "motor.limits.kp-max", "beyond ±500"),

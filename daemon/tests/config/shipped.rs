@@ -101,8 +101,8 @@ model = 'GIM8108-8'
 torque-constant-nm-per-a = 0.001
 ";
 
-/// Goal: an operator learns which line to change for another limit, or that no line gives it.
-/// Method: the limits of four motors, as text and as JSON, against what their file says.
+/// Goal: the report names the line that changes a limit, or states that no line does.
+/// Method: the limits of four motors, as text and as JSON, against their file.
 #[test]
 fn every_effective_limit_says_where_it_comes_from() {
     let folder = TempDir::new().unwrap();

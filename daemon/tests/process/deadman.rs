@@ -26,15 +26,15 @@ use std::thread::{JoinHandle, sleep, spawn};
 use std::time::Duration;
 use tempfile::TempDir;
 
-/// Longer than a shared machine stalls a process, so that only what a test does makes the switch act.
+/// Longer than a shared machine stalls a process, so only the test makes the switch act.
 const PATIENCE: Duration = Duration::from_millis(400);
 const DAMP: Duration = Duration::from_millis(200);
 const DAMPING: &str = "001#64616D70696E6721";
 const STOPPING: &str = "001#73746F7070696E67";
-/// Where a child that plays the daemon finds its runtime directory.
+/// Runtime directory of a child that plays the daemon.
 const PLAY: &str = "MOTORD_TEST_PLAY_DAEMON";
 
-/// The interface of the child, where it is not `can0`.
+/// The interface of the child, unless it is `can0`.
 const PLAY_ON: &str = "MOTORD_TEST_PLAY_ON";
 /// An interface that a successor drives, in one test.
 const SUCCEEDED: &str = "succeeded";
@@ -54,7 +54,7 @@ fn safe_frames() -> SafeFrames {
     SafeFrames { patience: PATIENCE, damp: DAMP, buses: vec![bus] }
 }
 
-/// The same, and a motor on `can1`.
+/// The same frames, and a motor on `can1`.
 fn safe_frames_of_two() -> SafeFrames {
     let mut frames = safe_frames();
     let [damp, stop] = [DAMPING, STOPPING].map(|first| vec![first.replace("001#", "002#")]);
@@ -62,7 +62,7 @@ fn safe_frames_of_two() -> SafeFrames {
     frames
 }
 
-/// Tells what was sent, and when. Takes nothing while it is jammed.
+/// Reports sent frames with their times. Accepts nothing while it is jammed.
 pub(crate) struct Recorder {
     sent: Sender<(Instant, Frame)>,
     jammed: Arc<AtomicBool>,
@@ -92,10 +92,10 @@ impl Outlet for Recorder {
     }
 }
 
-/// A switch in a thread of its own, for `instance`.
+/// A switch in a separate thread, for `instance`.
 pub(crate) struct Switch {
     sent: Receiver<(Instant, Frame)>,
-    /// Whether `can1` takes nothing.
+    /// `true` while `can1` accepts nothing.
     jammed: Arc<AtomicBool>,
     end: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -130,12 +130,13 @@ impl Switch {
         assert_eq!(self.sent.recv_timeout(time), Err(RecvTimeoutError::Timeout));
     }
 
-    /// The damping and the stops of the motor on `can0`. Returns when they began.
+    /// Checks the damping and the stops of the motor on `can0`. Returns their start.
     fn stops_the_first(&self) -> Instant {
         self.serves(FIRST)
     }
 
-    /// Damping of one motor for [`DAMP`], three stops, and no more to any. Returns when it began.
+    /// Checks the damping of one motor for [`DAMP`] and three stops, without further frames.
+    /// Returns its start.
     fn serves(&self, id: u8) -> Instant {
         let mut frames = Vec::new();
         while let Ok(sent) = self.sent.recv_timeout(Duration::from_millis(1000)) {
@@ -148,7 +149,7 @@ impl Switch {
         };
         assert!(!damped.is_empty() && payloads(damped, DAMPING) && payloads(stopped, STOPPING), "{frames:?}");
         assert!(damped.len() <= 20, "100 Hz at most");
-        // The rounds are on a grid, and the first of a bus that comes back may be late.
+        // The rounds are on a grid, and the first one of a reconnected bus may be late.
         assert!(stopped[0].0.since(damped[0].0) >= DAMP - Duration::from_millis(10));
         damped[0].0
     }
@@ -175,7 +176,7 @@ fn register(instance: &Instance, frames: SafeFrames, pulse: &Pulse) -> (Channel,
     (switch, answer)
 }
 
-/// A living daemon, as a process that can be killed.
+/// A running daemon, as a process that can be killed.
 struct Daemon(Child);
 
 impl Daemon {
@@ -210,7 +211,7 @@ impl Drop for Daemon {
     }
 }
 
-/// No test by itself: what [`Daemon`] runs.
+/// Runs in the process of [`Daemon`]; not a test of its own.
 #[test]
 fn plays_the_daemon() {
     let Some(runtime) = std::env::var_os(PLAY) else { return };
@@ -240,8 +241,8 @@ fn killed_daemon_leaves_motors_damped_then_stopped() {
     assert!(latency < PATIENCE, "the closed connection tells, not the heartbeat: {latency:?}");
 }
 
-/// Goal: a switch that was stopped, and goes on, does not damp the motors of a daemon that has begun meanwhile.
-/// Method: this process has the interface, as a successor does that waits to be registered.
+/// Goal: a switch that was stopped and continues does not damp the motors of a successor.
+/// Method: this process holds the interface, like a successor that waits for its registration.
 #[test]
 fn switch_leaves_successor_of_dead_daemon_alone() {
     let (directory, instance) = runtime();
@@ -277,8 +278,8 @@ fn switch_signals_life_to_watched_daemon() {
     heartbeat.rest();
 }
 
-/// Goal: a switch that hangs keeps nobody from damping the robot.
-/// Method: its socket takes connections, as that of a stopped process does, and nobody answers.
+/// Goal: a switch that hangs does not prevent `motord safe-stop`.
+/// Method: its socket accepts connections, like that of a stopped process, but sends no answer.
 #[test]
 fn safe_stop_ignores_a_hanging_switch() {
     let (directory, instance) = runtime();
@@ -305,14 +306,14 @@ fn stalled_daemon_is_damped_until_it_resumes() {
     switch.sends_nothing_for(2 * PATIENCE);
 }
 
-/// A daemon in this process, which registers and is gone.
+/// Plays a daemon in this process that registers and exits.
 fn dies(instance: &Instance, frames: SafeFrames) {
     let (_heartbeat, pulse) = beating();
     let (_connection, answer) = register(instance, frames, &pulse);
     assert_eq!(answer, Answer::Registered);
 }
 
-/// The interfaces that the switch has not served.
+/// Returns the interfaces that the switch has not served.
 fn owed(instance: &Instance) -> Vec<String> {
     let switch = Channel::connect(instance, SWITCH_PATIENCE).unwrap();
     switch.send(&Request::AskWhetherActing, None).unwrap();
@@ -322,7 +323,7 @@ fn owed(instance: &Instance) -> Vec<String> {
     }
 }
 
-/// A switch whose daemon died while `can1` takes nothing.
+/// Returns a switch whose daemon died while `can1` accepts nothing.
 pub(crate) fn dead_with_a_jam() -> (TempDir, Instance, Switch) {
     let (directory, instance) = runtime();
     let switch = Switch::start(&instance);
@@ -449,7 +450,8 @@ fn nonsense_and_silence_do_not_keep_others_out() {
     switch.stops_the_first();
 }
 
-/// Goal: after an update of one of them nobody takes a sign of life for a request, or its absence for a death.
+/// Goal: after an update of one side, the other mistakes no sign of life for a request, and no
+/// missing one for a death.
 #[test]
 fn daemon_and_switch_versions_refuse_each_other_clearly() {
     let (_directory, instance) = runtime();
@@ -505,8 +507,9 @@ fn registrar_without_heartbeat_exits_on_request() {
     }
 }
 
-/// Goal: a robot that requires its switch is told when it is away, when it hangs, and when it is back.
-/// Method: the switch is this thread, which answers the registration, and gives signs of life when it likes.
+/// Goal: a robot that requires its switch logs when it is missing, hangs and reconnects.
+/// Method: the switch is this thread, which answers the registration, and sends signs of life as
+/// the test requires.
 #[test]
 fn registrar_distinguishes_absent_and_hanging_switch() {
     let (_directory, instance) = runtime();
@@ -559,7 +562,8 @@ fn instance_has_one_switch_that_exits_on_request() {
     assert!(next.wait().unwrap().success());
 }
 
-/// Each message with several would else cost the switch descriptors, until it can accept nobody.
+/// Otherwise each message with several descriptors would leak them, until the switch can accept no
+/// connection.
 #[test]
 fn only_used_descriptors_of_messages_stay_open() {
     let (_directory, instance) = runtime();

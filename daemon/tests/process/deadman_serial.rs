@@ -1,4 +1,5 @@
-//! Motors on a serial port are stopped when nobody else stops them, and no CAN interface waits for a port.
+//! The switch stops motors on a serial port that no other process stops, and delays no CAN
+//! interface.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -16,7 +17,7 @@ use std::sync::mpsc::{Sender, channel};
 const DAMP: Duration = Duration::from_millis(300);
 const STOP: [u8; 8] = [0x92, 0, 0x80, 0, 0, 0, 8, 0];
 
-/// A CAN interface that tells when it got its frames.
+/// A CAN interface that reports the times of its frames.
 struct Recorder(Sender<Instant>);
 
 impl Outlet for Recorder {
@@ -32,8 +33,8 @@ fn pty() -> (File, OwnedFd, String) {
     (master.into(), slave, device)
 }
 
-/// Runs a stop of `can0` and of two motors on `device`. Returns when `can0` got its rounds, and the interfaces that are owed
-/// theirs in the end.
+/// Runs a stop of `can0` and of two motors on `device`. Returns the times of the rounds on `can0`,
+/// and the interfaces that were not served.
 fn stop(device: &str) -> (Vec<Instant>, Vec<String>) {
     let (sent, rounds) = channel();
     let mut open = |_: &str, _: u32| -> Result<Box<dyn Outlet>, _> { Ok(Box::new(Recorder(sent.clone()))) };
@@ -52,7 +53,7 @@ fn stop(device: &str) -> (Vec<Instant>, Vec<String>) {
     (rounds.try_iter().collect(), interfaces.owed())
 }
 
-/// The longest time from one round to the next.
+/// Returns the longest time from one round to the next.
 fn longest_gap(rounds: &[Instant]) -> Duration {
     rounds.windows(2).map(|pair| pair[1].since(pair[0])).max().unwrap()
 }
@@ -70,7 +71,7 @@ fn motors_of_line_are_stopped_in_turn() {
     }
 }
 
-/// A port that is missing, one that takes no byte, and one that is pulled out meanwhile.
+/// A port that is missing, one that accepts no byte, and one that is unplugged meanwhile.
 #[test]
 fn no_can_interface_waits_for_a_port() {
     let (_motors, host, blocked) = pty();

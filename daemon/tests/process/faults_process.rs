@@ -1,7 +1,8 @@
-//! The fault catalogue, part C: what happens to the daemon as a process. `docs/faults.md` tells which item each test holds.
+//! The fault catalogue, part C: faults of the daemon as a process. `docs/faults.md` names the item
+//! of each test.
 //!
-//! Method: the real program with one simulated motor. The test listens where systemd would (`sd_notify(3)`): the watchdog is
-//! fed only while the cycle moves, so that a daemon that feeds it is well.
+//! Method: the real program with one simulated motor. The test listens instead of systemd
+//! (`sd_notify(3)`): the daemon feeds the watchdog only while its cycle runs.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -24,7 +25,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Slow and patient, so that many of them run side by side on a busy machine.
+/// A low rate and long timeouts, so that several run in parallel on a busy machine.
 const CONFIG: &str = r#"
 [daemon]
 instance = "test"
@@ -50,7 +51,7 @@ const FED: &str = "WATCHDOG=1";
 const PATIENCE: Duration = Duration::from_secs(20);
 /// `WatchdogSec=` of the unit, and half of it.
 const WATCHDOG: Duration = Duration::from_secs(3);
-/// Runs what follows as it is.
+/// Runs its arguments unchanged.
 const PLAINLY: &str = r#"exec "$@""#;
 
 /// The daemon as a child of a shell.
@@ -91,7 +92,7 @@ impl Daemon {
         kill(self.pid(), signal).unwrap();
     }
 
-    /// Whether it tells systemd `note` within `time`, before it ends.
+    /// Returns `true` if it sends `note` to systemd within `time`, before it ends.
     fn says(&mut self, note: &str, time: Duration) -> bool {
         let (begun, mut bytes) = (Instant::now(), [0; 256]);
         self.notes.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
@@ -113,7 +114,7 @@ impl Daemon {
         assert!(self.says(note, PATIENCE), "it never said {note}");
     }
 
-    /// It is well, and ends well when it is told.
+    /// Checks that it is healthy, and exits cleanly on request.
     fn must_live_and_end(mut self) {
         self.must_say(FED);
         self.must_say(FED);
@@ -132,7 +133,8 @@ impl Daemon {
         panic!("it did not end");
     }
 
-    /// It ends before it is ready, by its own decision and with a reason, or becomes ready and ends well.
+    /// Checks that it either exits before it is ready, with a reason, or becomes ready and exits
+    /// cleanly.
     fn must_refuse_or_run(mut self) -> Option<i32> {
         if self.says(READY, PATIENCE) {
             self.signal(Signal::SIGTERM);
@@ -145,7 +147,7 @@ impl Daemon {
         code
     }
 
-    /// The text that it wrote to standard error, when that is piped. Only once it has ended.
+    /// Returns its output on a piped standard error. It must have ended.
     fn log(&mut self) -> String {
         let mut text = String::new();
         self.process.stderr.take().unwrap().read_to_string(&mut text).unwrap();
@@ -160,7 +162,7 @@ impl Drop for Daemon {
     }
 }
 
-/// A controller and operator, by the bare services.
+/// A controller and operator, through the bare services.
 struct Operator {
     ports: ClientPorts,
     sequence: u64,
@@ -187,7 +189,7 @@ impl Operator {
         }
     }
 
-    /// Takes the newest state, and tells whether there was one.
+    /// Reads the newest state. Returns `true` if there was one.
     fn refresh(&mut self) -> bool {
         let newest = self.ports.newest_state().unwrap();
         newest.map(|state| self.state = state).is_some()
@@ -246,7 +248,7 @@ fn terminated_daemon_damps_and_stops_first() {
     }
 }
 
-/// The joint of this test never counts as slow: half a code of velocity is more than it may turn.
+/// The joint of this test never counts as slow: half a code of velocity is above the limit.
 #[test]
 fn a_second_signal_ends_the_damping_at_once() {
     let config = CONFIG.replace("[[bus]]", "damp-seconds = 30.0\nrest-velocity-rad-s = 0.01\n[[bus]]");
@@ -284,7 +286,7 @@ fn a_hangup_is_no_reason_to_end() {
     daemon.must_live_and_end();
 }
 
-/// Goal: systemd ends a daemon whose cycle stands still while its other threads live.
+/// Goal: systemd ends a daemon whose cycle stalls while its other threads run.
 /// Method: only the thread of the cycle is stopped, as a debugger does.
 #[test]
 fn watchdog_is_not_fed_while_cycle_stalls() {
@@ -292,22 +294,24 @@ fn watchdog_is_not_fed_while_cycle_stalls() {
     daemon.must_say(FED);
     let cycle = thread(daemon.pid(), "motord-cycle");
     hold(cycle);
-    // What was on its way, and one more turn of whoever feeds it, which saw the cycle move before it was stopped.
+    // Notifications in flight, and one more turn of the feeding thread, which saw the cycle move
+    // before the stop.
     while daemon.says(FED, Duration::from_millis(1500)) {}
     assert!(!daemon.says(FED, WATCHDOG));
     ptrace::detach(cycle, None).unwrap();
     daemon.must_live_and_end();
 }
 
-/// Goal: systemd does not end a daemon that controls its robot because telemetry has much to do.
-/// Method: only the thread of telemetry is stopped. It cleans up after dead clients, which takes seconds where thousands died.
+/// Goal: systemd does not end a daemon that controls its robot while telemetry is busy.
+/// Method: only the thread of telemetry is stopped. Its cleanup after thousands of dead clients
+/// takes seconds.
 #[test]
 fn the_watchdog_is_fed_while_telemetry_stands_still() {
     let mut daemon = Daemon::plain();
     daemon.must_say(FED);
     let telemetry = thread(daemon.pid(), "motord-telemetr");
     hold(telemetry);
-    // The first may have been on its way.
+    // The first notification may have been in flight.
     let fed = (0..3).filter(|_| daemon.says(FED, PATIENCE)).count();
     ptrace::detach(telemetry, None).unwrap();
     assert_eq!(fed, 3);
@@ -327,7 +331,7 @@ fn thread(pid: Pid, name: &str) -> Pid {
     Pid::from_raw(path.file_name().unwrap().to_str().unwrap().parse().unwrap())
 }
 
-/// As root, the capabilities must go too; a user has none.
+/// Root must also drop its capabilities; a user has none.
 fn without_rights() -> String {
     let drop = "setpriv --bounding-set=-sys_nice,-ipc_lock --inh-caps=-all";
     let prefix = if nix::unistd::geteuid().is_root() { drop } else { "" };
@@ -362,8 +366,8 @@ fn required_realtime_is_refused_without_rights() {
     assert!(log.contains("LimitRTPRIO"), "{log}");
 }
 
-/// Goal: shared memory that has no room is an error at the start, not a death by SIGBUS when it is touched.
-/// Method: a file system of a few pages, in a name space of its own.
+/// Goal: a lack of space for shared memory is an error at the start, not a later death by SIGBUS.
+/// Method: a file system of a few pages, in a separate namespace.
 #[test]
 fn full_filesystem_is_error_before_motion() {
     if !may_mount() {
@@ -413,8 +417,9 @@ fn may_mount() -> bool {
     may
 }
 
-/// Goal: a robot that no client can reach any more does not go on, and nobody starts a second daemon beside it.
-/// Method: each of the files is removed while a controller has a stiff joint; it hears the stop, as it is connected.
+/// Goal: a robot that no client can reach stops, and no second daemon starts beside it.
+/// Method: each of the files is removed while a controller holds a stiff joint. It receives the
+/// stop over its connection.
 #[test]
 fn removed_files_stop_robot_and_report_cause() {
     for removed in ["", "test.lock", "iox", "iox/test.cycle", "iox/test", "iox/test/services"] {
@@ -442,8 +447,9 @@ fn removed_files_stop_robot_and_report_cause() {
     }
 }
 
-/// Goal: shared memory that somebody cut short or overwrote keeps nobody from driving the robot again.
-/// Method: a client that waits for its daemon keeps the files of the dead one. A successor that dies of them must be the last.
+/// Goal: truncated or overwritten shared memory does not keep the robot from being driven again.
+/// Method: a client that waits for its daemon keeps the files of the dead one. At most one
+/// successor may die of them.
 #[test]
 fn damaged_shared_memory_costs_at_most_one_start() {
     for damage in [
@@ -457,7 +463,7 @@ fn damaged_shared_memory_costs_at_most_one_start() {
         daemon.ends();
         for path in files(&daemon.place.path().join("iox")) {
             let damaged = damage(fs::read(&path).unwrap());
-            // Some may only be read, which holds for nobody who may delete them.
+            // Some files are read-only, but their owner may delete them.
             fs::remove_file(&path).unwrap();
             fs::write(&path, damaged).unwrap();
         }
@@ -496,7 +502,7 @@ fn a_verdict_stands_although_its_reader_has_gone() {
     for (config, status) in [(CONFIG, 0), ("nonsense", 78)] {
         fs::write(&path, config).unwrap();
         let mut command = Command::new("sh");
-        // The reader is gone before the verdict is written.
+        // The reader exits before the daemon writes its report.
         command.args([
             "-c",
             r#"{ sleep 0.5; "$@"; echo $? >&2; } | true"#,
@@ -528,7 +534,7 @@ fn log_without_reader_does_not_stop_daemon() {
     daemon.must_live_and_end();
 }
 
-/// The worst reader: it keeps the pipe open and never reads, so that every write waits for ever.
+/// The worst reader: it keeps the pipe open and never reads, so every write blocks forever.
 #[test]
 fn a_log_that_nobody_reads_holds_nobody_up() {
     let (_reader, writer) = full_pipe();
@@ -567,7 +573,7 @@ fn await_the_first_reply(daemon: &Daemon) {
     }
 }
 
-/// Goal: a daemon that is ready serves as many clients as there are places, whatever the soft limit is.
+/// Goal: a ready daemon serves as many clients as there are slots, with any soft limit.
 #[test]
 fn ready_daemon_has_descriptors_for_all_clients() {
     let mut daemon = Daemon::start(r#"ulimit -Sn 64; ulimit -Hn 512; exec "$@""#, CONFIG, Stdio::null());

@@ -1,4 +1,4 @@
-//! The log of one session, as the journal gets it.
+//! The log of one session, in the form of the journal.
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
 use motord_ports::injection::inject;
@@ -16,7 +16,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Patient with a machine that stands still. It damps nothing for long: the joint is at rest.
+/// Long timeouts for a machine that stalls. The joint is at rest, so the damping is short.
 const CONFIG: &str = r#"
 [daemon]
 instance = "test"
@@ -41,7 +41,7 @@ joints = ["elbow"]
 "#;
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// A daemon whose standard error is the journal's stream, if it is told so.
+/// A daemon whose standard error may be the journal's stream.
 struct Session {
     daemon: Child,
     place: TempDir,
@@ -171,15 +171,16 @@ fn disarmed(state: &StateMessage) -> bool {
     state.groups[0].phase == Phase::Disarmed.code()
 }
 
-/// Goal: a person who reads the log of a session knows what happened, who did it and why, and sees nothing else.
-/// Method: start, enable, a controller that falls silent, reset, emergency stop, a motor unplugged, stop.
+/// Goal: the log of a session contains each event with its actor and its cause, and nothing else.
+/// Method: start, enable, a controller that stops sending, reset, emergency stop, a motor
+/// unplugged, stop.
 #[test]
 fn journal_names_actor_and_cause_of_each_event() {
     let session = Session::start(true);
     let instance = session.instance();
     let mut controller = Asker::of(&instance);
     controller.activate();
-    // It says nothing any more, as if it were killed.
+    // The controller sends no more setpoints, as if it were killed.
     controller.until(disarmed);
     let mut operator = controller;
     assert_eq!(operator.ask(Operation::Reset, 0).1, 0);
@@ -189,11 +190,11 @@ fn journal_names_actor_and_cause_of_each_event() {
     assert_ne!(operator.ask(Operation::Enable, 0).1, 0);
     inject(&instance, "elbow off").unwrap();
     operator.until(|state| state.joints[0].mode == MotorMode::Offline.code());
-    // The log follows the events by its own turn.
+    // The telemetry thread logs the events in its own period.
     std::thread::sleep(Duration::from_millis(200));
     let lines = session.end();
     let log = lines.join("\n");
-    // Of the real time that this machine refuses it says one line each.
+    // One line for each real-time setting that this machine refuses.
     let refused = |line: &&String| line.contains("Without it");
     let events: Vec<&String> = lines.iter().filter(|line| !refused(line)).collect();
     assert!(events.len() <= 25, "{log}");

@@ -1,4 +1,4 @@
-//! The help of `motord-sim` is true, and its motors can be commissioned.
+//! The help of `motord-sim` is correct, and its motors can be commissioned.
 
 use motord::buses;
 use motord_bus::clock;
@@ -12,7 +12,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// The lines of faults that the help shows below `title`.
+/// Returns the lines of faults that the help shows below `title`.
 fn lines(title: &str) -> Vec<String> {
     let output = Command::new(env!("CARGO_BIN_EXE_motord-sim")).arg("--help").output().expect("is built");
     let help = String::from_utf8(output.stdout).expect("is text");
@@ -20,8 +20,8 @@ fn lines(title: &str) -> Vec<String> {
     lines.take_while(|line| line.starts_with("  ")).map(|line| line.trim().to_owned()).collect()
 }
 
-/// Method: the program itself needs CAN interfaces. Its lines go to the simulated buses of the shipped quadruped, as it
-/// gives them to those behind its interfaces.
+/// Method: the program itself needs CAN interfaces. Therefore its lines go to the simulated buses
+/// of the shipped quadruped, in the same way.
 #[test]
 fn documented_sim_faults_work_on_simulated_bus() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/quadruped-simulated.toml");
@@ -98,7 +98,8 @@ impl Drop for Program {
     }
 }
 
-/// GIM document, table 3: the answer to `payload` for the motor `id`, and the receiver that it names.
+/// Returns the answer to `payload` for the motor `id`, and the receiver in the answer (GIM
+/// document, table 3).
 fn ask(line: &mut File, id: u8, payload: [u8; 8]) -> Option<(u8, [u8; 8])> {
     let request = [&[id, 0, 8, id ^ 8], &payload[..]].concat();
     line.write_all(&request).expect("the port is there");

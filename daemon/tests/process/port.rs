@@ -1,4 +1,4 @@
-//! The simulated motors of a serial bus behind a pseudo terminal, served by a thread of their own.
+//! The simulated motors of a serial bus behind a pseudo terminal, served by a separate thread.
 
 use motord::buses;
 use motord_bus::{Duration, clock};
@@ -10,10 +10,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{JoinHandle, sleep, spawn};
 
-/// How often the bytes of the line are moved: within the turnaround that a line has by default.
+/// Interval of moving the bytes of the line: within the default turnaround of a line.
 const TURN: Duration = Duration::from_micros(100);
 
-/// Real-time scheduling, where it is permitted.
+/// Sets real-time scheduling, where it is permitted.
 pub(crate) fn prepare_thread(priority: u8) {
     let _not_permitted =
         motord_realtime::prepare_thread(SchedulingRequest { cpu: None, priority: Some(priority) });
@@ -27,7 +27,7 @@ pub(crate) struct Motors {
 }
 
 impl Motors {
-    /// The motors of the bus with this index. `link` leads to their terminal.
+    /// Starts the motors of the bus with this index. `link` leads to their terminal.
     pub(crate) fn start(settings: &Settings, bus: usize, link: PathBuf) -> Self {
         let (wire, motors) = buses::physics(settings, bus);
         let slave = SerialSlave::new(SimulatedBus::new(wire, motors, 7), 7);
@@ -46,14 +46,14 @@ impl Motors {
         Self { port, end, thread: Some(thread) }
     }
 
-    /// Gives the line, or one of its motors, a fault.
+    /// Injects a fault into the line or one of its motors.
     pub(crate) fn suffer(&self, verb: &str) {
         let verb = verb.parse().unwrap_or_else(|error| panic!("{verb}: {error}"));
         let mut port = self.port.lock().expect("nobody panicked");
         port.inject(clock::monotonic(), &verb).expect("the line has it");
     }
 
-    /// Looks at every motor.
+    /// Returns the result of `of` for every motor.
     pub(crate) fn each<T>(&self, of: impl Fn(&Motor) -> T) -> Vec<T> {
         self.port.lock().expect("nobody panicked").bus().motors().iter().map(of).collect()
     }

@@ -17,7 +17,7 @@ use tempfile::TempDir;
 
 pub(crate) const SIMULATED: &str = "type = 'simulated'";
 
-/// A file with a motor of each protocol on `interface`.
+/// Writes a file with a motor of each protocol on `interface`.
 pub(crate) fn configuration(directory: &Path, bus: &str) -> PathBuf {
     let path = directory.join("test.toml");
     let text = format!(
@@ -29,7 +29,8 @@ pub(crate) fn configuration(directory: &Path, bus: &str) -> PathBuf {
     path
 }
 
-/// A name that neither an interface nor another test has: an interface has one lock for all of this machine.
+/// Returns a name without an interface, used by one test: an interface has one lock on the whole
+/// machine.
 pub(crate) fn no_can(test: &str) -> String {
     format!("{test}{}", std::process::id())
 }
@@ -38,8 +39,9 @@ pub(crate) fn can(interface: &str) -> String {
     format!("type = 'socketcan'\ninterface = '{interface}'")
 }
 
-/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in the middle or at the
-/// given fraction of its code. Stop is its special frame. The native stop has a tail that is neutral in MIT.
+/// By the formula of the MIT document: position and torque 0, kp 0, kd 2 of 5 N·m·s/rad, each in
+/// the middle or at the given fraction of its code. Stop is its special frame. The native stop has
+/// a tail that is neutral in MIT.
 #[test]
 fn safe_frames_match_documented_damping_and_stop() {
     let directory = TempDir::new().unwrap();
@@ -101,8 +103,9 @@ fn driven_interface_is_refused_across_runtime_directories() {
     assert!(text(&output).contains(&holder), "{}", text(&output));
 }
 
-/// Goal: a daemon of another user, or with another runtime directory, has its robot to itself.
-/// Method: this process holds the interface; no runtime directory tells of it.
+/// Goal: `motord safe-stop` does not interfere with a daemon of another user or another runtime
+/// directory.
+/// Method: this process holds the interface; no runtime directory contains it.
 #[test]
 fn safe_stop_leaves_driven_interfaces_alone() {
     let directory = TempDir::new().unwrap();
@@ -115,7 +118,7 @@ fn safe_stop_leaves_driven_interfaces_alone() {
     assert!(error.contains(&format!("{interface} is in use by process {holder}")), "{error}");
 }
 
-/// The switch has the interface, so that two senders do not end each other's damping.
+/// The switch holds the interface, so two senders do not interrupt each other's damping.
 #[test]
 fn safe_stop_reports_what_switch_cannot_reach() {
     let (directory, _instance, _switch) = dead_with_a_jam();

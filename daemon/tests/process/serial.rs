@@ -1,15 +1,16 @@
-//! A robot of two native motors on a serial line at 200 Hz and twelve MIT motors on four CAN buses at 1 kHz: nothing that
-//! happens to the line changes anything on the CAN buses.
+//! A robot of two native motors on a serial line at 200 Hz and twelve MIT motors on four CAN buses
+//! at 1 kHz. Faults of the line must not affect the CAN buses.
 //!
-//! Method: two such robots side by side on the clock of this machine, so that both have the same processors. The line is a
-//! pseudo terminal with simulated motors, the CAN buses are simulated. The line of one robot becomes noisy, late, silent, blocked and
-//! unplugged; that of the other stays well. Short:
+//! Method: two such robots run in parallel on the clock of this machine, so both have the same
+//! processors. The line is a pseudo terminal with simulated motors, the CAN buses are simulated.
+//! The line of one robot becomes noisy, late, silent, blocked and unplugged; that of the other
+//! stays healthy. Short:
 //!
 //! ```text
 //! cargo test -p motord --test process serial:: -- --nocapture
 //! ```
 //!
-//! As long as it takes to judge the histograms, 60 s, on a machine that does nothing else:
+//! Long enough for the histograms, 60 s, on an otherwise idle machine:
 //!
 //! ```text
 //! cargo test --release -p motord --test process serial:: -- --ignored --nocapture
@@ -43,11 +44,11 @@ const LINE: usize = 4;
 const LEGS: usize = 0;
 const HAND: usize = 1;
 
-/// The misfortunes of a line, in order, each for the same time; in between it is well.
+/// The faults of a line, in order, each for the same time, with healthy periods between them.
 const MISFORTUNES: [&str; 7] =
     ["arm echo", "arm corrupt 5%", "arm loss 5%", "arm glue 16ms", "arm silent", "arm blocked", "arm gone"];
 
-/// Patient: this machine may do other things meanwhile.
+/// Long timeouts: other programs may load this machine.
 fn settings(device: &Path) -> Settings {
     let mut text = String::from(
         "[cycle]\nmax-lateness-ms = 500.0\nmax-skipped-percent = 100.0\n\
@@ -140,7 +141,7 @@ impl Running {
         };
         let (cycle, mut ends) =
             assemble(settings, (0..settings.buses.len()).map(bus).collect(), Monotonic, 1);
-        // The client has no use for the supply, and the reconnector none for the rest.
+        // The client does not use the supply, and the reconnector only the supply.
         let supply = std::mem::replace(&mut ends.supply, link(1).1.supply);
         let tick = Tick { number: 1, at: clock::monotonic() + Duration::from_millis(2) };
         let client = LocalClient::new(ends);
@@ -178,7 +179,7 @@ impl Running {
         let hand = [JointSetpoint { mode: SetpointMode::Torque.code(), ..Default::default() }; 2];
         let now = Monotonic.now();
         self.client.send(LEGS, now, &legs).unwrap();
-        // The hand is stopped when its line fails, and so is its lease of no use then.
+        // The hand is stopped when its line fails: its lease is then useless.
         let _ignored = self.client.send(HAND, now, &hand);
     }
 
@@ -239,7 +240,8 @@ impl Running {
     }
 }
 
-/// Runs a robot for `time`, and gives its line `misfortunes`. Returns its CAN buses, and the counters of the line.
+/// Runs a robot for `time`, and applies `misfortunes` to its line. Returns its CAN buses, and the
+/// counters of the line.
 fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord_shared::BusState) {
     let place = TempDir::new().unwrap();
     let device = place.path().join("ttyUSB0");
@@ -254,7 +256,8 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         prepare_thread(50);
         robot.enable();
         together.wait();
-        // Well, ill, well, ill, …, and twice as long well in the end, so that a port is opened again.
+        // Healthy and faulty periods alternate. The last healthy one is twice as long, so that a
+        // port is opened again.
         let part = time / (2 * MISFORTUNES.len() as u32 + 2);
         let motors = &motors;
         threads.spawn(move || {
@@ -267,7 +270,8 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
         });
         robot.measure(time);
         assert_eq!(robot.phase(LEGS), Phase::Active.code(), "the legs stand");
-        // After a port that was unplugged: until the reconnector has opened it, 4 s after its last try.
+        // After a port was unplugged: until the reconnector has opened it, 4 s after its last
+        // attempt.
         let back = Monotonic.now() + Duration::from_secs(10);
         while !robot.all_answer() && Monotonic.now() < back {
             robot.send();
@@ -280,7 +284,7 @@ fn run(time: Duration, misfortunes: &[&str], together: &Barrier) -> (Can, motord
     })
 }
 
-/// The CAN buses of a robot whose line suffers, and those of one whose line does not.
+/// Returns the CAN buses of a robot with a faulty line, and those of one with a healthy line.
 fn side_by_side(time: Duration) -> (Can, Can) {
     let together = Barrier::new(2);
     let (ill, well) = scope(|threads| {
@@ -290,12 +294,13 @@ fn side_by_side(time: Duration) -> (Can, Can) {
     });
     println!("its line suffers: {}\nits line is well: {}", ill.0.row(), well.0.row());
     println!("the line that suffers: {:?}", ill.1);
-    // On a busy machine a line that is well has malformed replies, too: those that are read in halves.
+    // On a busy machine a healthy line also has malformed replies: those read in two parts.
     assert!(ill.1.malformed > 0 && ill.1.dropped > well.1.dropped, "the line did suffer: {:?}", ill.1);
     (ill.0, well.0)
 }
 
-/// Nothing is refused, no condition changes, and replies take as long as beside it.
+/// Checks that nothing is refused, no condition changes, and replies take as long as on the other
+/// robot.
 fn judge(ill: &Can, well: &Can) {
     for can in [ill, well] {
         assert_eq!((can.dropped, can.errors, can.conditions_changed), (0, 0, 0), "{}", can.row());
@@ -312,7 +317,7 @@ fn line_faults_change_nothing_on_can_bus() {
     judge(&ill, &well);
 }
 
-/// On a machine that does nothing else, the cycles take as long, and no more replies are missed.
+/// On an otherwise idle machine, the cycles take as long, and no more replies are missed.
 #[test]
 #[ignore = "takes a minute of a machine that does nothing else"]
 fn minute_of_line_faults_changes_nothing_on_can() {

@@ -1,8 +1,9 @@
-//! Ten million corrupted bytes on a serial line: no panic, the next reply is found, and no answer is accepted that its command
-//! and its numbers tell to be false.
+//! Ten million corrupted bytes on a serial line: no panic occurs, and the next reply is found. No
+//! answer is accepted that contradicts its command or its numbers.
 //!
-//! Method: a pseudo terminal. Noise is random bytes, bytes that look like headers, damaged and cut replies, replies to other
-//! commands, of other motors, and ACK frames. The numbers that a reply repeats are written here once more, from the document.
+//! Method: a pseudo terminal. Noise is random bytes, bytes like headers, damaged and truncated
+//! replies, replies to other commands or motors, and ACK frames. The numbers that a reply repeats
+//! are copied here from the document.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -19,7 +20,8 @@ const TIMEOUT: Duration = Duration::from_millis(2);
 /// Ids of three motors and their hosts.
 const MOTORS: [(u8, u8); 3] = [(1, 0x41), (2, 0x42), (3, 0)];
 
-/// Requests, and how many bytes after the first their replies repeat (GIM document 3.2.4 to 3.2.17).
+/// Requests, and the number of bytes after the first that their replies repeat (GIM document 3.2.4
+/// to 3.2.17).
 const REQUESTS: [([u8; 8], usize); 8] = [
     ([0x84, 0x00, 0x11, 0, 0, 0, 0, 0], 2),
     ([0x84, 0x01, 0x03, 0, 0, 0, 0, 0], 2),
@@ -68,7 +70,7 @@ impl Line {
         }
     }
 
-    /// Sends a request once the one before is given up.
+    /// Sends a request once the previous one is given up.
     fn ask(&mut self, id: u8, payload: [u8; 8]) {
         self.now = self.now + TIMEOUT;
         assert_eq!(self.bus.send(self.now, &[Frame::classic(FrameId::from(id), payload)]), Sent::all(1));
@@ -77,7 +79,7 @@ impl Line {
         assert_eq!(request, framed(id, payload));
     }
 
-    /// The frames and the refusals that `bytes` become.
+    /// Decodes `bytes` to frames and refusals.
     fn hear(&mut self, bytes: &[u8]) -> Vec<Content> {
         self.motors.write_all(bytes).unwrap();
         let mut heard = Vec::new();
@@ -109,7 +111,7 @@ fn pick<T: Copy>(random: &mut Random, of: &[T]) -> T {
     of[(random.next() % of.len() as u64) as usize]
 }
 
-/// Some bytes that are no answer to anything, but may look like one.
+/// Appends bytes that answer no request, but may resemble an answer.
 fn noise(random: &mut Random, into: &mut Vec<u8>) {
     let (_, host) = pick(random, &MOTORS);
     let other = pick(random, &REQUESTS);
@@ -126,7 +128,8 @@ fn noise(random: &mut Random, into: &mut Vec<u8>) {
         4 => into.extend(&frame[(random.next() % 12) as usize..]),
         _ => into.extend(framed(random.next() as u8, reply(other, random))),
     }
-    // An ACK frame without a payload is found in noise too easily to be accepted before a reply that follows it.
+    // Noise often contains an ACK frame without a payload. It must not be accepted before the reply
+    // that follows.
     if random.next().is_multiple_of(16) {
         into.extend([host, 1, 0, host ^ 1]);
     }
@@ -155,7 +158,7 @@ fn corrupted_bytes_neither_hide_nor_forge_replies() {
                 assert_eq!(payload[..=repeated], request.0[..=repeated], "a false answer: {frame:?}");
                 *(if payload == answer { &mut found } else { &mut forged }) += 1;
             }
-            // The noise was longer than a read, and an ACK frame stood at its end.
+            // The noise was longer than a read and ended with an ACK frame.
             Some(Content::Refused(refuser)) => {
                 assert_eq!(*refuser, FrameId::from(id));
                 refused += 1;

@@ -1,7 +1,7 @@
 //! Motors on a serial line, and the programs that stop them: the daemon, its dead man's switch, `motord safe-stop`.
 //!
-//! Method: the real programs; simulated motors on a pseudo terminal. A motor that runs is one that another sender started behind the
-//! back of the dead daemon.
+//! Method: the real programs; simulated motors on a pseudo terminal. A running motor was started by
+//! another sender after the death of the daemon.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -36,7 +36,8 @@ impl Arm {
         Self::of(|device| ["one", "two"].map(|instance| (instance, config(instance, device))).to_vec())
     }
 
-    /// The motors of the first of these configurations, each with its instance; they get the device.
+    /// Starts the motors of the first of these configurations, each with its instance; all use the
+    /// device.
     fn of(configurations: impl Fn(&str) -> Vec<(&'static str, String)>) -> Self {
         let place = TempDir::new().unwrap();
         let link = place.path().join("ttyUSB0");
@@ -61,7 +62,7 @@ impl Arm {
         motord
     }
 
-    /// Starts a program, and waits until its log says `text`.
+    /// Starts a program, and waits until its log contains `text`.
     fn start(&self, command: &str, text: &str) -> Program {
         let mut child = self.motord(command, "one").spawn().unwrap();
         let mut log = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
@@ -99,7 +100,7 @@ impl Arm {
 /// A program that runs until it is dropped.
 struct Program {
     child: Child,
-    /// Whoever closes it ends the program by a signal.
+    /// Dropping it ends the program by a signal.
     _log: Box<dyn Iterator<Item = String>>,
 }
 

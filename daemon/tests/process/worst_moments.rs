@@ -1,8 +1,10 @@
-//! The emergency stop in the worst moments: the real programs, a robot that moves, and one misfortune after the other.
+//! The emergency stop during faults: the real programs, a robot that moves, and one fault after the
+//! other.
 //!
 //! Prints the table of docs/safety.md: `cargo test -p motord --test process worst_moments -- --nocapture`.
 //!
-//! The time of the stop is that of the cycle in which it was latched: the commands that damp the motors leave in the same cycle.
+//! The stop counts from the cycle in which it was latched: the commands that damp the motors are
+//! sent in the same cycle.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot set itself up has failed")]
 
@@ -46,15 +48,15 @@ model = "GIM8108-8"
 
 /// Longer than a busy machine stalls.
 const PATIENCE: Duration = Duration::from_secs(30);
-/// This process is to ask without pause in this runtime directory.
+/// Variable for a process that sends requests without pause: its runtime directory.
 const ASK: &str = "MOTORD_TEST_ASK";
-/// This process is in namespaces of its own, and may mount.
+/// Variable for a process in separate namespaces, which may mount.
 const INSIDE: &str = "MOTORD_TEST_INSIDE";
-/// This process is to become another user, and to ask in this runtime directory.
+/// Variable for a process that becomes another user and sends a request: its runtime directory.
 const INTRUDE: &str = "MOTORD_TEST_INTRUDE";
 /// A user and a group that own nothing.
 const NOBODY: u32 = 65_534;
-/// How many ask without pause.
+/// Number of processes that send requests without pause.
 const CROWD: usize = 24;
 
 /// A daemon, and its motor that follows setpoints.
@@ -67,7 +69,7 @@ struct Robot {
 }
 
 impl Robot {
-    /// In `place`, once the motor is active.
+    /// Starts the daemon in `place`, and waits until the motor is active.
     fn start(place: TempDir) -> Self {
         let path = place.path().join("motord.toml");
         fs::write(&path, CONFIG).unwrap();
@@ -86,7 +88,7 @@ impl Robot {
         Pid::from_raw(self.process.id().cast_signed())
     }
 
-    /// Claims the arm, and has it held by a thread.
+    /// Claims the arm, and holds it from a thread.
     fn activate(&mut self) {
         let position = until("a position", || {
             let joint = self.state()?.joints[0];
@@ -124,7 +126,7 @@ impl Robot {
         Phase::try_from(self.state()?.groups[0].phase).ok()
     }
 
-    /// The cycle of the stop, as a time after `since`, ns of the monotonic clock.
+    /// Returns the tick of the stop's cycle, as a time after `since_ns`, ns of the monotonic clock.
     fn stopped_after(&self, since_ns: u64) -> Duration {
         let stop_cycle = until("the cycle of the stop", || {
             let telemetry: serde_json::Value =
@@ -153,7 +155,7 @@ fn attached(runtime: &Path) -> Option<ClientPorts> {
     ClientPorts::open(instance.attach().ok()??).ok()
 }
 
-/// Holds the joint at `position` until it is over.
+/// Holds the joint at `position` until `over` is set.
 fn hold(ports: &ClientPorts, lease: u64, position: f32, over: &AtomicBool) {
     let port = ports.setpoint_port().unwrap();
     for sequence in 1.. {
@@ -163,7 +165,7 @@ fn hold(ports: &ClientPorts, lease: u64, position: f32, over: &AtomicBool) {
         let time_ns = motord_ports::clock::now_ns();
         let mut message = SetpointMessage { lease, sequence, time_ns, joint_count: 1, ..Default::default() };
         message.joints[0] = JointSetpoint { position, kp: 40.0, kd: 1.0, ..Default::default() };
-        // A misfortune may damage the connection: then the silence of the owner stops the robot, too.
+        // A fault may damage the connection: then the missing setpoints also stop the robot.
         let _damaged = port.send(&message);
         sleep(Duration::from_millis(5));
     }
@@ -180,11 +182,11 @@ fn until<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// Something that goes wrong, until it is dropped.
+/// A fault that lasts until it is dropped.
 type Misfortune = Box<dyn std::any::Any>;
 type Begin = fn(&Robot) -> Misfortune;
 
-/// Undoes a misfortune.
+/// Ends a fault.
 struct Undo<F: FnMut()>(F);
 
 impl<F: FnMut()> Drop for Undo<F> {
@@ -262,7 +264,8 @@ fn daemon_frozen(robot: &Robot) -> Misfortune {
     Box::new(Undo(move || kill(pid, Signal::SIGCONT).unwrap()))
 }
 
-/// Nothing of it runs any more, while the rest of the daemon does: a debugger stops one thread only.
+/// Stops the whole ipc thread while the other threads of the daemon run: a debugger stops one
+/// thread only.
 fn ipc_thread_hangs(robot: &Robot) -> Misfortune {
     let tasks = fs::read_dir(format!("/proc/{}/task", robot.pid())).unwrap().map(|task| task.unwrap().path());
     let is_ipc =
@@ -275,7 +278,7 @@ fn ipc_thread_hangs(robot: &Robot) -> Misfortune {
     Box::new(Undo(move || ptrace::detach(thread, None).unwrap()))
 }
 
-/// Asks without pause, when it is told where.
+/// Sends requests without pause, if the variable is set.
 #[test]
 fn one_of_the_crowd() {
     let Some(runtime) = std::env::var_os(ASK) else { return };
@@ -366,7 +369,7 @@ fn emergency_stop_is_confirmed_in_worst_moments() {
     assert!(frozen.damped_after > Duration::from_millis(500), "it was carried out when the daemon went on");
 }
 
-/// In namespaces of its own: a small file system is mounted.
+/// Runs in separate namespaces: a small file system is mounted.
 #[test]
 fn emergency_stop_is_confirmed_on_full_filesystem() {
     const NAME: &str = "worst_moments::emergency_stop_is_confirmed_on_full_filesystem";
@@ -389,7 +392,7 @@ fn emergency_stop_is_confirmed_on_full_filesystem() {
     row.must_be_confirmed();
 }
 
-/// Becomes another user after it has found the socket, when it is told where.
+/// Connects, becomes another user and sends a request, if the variable is set.
 #[test]
 fn an_intruder_asks() {
     let Some(runtime) = std::env::var_os(INTRUDE) else { return };
