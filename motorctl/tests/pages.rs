@@ -1,6 +1,8 @@
-//! Completions and manual pages of the three programs: what `--help` shows is in them, in real shells and in real viewers.
+//! Completions and manual pages of the three programs contain what `--help` shows, in real shells
+//! and in real viewers.
 //!
-//! The tests that need shells or viewers are ignored unless asked for: `.ci/full pages` installs what they need and runs them.
+//! The tests that need shells or viewers are ignored by default: `.ci/full pages` installs their
+//! requirements and runs them.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -106,7 +108,8 @@ fn offered(shell_name: &str, script: &str, name: &str, line: &str) -> Vec<String
     output.lines().filter_map(|line| line.split('\t').next()).map(str::to_owned).collect()
 }
 
-/// Goal: whatever `--help` lists can be completed. Method: ask the shell for the completions after each command.
+/// Goal: everything that `--help` lists can be completed.
+/// Method: read the completions of the shell after each command.
 #[test]
 #[ignore = "needs bash and fish: .ci/full pages installs them"]
 fn bash_and_fish_complete_every_command_and_option() {

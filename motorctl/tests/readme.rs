@@ -1,7 +1,9 @@
-//! The README's "Now you", line by line, in terminals of tmux: a robot, its monitor, a controller that is killed, a robot that is
-//! damped. Then the first program of the client's documentation, on the same robot.
+//! The README's "Now you", line by line, in terminals of tmux: a robot, its monitor, a killed
+//! controller, a damped robot. Then the first program of the client's documentation, on the same
+//! robot.
 //!
-//! A release build (`cargo test --release`) runs the lines word for word. Another one runs its own programs in their place.
+//! A release build (`cargo test --release`) runs the lines word for word. Other builds run their
+//! own programs instead.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -69,7 +71,8 @@ impl Desk {
     }
 }
 
-/// Builds an example of the client. `cargo test -p motorctl` alone does not, and an old one speaks another version.
+/// Builds an example of the client. `cargo test -p motorctl` does not build it, and an old one uses
+/// another version of the messages.
 fn build(example: &str) {
     let line = here(&format!("cargo build --release --workspace --example {example}"));
     let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());

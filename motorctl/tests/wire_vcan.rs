@@ -1,7 +1,7 @@
 //! `motorctl` on virtual CAN interfaces, and on an RS485 line beside them.
 //!
-//! These tests need interfaces vcan0 to vcan3: `verify/rigs/test-commissioning` boots a kernel that has them; elsewhere they are reported
-//! as ignored.
+//! These tests need interfaces vcan0 to vcan3: `verify/rigs/test-commissioning` boots a kernel that
+//! has them; elsewhere they are ignored.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -107,7 +107,7 @@ fn every_configuration_item_is_written_over_can() {
     assert!(refused.contains("data format (RES 0x07)"), "{refused}");
 }
 
-/// Goal: as over RS485, and the motor is out of reach until the bus has its new bit rate.
+/// Goal: the same as over RS485. The motor is unreachable until the bus has its new bit rate.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn every_writable_item_is_set_over_can() {
@@ -174,8 +174,10 @@ fn unconfirmed_start_over_can_is_stopped() {
     line::lose_the_answer_to_a_start(&knee(), "70ms");
 }
 
-/// Goal: a motor in MIT goes on after motorctl was killed, until it is stopped: MIT has no duration. Method: it turns at 0.5 rad/s
-/// for 1.5 s, and as long again afterwards; a jog that hardly moves it tells where it is.
+/// Goal: a motor in MIT mode continues after the kill of motorctl until it is stopped: MIT has no
+/// duration.
+/// Method: it turns at 0.5 rad/s for 1.5 s, and as long again afterwards. A jog with a small motion
+/// reports its position.
 #[test]
 #[ignore = "needs vcan: verify/rigs/test-commissioning"]
 fn mit_motor_continues_after_killed_jog_until_stopped() {

@@ -3,7 +3,7 @@
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
-/// Every command a person sees, with arguments that are complete.
+/// The daily commands, with complete arguments.
 const COMMANDS: [&[&str]; 12] = [
     &["demo"],
     &["monitor"],
@@ -19,7 +19,7 @@ const COMMANDS: [&[&str]; 12] = [
     &["zero", "fl-knee", "--yes"],
 ];
 
-/// The commands that go to the wire.
+/// The commands that use the wire.
 const ON_A_BUS: [&str; 24] = [
     "scan",
     "ping",

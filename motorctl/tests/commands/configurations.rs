@@ -1,4 +1,4 @@
-//! The configurations that we ship run as they are.
+//! The shipped configurations run unchanged.
 
 use motord_harness::daemon::Daemon;
 use motord_harness::programs::program;
@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// After so many cycles every motor was asked many times.
+/// Number of cycles after which every motor was polled many times.
 const CYCLES_MIN: u64 = 300;
 
 fn shipped() -> Vec<PathBuf> {
@@ -18,13 +18,14 @@ fn shipped() -> Vec<PathBuf> {
     files
 }
 
-/// Whether a configuration needs nothing but this machine.
+/// Returns `true` if a configuration needs only this machine.
 fn is_simulated(file: &Path) -> bool {
     let config: toml::Table = fs::read_to_string(file).unwrap().parse().unwrap();
     config["bus"].as_array().unwrap().iter().all(|bus| bus["type"].as_str() == Some("simulated"))
 }
 
-/// Cycles were counted, every motor answered, and no group is stopped for a cause.
+/// Returns `true` if cycles were counted, every motor answered, and no group is stopped for a
+/// cause.
 fn is_well(status: &Value) -> bool {
     let all = |list: &str, is_well: fn(&Value) -> bool| status[list].as_array().unwrap().iter().all(is_well);
     status["cycle"].as_u64().unwrap() >= CYCLES_MIN
@@ -50,7 +51,7 @@ fn shipped_simulated_configurations_run_until_stopped() {
     }
 }
 
-/// No machine of a test has the interfaces of a robot.
+/// Test machines do not have the interfaces of a robot.
 #[test]
 fn every_shipped_configuration_with_interfaces_passes_check() {
     let real: Vec<_> = shipped().into_iter().filter(|file| !is_simulated(file)).collect();

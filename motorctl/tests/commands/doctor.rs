@@ -1,4 +1,4 @@
-//! `motorctl doctor` as scripts see it. Its verdict is on the machine of the test, and not judged here.
+//! `motorctl doctor` as called by scripts. Its assessment of the test machine is not checked.
 
 use serde_json::Value;
 use std::process::{Command, Output};
@@ -19,7 +19,7 @@ fn exit_status_is_verdict_and_findings_have_reasons() {
         findings.iter().all(|finding| (finding["level"] == "good") == finding["why"].is_null()),
         "{report}"
     );
-    // It was measured, or a daemon of another test was in the way.
+    // Either the latency was measured, or the daemon of another test prevented that.
     assert!(report["wake"]["wake_latency_us"]["count"].is_u64() != report["daemon"].is_u64(), "{report}");
 }
 

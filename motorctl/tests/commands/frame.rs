@@ -1,4 +1,4 @@
-//! `motorctl frame`, run as a user runs it, against frames worked out from the vendor documents.
+//! `motorctl frame`, as called by a user, against frames derived from the vendor documents.
 
 use crate::schema::assert_lines_valid;
 use serde_json::{Value, json};
@@ -86,7 +86,7 @@ fn is_same(decoded: &Value, expected: &Value) -> bool {
     }
 }
 
-/// Keys of the vectors that explain a frame and that `decode` does not print.
+/// Returns `true` for keys of the vectors that explain a frame and that `decode` does not print.
 fn is_commentary(key: &str) -> bool {
     ["as_state", "as_mit", "meaning", "request", "would_be_control", "value_by_literal_EN_formula"]
         .contains(&key)
@@ -123,9 +123,9 @@ fn encode_reproduces_vectors_from_their_keys() {
     }
 }
 
-/// Goal: nobody sends a frame that is not the one that was described.
-/// Method: to every golden vector a member that is not in the frame is added, and each of its members that follow from
-/// others is changed.
+/// Goal: no frame is sent that differs from its description.
+/// Method: the test adds a member that is not in the frame to every golden vector. It also changes
+/// each member that follows from others.
 #[test]
 fn encode_refuses_unknown_and_contradicting_members() {
     let derived = ["name", "unit", "faults", "cmd"];
@@ -157,7 +157,7 @@ impl Noise {
         ((mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB)).to_le_bytes()
     }
 
-    /// A native payload: in most, command, result and ids are those of the document.
+    /// Returns a native payload: most have command, result and ids of the document.
     fn native(&mut self) -> [u8; 8] {
         let [choice, command, sub, id, ..] = self.next();
         let mut bytes = self.next();
@@ -187,7 +187,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02X}")).collect()
 }
 
-/// Makes frames; whatever `decode` reads of them must be made again, byte for byte.
+/// Generates frames: encoding the output of `decode` must reproduce them, byte for byte.
 fn is_identity(layout: &[&str], asked: &str, make: impl Fn(&mut Noise) -> Vec<u8>) {
     let mut noise = Noise(asked.len() as u64);
     let frames: Vec<String> = (0..3_000).map(|_| hex(&make(&mut noise))).collect();
@@ -482,7 +482,8 @@ fn misuse_and_bad_configuration_have_exit_statuses() {
     assert_eq!(status(&["--help"]), Some(0));
 }
 
-/// A FIFO without a writer, a device without an end and a file as large as a disk are refused at once, as the daemon does.
+/// A FIFO without a writer, an endless device and a huge file are refused immediately, as by the
+/// daemon.
 #[test]
 fn unreadable_configuration_is_refused_immediately() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,8 +1,8 @@
-//! Every example of every `--help` works as it is printed.
+//! Every example of every `--help` works as printed.
 //!
-//! Method: the examples are read from the printed help and run by a shell, in a directory with what they name: a
-//! `robot.toml`, a robot with a controller, a second robot `arm`, a `candump`, a motor on a bus. All are simulated.
-//! `motord-sim` alone is run only up to its CAN interfaces, which are not there.
+//! Method: a shell runs the examples of the printed help, in a directory with what they name. That
+//! is a `robot.toml`, a robot with a controller, a second robot `arm`, a `candump` and a motor on a
+//! bus. All are simulated. `motord-sim` runs only up to its CAN interfaces, which are missing.
 
 use crate::line::Line;
 use crate::programs::help;
@@ -21,7 +21,7 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// The examples of a program's help and of the helps of its commands.
+/// Returns the examples in the help of a program and of its commands.
 fn examples(program: &str, command: &[String]) -> Vec<String> {
     let help = help(program, command);
     let mut examples: Vec<String> = Vec::new();
@@ -33,7 +33,7 @@ fn examples(program: &str, command: &[String]) -> Vec<String> {
             None => examples.push(line.trim().to_owned()),
         }
     }
-    // A command may have its meaning beside it.
+    // Examples may have an explanation on the same line.
     let command_of = |example: &String| example.split("  ").next().unwrap().trim().to_owned();
     let mut examples: Vec<String> = examples.iter().map(command_of).collect();
     let commands = section("Commands:").take_while(|line| line.starts_with("  "));
@@ -102,7 +102,7 @@ impl Place {
         }
     }
 
-    /// Runs a line as a person would, from this directory. A pipeline fails when any part of it does.
+    /// Runs a line in this directory like a person. A pipeline fails when any part of it fails.
     fn shell(&self, line: &str) -> Output {
         let path =
             format!("{}:{}:{}", self.path().display(), directory().display(), std::env::var("PATH").unwrap());
@@ -126,7 +126,8 @@ impl Place {
         assert!(latched || self.shell("motorctl reset").status.success());
     }
 
-    /// Runs an example; whatever runs until it is ended runs shortly. One with a bus has a line of its own, with a motor 3.
+    /// Runs an example; endless commands run for a short time. An example with a bus has a separate
+    /// line, with a motor 3.
     fn example(&self, example: &str) {
         let example = without_missing_jq(example);
         let wire = needs_bus(example).then(Line::knee);
@@ -139,7 +140,7 @@ impl Place {
                  bus = 'line'\nid = 3\nhost-id = 0x43\nprotocol = 'gim'\nmodel = 'GIM8108-8'\n"
             ),
         );
-        // A demo judges the machine, too, and may need a second try on a busy one.
+        // A demo also assesses the machine, and may need a second attempt on a busy one.
         let tries = if line.contains("demo") { 5 } else { 1 };
         let mut outputs = (0..tries).map(|_| self.shell(&line));
         let first = outputs.next().unwrap();
@@ -157,7 +158,7 @@ impl Place {
         );
     }
 
-    /// Ends the fault of an example: the next one finds a robot without.
+    /// Ends the fault of an example: the next one starts without faults.
     fn heal(&self, example: &str) {
         if let Some(fault) = example.strip_prefix("motorctl sim ") {
             let target = fault.split(' ').next().unwrap();
@@ -166,7 +167,8 @@ impl Place {
     }
 }
 
-/// Returns the example for this machine, with `device` as its bus; what runs until it is ended runs shortly.
+/// Returns the example for this machine, with `device` as its bus; endless commands run for a short
+/// time.
 fn runnable(example: &str, device: &str) -> String {
     // A whole scan of a serial line takes a quarter of a minute.
     let ids = if example.contains("motorctl scan") && !example.contains("--ids") { " --ids 1-4" } else { "" };
@@ -177,7 +179,7 @@ fn runnable(example: &str, device: &str) -> String {
         .replace("motorctl setup --config motord.toml", "motorctl setup --config line.toml")
         .replace("motord init", "cd $(mktemp -d) && motord init")
         .replace("sudo motorctl doctor", "motorctl doctor")
-        // It changes the machine of the test.
+        // This option changes the test machine.
         .replace(" --tune", "")
         .replace("--seconds 600", "--seconds 1")
         .replace("motorctl demo", "motorctl demo --seconds 2")
@@ -189,7 +191,7 @@ fn runnable(example: &str, device: &str) -> String {
         )
         .replace("motord run", "timeout --preserve-status -s TERM 2 motord run")
         .replace("motord deadman", "timeout --preserve-status -s TERM 1 motord deadman");
-    // Its verdict is on the machine of the test.
+    // Its result depends on the test machine.
     let line = match line.split_once(" | ") {
         Some((doctor, rest)) if doctor.contains(" doctor") => {
             format!("({doctor} || [ $? = 1 ]) | {rest}")
@@ -201,12 +203,12 @@ fn runnable(example: &str, device: &str) -> String {
     if ends_by_hand { on_a_terminal(&line) } else { line }
 }
 
-/// Returns whether an example uses a bus, without a daemon.
+/// Returns `true` if an example uses a bus, without a daemon.
 fn needs_bus(example: &str) -> bool {
     example.contains("--bus") || example.contains("motorctl setup")
 }
 
-/// Returns whether a status reports a robot whose motors are all stopped.
+/// Returns `true` if all motors in a status are stopped.
 fn is_at_rest(status: &[u8]) -> bool {
     let status: Value = serde_json::from_slice(status).unwrap_or_default();
     let is_stopped = |joint: &Value| joint["mode"] == "idle" || joint["mode"] == "excluded";
@@ -226,13 +228,13 @@ fn without_missing_jq(example: &str) -> &str {
     }
 }
 
-/// The line on a terminal of its own, until Ctrl-C a second later.
+/// Runs the line on a separate terminal, until Ctrl-C a second later.
 fn on_a_terminal(line: &str) -> String {
     let line = format!("timeout --foreground --preserve-status -s INT 1 {line}");
     format!("TERM=xterm script -qec '{line}' /dev/null </dev/null")
 }
 
-/// Claims the legs and holds them where they are, until `end`.
+/// Claims the legs and holds them in position, until `end`.
 fn hold(runtime: &Path, end: &AtomicBool) {
     let client = Client::connect_in(runtime, "robot").unwrap();
     let mut claim = client.claim("legs").unwrap();
@@ -254,8 +256,8 @@ fn every_example_of_motord_works() {
     examples.iter().for_each(|example| place.example(example));
 }
 
-/// A test has no CAN interface, and must send nothing on one that it finds: the interface of its configuration is not there.
-/// `motord-sim` says so after it took the arguments and the configuration.
+/// A test must send nothing on a real CAN interface: the interface of its configuration is missing.
+/// `motord-sim` reports that after it has parsed the arguments and the configuration.
 #[test]
 fn motord_sim_examples_parse_up_to_missing_interface() {
     const EXIT_UNAVAILABLE: i32 = 69;
@@ -286,7 +288,7 @@ fn every_other_example_of_motorctl_works() {
     let mut examples = examples("motorctl", &[]);
     examples.retain(|example| !needs_bus(example));
     assert!(examples.len() >= 20, "{examples:?}");
-    // It ends the controller's claim.
+    // This example ends the controller's claim.
     examples.sort_by_key(|example| example.contains("release"));
     let end = AtomicBool::new(false);
     let runtime = place.path().join("run");

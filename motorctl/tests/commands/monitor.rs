@@ -1,5 +1,5 @@
-//! The monitor as a person uses it: the real program in a terminal of tmux, keys pressed, with a real daemon of simulated
-//! motors and a controller. The pictures themselves are judged beside the code that draws them.
+//! The monitor in real use: the real program in a terminal of tmux, with key presses, a real daemon
+//! of simulated motors and a controller. Tests beside the drawing code check the screens in detail.
 
 use motord_client::{Claim, Client, Error, Phase, Setpoint, State};
 use motord_harness::daemon::{Daemon, slow_quadruped, until};
@@ -17,7 +17,7 @@ fn terminal(daemon: &Daemon) -> Option<Tmux> {
     Tmux::start(&[("PATH", &path), ("MOTORD_RUNTIME_DIR", runtime)])
 }
 
-/// Holds the legs where they are, until `end`; enables them when `enable` says so.
+/// Holds the legs in position until `end`, and enables them when `enable` is set.
 fn hold(client: &Client, end: &AtomicBool, enable: &AtomicBool, newest: &Mutex<Option<State>>) {
     let mut claim: Option<Claim> = None;
     while !end.load(Ordering::Relaxed) {
@@ -37,8 +37,9 @@ fn hold(client: &Client, end: &AtomicBool, enable: &AtomicBool, newest: &Mutex<O
     }
 }
 
-/// Goal: from one screen a person sees who moves the robot, stops it with one key, learns the cause and the way back, and goes
-/// it. Method: keys of tmux; the screen and the daemon's states are judged.
+/// Goal: one screen shows who moves the robot, stops it with one key, and shows the cause and how
+/// to continue.
+/// Method: keys of tmux; the test checks the screen and the daemon's states.
 #[test]
 fn keys_stop_reset_and_disable_the_robot() {
     let daemon = Daemon::start(&slow_quadruped());
@@ -108,10 +109,11 @@ fn the_first_screen_tells_everything(tmux: &Tmux) {
     }
 }
 
-/// Goal: the worst day of a robot is on the first screen of a small terminal: why it stands, whose it is, what to do; and what
-/// the screen says to paste ends it.
-/// Method: the real program at 80x24 and at 60x20; a motor in fault and a bus that is off, as the simulator makes them, and an
-/// emergency stop, all at once; then the lines of the screen in another shell, and the key for the reset.
+/// Goal: with several faults, the first screen of a small terminal shows the cause of the stop, the
+/// owner and the advice. The commands on the screen end the faults.
+/// Method: the real program at 80x24 and at 60x20, with a motor fault, a bus that is off, and an
+/// emergency stop. Then the test runs the lines of the screen in another shell, and presses the key
+/// for the reset.
 #[test]
 fn three_simultaneous_troubles_fit_the_first_screen() {
     let daemon = Daemon::start(&slow_quadruped());
@@ -134,7 +136,7 @@ fn three_simultaneous_troubles_fit_the_first_screen() {
 
             the_first_screen_tells_everything(&tmux);
 
-            // Its page of the buses, and the way back.
+            // Opens the page of the buses, and returns.
             tmux.press(&["Tab"]);
             tmux.until("the buses", |screen| screen.contains("rear-right") && !screen.contains("fl-hip "));
             tmux.press(&["1"]);
@@ -162,7 +164,7 @@ fn pages_filters_and_sizes_follow_keys() {
     let daemon = Daemon::start(&slow_quadruped());
     let Some(tmux) = terminal(&daemon) else { return };
     let _client = daemon.connect();
-    // On a terminal the watch is the monitor.
+    // On a terminal `watch` runs the monitor.
     tmux.enter("motorctl --instance demo watch");
     tmux.until("the joints", |screen| screen.contains("fl-hip"));
     tmux.press(&["/"]);

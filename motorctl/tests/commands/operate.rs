@@ -59,7 +59,7 @@ fn emergency_stop_has_a_slot_when_full() {
     assert_eq!(daemon.status()["emergency_stop"], true);
 }
 
-/// Whoever stops a robot is not told that it failed because nobody could read of it.
+/// A successful stop must not be reported as failed when its output cannot be written.
 #[test]
 fn completed_action_succeeds_whatever_the_output_does() {
     let daemon = started();
@@ -101,7 +101,7 @@ fn what_the_daemon_refuses_fails_with_the_reason() {
     }
 }
 
-/// The claim of a controller that holds the arm, sent again and again until the test ends it.
+/// Sends the claim of a controller that holds the arm repeatedly, until the test ends it.
 fn while_held(daemon: &Daemon, test: impl FnOnce()) {
     let (end, held) = (AtomicBool::new(false), AtomicBool::new(false));
     std::thread::scope(|scope| {
@@ -136,14 +136,14 @@ fn active_group_counts_as_enabled_and_reset_waits() {
         assert!(again.status.success(), "{}", text(&again.stderr));
         assert_eq!(text(&again.stdout), "all: is active already\n");
         assert!(daemon.motorctl(&["estop"]).status.success());
-        // The motor may be damped still: the reset waits for it.
+        // The motor may still be damped: the reset waits for it.
         let reset = daemon.motorctl(&["reset", "--wait"]);
         assert!(reset.status.success(), "{}", text(&reset.stderr));
         assert_eq!(daemon.status()["groups"][0]["phase"], "disarmed");
     });
 }
 
-/// The process that moves the robot is what an operator looks for: a lease tells nobody whom to ask.
+/// An operator needs the process that moves the robot: a lease does not identify it.
 #[test]
 fn status_names_the_process_that_owns_a_group() {
     let daemon = started();
@@ -191,7 +191,7 @@ fn check_judges_robot_by_exit_status() {
 #[test]
 fn name_is_resolved_before_any_prompt() {
     let daemon = started();
-    // Nobody can be asked here: that would be the complaint.
+    // Without a terminal, a prompt would fail with advice to use `--yes`.
     let output = daemon.motorctl(&["zero", "leg"]);
     let complaint = text(&output.stderr);
     assert_eq!(output.status.code(), Some(64), "{complaint}");
@@ -199,7 +199,7 @@ fn name_is_resolved_before_any_prompt() {
     assert_eq!(text(&daemon.motorctl(&["fault"]).stdout), "bench: no motor reports a fault\n");
 }
 
-/// A running daemon tells of its joints in the form in which `--bus` reads a wire that nobody owns.
+/// A running daemon reports its joints in the same form as `--bus` does on a wire without a daemon.
 #[test]
 fn joint_faults_and_indicators_are_read_through_daemon() {
     let daemon = Daemon::start(&BENCH.replace("\"mit\"", "\"gim\""));
@@ -229,7 +229,7 @@ fn joint_faults_and_indicators_are_read_through_daemon() {
     }
 }
 
-/// A terminal obeys no file: its text arrives there as letters.
+/// A terminal must not execute a file: its escape sequences arrive as letters.
 #[test]
 fn escape_sequences_of_a_file_are_spelled_out() {
     let directory = TempDir::new().unwrap();
@@ -275,7 +275,7 @@ fn simulated_fault_is_seen_by_clients_and_ends() {
     daemon.await_status(mode("fault"));
     assert!(daemon.motorctl(&["fault", "clear", "arm"]).status.success());
     daemon.await_status(mode("idle"));
-    // A bus whose adapter was unplugged comes back with the same motors.
+    // A bus whose adapter was unplugged reconnects with the same motors.
     for fault in ["bus-off", "down", "gone"] {
         assert!(sim(&["desk", fault]).status.success(), "{fault}");
         daemon.await_status(|status| status["buses"][0]["condition"] != "active");
@@ -397,8 +397,9 @@ fn a_closed_pipe_ends_a_watch_without_complaint() {
     assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
 }
 
-/// Goal: whoever watches a robot learns that its daemon died, and sees the next one without doing anything.
-/// Method: kill the daemon under a watch, start another one, and read on.
+/// Goal: a running `watch` reports the death of its daemon, and continues with the next one without
+/// input.
+/// Method: kill the daemon during a watch, start another one, and continue reading.
 #[test]
 fn watch_outlives_daemon_and_finds_next() {
     let mut daemon = started();

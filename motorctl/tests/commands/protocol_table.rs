@@ -1,7 +1,9 @@
-//! The table of docs/protocol.md: every command, configuration item, parameter, indicator, fault and result code of the vendor's
-//! documents, with the line of motorctl that uses it, and the tests that prove it.
+//! The table of docs/protocol.md: every command, configuration item, parameter, indicator, fault
+//! and result code of the vendor's documents. Each row has the line of motorctl that uses it, and
+//! the tests that cover it.
 //!
-//! The table is written from the crate that knows the documents: no row can be missing. `MOTORD_WRITE_DOCS=1` writes it.
+//! The table is generated from the crate that implements the documents: no row can be missing.
+//! `MOTORD_WRITE_DOCS=1` writes it.
 
 use motord_protocol::fault::FAULTS;
 use motord_protocol::gim::{

@@ -1,5 +1,5 @@
-//! Recordings with the real programs and a daemon of simulated motors: what is recorded is counted, and read by the other
-//! commands; what cannot be read or written is said.
+//! Recordings with the real programs and a daemon of simulated motors. Recorded cycles are counted
+//! and read by the other commands. Failures to read or write are reported.
 
 use motord_harness::daemon;
 use motord_harness::daemon::{Daemon, slow_quadruped};
@@ -107,7 +107,7 @@ impl FlightRecorder {
         recorder
     }
 
-    /// Waits until its lines contain `text` so often.
+    /// Waits until its lines contain `text` this often.
     fn until(&self, text: &str, times: usize) {
         daemon::until(text, || {
             let log = std::fs::read_to_string(&self.log).unwrap();
@@ -147,7 +147,7 @@ fn each_stop_is_written_and_file_count_limited() {
     for stops in 1..=3 {
         stop_and_reset(&daemon);
         recorder.until(" cycles", stops);
-        // The names have seconds.
+        // The names have a resolution of a second.
         std::thread::sleep(Duration::from_secs(1));
     }
     daemon.kill();

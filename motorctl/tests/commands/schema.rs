@@ -1,4 +1,4 @@
-//! The schemas of `docs/schema`. They leave room for what later versions add; here they are closed.
+//! The schemas of `docs/schema`. They permit additions of later versions; this closes them.
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,6 @@
-//! Every `--json` prints what `docs/schema` says.
+//! The output of every `--json` matches `docs/schema`.
 //!
-//! The tests of `frame` hold the objects of `frame decode` against theirs.
+//! The tests of `frame` check the objects of `frame decode`.
 
 use crate::line::Line;
 use crate::programs::{commands, help, program};
@@ -14,7 +14,7 @@ use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 use tempfile::TempDir;
 
-/// A motor more, which has indicators.
+/// An additional motor, which has indicators.
 const HAND: &str = r#"
 [[motor]]
 name = "hand"
@@ -87,7 +87,7 @@ fn every_command_with_json_has_a_schema() {
     for name in ["motorctl", "motord"] {
         for command in commands(name) {
             let words = [&[name.to_owned()], &command[..]].concat().join("-");
-            // It prints the lines of `status`.
+            // This command prints the lines of `status`.
             let is_documented =
                 words == "motorctl-watch" || schemas().join(format!("{words}.json")).is_file();
             let has_json = help(name, &command).lines().any(|line| line.trim_start().starts_with("--json"));
@@ -138,7 +138,7 @@ fn the_doctor_prints_what_its_schema_says() {
 #[test]
 fn the_demo_prints_what_its_schema_says() {
     let output = program("motorctl").args(["demo", "--seconds", "2", "--json"]).output().unwrap();
-    // Whether it passes depends on the machine.
+    // The result depends on the machine.
     assert_valid("motorctl-demo", String::from_utf8(output.stdout).unwrap().lines().last().unwrap());
 }
 

@@ -1,4 +1,5 @@
-//! `motorctl setup`: each motor of a line that is not the configured one is named, and what it said is kept.
+//! `motorctl setup`: it names each motor of a line that differs from the configuration, and stores
+//! the motor's report.
 
 use crate::line::{Line, motor};
 use motord_simulator::MotorSettings;
@@ -27,7 +28,7 @@ fn setup(line: &Line, options: &[&str]) -> Output {
     command.args(["setup", "--config", config.to_str().unwrap()]).args(options).output().unwrap()
 }
 
-/// Verdict by motor and value, of a call that ends with `status`.
+/// Returns the finding by motor and value, of a call that ends with `status`.
 fn findings(line: &Line, status: i32) -> Vec<(String, String, String)> {
     let output = setup(line, &["--json"]);
     assert_eq!(output.status.code(), Some(status), "{}", String::from_utf8_lossy(&output.stderr));
@@ -69,7 +70,7 @@ fn wrong_constants_and_swapped_ids_are_named() {
     assert_eq!(differing(&line), pairs.map(|(motor, value)| (motor.to_owned(), value.to_owned())));
 
     let line = robot(|[knee, hip]| {
-        // The hip is another model: who is who shows in its constants.
+        // The hip is another model: its constants identify it.
         (hip.gear_ratio, hip.torque_constant) = (36.0, 0.154);
         (knee.id, hip.id) = (4, 3);
     });
@@ -99,8 +100,8 @@ fn constants_are_written_with_consent_only() {
     assert!(findings(&line, 0).iter().all(|(_, _, verdict)| verdict == "agrees"));
 }
 
-/// Goal: a technician's way with motors that are not as configured: named, written with consent, and kept without power; the host id
-/// is named with its cure, which is another command's.
+/// Goal: motors that differ from the configuration are named, corrected with consent, and keep the
+/// values without power. The host id is reported with the command that corrects it.
 #[test]
 fn wrong_values_are_named_corrected_and_kept() {
     let line = robot(|[knee, hip]| {

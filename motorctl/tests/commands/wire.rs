@@ -153,8 +153,8 @@ fn a_motor_whose_start_nobody_confirms_is_stopped() {
     line::lose_the_answer_to_a_start(&Line::knee(), "150ms");
 }
 
-/// Goal: a motor stands soon after motorctl was killed in the middle of a motion, if its drive ends a command when its duration is
-/// over, and goes on until `stop` if it does not.
+/// Goal: after the kill of motorctl during a motion, a motor stops soon if its drive ends a command
+/// after its duration. Otherwise it continues until `stop`.
 #[test]
 fn killed_motorctl_leaves_motor_to_command_duration() {
     let motions = [
@@ -219,7 +219,7 @@ fn a_fault_is_read_in_words_and_cleared() {
     let line = Line::knee();
     assert!(line.good("fault get @").contains("no fault"));
     line.inject("knee fault 0x42");
-    // Silent but for its fault: it cannot be identified.
+    // This motor reports only its fault: it cannot be identified.
     line.bad("ping @", 69);
     let fault = line.json("fault get @ --protocol gim");
     let names: Vec<_> =
@@ -435,7 +435,8 @@ fn configuration_gives_place_and_limits_of_zero() {
     std::fs::write(line.path("robot.toml"), config).unwrap();
     let knee = "--config robot.toml --joint knee";
     assert!(line.good(&format!("ping {knee}")).contains("knee (motor 3"));
-    // Its position is 0 now, below the limits; each of these is beyond them, and within the bounds of the command line.
+    // Its position is now 0, below the limits; each of these values is beyond them, and within the
+    // bounds of the command line.
     for beyond in [
         "position 0.1 --seconds 1",
         "speed 4 --seconds 1",

@@ -1,4 +1,4 @@
-//! The commands on the wire at a terminal: what they ask, and keys that are held.
+//! The commands on the wire at a terminal: their prompts, and keys that are held.
 
 use crate::line::Line;
 use motord_harness::tmux::Tmux;
@@ -9,7 +9,7 @@ fn enter(terminal: &Tmux, line: &Line, call: &str) {
     terminal.enter(&format!("clear; {motorctl} {call} --bus {} --id 3; echo done $?", line.device()));
 }
 
-/// A terminal whose commands take their locks in a directory of their own.
+/// Opens a terminal whose commands use a separate directory for locks.
 fn terminal(line: &Line) -> Option<Tmux> {
     let runtime = line.path("runtime");
     Tmux::start(&[("MOTORD_RUNTIME_DIR", &runtime.display().to_string())])
@@ -27,7 +27,7 @@ fn only_yes_at_terminal_lets_motor_turn() {
     let Some(terminal) = terminal(&line) else { return };
     for (answer, outcome) in [("y", "not done"), ("", "not done"), ("yes", "done 0")] {
         enter(&terminal, &line, "calibrate encoder");
-        // Not that of the call before, which is on the screen until it is cleared.
+        // Excludes the prompt of the previous call, which stays on the screen until it is cleared.
         let is_asked = |screen: &str| screen.contains("Type yes to go on:") && !screen.contains("\ndone ");
         terminal.until("the question", is_asked);
         terminal.enter(answer);
@@ -37,7 +37,7 @@ fn only_yes_at_terminal_lets_motor_turn() {
     terminal.assert_given_back();
 }
 
-/// Goal: a joint moves while a key is held, and stands when it is let go.
+/// Goal: a joint moves while a key is held, and stops when it is released.
 /// Method: keys of a real terminal; `jog` shows the position that the motor reports.
 #[test]
 fn jog_moves_while_keys_arrive_and_restores_terminal() {

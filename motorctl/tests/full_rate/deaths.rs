@@ -1,6 +1,7 @@
-//! Goal: a controller or a daemon that is killed leaves a damped robot, and the others know at once what happened.
-//! Method: real processes with the shipped simulated quadruped. What the daemon published is judged, cycle by cycle, by
-//! its own times: how long something took on this machine is not.
+//! Goal: a killed controller or daemon leaves a damped robot, and the other processes report the
+//! cause immediately.
+//! Method: real processes with the shipped simulated quadruped. The test checks the daemon's
+//! published states, cycle by cycle, by their own times. Durations on this machine do not count.
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot run has failed")]
 
@@ -11,10 +12,11 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Where the killed controller finds its daemon. It is this program, started again for one ignored test.
+/// Variable for the killed controller: the runtime directory of its daemon. It is this program,
+/// started again for one ignored test.
 const RUNTIME: &str = "MOTORD_TEST_RUNTIME";
 
-/// A process that does not outlive its test.
+/// A child process that is killed with its test.
 struct Process(Child);
 
 impl Drop for Process {

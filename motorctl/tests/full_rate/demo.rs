@@ -25,9 +25,9 @@ fn demo(seconds: &str, elsewhere: &TempDir) -> Command {
     command
 }
 
-/// Goal: a newcomer's first command shows the real thing, and shows it working.
-/// Method: the demo judges itself; what it prints is judged again here, by the figures that were promised. A shared machine
-/// stalls now and then: a run that says so is done again.
+/// Goal: the first command of a new user shows a working robot.
+/// Method: the demo checks itself; the test checks the printed figures against the promised ones. A
+/// shared machine stalls occasionally: a run that reports a stall is repeated.
 #[test]
 fn demo_trots_at_rate_without_missed_replies() {
     let _alone = alone();
@@ -53,7 +53,7 @@ fn demo_trots_at_rate_without_missed_replies() {
     }
 }
 
-/// A demo in mid-trot, and what it has made.
+/// A running demo, and its processes and files.
 struct Running {
     demo: Child,
     stderr: BufReader<std::process::ChildStderr>,
@@ -82,7 +82,7 @@ impl Running {
         Self { demo, stderr, children, directory }
     }
 
-    /// Waits for the end; nothing may be left. Returns the exit status and what was said.
+    /// Waits for the end; no process may remain. Returns the exit status and the output.
     fn end(mut self) -> (Option<i32>, String) {
         let mut said = String::new();
         self.stderr.read_to_string(&mut said).unwrap();
@@ -127,8 +127,8 @@ fn demo_reports_dead_controller_and_cleans_up() {
     assert!(said.contains("the controller ended with signal: 9"), "{said}");
 }
 
-/// Goal: nothing moves on, and nobody is in the way of the next demo, when the demo itself cannot clean up.
-/// Method: SIGKILL the demo; the kernel tells its children.
+/// Goal: when the demo itself cannot clean up, nothing continues to move or blocks the next demo.
+/// Method: SIGKILL the demo; the kernel signals its children.
 #[test]
 fn a_killed_demo_takes_its_processes_with_it() {
     let _alone = alone();
@@ -136,7 +136,7 @@ fn a_killed_demo_takes_its_processes_with_it() {
     let mut running = Running::start(&elsewhere);
     running.demo.kill().unwrap();
     running.demo.wait().unwrap();
-    // Orphans end on their own time, after damping; nobody can wait for them but by looking.
+    // Orphans end on their own, after damping. Only polling can detect their end.
     for _ in 0..1000 {
         if running.children.iter().all(|&child| kill(child, None).is_err()) {
             fs::remove_dir_all(&running.directory).unwrap();

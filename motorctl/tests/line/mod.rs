@@ -42,7 +42,7 @@ trait Served: Send {
     fn wait(&self, now: Instant);
 }
 
-/// A longer wait would hold up a fault.
+/// A longer wait would delay a fault.
 const GLANCE: Duration = Duration::from_millis(2);
 
 impl Served for SerialPort {
@@ -194,8 +194,9 @@ pub(crate) fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Goal: after a power cut in the middle of an application, a file tells what was done. Method: the motor loses its power while
-/// items are written, and the tool is killed while it waits.
+/// Goal: after a power cut during an application, a file contains the completed steps.
+/// Method: the motor loses its power while items are written, and the tool is killed while it
+/// waits.
 pub(crate) fn cut_the_power_during_an_application(line: &Line) {
     let items: Vec<String> = CONFIGURATION
         .iter()
@@ -229,13 +230,15 @@ pub(crate) fn cut_the_power_during_an_application(line: &Line) {
     line.good("config diff knee.toml @");
 }
 
-/// The items that can be written and do not change how the motor is reached: those have tests of their own.
+/// Returns the writable items that do not change the address of the motor, which have separate
+/// tests.
 fn writable() -> impl Iterator<Item = &'static ConfigurationItem> {
     let is_link = |name: &str| ["can-id", "host-id", "can-protocol", "can-baud-rate"].contains(&name);
     CONFIGURATION.iter().filter(move |item| item.access == Access::ReadWrite && !is_link(item.name))
 }
 
-/// Goal: every item of Table 7 that can be written is written by its name, reads back, and takes its old value again.
+/// Goal: every writable item of Table 7 is written by its name, reads back, and accepts its old
+/// value again.
 pub(crate) fn write_every_item(line: &Line) {
     let before = line.good("config list @");
     for item in writable() {
@@ -260,8 +263,8 @@ pub(crate) fn write_every_item(line: &Line) {
     assert_eq!(line.good("config list @"), before);
 }
 
-/// Goal: the items that change how a motor is reached are written by their names, and it answers under the new value. The last
-/// one is written by the caller: over CAN there is no way back from MIT.
+/// Goal: the items that change the address of a motor are written by their names, and it answers
+/// under the new value. The caller writes the last one: over CAN, a motor cannot leave MIT.
 pub(crate) fn write_every_address(line: &Line) {
     line.good("config set host-id 0x77 @ --yes");
     assert_eq!(line.json("ping @")["host_id"], 0x77);
@@ -272,8 +275,8 @@ pub(crate) fn write_every_address(line: &Line) {
     assert_eq!(line.json("config get can-id @")["value"], 3);
 }
 
-/// Goal: every fault of Table 9 is named in the document's words, and cleared. Method: the motor raises each of them, one after
-/// the other, and then all of them.
+/// Goal: every fault of Table 9 is named in the document's words, and cleared.
+/// Method: the motor raises each of them, one after the other, and then all of them.
 pub(crate) fn read_and_clear_every_fault(line: &Line, protocol: &str) {
     let get = format!("fault get @ --protocol {protocol}");
     assert!(line.good(&get).contains("no fault"));
@@ -298,8 +301,10 @@ pub(crate) fn read_and_clear_every_fault(line: &Line, protocol: &str) {
     }
 }
 
-/// Goal: every result code of Table 5 reaches the user with the document's words, from each kind of write, and nothing has changed
-/// then. Method: the motor refuses with each of them, one after the other. The last one is in no document.
+/// Goal: every result code of Table 5 reaches the user with the document's words, from each kind of
+/// write, without a change.
+/// Method: the motor refuses with each of them, one after the other. The last one is in no
+/// document.
 pub(crate) fn refuse_with_every_result_code(line: &Line) {
     let before = line.good("config list @");
     for (code, words) in [
@@ -332,8 +337,9 @@ pub(crate) fn refuse_with_every_result_code(line: &Line) {
     line.good("config set over-voltage 51 @ --yes");
 }
 
-/// Goal: what a write has changed is still there after a loss of power. Method: a motor that forgets what no refresh
-/// configuration (GIM document 3.2.2) has stored.
+/// Goal: the change of a write persists after a loss of power.
+/// Method: a motor that forgets everything that no refresh configuration (GIM document 3.2.2) has
+/// stored.
 pub(crate) fn lose_power_after_every_write(line: &Line) {
     let restart = || {
         line.inject("knee power-cycle");
@@ -358,8 +364,9 @@ pub(crate) fn lose_power_after_every_write(line: &Line) {
     line.good("config diff knee.toml --bus LINE --id 5");
 }
 
-/// Goal: a motor whose start nobody has confirmed is stopped. Method: every answer comes after its time. A read is repeated, a
-/// start is not. The motor that is started still would refuse to be calibrated.
+/// Goal: a motor is stopped if it did not confirm its start.
+/// Method: every answer is late. A read is repeated, a start is not. A motor that is still running
+/// would refuse the calibration.
 pub(crate) fn lose_the_answer_to_a_start(line: &Line, delay: &str) {
     for start in ["start @", "jog @ --seconds 0.3", "speed 0.3 --seconds 0.3 @"] {
         line.inject(&format!("knee delayed {delay}"));
@@ -377,8 +384,8 @@ pub(crate) fn lose_the_answer_to_a_start(line: &Line, delay: &str) {
     }
 }
 
-/// Kills motorctl in the middle of a motion. Returns how far the motor had turned by then, and how far in the second that begins
-/// half a second later, rad.
+/// Kills motorctl during a motion. Returns the rotation until then, and that in the second that
+/// begins half a second later, rad.
 pub(crate) fn kill_in_motion(line: &Line, motion: &str) -> [f64; 2] {
     let angle = || line.json("indicator shaft-angle @")[0]["value"].as_f64().unwrap();
     let begin = angle();
